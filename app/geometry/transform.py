@@ -1,0 +1,223 @@
+"""Rigid transforms that know their frames: ``a_from_b @ b_from_c`` is ``a_from_c``."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from app.geometry.errors import FrameError, TransformError
+from app.geometry.frames import check_frame
+
+FloatArray = NDArray[np.float64]
+
+ROTATION_TOLERANCE = 1e-3
+"""Largest entry of ``R^T R - 1`` that is taken for rounding and projected away.
+
+Trackers and configuration files print 4 to 7 digits, so a measured rotation is off by 1e-4 at
+most; a scale of 0.1 % (2e-3 here) or a shear is no rounding and is refused."""
+
+_EXACT = 1e-14
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transform:
+    """``target_from_source``: maps coordinates in ``source`` to coordinates in ``target``.
+
+    ``rotation`` is (3, 3), orthonormal with determinant +1; ``translation_mm`` is (3,), in mm in
+    ``target``. Both are copied and read-only. A rotation within `ROTATION_TOLERANCE` is projected
+    to the nearest rotation; anything else raises `TransformError`.
+    """
+
+    target: str
+    source: str
+    rotation: FloatArray
+    translation_mm: FloatArray
+
+    def __post_init__(self) -> None:
+        check_frame(self.target)
+        check_frame(self.source)
+        name = f"{self.target}_from_{self.source}"
+        rotation = _checked(self.rotation, (3, 3), f"rotation of {name}")
+        translation = _checked(self.translation_mm, (3,), f"translation_mm of {name}")
+        object.__setattr__(self, "rotation", _read_only(_nearest_rotation(rotation, name)))
+        object.__setattr__(self, "translation_mm", _read_only(translation))
+
+    @classmethod
+    def identity(cls, target: str, source: str) -> "Transform":
+        """Two frames that coincide."""
+        return cls(target, source, np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike, *, target: str, source: str) -> "Transform":
+        """From a homogeneous (4, 4) matrix in mm, or its 16 numbers row by row."""
+        name = f"{target}_from_{source}"
+        try:
+            values = np.array(matrix, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise TransformError(f"matrix of {name} is not made of numbers: {matrix!r}") from error
+        if values.shape == (16,):
+            values = values.reshape(4, 4)
+        values = _checked(values, (4, 4), f"matrix of {name}")
+        if not np.allclose(values[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
+            raise TransformError(
+                f"last row of the matrix of {name} is {values[3].tolist()}: 0 0 0 1 wanted"
+            )
+        return cls(target, source, values[:3, :3], values[:3, 3])
+
+    @classmethod
+    def from_quaternion(
+        cls, xyzw: ArrayLike, translation_mm: ArrayLike, *, target: str, source: str
+    ) -> "Transform":
+        """From a quaternion (x, y, z, w), as in ROS, and a translation in mm.
+
+        The quaternion is normalised when its norm is within `ROTATION_TOLERANCE` of 1.
+        """
+        name = f"{target}_from_{source}"
+        quaternion = _checked(xyzw, (4,), f"quaternion of {name}")
+        norm = float(np.linalg.norm(quaternion))
+        if abs(norm - 1.0) > ROTATION_TOLERANCE:
+            raise TransformError(
+                f"quaternion of {name} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted"
+            )
+        rotation = Rotation.from_quat(quaternion).as_matrix()
+        return cls(target, source, rotation, np.asarray(translation_mm, dtype=np.float64))
+
+    @classmethod
+    def from_rotation_vector(
+        cls, rotation_vector: ArrayLike, translation_mm: ArrayLike, *, target: str, source: str
+    ) -> "Transform":
+        """From an axis times an angle in radians, (3,), and a translation in mm."""
+        vector = _checked(rotation_vector, (3,), f"rotation vector of {target}_from_{source}")
+        rotation = Rotation.from_rotvec(vector).as_matrix()
+        return cls(target, source, rotation, np.asarray(translation_mm, dtype=np.float64))
+
+    @property
+    def matrix(self) -> FloatArray:
+        """The homogeneous (4, 4) matrix, in mm; a new array."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.rotation
+        matrix[:3, 3] = self.translation_mm
+        return matrix
+
+    @property
+    def quaternion_xyzw(self) -> FloatArray:
+        """The rotation as (x, y, z, w), w not negative."""
+        return Rotation.from_matrix(self.rotation).as_quat(canonical=True)
+
+    @property
+    def rotation_vector(self) -> FloatArray:
+        """The rotation as an axis times an angle in [0, pi]."""
+        return Rotation.from_matrix(self.rotation).as_rotvec()
+
+    def inverse(self) -> "Transform":
+        """``source_from_target``."""
+        rotation = self.rotation.T
+        return _unchecked(self.source, self.target, rotation, -(rotation @ self.translation_mm))
+
+    def __matmul__(self, other: "Transform") -> "Transform":
+        if self.source != other.target:
+            raise FrameError(
+                f"{self.target}_from_{self.source} cannot be followed by "
+                f"{other.target}_from_{other.source}: {self.source!r} is not {other.target!r}"
+            )
+        return _unchecked(
+            self.target,
+            other.source,
+            self.rotation @ other.rotation,
+            self.rotation @ other.translation_mm + self.translation_mm,
+        )
+
+    def apply(self, points_mm: ArrayLike) -> FloatArray:
+        """Points (3,) or (n, 3) in ``source``, in mm, to coordinates in ``target``."""
+        return np.asarray(points_mm, dtype=np.float64) @ self.rotation.T + self.translation_mm
+
+    def rotate(self, vectors: ArrayLike) -> FloatArray:
+        """Directions (3,) or (n, 3): rotated, not moved."""
+        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+
+    def angle_to(self, other: "Transform") -> float:
+        """The angle in radians of the rotation between two transforms of the same frames."""
+        self._check_same_frames(other)
+        return rotation_angle(self.rotation.T @ other.rotation)
+
+    def distance_mm_to(self, other: "Transform") -> float:
+        """The distance in mm between the origins of two transforms of the same frames."""
+        self._check_same_frames(other)
+        return float(np.linalg.norm(self.translation_mm - other.translation_mm))
+
+    def interpolate(self, other: "Transform", fraction: float) -> "Transform":
+        """Between self (0) and other (1): linear in translation, shortest arc in rotation."""
+        self._check_same_frames(other)
+        if not 0.0 <= fraction <= 1.0:
+            raise TransformError(f"fraction {fraction} of an interpolation is not within 0 and 1")
+        turn = Rotation.from_matrix(self.rotation.T @ other.rotation).as_rotvec()
+        rotation = self.rotation @ Rotation.from_rotvec(fraction * turn).as_matrix()
+        step = other.translation_mm - self.translation_mm
+        return _unchecked(self.target, self.source, rotation, self.translation_mm + fraction * step)
+
+    def renamed(self, *, target: str | None = None, source: str | None = None) -> "Transform":
+        """The same numbers between frames of other names."""
+        return Transform(
+            target or self.target, source or self.source, self.rotation, self.translation_mm
+        )
+
+    def _check_same_frames(self, other: "Transform") -> None:
+        if (self.target, self.source) != (other.target, other.source):
+            raise FrameError(
+                f"{self.target}_from_{self.source} and {other.target}_from_{other.source} "
+                "are between different frames"
+            )
+
+
+def rotation_angle(rotation: FloatArray) -> float:
+    """The angle in radians of a (3, 3) rotation, exact near 0 and near pi alike."""
+    skew = rotation - rotation.T
+    sine = 0.5 * math.sqrt(skew[2, 1] ** 2 + skew[0, 2] ** 2 + skew[1, 0] ** 2)
+    cosine = 0.5 * (float(np.trace(rotation)) - 1.0)
+    return math.atan2(sine, cosine)
+
+
+def _checked(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise TransformError(f"{what} is not made of numbers: {values!r}") from error
+    if array.shape != shape:
+        raise TransformError(f"{what} has shape {array.shape}: {shape} wanted")
+    if not np.isfinite(array).all():
+        raise TransformError(f"{what} is not finite: {array.tolist()}")
+    return array
+
+
+def _nearest_rotation(rotation: FloatArray, name: str) -> FloatArray:
+    deviation = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if deviation > ROTATION_TOLERANCE:
+        raise TransformError(
+            f"rotation of {name} is not orthonormal: R^T R is off by {deviation:.3g}, "
+            f"at most {ROTATION_TOLERANCE} allowed"
+        )
+    if np.linalg.det(rotation) < 0.0:
+        raise TransformError(f"rotation of {name} is a reflection: determinant +1 wanted")
+    if deviation <= _EXACT:
+        return rotation
+    left, _, right = np.linalg.svd(rotation)
+    return np.asarray(left @ right, dtype=np.float64)
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    array.flags.writeable = False
+    return array
+
+
+def _unchecked(
+    target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
+) -> Transform:
+    """Build from values that are products of checked ones, on the hot path of every step."""
+    transform = object.__new__(Transform)
+    object.__setattr__(transform, "target", target)
+    object.__setattr__(transform, "source", source)
+    object.__setattr__(transform, "rotation", _read_only(rotation.copy()))
+    object.__setattr__(transform, "translation_mm", _read_only(translation_mm))
+    return transform
