@@ -1,0 +1,58 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.geometry import (
+    FrameError,
+    camel_case,
+    check_frame,
+    join_transform_name,
+    snake_case,
+    split_transform_name,
+)
+
+words = st.from_regex(r"[a-z][a-z0-9]{1,6}", fullmatch=True).filter(lambda word: word != "to")
+frames = st.lists(words, min_size=1, max_size=3).map("_".join)
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "target"),
+    [
+        ("StylusTipToStylus", "stylus_tip", "stylus"),
+        ("ReferenceToTracker", "reference", "tracker"),
+        ("ReferenceToRAS", "reference", "ras"),
+        ("RASToReference", "ras", "reference"),
+        ("Probe1ToTracker", "probe1", "tracker"),
+        ("ToolToTracker", "tool", "tracker"),
+        ("TotalToTorso", "total", "torso"),
+    ],
+)
+def test_igsio_names_are_source_to_target(name, source, target):
+    assert split_transform_name(name) == (source, target)
+
+
+def test_a_name_without_to_is_said_and_an_ambiguous_one_refused():
+    assert split_transform_name("Stylus") is None
+    assert split_transform_name("Tool") is None
+    with pytest.raises(FrameError, match="2 places"):
+        split_transform_name("AToBToC")
+
+
+@given(frames, frames)
+def test_joined_names_are_split_again(source, target):
+    assert split_transform_name(join_transform_name(source, target)) == (source, target)
+
+
+@given(frames)
+def test_camel_case_and_back(frame):
+    assert snake_case(camel_case(frame)) == frame
+
+
+@pytest.mark.parametrize("name", ["", "/a", "a/", "a//b", "a b", "a-b", "ä", "a\n", None, 3])
+def test_names_that_tf_would_not_take_are_refused(name):
+    with pytest.raises(FrameError, match="not allowed"):
+        check_frame(name)
+
+
+def test_prefixed_names_are_allowed():
+    assert check_frame("robot1/tool_tip") == "robot1/tool_tip"

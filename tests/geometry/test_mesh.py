@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+import trimesh
+
+from app.geometry import FrameError, MeshError, SurfaceMesh, Transform
+
+
+def sphere(radius: float = 10.0) -> SurfaceMesh:
+    made = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+    return SurfaceMesh("tumor", made.vertices, made.faces)
+
+
+def test_a_closed_surface_encloses_what_trimesh_says():
+    mesh = sphere()
+    peer = trimesh.Trimesh(mesh.vertices_mm, mesh.faces)
+    assert mesh.open_edges() == 0
+    assert mesh.signed_volume_mm3 == pytest.approx(peer.volume)
+    assert mesh.require_closed("tumour") is mesh
+    np.testing.assert_array_equal(mesh.bounds_mm, peer.bounds)
+
+
+def test_volume_keeps_its_digits_far_from_the_origin():
+    mesh = sphere(1.0)
+    far = mesh.transformed(Transform("ras", "tumor", np.eye(3), [1e6, -1e6, 1e6]))
+    assert far.frame == "ras"
+    assert far.signed_volume_mm3 == pytest.approx(mesh.signed_volume_mm3, rel=1e-6)
+
+
+def test_open_and_inverted_surfaces_are_refused_by_name():
+    mesh = sphere()
+    with_hole = SurfaceMesh("tumor", mesh.vertices_mm, mesh.faces[1:])
+    assert with_hole.open_edges() == 3
+    with pytest.raises(MeshError, match="the tumour is not closed: 3 edges"):
+        with_hole.require_closed("the tumour")
+    with pytest.raises(MeshError, match="encloses -"):
+        SurfaceMesh("tumor", mesh.vertices_mm, mesh.faces[:, ::-1]).require_closed("the tumour")
+    flipped = mesh.faces.copy()
+    flipped[0] = flipped[0, ::-1]
+    assert SurfaceMesh("tumor", mesh.vertices_mm, flipped).open_edges() > 0
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (np.zeros((0, 3)), [[0, 1, 2]], r"shape \(0, 3\)"),
+        (np.zeros((3, 2)), [[0, 1, 2]], r"shape \(3, 2\)"),
+        (np.eye(3), np.zeros((0, 3), int), r"shape \(0, 3\)"),
+        (np.eye(3), [[0, 1, 3]], "span 0 to 3"),
+        (np.eye(3), [[0, 1, -1]], "span -1 to 1"),
+        (np.eye(3), [[0.0, 1.0, 2.0]], "whole numbers"),
+        ([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]], [[0, 1, 2]], "vertex 1 .* is"),
+    ],
+)
+def test_bad_arrays_are_refused(vertices, faces, message):
+    with pytest.raises(MeshError, match=message):
+        SurfaceMesh("tumor", np.asarray(vertices, float), np.asarray(faces))
+
+
+def test_a_mesh_moves_only_out_of_its_own_frame():
+    with pytest.raises(FrameError, match="'tumor' cannot be moved by a_from_b"):
+        sphere().transformed(Transform.identity("a", "b"))
+
+
+def test_the_arrays_are_copies_that_nobody_can_write():
+    mesh = sphere()
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices_mm[0, 0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.faces[0, 0] = 1

@@ -1,0 +1,154 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from app.geometry import FrameError, Transform, TransformError, rotation_angle
+
+finite = st.floats(-1e4, 1e4, allow_nan=False)
+vectors = hnp.arrays(np.float64, 3, elements=finite)
+rotation_vectors = hnp.arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))
+
+
+def transforms(target: str, source: str) -> st.SearchStrategy[Transform]:
+    return st.builds(
+        lambda turn, move: Transform.from_rotation_vector(turn, move, target=target, source=source),
+        rotation_vectors,
+        vectors,
+    )
+
+
+@given(transforms("a", "b"), transforms("b", "c"), transforms("c", "d"))
+def test_composition_is_associative_and_is_the_matrix_product(ab, bc, cd):
+    left, right = (ab @ bc) @ cd, ab @ (bc @ cd)
+    assert (left.target, left.source) == ("a", "d")
+    np.testing.assert_allclose(left.matrix, right.matrix, atol=1e-9)
+    np.testing.assert_allclose(left.matrix, ab.matrix @ bc.matrix @ cd.matrix, atol=1e-9)
+
+
+@given(transforms("a", "b"))
+def test_the_inverse_undoes_and_the_identity_does_nothing(ab):
+    round_trip = ab @ ab.inverse()
+    assert (round_trip.target, round_trip.source) == ("a", "a")
+    np.testing.assert_allclose(round_trip.matrix, np.eye(4), atol=1e-9)
+    np.testing.assert_array_equal((ab @ Transform.identity("b", "b")).matrix, ab.matrix)
+
+
+@given(transforms("a", "b"), hnp.arrays(np.float64, (5, 3), elements=finite))
+def test_points_are_moved_and_directions_are_only_turned(ab, points):
+    homogeneous = np.c_[points, np.ones(5)] @ ab.matrix.T
+    np.testing.assert_allclose(ab.apply(points), homogeneous[:, :3], atol=1e-8)
+    np.testing.assert_allclose(ab.rotate(points), ab.apply(points) - ab.apply([0, 0, 0]), atol=1e-8)
+    np.testing.assert_allclose(ab.apply(points[0]), homogeneous[0, :3], atol=1e-8)
+
+
+@given(rotation_vectors)
+def test_rotation_vector_is_the_matrix_exponential(vector):
+    x, y, z = vector
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    built = Transform.from_rotation_vector(vector, [0, 0, 0], target="a", source="b")
+    np.testing.assert_allclose(built.rotation, expm(skew), atol=1e-9)
+
+
+@given(transforms("a", "b"))
+def test_quaternion_round_trip_has_w_not_negative(ab):
+    quaternion = ab.quaternion_xyzw
+    assert quaternion[3] >= 0.0
+    again = Transform.from_quaternion(quaternion, ab.translation_mm, target="a", source="b")
+    np.testing.assert_allclose(again.matrix, ab.matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi - 1e-7, np.pi])
+def test_rotation_angle_keeps_its_digits_near_zero_and_near_pi(angle):
+    rotation = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
+    assert rotation_angle(rotation) == pytest.approx(angle, abs=1e-12)
+
+
+@given(transforms("a", "b"), transforms("a", "b"), st.floats(0.0, 1.0))
+def test_interpolation_goes_at_constant_speed_between_its_ends(first, last, fraction):
+    between = first.interpolate(last, fraction)
+    np.testing.assert_allclose(first.interpolate(last, 0.0).matrix, first.matrix, atol=1e-9)
+    assert first.interpolate(last, 1.0).angle_to(last) < 1e-6
+    assert between.angle_to(first) == pytest.approx(fraction * first.angle_to(last), abs=1e-6)
+    assert between.distance_mm_to(first) == pytest.approx(
+        fraction * first.distance_mm_to(last), abs=1e-8
+    )
+
+
+def test_frames_that_do_not_meet_are_refused():
+    ab = Transform.identity("a", "b")
+    with pytest.raises(FrameError, match="a_from_b cannot be followed by c_from_d: 'b' is not 'c'"):
+        ab @ Transform.identity("c", "d")
+    with pytest.raises(FrameError, match="different frames"):
+        ab.angle_to(Transform.identity("a", "c"))
+    with pytest.raises(FrameError, match="different frames"):
+        ab.interpolate(ab.inverse(), 0.5)
+    with pytest.raises(FrameError, match="'two words'"):
+        Transform.identity("two words", "b")
+
+
+@pytest.mark.parametrize(
+    ("rotation", "message"),
+    [
+        (np.diag([1.0, 1.0, -1.0]), "reflection"),
+        (np.diag([1.01, 1.01, 1.01]), "not orthonormal"),
+        (np.diag([1.001, 1.001, 1.001]), "not orthonormal"),
+        (np.array([[1, 0.1, 0], [0, 1, 0], [0, 0, 1.0]]), "not orthonormal"),
+        (np.zeros((3, 3)), "not orthonormal"),
+        (np.full((3, 3), np.nan), "not finite"),
+        (np.eye(4), r"shape \(4, 4\)"),
+        ("spin", "not made of numbers"),
+    ],
+)
+def test_what_is_no_rotation_is_refused(rotation, message):
+    with pytest.raises(TransformError, match=message):
+        Transform("a", "b", rotation, np.zeros(3))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_translations_that_are_not_finite_are_refused(bad):
+    with pytest.raises(TransformError, match="translation_mm of a_from_b is not finite"):
+        Transform("a", "b", np.eye(3), [0.0, bad, 0.0])
+
+
+@given(rotation_vectors, hnp.arrays(np.float64, (3, 3), elements=st.floats(-1e-5, 1e-5)))
+def test_rounding_is_projected_away(vector, noise):
+    exact = Rotation.from_rotvec(vector).as_matrix()
+    built = Transform("a", "b", exact + noise, np.zeros(3))
+    np.testing.assert_allclose(built.rotation.T @ built.rotation, np.eye(3), atol=1e-14)
+    assert np.linalg.det(built.rotation) == pytest.approx(1.0, abs=1e-14)
+    np.testing.assert_allclose(built.rotation, exact, atol=1e-4)
+
+
+def test_matrices_are_read_row_by_row_and_their_last_row_is_checked():
+    numbers = [0, -1, 0, 10, 1, 0, 0, 20, 0, 0, 1, 30, 0, 0, 0, 1]
+    built = Transform.from_matrix(numbers, target="a", source="b")
+    np.testing.assert_array_equal(built.apply([1.0, 0.0, 0.0]), [10.0, 21.0, 30.0])
+    with pytest.raises(TransformError, match="last row"):
+        Transform.from_matrix([*numbers[:12], 10, 20, 30, 1], target="a", source="b")
+    with pytest.raises(TransformError, match=r"shape \(15,\)"):
+        Transform.from_matrix(numbers[:15], target="a", source="b")
+    with pytest.raises(TransformError, match="not made of numbers"):
+        Transform.from_matrix(["x"] * 16, target="a", source="b")
+
+
+def test_quaternions_of_another_length_are_refused():
+    with pytest.raises(TransformError, match=r"norm 0:"):
+        Transform.from_quaternion([0, 0, 0, 0], [0, 0, 0], target="a", source="b")
+    with pytest.raises(TransformError, match=r"norm 1\.1"):
+        Transform.from_quaternion([0, 0, 0, 1.1], [0, 0, 0], target="a", source="b")
+
+
+def test_the_arrays_are_copies_that_nobody_can_write():
+    rotation, translation = np.eye(3), np.zeros(3)
+    built = Transform("a", "b", rotation, translation)
+    rotation[0, 0] = translation[0] = 5.0
+    np.testing.assert_array_equal(built.matrix, np.eye(4))
+    for value in (built, built.inverse(), built @ Transform.identity("b", "c")):
+        with pytest.raises(ValueError, match="read-only"):
+            value.rotation[0, 0] = 2.0
+        with pytest.raises(ValueError, match="read-only"):
+            value.translation_mm[0] = 2.0

@@ -1,0 +1,91 @@
+"""The arrows between the rooms: every import in ``app/`` must go the way that the design draws."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+APP = Path(__file__).resolve().parents[1] / "app"
+
+MAY_IMPORT = {
+    "geometry": set(),
+    "registration": {"geometry"},
+    "robot": {"geometry"},
+    "case": {"geometry"},
+    "fixture": {"geometry"},
+    "session": {"geometry", "registration", "robot", "case", "fixture"},
+    "bridge": {"geometry", "registration", "robot", "case", "fixture", "session"},
+    "scene": {"geometry", "robot", "fixture", "registration", "session"},
+    "report": {"geometry", "registration", "case", "fixture", "session"},
+}
+EVERYTHING = set(MAY_IMPORT)
+ONLY_IN = {
+    "rclpy": {"bridge"},
+    "tf2_msgs": {"bridge"},
+    "marginguard_msgs": {"bridge"},
+    "slicer": {"scene", "viewer"},
+    "vtk": {"scene", "viewer"},
+    "vtkmodules": {"scene", "viewer"},
+    "trame": {"viewer"},
+    "trame_slicer": {"scene", "viewer"},
+    "fcl": {"fixture"},
+    "yourdfpy": {"robot"},
+    "rosbags": {"case"},
+    "matplotlib": {"report"},
+}
+
+
+def imports(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            module = node.module or ""
+            yield module
+            if module == "app":
+                yield from (f"app.{alias.name}" for alias in node.names)
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(APP).parts[0]
+
+
+FILES = sorted(path for path in APP.rglob("*.py") if path.parent != APP)
+
+
+def test_there_is_something_to_walk():
+    assert {room_of(path) for path in FILES} >= set(MAY_IMPORT) | {"cli"}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(APP)))
+def test_imports_follow_the_arrows(path):
+    room = room_of(path)
+    allowed = MAY_IMPORT.get(room, EVERYTHING | {"cli"}) | {room}
+    for name in imports(path):
+        head, *rest = name.split(".")
+        if head == "app" and rest and (APP / rest[0]).is_dir():
+            assert rest[0] in allowed, f"{room} may not import {name}"
+        if head in ONLY_IN and room != "cli":
+            assert room in ONLY_IN[head], f"{name} belongs to {sorted(ONLY_IN[head])}, not {room}"
+        if room == "geometry" and head != "app":
+            assert head in sys.stdlib_module_names | {"numpy", "scipy"}, f"geometry imports {name}"
+
+
+def test_one_file_alone_imports_fcl():
+    assert len([path for path in FILES if "fcl" in set(imports(path))]) == 1
+
+
+def test_the_session_needs_neither_ros_nor_vtk():
+    code = (
+        "import sys, app.session, app.case, app.robot, app.fixture, app.registration\n"
+        "heavy = {'rclpy', 'vtk', 'vtkmodules', 'slicer', 'matplotlib'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=APP.parent
+    )
+    assert done.stdout.strip() == "[]"
