@@ -1,0 +1,146 @@
+"""Write tracker frames to an MCAP recording that this project and any ROS 2 machine can read.
+
+Topics: every sample on ``/tracked_transforms``, the valid ones on ``/tf`` too, joints on
+``/joint_states``, and the second clock of a frame, where it has one, as a TimeReference. A message
+is logged at its acquisition time, so that the file plays in the order of events.
+"""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+from mcap.writer import CompressionType, Writer
+
+from app.case.ros_messages import (
+    JOINT_STATE,
+    JOINT_STATES_TOPIC,
+    TF_MESSAGE,
+    TF_TOPIC,
+    TIME_REFERENCE,
+    TRACKED_TRANSFORM,
+    TRACKED_TRANSFORMS_TOPIC,
+    UNFILTERED_TIME_TOPIC,
+    joint_state_message,
+    ros_types,
+    tf_message,
+    time_reference_message,
+    tracked_transform_message,
+)
+from app.case.samples import JointSample, TrackingFrame
+from app.geometry import InputError, TrackingStatus
+
+# What a crash while recording can cost: the chunk being filled, about a second at 50 Hz.
+_CHUNK_BYTES = 128 * 1024
+
+
+class Recorder:
+    """An MCAP file in the making; it appears under its name only when closed without an error.
+
+    ``robot_to_tracker_offset_ns`` is taken off the stamps of joint samples on the tracker's clock,
+    so that the file holds the robot's own stamps. The same frames give the same bytes.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        robot_to_tracker_offset_ns: int = 0,
+        joint_states_topic: str = JOINT_STATES_TOPIC,
+    ) -> None:
+        self._path = path
+        self._partial = path.with_name(f".{path.name}.partial")
+        self._offset_ns = robot_to_tracker_offset_ns
+        self._topics: Mapping[str, str] = {
+            TRACKED_TRANSFORMS_TOPIC: TRACKED_TRANSFORM,
+            TF_TOPIC: TF_MESSAGE,
+            joint_states_topic: JOINT_STATE,
+            UNFILTERED_TIME_TOPIC: TIME_REFERENCE,
+        }
+        self._joint_states_topic = joint_states_topic
+        self._channels: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
+
+    def __enter__(self) -> Self:
+        if self._path.exists():
+            raise InputError(f"{self._path} is there already: it is not written over")
+        try:
+            self._file: IO[bytes] = self._partial.open("wb")
+        except OSError as error:
+            raise InputError(f"{self._path} cannot be written: {error.strerror}") from error
+        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="marginguard")
+        for topic, message_type in self._topics.items():
+            definition, _ = ros_types().generate_msgdef(message_type, ros_version=2)
+            schema = self._writer.register_schema(message_type, "ros2msg", definition.encode())
+            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None:
+                self._writer.finish()  # type: ignore[no-untyped-call]
+        except BaseException:
+            self._file.close()
+            self._partial.unlink()
+            raise
+        self._file.close()
+        if kind is None:
+            self._partial.replace(self._path)
+        else:
+            self._partial.unlink()
+
+    def write(self, frame: TrackingFrame) -> None:
+        """Append a frame; frames come in the order in which they were acquired."""
+        for joints in frame.joints:
+            self._write_joints(joints)
+        for sample in frame.poses:
+            message = tracked_transform_message(sample)
+            self._add(TRACKED_TRANSFORMS_TOPIC, sample.stamp.ns, message)
+        valid = [sample for sample in frame.poses if sample.status is TrackingStatus.OK]
+        if valid:
+            self._add(TF_TOPIC, frame.stamp.ns, tf_message(valid))
+        if frame.unfiltered_stamp is not None:
+            message = time_reference_message(frame.stamp, frame.unfiltered_stamp)
+            self._add(UNFILTERED_TIME_TOPIC, frame.stamp.ns, message)
+
+    def _write_joints(self, sample: JointSample) -> None:
+        robot_ns = sample.stamp.ns
+        if sample.stamp.clock == "tracker":
+            robot_ns -= self._offset_ns
+        message = joint_state_message(sample, robot_ns)
+        self._add(self._joint_states_topic, robot_ns + self._offset_ns, message)
+
+    def _add(self, topic: str, log_ns: int, message: Any) -> None:
+        if not 0 <= log_ns < 2**63:
+            raise InputError(f"stamp {log_ns} ns cannot be recorded: 0 to 2^63 - 1 wanted")
+        data = bytes(ros_types().serialize_cdr(message, self._topics[topic]))
+        sequence = self._counts[topic] = self._counts.get(topic, -1) + 1
+        self._writer.add_message(
+            self._channels[topic], log_ns, data, publish_time=log_ns, sequence=sequence
+        )
+
+
+def write_recording(
+    path: Path,
+    frames: Iterable[TrackingFrame],
+    *,
+    robot_to_tracker_offset_ns: int = 0,
+    joint_states_topic: str = JOINT_STATES_TOPIC,
+) -> None:
+    """Write ``frames`` to the MCAP file ``path``: all of them, or no file at all.
+
+    Raises `InputError` when ``path`` exists or cannot be written, or a stamp does not fit.
+    """
+    with Recorder(
+        path,
+        robot_to_tracker_offset_ns=robot_to_tracker_offset_ns,
+        joint_states_topic=joint_states_topic,
+    ) as recorder:
+        for frame in frames:
+            recorder.write(frame)
