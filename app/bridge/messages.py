@@ -1,0 +1,102 @@
+# mypy: disable-error-code=import-untyped
+"""Values of ours to ROS messages: the only place where mm become m.
+
+======================================== ============ ==============
+field                                    inside       in the message
+======================================== ============ ==============
+Transform.translation                    mm           m
+Transform.rotation                       (3, 3)       quaternion, w >= 0
+JointState.position                      rad or m     rad or m (as ROS has it everywhere)
+header.stamp, Clock.clock                integer ns   s and ns, exact
+Marker.points                            mm           m
+Marker.color, ColorRGBA                  0 to 1       0 to 1
+======================================== ============ ==============
+
+The constraint has a file of its own (`app.bridge.constraint`) and takes `metres` from here.
+Topics whose name ends in ``_mm`` are in mm, because they say so.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Quaternion, TransformStamped, Vector3
+from numpy.typing import ArrayLike
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA, Header
+
+from app.bridge.errors import BridgeError
+from app.case.samples import JointSample
+from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
+
+MM_PER_M = 1000.0
+_LAST_SECOND = 2**31 - 1
+
+
+def metres(values_mm: ArrayLike) -> FloatArray:
+    """Lengths, points or vectors of any shape from mm to m."""
+    return np.asarray(values_mm, dtype=np.float64) / MM_PER_M
+
+
+def time_message(stamp: Stamp) -> Time:
+    """The stamp in whole seconds and nanoseconds; times before 1970 keep nanosec positive."""
+    seconds, nanoseconds = divmod(stamp.ns, NS_PER_S)
+    if abs(seconds) > _LAST_SECOND:
+        raise BridgeError(
+            f"stamp of {stamp.ns} ns cannot be sent: at most {_LAST_SECOND} s fit a ROS time"
+        )
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def header_message(frame: str, stamp: Stamp) -> Header:
+    """A header in ``frame`` at the acquisition time ``stamp``."""
+    return Header(frame_id=frame, stamp=time_message(stamp))
+
+
+def vector_message(values: ArrayLike) -> Vector3:
+    """Three numbers, as they are: the caller has chosen the unit."""
+    x, y, z = np.asarray(values, dtype=np.float64).tolist()
+    return Vector3(x=x, y=y, z=z)
+
+
+def point_message(point_mm: ArrayLike) -> Point:
+    """A point in mm as a point in m."""
+    x, y, z = metres(point_mm).tolist()
+    return Point(x=x, y=y, z=z)
+
+
+def quaternion_message(transform: Transform) -> Quaternion:
+    """The rotation of ``transform``, w not negative."""
+    x, y, z, w = transform.quaternion_xyzw.tolist()
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def transform_message(transform: Transform, stamp: Stamp) -> TransformStamped:
+    """``target_from_source`` as tf has it: the target is the parent, the source the child."""
+    message = TransformStamped(
+        header=header_message(transform.target, stamp), child_frame_id=transform.source
+    )
+    message.transform.translation = vector_message(metres(transform.translation_mm))
+    message.transform.rotation = quaternion_message(transform)
+    return message
+
+
+def joint_state_message(sample: JointSample) -> JointState:
+    """Joint positions with the stamp of their sample; velocities and efforts are not known."""
+    return JointState(
+        header=header_message("", sample.stamp),
+        name=list(sample.names),
+        position=sample.positions.tolist(),
+    )
+
+
+def clock_message(now: Stamp) -> Clock:
+    """The player's time."""
+    return Clock(clock=time_message(now))
+
+
+def color_message(rgb: Iterable[float], alpha: float = 1.0) -> ColorRGBA:
+    """Red, green and blue, and how opaque, each from 0 to 1."""
+    r, g, b = (float(value) for value in rgb)
+    return ColorRGBA(r=r, g=g, b=b, a=alpha)

@@ -1,0 +1,110 @@
+# mypy: disable-error-code=no-untyped-call
+"""A ROS node with a context and an executor thread of its own, gone without a trace when closed."""
+
+import threading
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Self
+
+from rclpy.context import Context
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.task import Future
+
+from app.bridge.errors import BridgeError
+from app.bridge.qos import Topic
+
+_JOIN_S = 5.0
+
+
+class RosNode:
+    """``with RosNode("marginguard") as ros: ros.node.create_publisher(...)``.
+
+    Nothing global is touched: no ``rclpy.init``, no signal handlers, no default context; several
+    can live in one process, in different domains. One executor in one thread serves parameters,
+    services and discovery events; publishing is done from whatever thread has something to say.
+    ``ros_args`` are ROS's own (``--ros-args -r old:=new``); ``sys.argv`` is not read.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        namespace: str = "",
+        ros_args: Sequence[str] = (),
+        domain_id: int | None = None,
+    ) -> None:
+        self._context = Context()
+        try:
+            self._context.init(args=["marginguard", *ros_args], domain_id=domain_id)
+            self.node = Node(name, context=self._context, namespace=namespace)
+        except Exception as error:  # rclpy raises several unrelated types here
+            self._context.try_shutdown()
+            reason = " ".join(str(error).split())
+            raise BridgeError(f"ROS node {name!r} cannot be started: {reason}") from error
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._matched = threading.Condition()
+        self._closing = Future()
+        self._thread = threading.Thread(
+            target=self._executor.spin_until_future_complete,
+            args=(self._closing,),
+            name=f"{name} executor",
+            daemon=True,
+        )
+        self._thread.start()
+
+    def publisher(self, topic: Topic) -> Publisher:
+        """A new publisher on ``topic``."""
+
+        def matched(_: object) -> None:
+            with self._matched:
+                self._matched.notify_all()
+
+        return self.node.create_publisher(
+            topic.type,
+            topic.name,
+            topic.qos,
+            event_callbacks=PublisherEventCallbacks(matched=matched),
+        )
+
+    def wait_for_subscribers(self, publisher: Publisher, count: int, timeout_s: float) -> bool:
+        """Wait for ``count`` subscribers of ``publisher``; False when they did not come in time.
+
+        Woken by discovery itself, nothing is polled.
+        """
+        with self._matched:
+            return self._matched.wait_for(
+                lambda: publisher.get_subscription_count() >= count, timeout_s
+            )
+
+    @property
+    def is_open(self) -> bool:
+        """False after `close`."""
+        return self._context.ok()
+
+    def close(self) -> None:
+        """Stop serving, destroy the node, leave the ROS graph. A second call does nothing."""
+        if not self._context.ok():
+            return
+        # The thread first: an executor that is shut down under its own feet destroys the guard
+        # condition that it waits for.
+        self._closing.set_result(None)
+        self._executor.wake()
+        self._thread.join(_JOIN_S)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

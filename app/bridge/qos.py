@@ -1,0 +1,35 @@
+# mypy: disable-error-code=no-untyped-call
+"""The three promises that a publisher of ours makes about delivery.
+
+* ``STREAM``: reliable, volatile, the last 100. tf's own; whoever joins late gets what follows.
+* ``NEWEST``: reliable, volatile, the last one. For a controller: never an old constraint first,
+  and never one from before it joined, which is why this one is *not* latched.
+* ``LATCHED``: reliable, transient-local, the last one. Whoever joins late gets it at once.
+"""
+
+from dataclasses import dataclass
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+    )
+
+
+STREAM = _reliable(100, DurabilityPolicy.VOLATILE)
+NEWEST = _reliable(1, DurabilityPolicy.VOLATILE)
+LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Topic:
+    """A topic's name (``~`` is the node's own name), its message type and its promise."""
+
+    name: str
+    type: type
+    qos: QoSProfile

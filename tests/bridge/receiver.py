@@ -1,0 +1,65 @@
+"""An independent ROS process: prints what it receives as JSON. It imports nothing of the project.
+
+    receiver.py TOPIC:TYPE:COUNT[:latched] ...
+
+Prints ``ready`` when subscribed, then ``{"topic": ..., "message": {...}}`` a line, and ends with
+status 0 once every topic has had its COUNT of messages (status 1 after a minute without).
+"""
+
+import json
+import sys
+from importlib import import_module
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+
+def as_plain(value):
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: as_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, bytes):
+        return value[0] if len(value) == 1 else list(value)
+    if isinstance(value, str | int | float | bool):
+        return value
+    return [as_plain(item) for item in value]
+
+
+def main() -> int:
+    rclpy.init()
+    node = rclpy.create_node("receiver")
+    waiting = {}
+    done = rclpy.task.Future()
+
+    def take(topic, message):
+        print(json.dumps({"topic": topic, "message": as_plain(message)}), flush=True)
+        waiting[topic] -= 1
+        if max(waiting.values()) <= 0 and not done.done():
+            done.set_result(True)
+
+    for argument in sys.argv[1:]:
+        topic, kind, count, *latched = argument.split(":")
+        package, folder, name = kind.split("/")
+        waiting[topic] = int(count)
+        qos = QoSProfile(
+            depth=1000,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        node.create_subscription(
+            getattr(import_module(f"{package}.{folder}"), name),
+            topic,
+            lambda message, topic=topic: take(topic, message),
+            qos,
+        )
+    print("ready", flush=True)
+    rclpy.spin_until_future_complete(node, done, timeout_sec=60.0)
+    node.destroy_node()
+    rclpy.shutdown()
+    if not done.done():
+        print(f"still waiting for {waiting}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""The node alone: other processes hear it, and closing it leaves nothing behind."""
+
+import threading
+
+import pytest
+from std_msgs.msg import String
+
+from app.bridge.errors import BridgeError
+from app.bridge.node import RosNode
+from app.bridge.qos import LATCHED, STREAM, Topic
+
+NEWS = Topic("~/news", String, STREAM)
+STANDING = Topic("~/standing", String, LATCHED)
+STRING = "std_msgs/msg/String"
+
+
+def test_a_subscriber_that_was_waited_for_gets_every_message(domain_id, start_receiver):
+    with RosNode("speaker", domain_id=domain_id) as ros:
+        publisher = ros.publisher(NEWS)
+        receiver = start_receiver(f"/speaker/news:{STRING}:50")
+        assert ros.wait_for_subscribers(publisher, 1, timeout_s=30.0)
+        for number in range(50):
+            publisher.publish(String(data=str(number)))
+        received = receiver.messages()
+    assert [line["message"]["data"] for line in received] == [str(n) for n in range(50)]
+
+
+def test_a_late_joiner_gets_the_last_latched_message(domain_id, start_receiver):
+    with RosNode("speaker", namespace="room_1", domain_id=domain_id) as ros:
+        publisher = ros.publisher(STANDING)
+        publisher.publish(String(data="old"))
+        publisher.publish(String(data="new"))
+        received = start_receiver(f"/room_1/speaker/standing:{STRING}:1:latched").messages()
+    assert [line["message"]["data"] for line in received] == ["new"]
+
+
+def test_waiting_for_nobody_ends_in_time(domain_id):
+    with RosNode("speaker", domain_id=domain_id) as ros:
+        assert not ros.wait_for_subscribers(ros.publisher(NEWS), 1, timeout_s=0.01)
+
+
+def test_closing_ends_the_thread_and_can_be_repeated(domain_id):
+    before = set(threading.enumerate())
+    ros = RosNode("speaker", domain_id=domain_id)
+    assert ros.is_open
+    assert set(threading.enumerate()) - before
+    ros.close()
+    ros.close()
+    assert not ros.is_open
+    assert set(threading.enumerate()) == before
+
+
+def test_two_nodes_live_in_one_process(domain_id):
+    with RosNode("one", domain_id=domain_id) as one, RosNode("two", domain_id=domain_id) as two:
+        one.close()
+        assert two.is_open
+
+
+def test_ros_arguments_remap(domain_id, start_receiver):
+    remap = ("--ros-args", "-r", "~/standing:=/elsewhere")
+    with RosNode("speaker", domain_id=domain_id, ros_args=remap) as ros:
+        ros.publisher(STANDING).publish(String(data="here"))
+        received = start_receiver(f"/elsewhere:{STRING}:1:latched").messages()
+    assert received[0]["message"]["data"] == "here"
+
+
+@pytest.mark.parametrize("name", ["two words", "", "1st"])
+def test_a_name_that_ros_refuses_is_one_line(domain_id, name):
+    with pytest.raises(BridgeError, match="cannot be started") as caught:
+        RosNode(name, domain_id=domain_id)
+    assert "\n" not in str(caught.value)
