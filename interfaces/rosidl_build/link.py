@@ -1,0 +1,155 @@
+"""From generated source to the libraries and the extension modules of one interface package."""
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosidl_build.generate import GeneratedPackage
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """A shared library ``lib<package>__<generator>.so`` and what it is made of.
+
+    ``own`` names the libraries of the same package that it needs. ``runtime`` those of ROS itself.
+    """
+
+    generator: str
+    pattern: str
+    own: tuple[str, ...]
+    runtime: tuple[str, ...]
+    python: bool = False
+
+
+BASE = ("rosidl_runtime_c", "rcutils")
+
+LIBRARIES = (
+    Library("rosidl_generator_c", "*.c", (), BASE),
+    Library(
+        "rosidl_typesupport_introspection_c",
+        "*.c",
+        ("rosidl_generator_c",),
+        ("rosidl_typesupport_introspection_c", *BASE),
+    ),
+    Library(
+        "rosidl_typesupport_fastrtps_c",
+        "*.cpp",
+        ("rosidl_generator_c",),
+        (
+            "rosidl_typesupport_fastrtps_c",
+            "rosidl_typesupport_fastrtps_cpp",
+            "fastcdr",
+            "rmw",
+            *BASE,
+        ),
+    ),
+    Library(
+        "rosidl_typesupport_c",
+        "*.cpp",
+        ("rosidl_generator_c",),
+        ("rosidl_typesupport_c", *BASE),
+    ),
+    Library(
+        "rosidl_generator_py",
+        "_*_s.c",
+        ("rosidl_generator_c", "rosidl_typesupport_c"),
+        BASE,
+        python=True,
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Linker:
+    """Compiles and links the output of the generators with a setuptools ``compiler``.
+
+    ``root`` is the prefix of the ROS wheels; object files go below ``objects``.
+    """
+
+    compiler: Any
+    root: Path
+    objects: Path
+    include_dirs: tuple[str, ...]
+    jobs: int
+
+    def compile(self, sources: Iterable[str], generated: GeneratedPackage) -> list[str]:
+        """Compile ``sources``, several at a time; the object files in the same order."""
+        includes = [
+            *generated.include_dirs,
+            *(str(path) for path in sorted((self.root / "include").iterdir()) if path.is_dir()),
+            *self.include_dirs,
+        ]
+
+        def compile_one(source: str) -> list[str]:
+            return self.compiler.compile(
+                [source], output_dir=str(self.objects), include_dirs=includes
+            )
+
+        with ThreadPoolExecutor(self.jobs) as pool:
+            return [path for paths in pool.map(compile_one, sources) for path in paths]
+
+    def link_libraries(self, generated: GeneratedPackage, output: Path) -> None:
+        """Build every library of `LIBRARIES` into ``output``."""
+        package = generated.package
+        for library in LIBRARIES:
+            objects = self.compile(generated.sources(library.generator, library.pattern), generated)
+            name = f"{package.name}__{library.generator}"
+            theirs = [
+                f"{other}__{generator}"
+                for generator in dict.fromkeys((library.generator, "rosidl_generator_c"))
+                for other in package.others_in(self.root)
+            ]
+            self._link(
+                objects,
+                output / f"lib{name}.so",
+                own=[f"{package.name}__{generator}" for generator in library.own],
+                others=[*theirs, *library.runtime],
+                # Python's own symbols come from the interpreter that loads the library.
+                extra=[f"-Wl,-soname,lib{name}.so"]
+                + ([] if library.python else ["-Wl,--no-undefined"]),
+            )
+
+    def link_module(self, generated: GeneratedPackage, type_support: str, output: Path) -> None:
+        """Build the extension module of one type support, beside the libraries.
+
+        It is linked with every library of the package, needed or not: the dispatcher in
+        ``rosidl_typesupport_c`` opens them by name, and finds those that are already loaded.
+        """
+        name = generated.package.name
+        source = generated.of("rosidl_generator_py") / f"_{name}_s.ep.{type_support}.c"
+        self._link(
+            self.compile([str(source)], generated),
+            output,
+            own=[f"{name}__{library.generator}" for library in LIBRARIES],
+            others=["rosidl_typesupport_c", "rmw", *BASE],
+            extra=[],
+        )
+
+    def _link(
+        self,
+        objects: list[str],
+        output: Path,
+        *,
+        own: Iterable[str],
+        others: Iterable[str],
+        extra: list[str],
+    ) -> None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        self.compiler.link_shared_object(
+            objects,
+            str(output),
+            target_lang="c++",
+            extra_postargs=[
+                *extra,
+                "-Wl,-rpath,$ORIGIN",
+                f"-Wl,-rpath-link,{self.root / 'lib'}",
+                f"-L{output.parent}",
+                f"-L{self.root / 'lib'}",
+                "-Wl,--no-as-needed",
+                *(f"-l{name}" for name in own),
+                "-Wl,--as-needed",
+                *(f"-l{name}" for name in others),
+            ],
+        )
