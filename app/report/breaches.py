@@ -1,0 +1,72 @@
+"""Breaches: the stretches of time that the tool spent in the tumour."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.report.rows import ReportRow, seconds_since
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """One maximal run of inside frames; times in seconds from the first frame of the replay.
+
+    ``start_s`` is the first inside frame, ``end_s`` the last one; ``deepest`` is the index of the
+    row with ``min_signed_distance_mm`` (negative: a depth), ``frames`` the number of inside frames.
+    """
+
+    start_s: float
+    end_s: float
+    min_signed_distance_mm: float
+    deepest: int
+    frames: int
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last inside frame: 0 for a breach of a single frame."""
+        return self.end_s - self.start_s
+
+
+def find_breaches(rows: Sequence[ReportRow], stale_after_ns: int) -> tuple[Breach, ...]:
+    """The breaches among ``rows``, in the order of time.
+
+    They come from the raw signed distance and not from the state, so that hysteresis neither
+    lengthens nor joins them. A frame without a distance says nothing: it neither begins nor ends
+    a breach. But when two inside frames are more than ``stale_after_ns`` apart (or time ran
+    backwards), nobody knows what happened between them, and they are two breaches.
+    """
+    runs: list[list[int]] = []
+    open_run: list[int] | None = None
+    for index, row in enumerate(rows):
+        if row.signed_distance_mm is None:
+            continue
+        if not row.inside:
+            open_run = None
+            continue
+        if open_run is not None:
+            gap_ns = row.stamp_ns - rows[open_run[-1]].stamp_ns
+            if 0 <= gap_ns <= stale_after_ns:
+                open_run.append(index)
+                continue
+        open_run = [index]
+        runs.append(open_run)
+    return tuple(_breach(rows, run) for run in runs)
+
+
+def _breach(rows: Sequence[ReportRow], run: list[int]) -> Breach:
+    first_ns = rows[0].stamp_ns
+    depth, deepest = min((distance, index) for index, distance in _distances(rows, run))
+    return Breach(
+        start_s=seconds_since(first_ns, rows[run[0]].stamp_ns),
+        end_s=seconds_since(first_ns, rows[run[-1]].stamp_ns),
+        min_signed_distance_mm=depth,
+        deepest=deepest,
+        frames=len(run),
+    )
+
+
+def _distances(rows: Sequence[ReportRow], run: list[int]) -> list[tuple[int, float]]:
+    return [
+        (index, distance)
+        for index in run
+        if (distance := rows[index].signed_distance_mm) is not None
+    ]

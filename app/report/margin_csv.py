@@ -1,0 +1,47 @@
+"""``margin.csv``: a row a frame, in digits that do not depend on the machine or the rate."""
+
+from collections.abc import Iterable, Sequence
+
+from app.report.rows import ReportRow, seconds_since
+
+COLUMNS = (
+    "t_s",
+    "stamp_ns",
+    "state",
+    "signed_distance_mm",
+    "lower_bound_mm",
+    "reasons",
+    "tip_x_mm",
+    "tip_y_mm",
+    "tip_z_mm",
+)
+
+
+def margin_csv(rows: Sequence[ReportRow]) -> str:
+    """The text of ``margin.csv``: header, then one line a row; a line feed ends every line.
+
+    Times and lengths have 6 decimals, an unknown is an empty cell, reasons are joined by ``;``.
+    No cell needs quotes: states and reasons are words of our own.
+    """
+    lines = [",".join(COLUMNS)]
+    lines.extend(",".join(_cells(row, rows[0].stamp_ns)) for row in rows)
+    return "\n".join(lines) + "\n"
+
+
+def _cells(row: ReportRow, first_ns: int) -> Iterable[str]:
+    yield _number(seconds_since(first_ns, row.stamp_ns))
+    yield str(row.stamp_ns)
+    yield row.state.name
+    yield _number(row.signed_distance_mm)
+    yield _number(row.lower_bound_mm)
+    yield ";".join(row.reasons)
+    for axis in range(3):
+        yield _number(None if row.tip_mm is None else row.tip_mm[axis])
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ""
+    text = f"{value:.6f}"
+    # The sign of a zero is noise of the last bit: without it two machines write the same file.
+    return text[1:] if text == "-0.000000" else text

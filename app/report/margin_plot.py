@@ -1,0 +1,195 @@
+"""``margin.png``: the distance over time, the states behind it, the breaches marked.
+
+Drawn with matplotlib's objects on an Agg canvas: no pyplot, so no state is shared with a caller.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from itertools import groupby
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from app.fixture import MarginParameters, MarginState
+from app.geometry import FloatArray
+from app.report.breaches import Breach
+from app.report.rows import ReportRow, seconds_since
+
+
+_INK = "#1c2733"
+
+
+@dataclass(frozen=True, slots=True)
+class StateStyle:
+    """How a state looks on paper: a colour that colour-blind eyes tell apart, a hatch, a word."""
+
+    color: str
+    text_color: str
+    hatch: str
+    word: str
+
+
+STATE_STYLES = {
+    MarginState.NEGATIVE: StateStyle("#009e73", "white", "", "NEGATIVE: clear"),
+    MarginState.WARNING: StateStyle("#f0b429", _INK, "", "WARNING: close"),
+    MarginState.POSITIVE: StateStyle("#c8381e", "white", "", "POSITIVE: in the tumour"),
+    MarginState.UNKNOWN: StateStyle("#8c8c8c", "white", "////", "UNKNOWN: not to be trusted"),
+}
+"""Okabe and Ito's hues, a little darker where they carry text."""
+
+_SIZE_INCHES = (13.0, 6.0)
+_DPI = 120
+_WORD_FRACTION = 0.07
+"""A band at least this wide, as a part of the plot, has room for the word of its state."""
+_SHOWN_TIMES_WARN = 5.0
+"""The plot reaches up to this many warning distances: what is further away is of no concern."""
+
+
+def margin_png(
+    rows: Sequence[ReportRow], breaches: Sequence[Breach], margins: MarginParameters, title: str
+) -> bytes:
+    """The plot as PNG, 1560 x 720."""
+    figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI, layout="constrained")
+    strip, plot = figure.subplots(2, 1, sharex=True, height_ratios=(1, 16))
+    figure.suptitle(title, x=0.012, ha="left", color=_INK, fontsize=14, fontweight="bold")
+    seconds = np.array([seconds_since(rows[0].stamp_ns, row.stamp_ns) for row in rows])
+    _draw_states(strip, plot, rows, seconds)
+    _draw_distance(plot, rows, seconds)
+    _draw_margins(plot, rows, seconds, margins)
+    _draw_limits(plot, rows, seconds, margins)
+    _draw_breaches(plot, breaches)
+    _draw_legend(figure, strip, plot)
+    canvas = FigureCanvasAgg(figure)
+    picture = BytesIO()
+    # No software name and version inside: equal rows give equal bytes on one machine.
+    canvas.print_png(picture, metadata={"Software": None})
+    return picture.getvalue()
+
+
+def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
+    whole_s = float(seconds[-1] - seconds[0])
+    for state, start_s, end_s in state_bands(rows, seconds):
+        style = STATE_STYLES[state]
+        strip.axvspan(start_s, end_s, facecolor=style.color, lw=0)
+        if end_s - start_s > _WORD_FRACTION * whole_s:
+            strip.text(
+                0.5 * (start_s + end_s), 0.5, state.name, transform=strip.get_xaxis_transform(),
+                ha="center", va="center", color=style.text_color, fontsize=9, fontweight="bold",
+            )  # fmt: skip
+        plot.axvspan(
+            start_s, end_s, facecolor=style.color, alpha=0.16, lw=0, hatch=style.hatch,
+            edgecolor="#5a5a5a", zorder=0,
+        )  # fmt: skip
+    strip.set_yticks([])
+    strip.tick_params(bottom=False, labelbottom=False)
+    strip.set_ylabel("state", rotation=0, ha="right", va="center", color=_INK)
+    for side in strip.spines.values():
+        side.set_visible(False)
+
+
+def state_bands(
+    rows: Sequence[ReportRow], seconds: FloatArray
+) -> Iterator[tuple[MarginState, float, float]]:
+    """Runs of one state with their start and end in seconds; a state holds until the next row."""
+    for state, run in groupby(range(len(rows)), key=lambda index: rows[index].state):
+        indices = list(run)
+        after = min(indices[-1] + 1, len(rows) - 1)
+        yield state, float(seconds[indices[0]]), float(seconds[after])
+
+
+def _draw_distance(plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
+    # NaN breaks the line: no distance is drawn where none was measured.
+    lower = _column([row.lower_bound_mm for row in rows])
+    distance = _column([row.signed_distance_mm for row in rows])
+    plot.plot(seconds, lower, color=_INK, lw=0.7, alpha=0.35, label="lower bound")
+    plot.plot(seconds, distance, color=_INK, lw=1.5, label="signed distance", zorder=4)
+    plot.set_ylabel("signed distance, tool to tumour [mm]", color=_INK)
+    plot.set_xlabel("time from the first frame [s]", color=_INK)
+    plot.grid(axis="y", color=_INK, alpha=0.10, lw=0.6)
+    for side in ("top", "right"):
+        plot.spines[side].set_visible(False)
+
+
+def _draw_margins(
+    plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray, margins: MarginParameters
+) -> None:
+    for word, nominal_mm, applied, color in (
+        ("warn", margins.warn_mm, _column([row.warn_total_mm for row in rows]), "#8a6100"),
+        ("stop", margins.stop_mm, _column([row.stop_total_mm for row in rows]), "#a32a14"),
+    ):
+        plot.axhline(nominal_mm, color=color, lw=1.2, ls=(0, (6, 4)), zorder=3)
+        plot.plot(seconds, applied, color=color, lw=0.9, ls=":", zorder=3, label=f"applied {word}")
+        _label_right(plot, nominal_mm, f"{word} {nominal_mm:g}", color, "bottom")
+    plot.axhline(0.0, color=_INK, lw=1.0, zorder=3)
+    _label_right(plot, 0.0, "surface", _INK, "top")
+
+
+def _label_right(plot: Axes, height_mm: float, text: str, color: str, side: str) -> None:
+    plot.annotate(
+        text, (1.0, height_mm), (6, 0), xycoords=("axes fraction", "data"),
+        textcoords="offset points", va=side, color=color, fontsize=10, annotation_clip=False,
+    )  # fmt: skip
+
+
+def _draw_limits(
+    plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray, margins: MarginParameters
+) -> None:
+    distances = _column([row.signed_distance_mm for row in rows])
+    known = distances[np.isfinite(distances)]
+    top = _SHOWN_TIMES_WARN * margins.warn_mm
+    deepest = float(known.min()) if len(known) else 0.0
+    # Room below the deepest point for its label.
+    plot.set_ylim(min(deepest, 0.0) - 0.16 * (top - min(deepest, 0.0)), top)
+    plot.set_xlim(float(seconds[0]), max(float(seconds[-1]), float(seconds[0]) + 1e-3))
+    if len(known) and float(known.max()) > top:
+        plot.annotate(
+            f"distances above {top:g} mm are not drawn", (1.0, 1.0), (-4, -4),
+            xycoords="axes fraction", textcoords="offset points", ha="right", va="top",
+            fontsize=9, color=_INK, zorder=8,
+            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75},
+        )  # fmt: skip
+
+
+def _draw_breaches(plot: Axes, breaches: Sequence[Breach]) -> None:
+    bottom = plot.get_ylim()[0]
+    color = STATE_STYLES[MarginState.POSITIVE].color
+    for number, breach in enumerate(breaches, start=1):
+        middle_s = 0.5 * (breach.start_s + breach.end_s)
+        depth = breach.min_signed_distance_mm
+        plot.plot(
+            [breach.start_s, breach.end_s], [bottom, bottom], color=color, lw=7,
+            solid_capstyle="butt", marker="|", ms=9, clip_on=False, zorder=6,
+        )  # fmt: skip
+        plot.annotate(
+            f"breach {number}\n\N{MINUS SIGN}{-depth:.2f} mm", (middle_s, depth), (0, -9),
+            textcoords="offset points", ha="center", va="top", fontsize=10, fontweight="bold",
+            color="#7d1d0d", zorder=7, linespacing=1.15,
+            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.75},
+        )  # fmt: skip
+
+
+def _draw_legend(figure: Figure, strip: Axes, plot: Axes) -> None:
+    states = [
+        Patch(facecolor=style.color, hatch=style.hatch, edgecolor="white", lw=0, label=style.word)
+        for style in STATE_STYLES.values()
+    ]
+    lines, words = plot.get_legend_handles_labels()
+    figure.legend(
+        handles=[*states, *lines],
+        labels=[*(style.word for style in STATE_STYLES.values()), *words],
+        loc="outside lower left",
+        ncols=len(states) + len(lines),
+        frameon=False,
+        fontsize=9,
+        labelcolor=_INK,
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def _column(values: Sequence[float | None]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)

@@ -1,0 +1,144 @@
+"""``summary.json``: the replay in numbers, for people and programs."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+from app.fixture import MarginParameters, MarginState
+from app.geometry import NS_PER_MS, NS_PER_S
+from app.registration import RegistrationResult
+from app.report.breaches import Breach, find_breaches
+from app.report.checks import Check, check_expected
+from app.report.record import ReplayRecord
+from app.report.rows import ReportRow
+from app.report.timing import StepTiming
+
+_DECIMALS = 6
+
+
+def summarise(record: ReplayRecord) -> dict[str, Any]:
+    """The content of ``summary.json``: only what JSON knows, None for what is not known.
+
+    Seconds count from the first frame. Nothing in it depends on the rate of the replay, except
+    ``timing``.
+    """
+    rows = record.rows
+    breaches = find_breaches(rows, record.margins.stale_after_ns)
+    distances = [d for row in rows if (d := row.signed_distance_mm) is not None]
+    return {
+        "case": record.case,
+        "provenance": dict(record.provenance),
+        "tip_only": record.tip_only,
+        "frames": len(rows),
+        "valid_frames": sum(row.state is not MarginState.UNKNOWN for row in rows),
+        "inside_frames": sum(row.inside for row in rows),
+        "duration_s": _rounded(duration_ns(rows) / NS_PER_S),
+        "state_counts": {
+            state.name: sum(row.state is state for row in rows) for state in MarginState
+        },
+        "state_seconds": {
+            state.name: _rounded(ns / NS_PER_S) for state, ns in state_durations_ns(rows).items()
+        },
+        "min_signed_distance_mm": _rounded(min(distances, default=None)),
+        "breaches": [_breach(breach) for breach in breaches],
+        "registration": _registration(record.registration),
+        "margins": _margins(record.margins),
+        "timing": _timing(StepTiming.from_durations(record.durations_ns)),
+        "expected": _expected(record, breaches),
+        "notes": list(record.notes),
+    }
+
+
+def state_durations_ns(rows: Sequence[ReportRow]) -> dict[MarginState, int]:
+    """How long each state held: a frame's state holds until the next frame.
+
+    The last frame holds for no time, and a clock that jumps back adds none, so that the values
+    sum to `duration_ns`.
+    """
+    held = dict.fromkeys(MarginState, 0)
+    for row, following in pairwise(rows):
+        held[row.state] += max(following.stamp_ns - row.stamp_ns, 0)
+    return held
+
+
+def duration_ns(rows: Sequence[ReportRow]) -> int:
+    """The time that passed in the replay: last less first stamp when the clock only goes on."""
+    return sum(max(after.stamp_ns - row.stamp_ns, 0) for row, after in pairwise(rows))
+
+
+def all_passed(summary: dict[str, Any]) -> bool:
+    """Whether every check of ``expected`` passed; true for a case that states nothing."""
+    return all(check["result"] == "pass" for check in summary["expected"] or ())
+
+
+def _breach(breach: Breach) -> dict[str, float | None]:
+    return {
+        "start_s": _rounded(breach.start_s),
+        "end_s": _rounded(breach.end_s),
+        "duration_s": _rounded(breach.duration_s),
+        "min_signed_distance_mm": _rounded(breach.min_signed_distance_mm),
+    }
+
+
+def _registration(result: RegistrationResult | None) -> dict[str, Any] | None:
+    if result is None:
+        return None
+    transform = result.transform
+    return {
+        "method": result.method,
+        "accepted": result.accepted,
+        "reason": result.reason,
+        "target": transform.target,
+        "source": transform.source,
+        "matrix": transform.matrix.ravel().tolist(),
+        "points": len(result.residuals_mm),
+        "fre_mm": _rounded(result.fre_mm),
+        "fle_mm": _rounded(result.fle_mm),
+        "residuals_mm": [_rounded(value) for value in result.residuals_mm.tolist()],
+        "leave_one_out_mm": [_rounded(value) for value in result.leave_one_out_mm.tolist()],
+    }
+
+
+def _margins(margins: MarginParameters) -> dict[str, float | int]:
+    return {
+        "stop_mm": margins.stop_mm,
+        "warn_mm": margins.warn_mm,
+        "k_tre": margins.k_tre,
+        "v_max_mm_s": margins.v_max_mm_s,
+        "stale_after_ms": margins.stale_after_ns / NS_PER_MS,
+        "frozen_after_ms": margins.frozen_after_ns / NS_PER_MS,
+        "release_samples": margins.release_samples,
+        "release_band_mm": margins.release_band_mm,
+    }
+
+
+def _timing(timing: StepTiming | None) -> dict[str, float | None]:
+    return {
+        "step_p50_us": None if timing is None else round(timing.p50_us, 1),
+        "step_p99_us": None if timing is None else round(timing.p99_us, 1),
+        "step_max_us": None if timing is None else round(timing.max_us, 1),
+    }
+
+
+def _expected(record: ReplayRecord, breaches: Sequence[Breach]) -> list[dict[str, str]] | None:
+    if record.expected is None:
+        return None
+    checks = check_expected(
+        record.expected,
+        record.rows,
+        breaches,
+        record.registration,
+        record.margins.stale_after_ns,
+    )
+    return [_check(check) for check in checks]
+
+
+def _check(check: Check) -> dict[str, str]:
+    return {"check": check.name, "result": check.result, "detail": check.detail}
+
+
+def _rounded(value: float | None) -> float | None:
+    if value is None or not math.isfinite(value):
+        return None  # JSON has no NaN
+    return round(float(value), _DECIMALS) + 0.0  # + 0.0: no negative zero

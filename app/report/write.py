@@ -1,0 +1,95 @@
+"""Writes the report's files: all of them or none."""
+
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from app.report.breaches import find_breaches
+from app.report.errors import ReportError
+from app.report.html import report_html
+from app.report.margin_csv import margin_csv
+from app.report.margin_plot import margin_png
+from app.report.reasons import count_reasons
+from app.report.record import ReplayRecord
+from app.report.summary import summarise
+
+REPORT_FILES = ("summary.json", "margin.csv", "margin.png", "scene.png", "report.html")
+
+
+def check_writable(folder: Path) -> None:
+    """Raise `ReportError` when no report can be written into ``folder``; leaves nothing behind.
+
+    Ask before the replay, so that its work is not lost. The folder need not exist yet.
+    """
+    existing = folder
+    while not existing.exists():
+        if existing.is_symlink():
+            raise ReportError(f"report folder {folder}: {existing} is a link that leads nowhere")
+        existing = existing.parent
+    if not existing.is_dir():
+        raise ReportError(f"report folder {folder}: {existing} is a file, a folder wanted")
+    for name in REPORT_FILES:
+        if (folder / name).is_dir():
+            raise ReportError(f"report folder {folder}: {name} in it is a folder, a file wanted")
+    try:
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+
+
+def write_report(
+    folder: Path, record: ReplayRecord, *, scene_png: bytes | None, version: str
+) -> dict[str, Any]:
+    """Write the files of `REPORT_FILES` into ``folder`` and return the summary.
+
+    ``scene_png`` is the picture of the deepest moment, None where it cannot be drawn: then there
+    is no ``scene.png``, and one of an earlier replay is removed. Earlier report files are
+    replaced once every new one is whole; other files in the folder are left alone. A folder that
+    cannot be written and a replay without frames raise `ReportError`.
+    """
+    if not record.rows:
+        raise ReportError(f"case {record.case!r} gave no frame: at least 1 wanted for a report")
+    check_writable(folder)
+    summary, contents = _contents(record, scene_png, version)
+    try:
+        _put_in_place(folder, contents)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    return summary
+
+
+def _contents(
+    record: ReplayRecord, scene_png: bytes | None, version: str
+) -> tuple[dict[str, Any], dict[str, bytes]]:
+    summary = summarise(record)
+    breaches = find_breaches(record.rows, record.margins.stale_after_ns)
+    plot = margin_png(record.rows, breaches, record.margins, record.case)
+    page = report_html(summary, count_reasons(record.rows), plot, scene_png, version)
+    contents = {
+        "summary.json": (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode(),
+        "margin.csv": margin_csv(record.rows).encode(),
+        "margin.png": plot,
+        "report.html": page.encode(),
+    }
+    if scene_png is not None:
+        contents["scene.png"] = scene_png
+    return summary, contents
+
+
+def _put_in_place(folder: Path, contents: Mapping[str, bytes]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    # Within the folder, so that the moves below stay in one file system and cannot be cut short.
+    with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as temporary:
+        for name, content in contents.items():
+            (Path(temporary) / name).write_bytes(content)
+        for name in contents:
+            (Path(temporary) / name).replace(folder / name)
+    for name in set(REPORT_FILES) - set(contents):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _unwritable(folder: Path, error: OSError) -> ReportError:
+    return ReportError(f"report folder {folder} cannot be written: {error.strerror or error}")
