@@ -1,0 +1,57 @@
+"""From measurements to transforms, and how far to trust them: pure functions, no clock, no files.
+
+Imports `app.geometry` only. Every result says whether it is accepted and why; what cannot be
+computed is refused with an error that names the cause.
+"""
+
+from app.registration.acceptance import AcceptanceLimits, judge
+from app.registration.errors import (
+    CoincidentPointsError,
+    CollinearPointsError,
+    ConvergenceError,
+    CovarianceError,
+    DegenerateMotionError,
+    FlatSignalError,
+    MirroredPointsError,
+    NoConsensusError,
+    NotFiniteError,
+    RegistrationError,
+    ScaleMismatchError,
+    ShapeError,
+    TooFewError,
+    UnequalCountsError,
+)
+from app.registration.points import register_points
+from app.registration.result import RegistrationResult, given_registration
+from app.registration.tre import (
+    predict_layout_tre,
+    predict_tre,
+    tre_covariances,
+    tre_upper_bound,
+)
+
+__all__ = [
+    "AcceptanceLimits",
+    "CoincidentPointsError",
+    "CollinearPointsError",
+    "ConvergenceError",
+    "CovarianceError",
+    "DegenerateMotionError",
+    "FlatSignalError",
+    "MirroredPointsError",
+    "NoConsensusError",
+    "NotFiniteError",
+    "RegistrationError",
+    "RegistrationResult",
+    "ScaleMismatchError",
+    "ShapeError",
+    "TooFewError",
+    "UnequalCountsError",
+    "given_registration",
+    "judge",
+    "predict_layout_tre",
+    "predict_tre",
+    "register_points",
+    "tre_covariances",
+    "tre_upper_bound",
+]
