@@ -1,0 +1,149 @@
+"""An opened case: its files found and checked, its recording read as often as wanted."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from app.case.expected import Expected, load_expected
+from app.case.igsio import check_igsio_header, read_igsio
+from app.case.manifest import (
+    DEFAULT_BASE_FRAME,
+    REFERENCE_FRAME,
+    TUMOR_MESH_FRAME,
+    CaseManifest,
+    MeshEntry,
+    load_manifest,
+)
+from app.case.mcap import read_mcap
+from app.case.mesh_file import load_mesh
+from app.case.paths import resolve_file, resolve_inside, sha256_of
+from app.case.samples import TrackingFrame
+from app.case.watchdog import with_watchdog
+from app.geometry import InputError, MeshError, SurfaceMesh
+
+_IGSIO_ENDINGS = (".igs.mha", ".igs.nrrd")
+_READABLE = ".mcap, a rosbag2 folder, .igs.mha or .igs.nrrd"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """A case whose manifest holds and whose files are there; made by `open_case`."""
+
+    folder: Path
+    manifest: CaseManifest
+    recording_path: Path
+    package_dirs: tuple[Path, ...] = ()
+    _notes: list[str] = field(default_factory=list)
+
+    @property
+    def has_joints(self) -> bool:
+        """Whether the recording holds the robot's joints."""
+        return self.manifest.robot is not None and self.manifest.robot.joint_states is not None
+
+    def frames(self) -> Iterator[TrackingFrame]:
+        """The recording's frames, and a frame without poses wherever it fell silent too long."""
+        return with_watchdog(self.recorded_frames(), self.manifest.margins.stale_after_ns)
+
+    def recorded_frames(self) -> Iterator[TrackingFrame]:
+        """The recording's own frames, streamed, joint stamps on the tracker's clock.
+
+        MCAP frames come ordered by acquisition stamp, IGSIO frames as the file has them.
+        """
+        # A second reading says the same again.
+        self._notes.clear()
+        path = self.recording_path
+        if path.name.lower().endswith(_IGSIO_ENDINGS):
+            return read_igsio(path, self._notes.append)
+        robot, clock = self.manifest.robot, self.manifest.clock
+        if self.has_joints and clock.estimate:
+            raise InputError(
+                "case.yaml: clock.estimate is true: the offset of the joints' clock cannot be "
+                "estimated yet, offset_robot_to_tracker_ms wanted"
+            )
+        return read_mcap(
+            path,
+            self._notes.append,
+            joint_states_topic=robot.joint_states if robot else None,
+            offset_ns=clock.offset_robot_to_tracker_ns,
+        )
+
+    def notes(self) -> tuple[str, ...]:
+        """What the last reading had to say; complete once its frames are exhausted."""
+        return tuple(self._notes)
+
+    def tool_mesh(self) -> SurfaceMesh:
+        """The tool's closed surface in the frame of its tip."""
+        tool = self.manifest.tool
+        if tool.mesh is None:
+            raise MeshError("case.yaml: tool.mesh is missing: only a tip-only replay goes without")
+        return self._mesh(tool.mesh, tool.tip_frame, "tool.mesh")
+
+    def tumor_mesh(self) -> SurfaceMesh:
+        """The tumour's closed surface, in the frame ``tumor``."""
+        return self._mesh(self.manifest.tumor.mesh, TUMOR_MESH_FRAME, "tumor.mesh")
+
+    def robot_urdf(self) -> Path:
+        """The robot's URDF file; `InputError` when the case has no robot."""
+        robot = self.manifest.robot
+        if robot is None:
+            raise InputError("case.yaml: robot is missing: the case has none")
+        return self._file(robot.urdf, "robot.urdf")
+
+    def expected(self) -> Expected | None:
+        """What a correct replay must show, where the case says so."""
+        if self.manifest.expected is None:
+            return None
+        robot = self.manifest.robot
+        return load_expected(
+            self._file(self.manifest.expected, "expected"),
+            reference=REFERENCE_FRAME,
+            robot_base=robot.base_frame if robot else DEFAULT_BASE_FRAME,
+        )
+
+    def _mesh(self, entry: MeshEntry, frame: str, key: str) -> SurfaceMesh:
+        path = self._file(entry.path, f"{key}.path")
+        mesh = load_mesh(path, units=entry.units, frame=frame)
+        return mesh.require_closed(f"the mesh {path} (case.yaml: {key})")
+
+    def _file(self, name: str, key: str) -> Path:
+        return resolve_file(self.folder, name, f"case.yaml: {key}", package_dirs=self.package_dirs)
+
+
+def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
+    """Check the case in ``folder``: manifest, names, existence, SHA-256, the IGSIO header.
+
+    Raises `InputError` for the first thing that is wrong. Meshes are read when asked for.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder} is no case: no such folder")
+    manifest = load_manifest(folder)
+    recording = resolve_inside(folder, manifest.recording.path, "case.yaml: recording.path")
+    case = Case(folder, manifest, recording, tuple(package_dirs))
+    _check_recording(recording, manifest.recording.sha256)
+    case._file(manifest.tumor.mesh.path, "tumor.mesh.path")
+    if manifest.tool.mesh is not None:
+        case._file(manifest.tool.mesh.path, "tool.mesh.path")
+    if manifest.robot is not None:
+        case.robot_urdf()
+    if case.has_joints and recording.name.lower().endswith(_IGSIO_ENDINGS):
+        raise InputError(
+            f"case.yaml: robot.joint_states is given: {recording.name} cannot hold joints"
+        )
+    case.expected()
+    return case
+
+
+def _check_recording(path: Path, sha256: str | None) -> None:
+    name = path.name.lower()
+    if path.is_dir():
+        if sha256 is not None:
+            raise InputError("case.yaml: recording.sha256 is given for a folder: a file wanted")
+        return
+    if not name.endswith((".mcap", *_IGSIO_ENDINGS)):
+        raise InputError(f"case.yaml: recording.path is {path.name!r}: {_READABLE} can be read")
+    if sha256 is not None:
+        found = sha256_of(path)
+        if found != sha256:
+            raise InputError(f"case.yaml: recording.sha256 is {sha256}: {path.name} has {found}")
+    if name.endswith(_IGSIO_ENDINGS):
+        check_igsio_header(path)

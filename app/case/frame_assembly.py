@@ -1,0 +1,81 @@
+"""Samples in the order of arrival become frames in the order of acquisition."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from app.case.samples import JointSample, TrackingFrame
+from app.geometry import NS_PER_MS, Stamp, TrackedTransform
+
+REORDER_NS = 500 * NS_PER_MS
+"""How late a sample may arrive and still find its place in the order of acquisition."""
+
+_MAX_PENDING_JOINTS = 100_000
+
+
+@dataclass(slots=True)
+class _Draft:
+    poses: dict[tuple[str, str], TrackedTransform] = field(default_factory=dict)
+    unfiltered: Stamp | None = None
+
+
+class FrameAssembler:
+    """Groups samples by acquisition stamp, through a buffer that is `REORDER_NS` long.
+
+    A sample older than that is taken for a clock that jumped back: what is buffered is given out
+    and the order starts anew, so that the jump stays visible. Joints go with the first frame that
+    is not older than they are; the last frame takes the rest. An edge that comes twice at one
+    stamp counts once, the first time.
+    """
+
+    def __init__(self, note: Callable[[str], None]) -> None:
+        self._note = note
+        self._drafts: dict[int, _Draft] = {}
+        self._joints: list[JointSample] = []
+        self._joints_dropped = False
+        self._newest_ns: int | None = None
+
+    def add_pose(self, sample: TrackedTransform) -> Iterator[TrackingFrame]:
+        """Take a sample; yield the frames that are complete now."""
+        ns = sample.stamp.ns
+        if self._newest_ns is not None and ns < self._newest_ns - REORDER_NS:
+            yield from self.flush()
+            self._newest_ns = ns
+        newest = self._newest_ns = max(ns, self._newest_ns) if self._newest_ns is not None else ns
+        draft = self._drafts.setdefault(ns, _Draft())
+        draft.poses.setdefault((sample.target, sample.source), sample)
+        ready = sorted(stamp for stamp in self._drafts if stamp < newest - REORDER_NS)
+        for stamp in ready:
+            yield self._finished(stamp)
+
+    def add_unfiltered(self, stamp: Stamp, unfiltered: Stamp) -> None:
+        """Take the second clock's reading; it goes with the samples acquired at ``stamp``."""
+        draft = self._drafts.get(stamp.ns)
+        if draft is not None:
+            draft.unfiltered = unfiltered
+
+    def add_joints(self, sample: JointSample) -> None:
+        """Take a joint sample, its stamp on the tracker's clock."""
+        self._joints.append(sample)
+        if len(self._joints) > _MAX_PENDING_JOINTS:
+            del self._joints[: _MAX_PENDING_JOINTS // 2]
+            if not self._joints_dropped:
+                self._note(
+                    "joint states run far ahead of the tracker, the oldest are skipped: "
+                    "clock.offset_robot_to_tracker_ms may be wrong"
+                )
+            self._joints_dropped = True
+
+    def flush(self) -> Iterator[TrackingFrame]:
+        """Yield all that is buffered, at the end or where the order breaks."""
+        stamps = sorted(self._drafts)
+        for stamp in stamps:
+            yield self._finished(stamp, last=stamp == stamps[-1])
+
+    def _finished(self, ns: int, *, last: bool = False) -> TrackingFrame:
+        draft = self._drafts.pop(ns)
+        mine = sorted(
+            (sample for sample in self._joints if last or sample.stamp.ns <= ns),
+            key=lambda sample: sample.stamp.ns,
+        )
+        self._joints = [] if last else [sample for sample in self._joints if sample.stamp.ns > ns]
+        return TrackingFrame(Stamp(ns), tuple(draft.poses.values()), tuple(mine), draft.unfiltered)

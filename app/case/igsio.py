@@ -1,0 +1,219 @@
+"""IGSIO sequence metafiles (``.igs.mha``, ``.igs.nrrd``), streamed line by line.
+
+The header holds all tracking: ``Seq_Frame0000_StylusToTrackerTransform = 16 numbers`` (row by row,
+mm), its ``...Status``, ``Timestamp`` and ``UnfilteredTimestamp`` in seconds. Pictures may follow
+the header, compressed or not; they are never read, and ``ImageStatus`` does not matter here.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from app.case.samples import TrackingFrame
+from app.geometry import (
+    FrameError,
+    InputError,
+    MarginGuardError,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+    TransformError,
+    snake_case,
+    split_transform_name,
+)
+
+DEFAULT_PARENT = "tracker"
+"""The target of a transform that is named without ``To``."""
+
+Note = Callable[[str], None]
+
+_FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(\w+)", re.ASCII)
+_STATUS_SUFFIX, _TRANSFORM_SUFFIX = "TransformStatus", "Transform"
+_MAX_LINE_BYTES = 1_000_000
+
+
+def check_igsio_header(path: Path) -> None:
+    """Raise `InputError` unless the header of ``path`` is whole; reads the header's text only."""
+    for _ in _fields(path):
+        pass
+
+
+def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
+    """Yield the frames of ``path`` in the file's order, clock jumps and all.
+
+    An absent status counts as OK; numbers that are no pose become NOT_FINITE or NOT_RIGID. A frame
+    without time cannot be placed: it is skipped and told to ``note``, as are transforms whose name
+    gives no pair of frames. Raises `InputError`, with the line, for anything malformed.
+    """
+    names = _FrameNames(note)
+    draft: _Draft | None = None
+    for line, key, value in _fields(path):
+        match = _FRAME_FIELD.fullmatch(key)
+        if match is None:
+            continue
+        index = int(match[1])
+        if draft is not None and index != draft.index:
+            if index < draft.index:
+                raise InputError(
+                    f"{path} line {line}: frame {index} comes after frame {draft.index}, "
+                    "rising numbers wanted"
+                )
+            yield from draft.finished(path, names, note)
+            draft = None
+        draft = draft or _Draft(index)
+        draft.fields[match[2]] = (line, value)
+    if draft is not None:
+        yield from draft.finished(path, names, note)
+
+
+@dataclass(slots=True)
+class _Draft:
+    """The fields of one frame, name to (line, value), as far as they have been read."""
+
+    index: int
+    fields: dict[str, tuple[int, str]] = field(default_factory=dict)
+
+    def finished(self, path: Path, names: "_FrameNames", note: Note) -> Iterator[TrackingFrame]:
+        """The frame; nothing when it has no time."""
+        stamp = self._stamp(path, "Timestamp")
+        if stamp is None:
+            note(f"frame {self.index} has no Timestamp: skipped")
+            return
+        poses = []
+        for name, (line, value) in self.fields.items():
+            if not name.endswith(_TRANSFORM_SUFFIX):
+                continue
+            frames = names.of(name.removesuffix(_TRANSFORM_SUFFIX))
+            if frames is not None:
+                place = f"{path} line {line} (frame {self.index}, {name})"
+                poses.append(self._sample(name, value, frames, stamp, place))
+        yield TrackingFrame(
+            stamp, tuple(poses), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
+        )
+
+    def _stamp(self, path: Path, name: str) -> Stamp | None:
+        if name not in self.fields:
+            return None
+        line, value = self.fields[name]
+        try:
+            return Stamp.from_seconds(value)
+        except MarginGuardError as error:
+            raise InputError(f"{path} line {line} (frame {self.index}, {name}): {error}") from error
+
+    def _sample(
+        self, name: str, value: str, frames: tuple[str, str], stamp: Stamp, place: str
+    ) -> TrackedTransform:
+        source, target = frames
+        numbers = _numbers(value, place)
+        _, word = self.fields.get(f"{name}Status", (0, "OK"))
+        # A word that is none of ours says at least that the tracker did not call the pose good.
+        status = TrackingStatus.__members__.get(word, TrackingStatus.INVALID)
+        if status is TrackingStatus.OK and not np.isfinite(numbers).all():
+            status = TrackingStatus.NOT_FINITE
+        if status is TrackingStatus.OK:
+            try:
+                pose = Transform.from_matrix(numbers, target=target, source=source)
+                return TrackedTransform(pose, stamp, status)
+            except TransformError:
+                status = TrackingStatus.NOT_RIGID
+        return TrackedTransform.lost(target, source, stamp, status)
+
+
+class _FrameNames:
+    """Transform names to (source, target), each worked out and remarked upon once."""
+
+    def __init__(self, note: Note) -> None:
+        self._note = note
+        self._known: dict[str, tuple[str, str] | None] = {}
+
+    def of(self, name: str) -> tuple[str, str] | None:
+        if name not in self._known:
+            self._known[name] = self._split(name)
+        return self._known[name]
+
+    def _split(self, name: str) -> tuple[str, str] | None:
+        try:
+            frames = split_transform_name(name)
+            if frames is None:
+                frames = (snake_case(name), DEFAULT_PARENT)
+                self._note(
+                    f"transform {name!r} names no target: taken for frame "
+                    f"{frames[0]!r} in {DEFAULT_PARENT!r}"
+                )
+        except FrameError as error:
+            self._note(f"transform {name!r} skipped: {error}")
+            return None
+        return frames
+
+
+def _numbers(text: str, place: str) -> list[float]:
+    words = text.split()
+    if len(words) != 16:
+        raise InputError(f"{place} has {len(words)} numbers: 16 wanted")
+    numbers = []
+    for word in words:
+        try:
+            if "_" in word:  # Python would read 1_0 as ten
+                raise ValueError
+            numbers.append(float(word))
+        except ValueError as error:
+            raise InputError(f"{place}: {word!r} is not a number") from error
+    return numbers
+
+
+def _fields(path: Path) -> Iterator[tuple[int, str, str]]:
+    """Line number, key and value of each header field; `InputError` unless the header ends."""
+    nrrd = path.name.lower().endswith(".nrrd")
+    last = "before any frame"
+    line = 0
+    try:
+        with path.open("rb") as file:
+            while raw := file.readline(_MAX_LINE_BYTES + 1):
+                line += 1
+                if len(raw) > _MAX_LINE_BYTES:
+                    raise InputError(
+                        f"{path} line {line} is longer than {_MAX_LINE_BYTES} bytes: no header"
+                    )
+                text = raw.decode("utf-8", errors="replace").strip()
+                if nrrd and not text and raw.endswith(b"\n"):
+                    return
+                found = _nrrd_field(text, line) if nrrd else _mha_field(text)
+                if found is None:
+                    if raw.endswith(b"\n"):
+                        raise InputError(f"{path} line {line}: {text[:60]!r} is no header field")
+                    break
+                key, value = found
+                if key == "ElementDataFile" and not nrrd:
+                    return
+                if match := _FRAME_FIELD.match(key):
+                    last = f"in frame {int(match[1])}"
+                # The last line of a cut file may look whole: 15.5 of 15.53 would be read as it is.
+                if not raw.endswith(b"\n"):
+                    break
+                if key:
+                    yield line, key, value
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    wanted = "the empty line that ends it" if nrrd else "its last field, ElementDataFile"
+    raise InputError(f"{path} is cut at line {line}, {last}: the header lacks {wanted}")
+
+
+def _mha_field(text: str) -> tuple[str, str] | None:
+    key, equals, value = text.partition("=")
+    return (key.strip(), value.strip()) if equals else None
+
+
+def _nrrd_field(text: str, line: int) -> tuple[str, str] | None:
+    """``key:=value``, a plain ``key: value``, or a comment; the magic stands in line 1."""
+    if line == 1:
+        return ("", "") if text.startswith("NRRD") else None
+    if text.startswith("#"):
+        return "", ""
+    key, equals, value = text.partition(":=")
+    if not equals:
+        key, equals, value = text.partition(":")
+    return (key.strip(), value.strip()) if equals else None
