@@ -1,0 +1,117 @@
+"""Joints as a URDF tells them: how a child link moves in its parent."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from app.geometry import FloatArray, Transform
+from app.robot.errors import UrdfError
+
+MM_PER_M = 1000.0
+
+
+class JointType(StrEnum):
+    """The joint types that have kinematics here: at most one degree of freedom each.
+
+    ``floating`` and ``planar`` joints are refused, because a single number cannot place them and
+    a link shown at a made-up place is worse than none.
+    """
+
+    FIXED = "fixed"
+    REVOLUTE = "revolute"
+    CONTINUOUS = "continuous"
+    PRISMATIC = "prismatic"
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """``position = multiplier * leader's position + offset``; the offset in rad, or m if sliding."""
+
+    leader: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("multiplier", "offset"):
+            if not math.isfinite(getattr(self, name)):
+                raise UrdfError(
+                    f"{name} of the mimic of {self.leader!r} is {getattr(self, name)}: "
+                    "a finite number wanted"
+                )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """``child`` hangs on ``parent``: origin, then the motion about or along ``axis``.
+
+    ``origin`` is ``parent_from_child`` at position 0. ``axis`` is (3,), a unit vector in the
+    child's frame. ``lower`` and ``upper`` are rad, m for sliding joints, and infinite for
+    continuous ones; kinematics does not clip to them, inverse kinematics stays within them.
+    """
+
+    name: str
+    type: JointType
+    origin: Transform
+    axis: FloatArray
+    lower: float = -math.inf
+    upper: float = math.inf
+    mimic: Mimic | None = None
+
+    def __post_init__(self) -> None:
+        axis = np.array(self.axis, dtype=np.float64)
+        if axis.shape != (3,) or not np.isfinite(axis).all():
+            raise UrdfError(f"axis of joint {self.name!r} is {axis.tolist()}: 3 numbers wanted")
+        length = float(np.linalg.norm(axis))
+        if self.type is not JointType.FIXED:
+            if length < 1e-9:
+                raise UrdfError(
+                    f"axis of joint {self.name!r} is {axis.tolist()}: a direction wanted"
+                )
+            axis /= length
+        # Written so that NaN limits are refused as well.
+        if not self.lower <= self.upper:
+            raise UrdfError(
+                f"limits of joint {self.name!r} are {self.lower} to {self.upper}: "
+                "lower <= upper wanted"
+            )
+        axis.flags.writeable = False
+        object.__setattr__(self, "axis", axis)
+
+    @property
+    def parent(self) -> str:
+        """The link that the joint hangs on."""
+        return self.origin.target
+
+    @property
+    def child(self) -> str:
+        """The link that the joint moves."""
+        return self.origin.source
+
+    @property
+    def moves(self) -> bool:
+        """False for a fixed joint."""
+        return self.type is not JointType.FIXED
+
+    @property
+    def slides(self) -> bool:
+        """True where the position is a length (m) and not an angle (rad)."""
+        return self.type is JointType.PRISMATIC
+
+    def motion(self, position: float) -> FloatArray:
+        """The (4, 4) motion of the child at ``position`` (rad or m) from its place at 0, in mm."""
+        matrix = np.eye(4)
+        if self.slides:
+            matrix[:3, 3] = self.axis * (position * MM_PER_M)
+        elif self.moves:
+            matrix[:3, :3] = _rotation(self.axis, position)
+        return matrix
+
+
+def _rotation(axis: FloatArray, angle: float) -> FloatArray:
+    """Rodrigues' formula, (3, 3), for a unit axis."""
+    x, y, z = axis
+    cosine, sine = math.cos(angle), math.sin(angle)
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return cosine * np.eye(3) + sine * skew + (1.0 - cosine) * np.outer(axis, axis)

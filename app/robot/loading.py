@@ -1,0 +1,175 @@
+"""From a URDF file to a `Robot`: links with their surfaces in mm, joints with their origins."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.geometry import FloatArray, MeshError, SurfaceMesh, Transform
+from app.robot import primitives
+from app.robot.errors import RobotMeshError, UrdfError
+from app.robot.joint import MM_PER_M, Joint, JointType, Mimic
+from app.robot.mesh_file import FileMesh, read_mesh_file
+from app.robot.packages import MeshLocator
+from app.robot.robot import Robot
+from app.robot.shapes import Link, Rgba, Shape
+from app.robot.urdf import read_urdf
+
+
+def load_robot(urdf: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Robot:
+    """Load a URDF file with every visual and every collision of every link.
+
+    ``package_dirs`` says where ``package://`` names lead (see `app.robot.packages`; other places
+    are tried too). A mesh that is missing or broken raises `RobotMeshError` where it is for
+    collision, and is left out with a sentence in `Robot.warnings` where it is for display. A name
+    that leaves its package or needs a network is refused in both. Raises `UrdfError` for a
+    description that is unsafe, malformed or not one tree of links.
+    """
+    path = Path(urdf)
+    model = read_urdf(path)
+    shapes = _ShapeReader(MeshLocator(path, package_dirs), _named_colors(model))
+    links = tuple(
+        Link(
+            link.name,
+            tuple(shape for each in link.visuals if (shape := shapes.visual(link.name, each))),
+            tuple(shapes.collision(link.name, each) for each in link.collisions),
+        )
+        for link in model.links
+    )
+    joints = tuple(_joint(each, path) for each in model.joints)
+    return Robot(model.name, links, joints, tuple(shapes.warnings))
+
+
+class _ShapeReader:
+    """Visuals and collisions to shapes; each file is read once, however often it is named."""
+
+    def __init__(self, locator: MeshLocator, named_colors: Mapping[str, Rgba]) -> None:
+        self.warnings: list[str] = []
+        self._locator = locator
+        self._named_colors = named_colors
+        self._files: dict[Path, FileMesh] = {}
+
+    def visual(self, link: str, visual: Any) -> Shape | None:
+        mesh = visual.geometry.mesh
+        if mesh is not None and self._locator.find(mesh.filename) is None:
+            self.warnings.append(f"display {_missing(mesh.filename, link)}")
+            return None
+        try:
+            shape = self._shape(link, visual)
+        except (RobotMeshError, MeshError) as problem:
+            self.warnings.append(f"display of link {link!r} left out: {problem}")
+            return None
+        color = self._material_color(visual.material)
+        return shape if color is None else Shape(shape.mesh, color, shape.source)
+
+    def collision(self, link: str, collision: Any) -> Shape:
+        mesh = collision.geometry.mesh
+        if mesh is not None and self._locator.find(mesh.filename) is None:
+            raise RobotMeshError(f"collision {_missing(mesh.filename, link)}")
+        return self._shape(link, collision)
+
+    def _shape(self, link: str, element: Any) -> Shape:
+        vertices, faces, colors, source = self._surface(element.geometry)
+        origin = _transform(element.origin, link, link)
+        mesh = SurfaceMesh(link, origin.apply(vertices * MM_PER_M), faces)
+        if colors is None:
+            return Shape(mesh, None, source)
+        distinct, counts = np.unique(colors, axis=0, return_counts=True)
+        red, green, blue, alpha = distinct[np.argmax(counts)].tolist()
+        several = colors if len(distinct) > 1 else None
+        return Shape(mesh, (red, green, blue, alpha), source, several)
+
+    def _surface(self, geometry: Any) -> tuple[FloatArray, Any, FloatArray | None, str]:
+        """Vertices in m, scale applied, with faces, colours and the name of where they are from."""
+        if geometry.box is not None:
+            return *primitives.box(geometry.box.size), None, "box"
+        if geometry.cylinder is not None:
+            shape = geometry.cylinder
+            return *primitives.cylinder(shape.radius, shape.length), None, "cylinder"
+        if geometry.sphere is not None:
+            return *primitives.sphere(geometry.sphere.radius), None, "sphere"
+        name = geometry.mesh.filename
+        path = self._locator.find(name)
+        if path is None:
+            raise RobotMeshError(f"mesh {name!r} not found")
+        if path not in self._files:
+            self._files[path] = read_mesh_file(path)
+        file, scale = self._files[path], _scale(geometry.mesh.scale, name)
+        # A scale that mirrors turns the surface inside out; so does swapping two corners.
+        faces = file.faces[:, ::-1] if scale.prod() < 0.0 else file.faces
+        return file.vertices * scale, faces, file.face_colors, name
+
+    def _material_color(self, material: Any) -> Rgba | None:
+        if material is None:
+            return None
+        return _rgba(material) or self._named_colors.get(material.name)
+
+
+def _missing(filename: str, link: str) -> str:
+    return (
+        f"mesh {filename!r} of link {link!r} not found: name its package's folder in package_dirs, "
+        "or put the file there"
+    )
+
+
+def _named_colors(model: Any) -> dict[str, Rgba]:
+    """Materials by name: those of the robot first, then those that a visual defines in passing."""
+    materials = [
+        *model.materials,
+        *(visual.material for link in model.links for visual in link.visuals if visual.material),
+    ]
+    colors: dict[str, Rgba] = {}
+    for material in materials:
+        rgba = _rgba(material)
+        if rgba is not None and material.name:
+            colors.setdefault(material.name, rgba)
+    return colors
+
+
+def _rgba(material: Any) -> Rgba | None:
+    if material.color is None:
+        return None
+    values = np.asarray(material.color.rgba, dtype=np.float64)
+    if values.shape != (4,) or not ((values >= 0.0) & (values <= 1.0)).all():
+        raise UrdfError(
+            f"color of material {material.name!r} is {values.tolist()}: "
+            "red, green, blue and alpha from 0 to 1 wanted"
+        )
+    red, green, blue, alpha = values.tolist()
+    return red, green, blue, alpha
+
+
+def _scale(scale: Any, name: str) -> FloatArray:
+    values = np.ones(3) if scale is None else np.array(scale, dtype=np.float64)
+    if values.shape == ():
+        values = np.full(3, values)
+    if values.shape != (3,) or not np.isfinite(values).all() or (values == 0.0).any():
+        raise RobotMeshError(
+            f"scale of mesh {name!r} is {values.tolist()}: 3 finite numbers other than 0 wanted"
+        )
+    return values
+
+
+def _transform(origin: Any, target: str, source: str) -> Transform:
+    """A URDF origin (m) as a transform in mm; None is the identity."""
+    if origin is None:
+        return Transform.identity(target, source)
+    matrix = np.array(origin, dtype=np.float64)
+    matrix[:3, 3] *= MM_PER_M
+    return Transform.from_matrix(matrix, target=target, source=source)
+
+
+def _joint(joint: Any, path: Path) -> Joint:
+    kind = JointType(joint.type)
+    lower, upper = -math.inf, math.inf
+    if kind in (JointType.REVOLUTE, JointType.PRISMATIC):
+        if joint.limit is None:
+            raise UrdfError(f"{path}: joint {joint.name!r} has no limit")
+        lower, upper = joint.limit.lower or 0.0, joint.limit.upper or 0.0
+    mimic = None
+    if joint.mimic is not None and kind is not JointType.FIXED:
+        mimic = Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+    origin = _transform(joint.origin, joint.parent, joint.child)
+    return Joint(joint.name, kind, origin, joint.axis, lower, upper, mimic)

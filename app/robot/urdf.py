@@ -1,0 +1,103 @@
+"""Reading a URDF: checked first, then parsed by yourdfpy, without its mesh loading.
+
+yourdfpy takes the first of two roots, the last of two links of one name, and what it can of
+malformed XML, and it only logs. So everything that would make its answer a guess is refused here
+before.
+"""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import yourdfpy
+from lxml import etree
+
+from app.robot.errors import UrdfError
+from app.robot.xml_guard import parse_xml, read_xml
+
+MAX_URDF_BYTES = 16 * 1024 * 1024
+GEOMETRIES = ("mesh", "box", "cylinder", "sphere")
+_XACRO = "http://www.ros.org/wiki/xacro"
+
+
+def read_urdf(path: Path) -> Any:
+    """The ``yourdfpy.Robot`` of the file at ``path``; raise `UrdfError` for what it cannot be.
+
+    Every moving joint has a type, a parent and a child; revolute and sliding ones have limits
+    (``lower`` and ``upper`` are 0 where the tag leaves them out, as in urdfdom).
+    """
+    root = parse_xml(read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES), path, UrdfError)
+    _check_root(root, path)
+    for kind in ("link", "joint"):
+        _check_names(root, kind, path)
+    for shape in root.iterfind("link/*"):
+        if shape.tag in ("visual", "collision"):
+            _check_geometry(shape, path)
+    for joint in root.iterfind("joint"):
+        _check_joint(joint, path)
+    try:
+        model = yourdfpy.URDF.load(
+            io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False
+        )
+    # What its parser trips over: a number that is none, an attribute that is missing.
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as problem:
+        reason = " ".join(str(problem).split())
+        raise UrdfError(f"{path} cannot be read as URDF: {reason}") from problem
+    return model.robot
+
+
+def _check_root(root: etree._Element, path: Path) -> None:
+    if root.tag != "robot":
+        raise UrdfError(f"{path} holds <{root.tag}> in line {root.sourceline}: <robot> wanted")
+    if not root.get("name"):
+        raise UrdfError(f"{path}: <robot> in line {root.sourceline} has no name")
+    for element in root.iter():
+        if isinstance(element.tag, str) and element.tag.startswith(f"{{{_XACRO}}}"):
+            raise UrdfError(
+                f"{path} has a xacro element in line {element.sourceline}: "
+                "expand the file with xacro first"
+            )
+    if root.find("link") is None:
+        raise UrdfError(f"{path} has no link: one at least wanted")
+
+
+def _check_names(root: etree._Element, kind: str, path: Path) -> None:
+    lines: dict[str, int] = {}
+    for element in root.iterfind(kind):
+        name, line = element.get("name"), element.sourceline or 0
+        if not name:
+            raise UrdfError(f"{path}: <{kind}> in line {line} has no name")
+        if name in lines:
+            raise UrdfError(
+                f"{path} has two {kind}s named {name!r}, in the lines {lines[name]} and {line}"
+            )
+        lines[name] = line
+
+
+def _check_geometry(shape: etree._Element, path: Path) -> None:
+    place = f"{path}: <{shape.tag}> in line {shape.sourceline}"
+    geometry = shape.find("geometry")
+    tags = [] if geometry is None else [child.tag for child in geometry]
+    if len(tags) != 1 or tags[0] not in GEOMETRIES:
+        found = ", ".join(map(str, tags)) or "none"
+        raise UrdfError(f"{place} has the geometry {found}: one of {', '.join(GEOMETRIES)} wanted")
+    if tags[0] == "mesh" and not shape.findall("geometry/mesh[@filename]"):
+        raise UrdfError(f"{place} has a mesh without filename")
+
+
+def _check_joint(joint: etree._Element, path: Path) -> None:
+    place = f"{path}: joint {joint.get('name')!r} in line {joint.sourceline}"
+    for role in ("parent", "child"):
+        element = joint.find(role)
+        if element is None or not element.get("link"):
+            raise UrdfError(f"{place} names no {role} link")
+    kind = joint.get("type")
+    if kind not in ("fixed", "revolute", "continuous", "prismatic"):
+        raise UrdfError(
+            f"{place} has the type {kind!r}: fixed, revolute, continuous or prismatic wanted"
+        )
+    if kind in ("revolute", "prismatic") and joint.find("limit") is None:
+        raise UrdfError(f"{place} has no <limit>: one wanted for a {kind} joint")
+    mimic = joint.find("mimic")
+    if mimic is not None and not mimic.get("joint"):
+        raise UrdfError(f"{place} has a <mimic> that names no joint")
