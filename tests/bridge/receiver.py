@@ -2,8 +2,10 @@
 
     receiver.py TOPIC:TYPE:COUNT[:latched] ...
 
-Prints ``ready`` when subscribed, then ``{"topic": ..., "message": {...}}`` a line, and ends with
-status 0 once every topic has had its COUNT of messages (status 1 after a minute without).
+Prints ``ready`` once every topic has a publisher (both sides must know each other: a volatile
+reader drops what is sent before it knows the writer), then ``{"topic": ..., "message": {...}}`` a
+line, and ends with status 0 once every topic has had its COUNT of messages (status 1 after a
+minute without).
 """
 
 import json
@@ -11,6 +13,7 @@ import sys
 from importlib import import_module
 
 import rclpy
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -28,6 +31,7 @@ def main() -> int:
     rclpy.init()
     node = rclpy.create_node("receiver")
     waiting = {}
+    unmatched = set()
     done = rclpy.task.Future()
 
     def take(topic, message):
@@ -36,10 +40,17 @@ def main() -> int:
         if max(waiting.values()) <= 0 and not done.done():
             done.set_result(True)
 
+    def match(topic):
+        if topic in unmatched:
+            unmatched.remove(topic)
+            if not unmatched:
+                print("ready", flush=True)
+
     for argument in sys.argv[1:]:
         topic, kind, count, *latched = argument.split(":")
         package, folder, name = kind.split("/")
         waiting[topic] = int(count)
+        unmatched.add(topic)
         qos = QoSProfile(
             depth=1000,
             reliability=ReliabilityPolicy.RELIABLE,
@@ -50,8 +61,8 @@ def main() -> int:
             topic,
             lambda message, topic=topic: take(topic, message),
             qos,
+            event_callbacks=SubscriptionEventCallbacks(matched=lambda _, topic=topic: match(topic)),
         )
-    print("ready", flush=True)
     rclpy.spin_until_future_complete(node, done, timeout_sec=60.0)
     node.destroy_node()
     rclpy.shutdown()
