@@ -1,0 +1,126 @@
+"""What this installation has, what it lacks, and what to do about it.
+
+Nothing heavy is imported into this process: packages are looked up in their metadata, and what can
+only be known by importing is tried in a process of its own, where a crash is an answer too.
+"""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib import metadata
+from pathlib import Path
+
+from app.cli.machine import Check, check_machine, checked
+
+PROBE_TIMEOUT_S = 60.0
+EXTRAS = {"": ".", "ros": ".[ros]", "scene": ".[scene]"}
+
+RCLPY = "import rclpy; print(rclpy.__file__)"
+INTERFACES = """\
+import marginguard_msgs.msg, tf2_msgs.msg
+from rclpy.type_support import check_for_type_support
+check_for_type_support(marginguard_msgs.msg.FixtureConstraint)
+check_for_type_support(tf2_msgs.msg.TFMessage)
+print(tf2_msgs.__file__)
+"""
+MRML = """\
+import slicer
+scene = slicer.vtkMRMLScene()
+print(scene.AddNewNodeByClass("vtkMRMLLinearTransformNode").GetClassName())
+"""
+
+Probe = Callable[[str], tuple[bool, str]]
+"""Runs Python code elsewhere: whether it ended well, and the last line that it said."""
+
+
+def run_probe(code: str) -> tuple[bool, str]:
+    """Run ``code`` with this Python in a process of its own; see `Probe`."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            timeout=PROBE_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return False, f"no answer in {PROBE_TIMEOUT_S:g} s"
+    said = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
+    if done.returncode < 0:
+        said.append(f"killed by signal {-done.returncode}")
+    return done.returncode == 0, said[-1].strip() if said else f"exit status {done.returncode}"
+
+
+def check_environment(probe: Probe = run_probe) -> list[Check]:
+    """Every check, in the order in which a remedy would help: machine, packages, ROS, Slicer."""
+    with ThreadPoolExecutor() as pool:
+        probed = [
+            pool.submit(check, probe) for check in (check_rclpy, check_interfaces, check_mrml)
+        ]
+        return [*check_machine(), *check_packages(), *(future.result() for future in probed)]
+
+
+def check_packages(distribution: str = "marginguard") -> list[Check]:
+    """One check for each requirement of ``distribution``, but for those of its tests."""
+    try:
+        requirements = metadata.requires(distribution) or []
+    except metadata.PackageNotFoundError:
+        return [
+            Check(distribution, False, "not installed", "run `make demo`, or `pip install -e .`")
+        ]
+    checks = []
+    for requirement in requirements:
+        name, extra = _parse_requirement(requirement)
+        if extra not in EXTRAS:
+            continue
+        try:
+            checks.append(checked(name, True, metadata.version(name), ""))
+        except metadata.PackageNotFoundError:
+            remedy = f"run `pip install -c constraints.txt -e '{EXTRAS[extra]}'`"
+            checks.append(Check(name, False, "not installed", remedy))
+    return checks
+
+
+def check_rclpy(probe: Probe) -> Check:
+    """Whether ROS 2 can be imported."""
+    ok, said = probe(RCLPY)
+    remedy = "source a ROS 2 Jazzy, or run `pip install -c constraints.txt -e '.[ros]'`"
+    return checked("rclpy imports", ok, said, f"{remedy}; --no-ros works without")
+
+
+def check_interfaces(probe: Probe) -> Check:
+    """Whether the compiled messages load, and whose ``tf2_msgs`` it is that is used.
+
+    A sourced ROS 2 stands earlier on Python's path than the environment, so its own one wins.
+    """
+    ok, said = probe(INTERFACES)
+    found = f"tf2_msgs {_origin(Path(said))}" if ok else said
+    return checked("ROS interfaces", ok, found, "install g++, then run `pip install ./interfaces`")
+
+
+def check_mrml(probe: Probe) -> Check:
+    """Whether a scene of 3D Slicer can be made."""
+    ok, said = probe(MRML)
+    remedy = "run `pip install -c constraints.txt -e '.[scene]'`"
+    return checked("3D Slicer scene", ok, "MRML" if ok else said, remedy)
+
+
+def _origin(module: Path) -> str:
+    try:
+        ours = Path(str(metadata.distribution("marginguard-interfaces").locate_file("")))
+    except metadata.PackageNotFoundError:
+        return f"of {module.parent}"
+    if module.resolve().is_relative_to(ours.resolve()):
+        return "built by marginguard-interfaces"
+    return f"of {module.parent}, ahead of the one built by marginguard-interfaces"
+
+
+def _parse_requirement(requirement: str) -> tuple[str, str]:
+    """The project's name and the extra that asks for it ("" for none), of a Requires-Dist value."""
+    name = re.match(r"[A-Za-z0-9._-]+", requirement)
+    if name is None:
+        raise ValueError(f"{requirement!r} does not begin with the name of a project")
+    extra = re.search(r"""extra\s*==\s*['"]([^'"]+)['"]""", requirement)
+    return name.group(), extra.group(1) if extra else ""

@@ -1,0 +1,102 @@
+"""The compiled types against rosbags, which reads definitions and hashes them on its own."""
+
+import json
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from app.geometry import TrackingStatus
+
+pytest.importorskip("marginguard_msgs", reason="the ROS interfaces are not installed")
+
+INTERFACES = Path(__file__).resolve().parents[2] / "interfaces"
+MESSAGES = sorted(INTERFACES.glob("*_msgs/msg/*.msg"))
+
+
+def type_name(path: Path) -> str:
+    return f"{path.parts[-3]}/msg/{path.stem}"
+
+
+@pytest.fixture(scope="module")
+def jazzy() -> Typestore:
+    """What rosbags knows of Jazzy by itself: tf2_msgs included, marginguard_msgs not."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@pytest.fixture(scope="module")
+def ours() -> Typestore:
+    """The same, with our definition files read by rosbags' own parser."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in MESSAGES:
+        if path.parts[-3] == "marginguard_msgs":
+            store.register(get_types_from_msg(path.read_text(), type_name(path)))
+    return store
+
+
+def compiled(name: str) -> Any:
+    package, kind, message = name.split("/")
+    return getattr(import_module(f"{package}.{kind}"), message)
+
+
+def installed_hashes(name: str) -> Iterator[str]:
+    """The hashes beside the installed definitions, as ROS keeps them."""
+    module = sys.modules[compiled(name).__module__]
+    for prefix in Path(str(module.__file__)).parents:
+        path = prefix / "share" / f"{name}.json"
+        if path.is_file():
+            for entry in json.loads(path.read_text())["type_hashes"]:
+                if entry["type_name"] == name:
+                    yield entry["hash_string"]
+
+
+@pytest.mark.parametrize("name", ["tf2_msgs/msg/TFMessage", "tf2_msgs/msg/TF2Error"])
+def test_tf2_msgs_are_those_of_jazzy(jazzy: Typestore, name: str) -> None:
+    constants, fields = jazzy.fielddefs[name]
+    message = compiled(name)
+    assert list(message.get_fields_and_field_types()) == [field for field, _ in fields]
+    assert {const: getattr(message, const) for const, _, _ in constants} == {
+        const: value for const, _, value in constants
+    }
+    assert list(installed_hashes(name)) == [jazzy.hash_rihs01(name)]
+
+
+@pytest.mark.parametrize("path", MESSAGES, ids=type_name)
+def test_the_hash_is_the_one_that_rosbags_computes(ours: Typestore, path: Path) -> None:
+    assert list(installed_hashes(type_name(path))) == [ours.hash_rihs01(type_name(path))]
+
+
+def test_bytes_of_ros_are_read_by_rosbags(ours: Typestore) -> None:
+    from marginguard_msgs.msg import FixtureConstraint, HalfSpace
+    from rclpy.serialization import serialize_message
+
+    sent = FixtureConstraint(
+        seq=3, reasons=["stale"], half_spaces=[HalfSpace(offset=0.25)], sigma_tre=0.5, hold=True
+    )
+    read = ours.deserialize_cdr(serialize_message(sent), "marginguard_msgs/msg/FixtureConstraint")
+    assert (read.seq, read.reasons, read.hold, read.sigma_tre) == (3, ["stale"], True, 0.5)
+    assert read.half_spaces[0].offset == 0.25
+
+
+def test_a_status_has_the_number_that_the_core_gives_it() -> None:
+    from marginguard_msgs.msg import TrackedTransform
+
+    assert {status.name: getattr(TrackedTransform, status.name) for status in TrackingStatus} == {
+        status.name: status.value for status in TrackingStatus
+    }
+
+
+def test_the_wire_carries_the_same_hash(jazzy: Typestore, node: Any) -> None:
+    from tf2_msgs.msg import TFMessage
+
+    node.create_publisher(TFMessage, "edges", 1)
+    (info,) = node.get_publishers_info_by_topic("/edges")
+    said = info.topic_type_hash
+    assert f"RIHS{said.version:02}_{bytes(said.value).hex()}" == jazzy.hash_rihs01(
+        "tf2_msgs/msg/TFMessage"
+    )

@@ -1,0 +1,122 @@
+"""Every kind of interface, there and back through another process."""
+
+import queue
+import subprocess
+from typing import Any
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from builtin_interfaces.msg import Time  # noqa: E402
+from geometry_msgs.msg import Point, TransformStamped, Vector3  # noqa: E402
+from marginguard_msgs.action import Replay  # noqa: E402
+from marginguard_msgs.msg import FixtureConstraint, HalfSpace, TrackedTransform  # noqa: E402
+from marginguard_msgs.srv import Register  # noqa: E402
+from rclpy.action import ActionClient  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from rclpy.task import Future  # noqa: E402
+from tf2_msgs.msg import TFMessage  # noqa: E402
+
+DEADLINE_S = 30.0
+
+
+def wait(future: Future) -> Any:
+    """The result of ``future``, which the node's own thread completes."""
+    done: queue.Queue[Future] = queue.Queue()
+    future.add_done_callback(done.put)
+    return done.get(timeout=DEADLINE_S).result()
+
+
+def transforms() -> TFMessage:
+    edge = TransformStamped(child_frame_id="virtual_fixture")
+    edge.header.frame_id = "tumor"
+    edge.header.stamp = Time(sec=12, nanosec=345_678_901)
+    edge.transform.translation = Vector3(x=0.0125, y=-1e-9, z=3.5)
+    return TFMessage(transforms=[edge, TransformStamped(child_frame_id="needle")])
+
+
+def constraint() -> FixtureConstraint:
+    planes = [
+        HalfSpace(
+            normal=Vector3(x=0.6, y=0.0, z=0.8),
+            offset=-0.004 * index,
+            point_on_tool=Point(x=0.1, y=0.2, z=0.3 + index),
+            tumor_velocity=Vector3(z=0.002),
+        )
+        for index in range(8)
+    ]
+    message = FixtureConstraint(
+        seq=2**63 + 7,
+        valid_until=Time(sec=12, nanosec=999_999_999),
+        state=FixtureConstraint.UNKNOWN,
+        reasons=["stale", "missing"],
+        hold=True,
+        half_spaces=planes,
+        signed_distance=-0.0042,
+        lower_bound=-0.0045,
+        stop_distance=0.001,
+        warn_distance=float("inf"),
+        sigma_tre=0.0003,
+        model_id="sha256:00",
+        registration_id="é",  # a name may hold any character
+    )
+    message.header.frame_id = "tumor"
+    return message
+
+
+@pytest.mark.parametrize(("name", "message"), [("tf", transforms()), ("constraint", constraint())])
+def test_a_message_comes_back_as_it_was_sent(
+    node: Any, peer: subprocess.Popen[str], name: str, message: Any
+) -> None:
+    came: queue.Queue[Any] = queue.Queue()
+    node.create_subscription(type(message), f"{name}_back", came.put, 10)
+    publisher = node.create_publisher(type(message), f"{name}_out", 10)
+    for _ in range(300):  # what is sent before both sides have met is lost
+        publisher.publish(message)
+        try:
+            back = came.get(timeout=0.1)
+        except queue.Empty:
+            continue
+        assert back == message
+        return
+    pytest.fail(f"nothing came back on {name}_back")
+
+
+def test_a_service_answers(node: Any, peer: subprocess.Popen[str]) -> None:
+    client = node.create_client(Register, "register")
+    assert client.wait_for_service(timeout_sec=DEADLINE_S)
+    request = Register.Request(
+        fixed_frame="reference",
+        moving_frame="robot_base",
+        fixed_points=[Point(), Point()],
+        moving_points=[Point(x=0.25), Point(x=0.5)],
+    )
+    response = wait(client.call_async(request))
+    assert response.success
+    assert response.message == "reference from robot_base"
+    assert response.transform.translation.x == 0.75
+
+
+def test_an_action_gives_feedback_and_a_result(node: Any, peer: subprocess.Popen[str]) -> None:
+    client = ActionClient(node, Replay, "replay")
+    assert client.wait_for_server(timeout_sec=DEADLINE_S)
+    feedback: queue.Queue[Any] = queue.Queue()
+    goal = Replay.Goal(case_folder="a case", rate=1.0, start=2.0, end=5.0)
+    handle = wait(client.send_goal_async(goal, feedback_callback=feedback.put))
+    assert handle.accepted
+    result = wait(handle.get_result_async()).result
+    assert (result.success, result.message, result.frames) == (True, "a case", 3)
+    heard = [feedback.get(timeout=DEADLINE_S).feedback for _ in range(3)]
+    assert [said.time for said in heard] == [2.0, 3.0, 4.0]
+    assert all(np.isnan(said.signed_distance) for said in heard)
+    client.destroy()
+
+
+def test_a_lost_pose_keeps_its_nan() -> None:
+    lost = TrackedTransform(child_frame_id="cautery", status=TrackedTransform.OUT_OF_VIEW)
+    lost.transform.rotation.w = float("nan")
+    back = deserialize_message(serialize_message(lost), TrackedTransform)
+    assert back.status == TrackedTransform.OUT_OF_VIEW
+    assert np.isnan(back.transform.rotation.w)
