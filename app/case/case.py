@@ -12,8 +12,8 @@ from app.case.manifest import (
     TUMOR_MESH_FRAME,
     CaseManifest,
     MeshEntry,
-    load_manifest,
 )
+from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap
 from app.case.mesh_file import load_mesh
 from app.case.paths import resolve_file, resolve_inside, sha256_of

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from rosbags.interfaces import Connection as BagConnection
 from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
@@ -23,7 +24,7 @@ from rosbags.typesys import (
 from rosbags.typesys.store import Typestore
 
 from app.case.frame_assembly import FrameAssembler
-from app.case.mcap_messages import RawMessage, read_mcap_messages
+from app.case.mcap_messages import Connection, RawMessage, read_mcap_messages
 from app.case.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
@@ -32,6 +33,7 @@ from app.case.ros_messages import (
     TRACKED_TRANSFORM,
     TRACKED_TRANSFORMS_TOPIC,
     UNFILTERED_TIME_TOPIC,
+    read_edge,
     read_joint_state,
     read_time_ns,
     read_tracked_transform,
@@ -39,7 +41,7 @@ from app.case.ros_messages import (
     ros_types,
 )
 from app.case.samples import TrackingFrame
-from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
+from app.geometry import InputError, MarginGuardError, Stamp
 
 Note = Callable[[str], None]
 
@@ -83,18 +85,17 @@ class _Reading:
 
     def frames(self, messages: Iterator[RawMessage]) -> Iterator[TrackingFrame]:
         for raw in messages:
-            expected_type, read = self._readers.get(raw.topic, ("", None))
+            topic, message_type = raw.connection.topic, raw.connection.message_type
+            expected_type, read = self._readers.get(topic, ("", None))
             if read is None:
                 continue
-            if raw.message_type != expected_type:
-                raise InputError(
-                    f"topic {raw.topic} carries {raw.message_type}: {expected_type} wanted"
-                )
+            if message_type != expected_type:
+                raise InputError(f"topic {topic} carries {message_type}: {expected_type} wanted")
             try:
                 message = self._types.message(raw)
                 yield from read(message)
             except (SerdeError, MarginGuardError, AttributeError, TypeError) as error:
-                self._skip(raw.topic, error)
+                self._skip(topic, error)
         yield from self._assembler.flush()
         for topic, count in self._unreadable.items():
             if count > 1:
@@ -106,15 +107,13 @@ class _Reading:
             self._note(f"a message on {topic} cannot be used and is skipped: {error}")
 
     def _tracked(self, message: Any) -> Iterator[TrackingFrame]:
-        sample = read_tracked_transform(message)
-        self._tracked_edges.add(_edge(sample))
-        yield from self._assembler.add_pose(sample)
+        self._tracked_edges.add(read_edge(message))
+        yield from self._assembler.add_pose(read_tracked_transform(message))
 
     def _tf(self, message: Any) -> Iterator[TrackingFrame]:
         for stamped in message.transforms:
-            sample = read_transform_stamped(stamped)
-            if _edge(sample) not in self._tracked_edges:
-                yield from self._assembler.add_pose(sample)
+            if read_edge(stamped) not in self._tracked_edges:
+                yield from self._assembler.add_pose(read_transform_stamped(stamped))
 
     def _unfiltered(self, message: Any) -> Iterator[TrackingFrame]:
         self._assembler.add_unfiltered(
@@ -131,34 +130,31 @@ class _EmbeddedTypes:
     """Unpacks messages by the definitions that the recording carries."""
 
     def __init__(self) -> None:
-        self._stores: dict[tuple[str, str], Typestore] = {}
+        self._stores: dict[Connection, Typestore] = {}
 
     def message(self, raw: RawMessage) -> Any:
-        key = (raw.message_type, raw.definition)
-        if key not in self._stores:
-            self._stores[key] = self._store(raw)
-        return self._stores[key].deserialize_cdr(raw.data, raw.message_type)
-
-    def _store(self, raw: RawMessage) -> Typestore:
-        if not raw.definition:  # a bag from before Iron has none
-            return ros_types()
-        store = get_typestore(Stores.EMPTY)
-        try:
-            if raw.definition_encoding == "ros2idl":
-                store.register(get_types_from_idl(raw.definition))
-            else:
-                store.register(get_types_from_msg(raw.definition, raw.message_type))
-            store.get_msgdef(raw.message_type)
-        except (TypesysError, KeyError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(
-                f"the definition of {raw.message_type} in the recording cannot be used: {reason}"
-            ) from error
-        return store
+        connection = raw.connection
+        if connection not in self._stores:
+            self._stores[connection] = _typestore(connection)
+        return self._stores[connection].deserialize_cdr(raw.data, connection.message_type)
 
 
-def _edge(sample: TrackedTransform) -> tuple[str, str]:
-    return sample.target, sample.source
+def _typestore(connection: Connection) -> Typestore:
+    if not connection.definition:  # a bag from before Iron has none
+        return ros_types()
+    store = get_typestore(Stores.EMPTY)
+    try:
+        if connection.definition_encoding == "ros2idl":
+            store.register(get_types_from_idl(connection.definition))
+        else:
+            store.register(get_types_from_msg(connection.definition, connection.message_type))
+        store.get_msgdef(connection.message_type)
+    except (TypesysError, KeyError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"the definition of {connection.message_type} in the recording cannot be used: {reason}"
+        ) from error
+    return store
 
 
 def _messages(path: Path, note: Note) -> Iterator[RawMessage]:
@@ -180,16 +176,16 @@ def _messages(path: Path, note: Note) -> Iterator[RawMessage]:
 def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
     try:
         with Reader(path) as bag:
-            for connection, _, data in bag.messages():
-                definition = connection.msgdef
-                idl = definition.format is MessageDefinitionFormat.IDL
-                yield RawMessage(
-                    connection.topic,
-                    connection.msgtype,
-                    definition.data,
-                    "ros2idl" if idl else "ros2msg",
-                    bytes(data),
-                )
+            connections = {known.id: _connection(known) for known in bag.connections}
+            for known, _, data in bag.messages():
+                yield RawMessage(connections[known.id], bytes(data))
     except (ReaderError, OSError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path} is no rosbag2 recording that can be read: {reason}") from error
+
+
+def _connection(known: BagConnection) -> Connection:
+    idl = known.msgdef.format is MessageDefinitionFormat.IDL
+    return Connection(
+        known.topic, known.msgtype, known.msgdef.data, "ros2idl" if idl else "ros2msg"
+    )

@@ -38,13 +38,20 @@ _DAMAGED = (
 
 
 @dataclass(frozen=True, slots=True)
-class RawMessage:
-    """A message as it lies in the file; ``definition`` is the text of its type's schema."""
+class Connection:
+    """A topic of a recording; ``definition`` is the text of its message type's schema."""
 
     topic: str
     message_type: str
     definition: str
     definition_encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """A message as it lies in the recording, in CDR."""
+
+    connection: Connection
     data: bytes
 
 
@@ -61,24 +68,19 @@ def read_mcap_messages(path: Path, note: Callable[[str], None]) -> Iterator[RawM
 
 def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[RawMessage]:
     schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
+    channels: dict[int, Connection] = {}
     for record in _records(file, name, note):
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message):
-            channel = channels.get(record.channel_id)
-            schema = schemas.get(channel.schema_id) if channel else None
-            if channel is None or schema is None or channel.message_encoding != "cdr":
-                continue  # not of ROS 2
-            yield RawMessage(
-                channel.topic,
-                schema.name,
-                schema.data.decode("utf-8", errors="replace"),
-                schema.encoding,
-                record.data,
-            )
+            schema = schemas.get(record.schema_id)
+            if schema is not None and record.message_encoding == "cdr":
+                definition = schema.data.decode("utf-8", errors="replace")
+                channels[record.id] = Connection(
+                    record.topic, schema.name, definition, schema.encoding
+                )
+        elif isinstance(record, Message) and record.channel_id in channels:
+            yield RawMessage(channels[record.channel_id], record.data)
 
 
 def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[McapRecord]:

@@ -110,6 +110,12 @@ def read_time_ns(time: Any) -> int:
     return int(time.sec) * NS_PER_S + int(time.nanosec)
 
 
+def read_edge(message: Any) -> tuple[str, str]:
+    """Target (parent) and source (child) frame of a stamped transform."""
+    # A leading '/' is what tf had before ROS 2.
+    return message.header.frame_id.removeprefix("/"), message.child_frame_id.removeprefix("/")
+
+
 def read_tracked_transform(message: Any) -> TrackedTransform:
     """A sample of ``marginguard_msgs/TrackedTransform``.
 
@@ -142,8 +148,7 @@ def read_joint_state(message: Any, *, offset_ns: int) -> JointSample:
 
 
 def _read_sample(message: Any, status: TrackingStatus) -> TrackedTransform:
-    target = message.header.frame_id.removeprefix("/")
-    source = message.child_frame_id.removeprefix("/")
+    target, source = read_edge(message)
     stamp = Stamp(read_time_ns(message.header.stamp))
     if status is not TrackingStatus.OK:
         return TrackedTransform.lost(target, source, stamp, status)

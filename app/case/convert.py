@@ -1,0 +1,82 @@
+"""A case in any format that can be read, as an MCAP case: same stamps, same statuses."""
+
+import shutil
+from pathlib import Path, PurePosixPath
+
+import yaml
+
+from app.case.case import Case
+from app.case.manifest_file import MANIFEST_NAME
+from app.case.paths import PACKAGE_SCHEME, resolve_inside, sha256_of
+from app.case.recorder import write_recording
+from app.case.ros_messages import JOINT_STATES_TOPIC
+from app.geometry import InputError
+
+RECORDING_NAME = "tracking.mcap"
+
+
+def convert_case(case: Case, folder: Path) -> tuple[str, ...]:
+    """Write ``case`` to the new folder ``folder`` with its recording as MCAP.
+
+    The files that the manifest names are copied, those of packages stay where they are. Returns
+    the notes of the reader. Raises `InputError` when ``folder`` exists or cannot be written; it
+    appears whole or not at all.
+    """
+    if folder.exists():
+        raise InputError(f"{folder} is there already: it is not written over")
+    partial = folder.with_name(f".{folder.name}.partial")
+    try:
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written: {error.strerror} ({partial})") from error
+    try:
+        _write(case, partial)
+        partial.rename(folder)
+    except BaseException:
+        shutil.rmtree(partial)
+        raise
+    return case.notes()
+
+
+def _write(case: Case, folder: Path) -> None:
+    for name in _named_files(case):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source = resolve_inside(case.folder, name, name)
+        if source.is_dir():
+            shutil.copytree(source, target, dirs_exist_ok=True)
+        else:
+            shutil.copyfile(source, target)
+    recording = folder / RECORDING_NAME
+    robot = case.manifest.robot
+    write_recording(
+        recording,
+        case.recorded_frames(),
+        robot_to_tracker_offset_ns=case.manifest.clock.offset_robot_to_tracker_ns,
+        joint_states_topic=(robot and robot.joint_states) or JOINT_STATES_TOPIC,
+    )
+    # The manifest was validated when the case was opened; all but the recording stays as written.
+    manifest = yaml.safe_load((case.folder / MANIFEST_NAME).read_text(encoding="utf-8"))
+    manifest["recording"] = {"path": RECORDING_NAME, "sha256": sha256_of(recording)}
+    text = yaml.safe_dump(manifest, sort_keys=False, allow_unicode=True)
+    (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")
+
+
+def _named_files(case: Case) -> list[str]:
+    """The case's own files beside its recording, relative to its folder."""
+    manifest = case.manifest
+    names = [manifest.tumor.mesh.path]
+    if manifest.tool.mesh is not None:
+        names.append(manifest.tool.mesh.path)
+    if manifest.expected is not None:
+        names.append(manifest.expected)
+    if manifest.robot is not None and not manifest.robot.urdf.startswith(PACKAGE_SCHEME):
+        # A URDF names its meshes relative to itself, so its folder goes with it.
+        parent = str(PurePosixPath(manifest.robot.urdf).parent)
+        if parent == ".":
+            raise InputError(
+                f"case.yaml: robot.urdf is {manifest.robot.urdf!r}: "
+                "to be converted it must lie in a folder of its own"
+            )
+        names.append(parent)
+    return [name for name in names if not name.startswith(PACKAGE_SCHEME)]
