@@ -1,0 +1,83 @@
+"""The doctor on this machine, and on machines that lack something."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.cli import doctor
+
+
+def test_each_remedy_belongs_to_something_missing() -> None:
+    checks = doctor.check_environment(probe=lambda code: (True, sys.prefix))
+    names = [check.name for check in checks]
+    assert len(names) == len(set(names))
+    assert {"python", "compiler", "egl", "ROS interfaces", "3D Slicer scene"} <= set(names)
+    for check in checks:
+        assert check.found
+        assert bool(check.remedy) is not check.ok
+
+
+def test_every_probe_that_fails_is_told_with_what_it_said() -> None:
+    checks = doctor.check_environment(probe=lambda code: (False, "ImportError: no such thing"))
+    failed = {check.name: check for check in checks if check.found == "ImportError: no such thing"}
+    assert set(failed) == {"rclpy imports", "ROS interfaces", "3D Slicer scene"}
+    assert "apt" not in failed["rclpy imports"].remedy
+    assert "./interfaces" in failed["ROS interfaces"].remedy
+    assert "[scene]" in failed["3D Slicer scene"].remedy
+
+
+def test_a_probe_tells_the_last_line_of_an_error() -> None:
+    assert doctor.run_probe("raise ImportError('no such thing')") == (
+        False,
+        "ImportError: no such thing",
+    )
+
+
+def test_a_probe_survives_a_crash() -> None:
+    assert doctor.run_probe("import os; os.abort()") == (False, "killed by signal 6")
+
+
+def test_a_distribution_that_is_not_installed_is_named() -> None:
+    (check,) = doctor.check_packages("no-such-distribution")
+    assert not check.ok
+    assert check.name == "no-such-distribution"
+
+
+def test_requirements_are_looked_up_and_those_of_tests_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(
+        doctor.metadata,
+        "requires",
+        lambda name: [
+            "numpy",
+            "no-such-core",
+            'no-such-ros[extra]==1; extra == "ros"',
+            'no-such-test<5; extra == "test"',
+        ],
+    )
+    checks = {check.name: check for check in doctor.check_packages()}
+    assert set(checks) == {"numpy", "no-such-core", "no-such-ros"}
+    assert checks["numpy"].ok
+    assert "'.'" in checks["no-such-core"].remedy
+    assert "'.[ros]'" in checks["no-such-ros"].remedy
+
+
+def test_a_tf2_msgs_earlier_on_the_path_wins_and_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("tf2_msgs", reason="the ROS interfaces are not installed")
+    assert doctor.check_interfaces(doctor.run_probe).found.endswith("by marginguard-interfaces")
+
+    # As after sourcing a ROS 2 installation: a folder on PYTHONPATH with a tf2_msgs that works.
+    import tf2_msgs
+
+    sourced = tmp_path / "tf2_msgs"
+    shutil.copytree(Path(tf2_msgs.__file__).parent, sourced)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    check = doctor.check_interfaces(doctor.run_probe)
+    assert check.ok
+    assert str(sourced) in check.found
+    assert "ahead of" in check.found

@@ -1,0 +1,65 @@
+"""Run ``pip install`` with the project's constraints: one line while it works, one when it fails.
+
+Everything that pip says goes to ``.venv/install.log``.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+CONSTRAINTS = "constraints.txt"  # relative to ROOT: pip splits the variable below at blanks
+LOG = Path(sys.prefix) / "install.log"
+
+EXPLANATIONS = (
+    # pattern in pip's output -> what to do; the first that is found is told
+    (
+        r"No matching distribution found for (?P<what>\S+)",
+        "no wheel of {what} for Python {python}: use 3.11 to 3.13, or look at the network",
+    ),
+    (r"(?P<what>\S+) (was )?not found: install (?P<rest>.*)", "{what} not found: install {rest}"),
+    (r"fatal error: (?P<what>Python\.h)", "{what} is missing: apt install python3-dev"),
+    (r"No space left on device", "the disk is full: the environment takes about 4 GB"),
+    (
+        r"(?P<what>Temporary failure in name resolution|Max retries exceeded|ReadTimeoutError)",
+        "the package index could not be reached ({what}): look at the network and try again",
+    ),
+    (r"ERROR: (?P<what>.+)", "{what}"),
+)
+
+
+def explain(output: str) -> str:
+    """One sentence for what pip said last, the most telling line of it first."""
+    for pattern, sentence in EXPLANATIONS:
+        found = re.search(pattern, output)
+        if found is not None:
+            python = f"{sys.version_info.major}.{sys.version_info.minor}"
+            return sentence.format(**found.groupdict(), python=python)
+    return "pip failed"
+
+
+def main(arguments: list[str]) -> int:
+    """Install ``arguments`` (as for ``pip install``) into this Python's environment."""
+    print(f"Installing {' '.join(a for a in arguments if a != '-e')} ...", flush=True)
+    # As variables these hold for the environments too that pip builds packages in.
+    constrained = {"PIP_CONSTRAINT": CONSTRAINTS, "PIP_BUILD_CONSTRAINT": CONSTRAINTS}
+    done = subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--disable-pip-version-check", *arguments],
+        cwd=ROOT,
+        env={**os.environ, **constrained},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    LOG.write_text(done.stdout)
+    if done.returncode != 0:
+        print(f"marginguard: {explain(done.stdout)} (all of it: {LOG})", file=sys.stderr)
+    return done.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
