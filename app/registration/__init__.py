@@ -23,6 +23,7 @@ from app.registration.errors import (
 )
 from app.registration.points import register_points
 from app.registration.result import RegistrationResult, given_registration
+from app.registration.robust_points import register_points_robust
 from app.registration.tre import (
     predict_layout_tre,
     predict_tre,
@@ -52,6 +53,7 @@ __all__ = [
     "predict_layout_tre",
     "predict_tre",
     "register_points",
+    "register_points_robust",
     "tre_covariances",
     "tre_upper_bound",
 ]

@@ -56,11 +56,7 @@ def judge(
             f"predicted TRE may be {bounds[worst]:.3g} mm (95 %) at target {worst} "
             f"({', '.join(f'{x:.1f}' for x in targets[worst])}), {limits.tre_mm:g} mm allowed"
         )
-    left_out = np.where(
-        np.isin(np.arange(len(result.residuals_mm)), result.outliers),
-        np.nan,
-        result.leave_one_out_mm,
-    )
+    left_out = result.leave_one_out_mm
     if np.isfinite(left_out).any():
         point = int(np.nanargmax(left_out))
         findings.append(f"leave-one-out at most {left_out[point]:.3g} mm")

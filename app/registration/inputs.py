@@ -55,7 +55,7 @@ def as_floats(values: ArrayLike, what: str) -> FloatArray:
 
 
 def as_pairs(fixed_mm: ArrayLike, moving_mm: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Two lists (n, 3), n >= 3, of finite points that can be registered rigidly."""
+    """Two lists (n, 3), n >= 3, of finite points, one moving point for each fixed one."""
     fixed = as_points(fixed_mm, "fixed_mm")
     moving = as_points(moving_mm, "moving_mm")
     if len(fixed) != len(moving):
@@ -65,14 +65,18 @@ def as_pairs(fixed_mm: ArrayLike, moving_mm: ArrayLike) -> tuple[FloatArray, Flo
         )
     if len(fixed) < MIN_POINTS:
         raise TooFewError(f"{len(fixed)} point pairs: at least {MIN_POINTS} wanted")
-    sizes = [check_spread(fixed, "fixed_mm"), check_spread(moving, "moving_mm")]
+    return fixed, moving
+
+
+def check_pair_geometry(fixed: FloatArray, moving: FloatArray) -> None:
+    """Refuse pairs (n, 3) that fix no rigid motion, or that are in different units."""
+    sizes = check_spread(fixed, "fixed_mm"), check_spread(moving, "moving_mm")
     ratio = sizes[0] / sizes[1]
     if not 1.0 / MAX_SCALE_RATIO <= ratio <= MAX_SCALE_RATIO:
         raise ScaleMismatchError(
             f"fixed_mm spreads over {sizes[0]:.6g} mm RMS and moving_mm over {sizes[1]:.6g} mm: "
             f"a ratio of at most {MAX_SCALE_RATIO} wanted (are both in mm?)"
         )
-    return fixed, moving
 
 
 def check_spread(points_mm: FloatArray, what: str) -> float:

@@ -8,7 +8,13 @@ from numpy.typing import ArrayLike
 from app.geometry import FloatArray
 from app.registration.acceptance import AcceptanceLimits, judge
 from app.registration.errors import CoincidentPointsError, CollinearPointsError
-from app.registration.inputs import MIN_POINTS, as_pairs, as_points, check_spread
+from app.registration.inputs import (
+    MIN_POINTS,
+    as_pairs,
+    as_points,
+    check_pair_geometry,
+    check_spread,
+)
 from app.registration.motion import move_origin, point_jacobian
 from app.registration.result import RegistrationResult
 from app.registration.rigid_fit import PairNoise, fit_rigid
@@ -39,6 +45,20 @@ def register_points(
     """
     fixed, moving = as_pairs(fixed_mm, moving_mm)
     noise = PairNoise.of(covariances_mm2, moving_covariances_mm2, len(fixed))
+    result = registration_of(fixed, moving, noise, fixed_frame, moving_frame)
+    targets = fixed if targets_mm is None else as_points(targets_mm, "targets_mm")
+    return judge(result, targets, limits or AcceptanceLimits())
+
+
+def registration_of(
+    fixed: FloatArray,
+    moving: FloatArray,
+    noise: PairNoise | None,
+    fixed_frame: str,
+    moving_frame: str,
+) -> RegistrationResult:
+    """The result of finite pairs (n, 3), not judged yet."""
+    check_pair_geometry(fixed, moving)
     transform = fit_rigid(fixed, moving, noise, fixed_frame, moving_frame)
     residuals = np.linalg.norm(fixed - transform.apply(moving), axis=1)
     fre = math.sqrt(float(np.mean(residuals**2)))
@@ -51,7 +71,7 @@ def register_points(
         fle = math.sqrt(float(np.mean(np.trace(scatter, axis1=1, axis2=2))))
         axis_variance = 1.0
     unscaled, condition = _motion_covariance(fixed, scatter)
-    result = RegistrationResult(
+    return RegistrationResult(
         transform=transform,
         residuals_mm=residuals,
         fre_mm=fre,
@@ -60,12 +80,10 @@ def register_points(
         covariance=axis_variance * unscaled,
         condition=condition,
         accepted=False,
-        reason="not judged",
+        reason="not judged at any target",
         method="paired_points",
         degrees_of_freedom=3 * len(fixed) - 6 if noise is None else None,
     )
-    targets = fixed if targets_mm is None else as_points(targets_mm, "targets_mm")
-    return judge(result, targets, limits or AcceptanceLimits())
 
 
 def _motion_covariance(fixed: FloatArray, scatter: FloatArray) -> tuple[FloatArray, float]:

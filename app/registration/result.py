@@ -24,7 +24,7 @@ class RegistrationResult:
         or of the covariances that were handed in. None when given.
     ``leave_one_out_mm`` (n,)
         Distance of each point from where a registration of the others puts it; NaN where the
-        others are too few or collinear.
+        others are too few or collinear, and for points that were dropped.
     ``covariance`` (6, 6) or None
         Of the small motion (rad, mm) defined in `app.registration.motion`, in the fixed frame.
         None when nothing is known of it.

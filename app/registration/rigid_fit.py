@@ -8,7 +8,7 @@ the motion starts.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.errors import ConvergenceError, MirroredPointsError
@@ -53,8 +53,8 @@ class PairNoise:
         """Mean variance of an axis for each pair, (n,): what the turn does not change."""
         return np.asarray(np.trace(self.fixed_mm2 + self.moving_mm2, axis1=1, axis2=2) / 3.0)
 
-    def of_points(self, kept: FloatArray) -> "PairNoise":
-        """The noise of some of the pairs, by index or mask."""
+    def of_points(self, kept: NDArray[np.bool_]) -> "PairNoise":
+        """The noise of some of the pairs, by a mask (n,)."""
         return PairNoise(self.fixed_mm2[kept], self.moving_mm2[kept])
 
 
