@@ -19,7 +19,6 @@ from app.geometry import FloatArray
 from app.report.breaches import Breach
 from app.report.rows import ReportRow, seconds_since
 
-
 _INK = "#1c2733"
 
 
@@ -63,10 +62,10 @@ def margin_png(
     _draw_limits(plot, rows, seconds, margins)
     _draw_breaches(plot, breaches)
     _draw_legend(figure, strip, plot)
-    canvas = FigureCanvasAgg(figure)
+    FigureCanvasAgg(figure)
     picture = BytesIO()
     # No software name and version inside: equal rows give equal bytes on one machine.
-    canvas.print_png(picture, metadata={"Software": None})
+    figure.savefig(picture, format="png", metadata={"Software": None})
     return picture.getvalue()
 
 

@@ -1,0 +1,11 @@
+"""What can go wrong in the scene."""
+
+from app.geometry import MarginGuardError
+
+
+class SceneError(MarginGuardError):
+    """Something that the scene cannot show: an unknown frame, a name that is taken."""
+
+
+class OffscreenError(MarginGuardError):
+    """This machine cannot draw without a screen; the message says what to install."""

@@ -1,0 +1,118 @@
+"""``scene.png``: the whole on the left, the tumour and the end of the tool on the right."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode
+
+from app.fixture import FixtureDecision
+from app.geometry import FloatArray
+from app.scene.application import SceneApplication
+from app.scene.convert import world_matrix, world_points
+from app.scene.errors import SceneError
+from app.scene.framing import best_direction, fit
+from app.scene.pixels import Pixels, png, text_strip
+from app.scene.scene import MarginGuardScene
+from app.scene.view import VIEW_ANGLE_DEG, OffscreenView, offscreen_view
+
+SIZE = (1600, 964)
+_BANNER_PIXELS = 64
+_GAP_PIXELS = 4
+_CLOSE_UP_RADII = 2.2
+"""Parts of the tool that are within so many radii of the tumour are in the close-up."""
+
+
+def scene_png(
+    application: SceneApplication, scene: MarginGuardScene, decision: FixtureDecision
+) -> bytes:
+    """Draw ``scene``, which shows ``decision``, as PNG of `SIZE`: banner, overview, close-up.
+
+    Raises `OffscreenError` on a machine that cannot draw without a screen.
+    """
+    margin = scene.margin
+    if margin is None:
+        raise SceneError("a picture needs a tumour in the scene, there is none")
+    size = ((SIZE[0] - _GAP_PIXELS) // 2, SIZE[1] - _BANNER_PIXELS)
+    with _hidden(margin.line):  # its words would cover the tumour, which is small there
+        overview = _overview(application, scene, size)
+    close_up = _close_up(application, scene, size, _along(margin.line))
+    gap = np.full((size[1], SIZE[0] - 2 * size[0], 3), 255, dtype=np.uint8)
+    banner = text_strip(margin.status.GetText(), (SIZE[0], _BANNER_PIXELS), decision.state.color)
+    return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
+
+
+def _overview(
+    application: SceneApplication, scene: MarginGuardScene, size: tuple[int, int]
+) -> Pixels:
+    tumor, others = _content(scene)
+    with offscreen_view(application, "MarginGuardOverview", size) as view:
+        _look(view, scene, best_direction(tumor, others, _up(scene)), tumor, others)
+        return view.pixels()
+
+
+def _close_up(
+    application: SceneApplication,
+    scene: MarginGuardScene,
+    size: tuple[int, int],
+    along: FloatArray | None,
+) -> Pixels:
+    tumor, others = _content(scene)
+    center = tumor.mean(axis=0)
+    reach = _CLOSE_UP_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
+    tool = np.empty((0, 3)) if scene.tool is None else world_points(scene.tool)
+    near = tool[np.linalg.norm(tool - center, axis=1) < reach]
+    towards = best_direction(tumor, others, _up(scene), along=along)
+    with offscreen_view(application, "MarginGuardCloseUp", size) as view:
+        _look(view, scene, towards, tumor, near)
+        return view.pixels()
+
+
+def _look(
+    view: OffscreenView,
+    scene: MarginGuardScene,
+    towards: FloatArray,
+    subject: FloatArray,
+    others: FloatArray,
+) -> None:
+    points = np.concatenate([subject, others])
+    up = _up(scene)
+    view.look(fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=view.aspect))
+
+
+def _content(scene: MarginGuardScene) -> tuple[FloatArray, FloatArray]:
+    """World points of the tumour, and of the tool and the robots."""
+    models = [model for robot in scene.robots.values() for model in robot.models.values()]
+    if scene.tool is not None:
+        models.append(scene.tool)
+    others = [world_points(model) for model in models]
+    return world_points(scene.tumor), np.concatenate([np.empty((0, 3)), *others])
+
+
+@contextmanager
+def _hidden(node: vtkMRMLDisplayableNode) -> Iterator[None]:
+    display = node.GetDisplayNode()
+    was_visible = display.GetVisibility()
+    display.SetVisibility(False)
+    try:
+        yield
+    finally:
+        display.SetVisibility(was_visible)
+
+
+def _along(line: vtkMRMLMarkupsLineNode) -> FloatArray | None:
+    """From the tumour's to the tool's closest point in RAS; None while there is no line."""
+    if not line.GetDisplayNode().GetVisibility() or line.GetNumberOfControlPoints() < 2:
+        return None
+    ends = np.zeros((2, 3))
+    for index, end in enumerate(ends):
+        line.GetNthControlPointPositionWorld(index, end)
+    along = ends[1] - ends[0]
+    return along if np.linalg.norm(along) > 0.0 else None
+
+
+def _up(scene: MarginGuardScene) -> FloatArray:
+    """Robots stand upright, +z of their base; without one the reference's +z is up."""
+    nodes = [robot.base for robot in scene.robots.values()]
+    axis = world_matrix(nodes[0] if nodes else scene.tree.node(scene.reference))[:3, 2]
+    return np.asarray(axis / np.linalg.norm(axis))
