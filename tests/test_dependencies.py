@@ -1,0 +1,87 @@
+"""What the code imports is declared, and what is declared is pinned."""
+
+import ast
+import re
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+BUILD = tomllib.loads((ROOT / "interfaces" / "pyproject.toml").read_text())["build-system"]
+
+# Imported by a name of their own, but brought in the versions that fit by what is declared.
+BROUGHT_BY = {
+    "slicer": "trame-slicer",
+    "slicer_core": "trame-slicer",
+    "vtk": "trame-slicer",
+    "vtkmodules": "trame-slicer",
+    "mpl_toolkits": "matplotlib",
+    "rclpy": "ros-rclpy",
+}
+ROS_MESSAGES = re.compile(r"\w+_(msgs|srvs|interfaces)")
+
+
+def normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def names(requirements: list[str]) -> set[str]:
+    """The projects that ``requirements`` ask for, as the index spells them."""
+    return {normal(re.split(r"[^A-Za-z0-9._-]", requirement)[0]) for requirement in requirements}
+
+
+CORE = names(PROJECT["dependencies"])
+EXTRAS = {extra: names(asked) for extra, asked in PROJECT["optional-dependencies"].items()}
+
+
+def imported(folder: str) -> dict[str, Path]:
+    """The first file that imports each top-level module from outside this project."""
+    found: dict[str, Path] = {}
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(), str(path))):
+            if isinstance(node, ast.Import):
+                modules = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                modules = [node.module or ""]
+            else:
+                continue
+            for module in modules:
+                top = module.split(".")[0]
+                if top not in sys.stdlib_module_names | {"app", "tests"}:
+                    found.setdefault(top, path)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("folder", "declared"),
+    [
+        ("app", CORE | EXTRAS["ros"] | EXTRAS["scene"]),
+        ("tests", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["test"]),
+    ],
+)
+def test_every_import_is_declared(folder: str, declared: set[str]) -> None:
+    distributions = metadata.packages_distributions()
+    undeclared = []
+    for module, path in imported(folder).items():
+        if ROS_MESSAGES.fullmatch(module):
+            continue
+        brought = [BROUGHT_BY[module]] if module in BROUGHT_BY else distributions.get(module, [])
+        if not declared & {normal(name) for name in brought}:
+            undeclared.append(f"{path.relative_to(ROOT)} imports {module}, of {brought or 'none'}")
+    assert not undeclared
+
+
+def test_every_requirement_is_pinned_once() -> None:
+    lines = [
+        line
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if line and not line.startswith("#")
+    ]
+    assert all(re.fullmatch(r"[a-z0-9-]+==[\w.+!-]+", line) for line in lines)
+    pinned = [line.split("==")[0] for line in lines]
+    assert len(pinned) == len(set(pinned))
+    assert CORE.union(names(BUILD["requires"]), *EXTRAS.values()) <= set(pinned)
