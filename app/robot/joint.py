@@ -27,7 +27,7 @@ class JointType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """``position = multiplier * leader's position + offset``; the offset in rad, or m if sliding."""
+    """``position = multiplier * leader's position + offset``, in rad, or in m if sliding."""
 
     leader: str
     multiplier: float = 1.0

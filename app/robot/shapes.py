@@ -24,7 +24,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
-    """A rigid body of the robot with everything that is drawn of it and everything that collides."""
+    """A rigid body of the robot: everything that is drawn of it, everything that collides."""
 
     name: str
     visuals: tuple[Shape, ...] = ()

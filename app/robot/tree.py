@@ -81,7 +81,7 @@ class KinematicTree:
         return path[::-1]
 
     def driver_of(self, joint: Joint) -> tuple[str, float]:
-        """The actuated joint that a moving one follows in the end, and the product of multipliers."""
+        """The actuated joint that a moving one follows in the end, and how much of it it moves."""
         gain = 1.0
         while joint.mimic is not None:
             gain *= joint.mimic.multiplier

@@ -4,6 +4,7 @@ Everything is one construction, `loft`: closed rings of equally many points, sta
 A body is one such solid or several that overlap. Same numbers, same bytes, whenever it runs.
 """
 
+import itertools
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -19,15 +20,17 @@ SIDES = 32
 
 
 def loft(rings: Sequence[Array]) -> Array:
-    """Triangles (m, 3, 3) of the closed solid through rings (n, 3) counter-clockwise about +z,
-    lowest ring first."""
+    """Triangles (m, 3, 3) of the closed solid through rings (n, 3) counter-clockwise about +z.
+
+    The lowest ring comes first.
+    """
 
     def fan(ring: Array) -> Array:
         centre = np.broadcast_to(ring.mean(axis=0), ring.shape)
         return np.stack([centre, ring, np.roll(ring, -1, axis=0)], axis=1)
 
     triangles = [fan(rings[0])[:, ::-1]]
-    for low, high in zip(rings[:-1], rings[1:], strict=True):
+    for low, high in itertools.pairwise(rings):
         low_next, high_next = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
         triangles.append(np.stack([low, low_next, high_next], axis=1))
         triangles.append(np.stack([low, high_next, high], axis=1))
@@ -59,7 +62,7 @@ def tapered(length: float, radius: float, end_radius: float) -> Outline:
         front = np.linspace(-around, around, SIDES // 2)
         first = (radius - inset) * np.stack([np.cos(back), np.sin(back)], 1)
         second = (end_radius - inset) * np.stack([np.cos(front), np.sin(front)], 1)
-        return np.concatenate([first, second + (length, 0.0)])
+        return np.concatenate([first, second + np.array([length, 0.0])])
 
     return outline
 
@@ -102,7 +105,7 @@ def tipped_back(points: Array) -> Array:
 
 def moved(points: Array, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
     """Shift by (x, y, z)."""
-    return points + (x, y, z)
+    return points + np.array([x, y, z])
 
 
 def _circle(radius: float, sides: int) -> Array:
