@@ -1,1 +1,22 @@
-"""ROS 2: what a session finds, sent to the ROS graph. The only room that imports rclpy."""
+"""ROS 2: what a session finds, sent to the ROS graph. The only room that imports rclpy.
+
+`app.bridge.topics` is the table of what is published, `app.bridge.messages` that of the units.
+Call `prepare_environment` before the first node: it keeps discovery on this machine.
+"""
+
+from app.bridge.environment import prepare_environment
+from app.bridge.errors import BridgeError
+from app.bridge.node import RosNode
+from app.bridge.replay_publisher import ReplayPublisher
+from app.bridge.replay_scene import ReplayScene, root_edges
+from app.bridge.signals import terminate_cleanly
+
+__all__ = [
+    "BridgeError",
+    "ReplayPublisher",
+    "ReplayScene",
+    "RosNode",
+    "prepare_environment",
+    "root_edges",
+    "terminate_cleanly",
+]

@@ -2,11 +2,13 @@
 """A ROS node with a context and an executor thread of its own, gone without a trace when closed."""
 
 import threading
+import time
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -15,8 +17,10 @@ from rclpy.task import Future
 
 from app.bridge.errors import BridgeError
 from app.bridge.qos import Topic
+from app.geometry import NS_PER_S
 
 _JOIN_S = 5.0
+_FLUSH_NS = NS_PER_S
 
 
 class RosNode:
@@ -46,6 +50,7 @@ class RosNode:
             raise BridgeError(f"ROS node {name!r} cannot be started: {reason}") from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self._publishers: list[Publisher] = []
         self._matched = threading.Condition()
         self._closing = Future()
         self._thread = threading.Thread(
@@ -63,12 +68,14 @@ class RosNode:
             with self._matched:
                 self._matched.notify_all()
 
-        return self.node.create_publisher(
+        publisher = self.node.create_publisher(
             topic.type,
             topic.name,
             topic.qos,
             event_callbacks=PublisherEventCallbacks(matched=matched),
         )
+        self._publishers.append(publisher)
+        return publisher
 
     def wait_for_subscribers(self, publisher: Publisher, count: int, timeout_s: float) -> bool:
         """Wait for ``count`` subscribers of ``publisher``; False when they did not come in time.
@@ -86,9 +93,13 @@ class RosNode:
         return self._context.ok()
 
     def close(self) -> None:
-        """Stop serving, destroy the node, leave the ROS graph. A second call does nothing."""
+        """Deliver what was published, stop serving, leave the ROS graph; once is enough.
+
+        A subscriber that does not acknowledge (killed, hung) is waited for a second at most.
+        """
         if not self._context.ok():
             return
+        self._flush()
         # The thread first: an executor that is shut down under its own feet destroys the guard
         # condition that it waits for.
         self._closing.set_result(None)
@@ -97,6 +108,12 @@ class RosNode:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+
+    def _flush(self) -> None:
+        until_ns = time.monotonic_ns() + _FLUSH_NS
+        for publisher in self._publishers:
+            remaining_ns = max(0, until_ns - time.monotonic_ns())
+            publisher.wait_for_all_acked(Duration(nanoseconds=remaining_ns))
 
     def __enter__(self) -> Self:
         return self

@@ -1,7 +1,4 @@
-"""ROS for tests: a domain for each test, on this machine only, and other processes to talk to.
-
-Pure helpers and fixtures; nothing here imports ROS, so that tests without ROS stay without it.
-"""
+"""ROS for tests: a domain each, on this machine only; other processes; steps to send."""
 
 import fcntl
 import json
@@ -14,7 +11,23 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from app.bridge.replay_scene import ReplayScene
+from app.case.samples import JointSample, TrackingFrame
+from app.fixture import (
+    AppliedMargin,
+    Constraint,
+    FixtureDecision,
+    HalfSpace,
+    MarginParameters,
+    MarginState,
+    Proximity,
+    Reason,
+)
+from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
+from app.session import StepResult
 
 HERE = Path(__file__).resolve().parent
 RECEIVER = HERE / "receiver.py"
@@ -45,15 +58,18 @@ def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 class Receiver:
     """A process of its own that prints each message it gets as a line of JSON."""
 
-    def __init__(self, script: Path, arguments: list[str], environment: dict[str, str]) -> None:
-        self._error = tempfile.TemporaryFile("w+")
-        self._process = subprocess.Popen(
-            [sys.executable, str(script), *arguments],
-            stdout=subprocess.PIPE,
-            stderr=self._error,
-            text=True,
-            env={**os.environ, **environment},
-        )
+    def __init__(
+        self, script: Path, arguments: list[str], environment: dict[str, str], log: Path
+    ) -> None:
+        self._log = log
+        with log.open("w") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, str(script), *arguments],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                env={**os.environ, **environment},
+            )
         # Ends a read that would wait for ever.
         self._deadline = threading.Timer(DEADLINE_S, self._process.kill)
         self._deadline.start()
@@ -81,7 +97,6 @@ class Receiver:
         self._process.wait()
         assert self._process.stdout is not None
         self._process.stdout.close()
-        self._error.close()
 
     def _lines(self) -> Iterator[str]:
         assert self._process.stdout is not None
@@ -89,15 +104,14 @@ class Receiver:
 
     def _said(self) -> str:
         self._process.kill()
-        self._error.seek(0)
-        return f"status {self._process.wait()}, {self._error.read()!r}"
+        return f"status {self._process.wait()}, {self._log.read_text()!r}"
 
 
 StartReceiver = Callable[..., Receiver]
 
 
 @pytest.fixture
-def start_receiver(domain_id: int) -> Iterator[StartReceiver]:
+def start_receiver(domain_id: int, tmp_path: Path) -> Iterator[StartReceiver]:
     """``start_receiver("/tf", "tf2_msgs/msg/TFMessage", ...)``; killed at the end if need be."""
     started: list[Receiver] = []
 
@@ -107,7 +121,9 @@ def start_receiver(domain_id: int) -> Iterator[StartReceiver]:
         environment: dict[str, str] | None = None,
         wait: bool = True,
     ) -> Receiver:
-        receiver = Receiver(script, list(arguments), environment or {})
+        receiver = Receiver(
+            script, list(arguments), environment or {}, tmp_path / f"receiver_{len(started)}.log"
+        )
         started.append(receiver)
         if wait:
             receiver.wait_until_ready()
@@ -142,3 +158,106 @@ def start_cyclone(start_receiver: StartReceiver) -> StartReceiver:
         )
 
     return start
+
+
+START_NS = 1_700_000_000_000_000_001
+FRAME_NS = 20_000_000
+TETRAHEDRON = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]], dtype=float)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+@pytest.fixture
+def scene() -> ReplayScene:
+    """A tetrahedron for a tumour and a smaller one for a tool, a robot whose root has a name."""
+    registration = Transform("reference", "robot_base", np.eye(3), [500.0, 0.0, -250.0])
+    return ReplayScene(
+        static_edges=(
+            Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 120.0]),
+            Transform("needle", "tumor", np.eye(3), [1.0, 2.0, 3.0]),
+            registration,
+            Transform.identity("robot_base", "base_link"),
+        ),
+        tumor=SurfaceMesh("tumor", TETRAHEDRON, FACES),
+        tool=SurfaceMesh("cautery_tip", TETRAHEDRON / 10.0, FACES),
+        margins=MarginParameters(
+            stop_mm=1.0,
+            warn_mm=5.0,
+            k_tre=2.0,
+            v_max_mm_s=50.0,
+            stale_after_ns=200_000_000,
+            release_samples=3,
+            release_band_mm=0.5,
+            frozen_after_ns=1_000_000_000,
+        ),
+        robot_description="<robot name='arm'><link name='base_link'/></robot>",
+        registration=registration,
+    )
+
+
+MakeStep = Callable[..., StepResult]
+
+
+@pytest.fixture
+def make_step() -> MakeStep:
+    """``make_step(3)``: the fourth step of a replay at 50 Hz, all of it tracked."""
+    return _step
+
+
+def _step(index: int, *, lost: bool = False, state: MarginState | None = None) -> StepResult:
+    """One step: the tool 7.5 mm from the tumour, moving along x by 1 mm a step.
+
+    The needle's sample is 3 ms older than the frame and governs the decision's stamp.
+    """
+    now = Stamp(START_NS + index * FRAME_NS)
+    oldest = Stamp(now.ns - 3_000_000)
+    cautery = Transform("tracker", "cautery", np.eye(3), [100.0 + index, -20.0, 30.0])
+    poses = (
+        TrackedTransform.lost("tracker", "cautery", now, TrackingStatus.INVALID)
+        if lost
+        else TrackedTransform(cautery, now, TrackingStatus.OK),
+        TrackedTransform(
+            Transform("reference", "needle", np.eye(3), [0.0, 50.0, 0.0]),
+            oldest,
+            TrackingStatus.OK,
+        ),
+    )
+    joints = JointSample(("waist", "slide"), np.array([0.5, 0.01]), Stamp(now.ns - 5_000_000))
+    half_space = HalfSpace(
+        normal=np.array([0.0, 0.0, 1.0]),
+        offset_mm=12.5,
+        point_on_tool_mm=np.array([1.0, 2.0, 17.5]),
+        tumor_velocity_mm_s=np.array([0.0, 4.0, 0.0]),
+    )
+    state = state or (MarginState.UNKNOWN if lost else MarginState.NEGATIVE)
+    constraint = Constraint("tumor", (half_space,), hold=lost)
+    decision = FixtureDecision(
+        state=state,
+        reasons=(Reason.INVALID, Reason.LATCHED) if lost else (Reason.CLEAR,),
+        proximity=None
+        if lost
+        else Proximity(
+            signed_distance_mm=7.5,
+            lower_bound_mm=7.25,
+            on_tool_mm=np.array([1.0, 2.0, 17.5]),
+            on_tumor_mm=np.array([1.0, 2.0, 10.0]),
+            normal=np.array([0.0, 0.0, 1.0]),
+            stamp=oldest,
+        ),
+        margin=None if lost else AppliedMargin(1.0, 5.0, tre_mm=0.5, age_mm=0.25),
+        constraint=constraint,
+        hold=lost,
+        stamp=oldest,
+        seq=index,
+    )
+    return StepResult(
+        index=index,
+        frame=TrackingFrame(now, poses, (joints,)),
+        decision=decision,
+        tumor_from_tip=None if lost else Transform.identity("tumor", "cautery_tip"),
+        virtual_fixture=constraint.fixture_frame(None),
+        links={
+            "base_link": Transform.identity("base_link", "base_link"),
+            "stylus": Transform("base_link", "stylus", np.eye(3), [0.0, 0.0, 133.35]),
+        },
+        joints=joints,
+    )

@@ -34,6 +34,16 @@ def test_a_late_joiner_gets_the_last_latched_message(domain_id, start_receiver):
     assert [line["message"]["data"] for line in received] == ["new"]
 
 
+def test_what_was_published_before_closing_still_arrives(domain_id, start_receiver):
+    with RosNode("speaker", domain_id=domain_id) as ros:
+        publisher = ros.publisher(NEWS)
+        receiver = start_receiver(f"/speaker/news:{STRING}:100")
+        assert ros.wait_for_subscribers(publisher, 1, timeout_s=30.0)
+        for number in range(100):
+            publisher.publish(String(data=f"{number} {'x' * 10_000}"))
+    assert len(receiver.messages()) == 100
+
+
 def test_waiting_for_nobody_ends_in_time(domain_id):
     with RosNode("speaker", domain_id=domain_id) as ros:
         assert not ros.wait_for_subscribers(ros.publisher(NEWS), 1, timeout_s=0.01)

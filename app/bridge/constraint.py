@@ -1,0 +1,84 @@
+# mypy: disable-error-code=import-untyped
+"""A fixture decision as ``marginguard_msgs/FixtureConstraint``: everything in m and m/s."""
+
+import math
+
+from builtin_interfaces.msg import Time
+from marginguard_msgs.msg import FixtureConstraint, HalfSpace
+from std_msgs.msg import Header
+
+from app.bridge import messages
+from app.bridge.replay_scene import ReplayScene
+from app.fixture import FixtureDecision, MarginState
+from app.fixture import HalfSpace as FixtureHalfSpace
+from app.geometry import Stamp
+
+
+class ConstraintBuilder:
+    """Turns decisions into messages; remembers on which samples the last known planes rest.
+
+    While the state is UNKNOWN a decision carries the planes of the last good step, so the message
+    keeps that step's stamp and the ``valid_until`` that follows from it: a plane never looks
+    newer than it is. Before the first good step both are zero, a time long past, and ``hold`` is
+    set.
+    """
+
+    def __init__(self, scene: ReplayScene) -> None:
+        self._frame = scene.tumor.frame
+        self._stale_after_ns = scene.margins.stale_after_ns
+        self._k_tre = scene.margins.k_tre
+        self._model_id = scene.model_id
+        self._registration_id = scene.registration_id
+        self._planes_from: Stamp | None = None
+
+    def message(self, decision: FixtureDecision) -> FixtureConstraint:
+        """The message for ``decision``; its ``seq`` is left to whoever sends it."""
+        known = decision.state is not MarginState.UNKNOWN
+        if known and decision.stamp is not None:
+            self._planes_from = decision.stamp
+        message = FixtureConstraint(
+            header=Header(frame_id=self._frame),
+            state=int(decision.state),
+            reasons=[str(reason) for reason in decision.reasons],
+            hold=decision.hold,
+            signed_distance=math.nan,
+            lower_bound=math.nan,
+            stop_distance=math.nan,
+            warn_distance=math.nan,
+            sigma_tre=math.nan,
+            model_id=self._model_id,
+            registration_id=self._registration_id,
+        )
+        if self._planes_from is not None:
+            message.header.stamp = messages.time_message(self._planes_from)
+            message.valid_until = self._valid_until(self._planes_from)
+        if decision.constraint is not None:
+            message.half_spaces = [
+                half_space_message(half_space) for half_space in decision.constraint.half_spaces
+            ]
+        if known and decision.proximity is not None:
+            message.signed_distance = _metres(decision.proximity.signed_distance_mm)
+            message.lower_bound = _metres(decision.proximity.lower_bound_mm)
+        if decision.margin is not None:
+            message.stop_distance = _metres(decision.margin.total_mm)
+            message.warn_distance = _metres(decision.margin.warn_total_mm)
+            if self._k_tre > 0.0:
+                message.sigma_tre = _metres(decision.margin.tre_mm / self._k_tre)
+        return message
+
+    def _valid_until(self, stamp: Stamp) -> Time:
+        return messages.time_message(stamp.shifted(self._stale_after_ns, stamp.clock))
+
+
+def half_space_message(half_space: FixtureHalfSpace) -> HalfSpace:
+    """The normal as it is, offset and point in m, the tumour's velocity in m/s."""
+    return HalfSpace(
+        normal=messages.vector_message(half_space.normal),
+        offset=_metres(half_space.offset_mm),
+        point_on_tool=messages.point_message(half_space.point_on_tool_mm),
+        tumor_velocity=messages.vector_message(messages.metres(half_space.tumor_velocity_mm_s)),
+    )
+
+
+def _metres(value_mm: float) -> float:
+    return float(messages.metres(value_mm))

@@ -1,0 +1,103 @@
+# mypy: disable-error-code=import-untyped
+"""What an engineer asks first, as ``diagnostic_msgs``: state, reasons, ages, what is lost."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from app.bridge.markers import margin_text
+from app.bridge.messages import header_message
+from app.fixture import MarginState
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus
+from app.session import StepResult
+
+LEVEL_OF_STATE = {
+    MarginState.NEGATIVE: DiagnosticStatus.OK,
+    MarginState.WARNING: DiagnosticStatus.WARN,
+    MarginState.POSITIVE: DiagnosticStatus.ERROR,
+    MarginState.UNKNOWN: DiagnosticStatus.STALE,
+}
+PERIOD_NS = NS_PER_S
+
+
+class Diagnostics:
+    """Speaks once a second of the player's time, and whenever the state or a reason changes."""
+
+    def __init__(self) -> None:
+        self._samples: dict[tuple[str, str], TrackedTransform] = {}
+        self._lost: dict[tuple[str, str], int] = {}
+        self._joints_stamp: Stamp | None = None
+        self._last_ns: int | None = None
+        self._last_key: object = None
+
+    def report(self, step: StepResult) -> DiagnosticArray | None:
+        """The report that is due after ``step``, None when nothing is."""
+        for sample in step.frame.poses:
+            edge = (sample.target, sample.source)
+            self._samples[edge] = sample
+            lost = sample.status is not TrackingStatus.OK
+            self._lost[edge] = self._lost.get(edge, 0) + lost
+        if step.joints is not None:
+            self._joints_stamp = step.joints.stamp
+        now = step.frame.stamp
+        key = (step.decision.state, step.decision.reasons)
+        elapsed_ns = None if self._last_ns is None else now.ns - self._last_ns
+        if key == self._last_key and elapsed_ns is not None and 0 <= elapsed_ns < PERIOD_NS:
+            return None
+        self._last_ns, self._last_key = now.ns, key
+        status = [_margin_status(step), self._tracking_status(now)]
+        if self._joints_stamp is not None:
+            status.append(_joints_status(now, self._joints_stamp))
+        return DiagnosticArray(header=header_message("", now), status=status)
+
+    def _tracking_status(self, now: Stamp) -> DiagnosticStatus:
+        lost = [
+            f"{target} -> {source}"
+            for (target, source), sample in self._samples.items()
+            if sample.status is not TrackingStatus.OK
+        ]
+        values = {}
+        for (target, source), sample in self._samples.items():
+            edge = f"{target} -> {source}"
+            values[f"{edge}: status"] = sample.status.name
+            values[f"{edge}: age_ms"] = _age_ms(now, sample.stamp)
+            values[f"{edge}: lost samples"] = str(self._lost[target, source])
+        return _status(
+            "tracking",
+            DiagnosticStatus.WARN if lost else DiagnosticStatus.OK,
+            f"lost: {', '.join(lost)}" if lost else "all tracked",
+            values,
+        )
+
+
+def _margin_status(step: StepResult) -> DiagnosticStatus:
+    decision = step.decision
+    values = {
+        "state": decision.state.name,
+        "reasons": ", ".join(str(reason) for reason in decision.reasons),
+        "hold": str(decision.hold).lower(),
+        "step": str(step.index),
+    }
+    if decision.stamp is not None:
+        values["age_ms"] = _age_ms(step.frame.stamp, decision.stamp)
+    if decision.proximity is not None:
+        values["signed_distance_mm"] = f"{decision.proximity.signed_distance_mm:.3f}"
+    if decision.margin is not None:
+        values["applied_stop_mm"] = f"{decision.margin.total_mm:.3f}"
+    return _status("margin", LEVEL_OF_STATE[decision.state], margin_text(decision), values)
+
+
+def _joints_status(now: Stamp, stamp: Stamp) -> DiagnosticStatus:
+    return _status("joints", DiagnosticStatus.OK, "received", {"age_ms": _age_ms(now, stamp)})
+
+
+def _age_ms(now: Stamp, stamp: Stamp) -> str:
+    return f"{stamp.age_ns(now) / NS_PER_MS:.1f}"
+
+
+def _status(part: str, level: bytes, message: str, values: dict[str, str]) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=level,
+        name=f"marginguard: {part}",
+        message=message,
+        hardware_id="",
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )

@@ -1,0 +1,96 @@
+# mypy: disable-error-code=import-untyped
+"""The scene for RViz and Foxglove: surfaces as triangles, so that no mesh file must be found.
+
+Two publishers share ``~/markers``, because a latched topic keeps the last message of *each*
+publisher: the surfaces, sent when the margin state (their colour) changes, and the words, sent
+at every step. A late joiner gets both. All markers have stamp 0 and are locked to their frame, so
+that a viewer draws them at the newest pose it has.
+"""
+
+from collections.abc import Iterable
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Quaternion
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from app.bridge.messages import color_message, metres, point_message
+from app.bridge.replay_scene import ReplayScene
+from app.fixture import FixtureDecision, MarginState
+from app.geometry import SurfaceMesh
+
+TUMOR_ALPHA = 0.4
+TOOL_RGB = (1.0, 1.0, 0.0)
+TEXT_HEIGHT_MM = 6.0
+TEXT_ABOVE_TUMOR_MM = 10.0
+
+
+class Markers:
+    """Builds the markers of one scene. The triangles are converted once, whatever the colours."""
+
+    def __init__(self, scene: ReplayScene) -> None:
+        self._tumor_frame = scene.tumor.frame
+        self._tumor_points = _triangle_points(scene.tumor)
+        self._tool_frame = None if scene.tool is None else scene.tool.frame
+        self._tool_points = [] if scene.tool is None else _triangle_points(scene.tool)
+        lowest, highest = scene.tumor.bounds_mm
+        self._text_at_mm = (lowest + highest) / 2.0
+        self._text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
+
+    def surfaces(self, state: MarginState) -> MarkerArray:
+        """The tumour in the colour of ``state`` and the tool, as TRIANGLE_LIST."""
+        markers = [
+            _marker(
+                "tumor",
+                self._tumor_frame,
+                Marker.TRIANGLE_LIST,
+                color_message(state.color, TUMOR_ALPHA),
+                self._tumor_points,
+            )
+        ]
+        if self._tool_frame is not None:
+            color = color_message(TOOL_RGB)
+            markers.append(
+                _marker("tool", self._tool_frame, Marker.TRIANGLE_LIST, color, self._tool_points)
+            )
+        return MarkerArray(markers=markers)
+
+    def words(self, decision: FixtureDecision) -> MarkerArray:
+        """The margin in words, above the tumour, in the colour of the state."""
+        color = color_message(decision.state.color)
+        marker = _marker("margin", self._tumor_frame, Marker.TEXT_VIEW_FACING, color)
+        marker.text = margin_text(decision)
+        marker.pose.position = point_message(self._text_at_mm)
+        marker.scale.z = float(metres(TEXT_HEIGHT_MM))
+        return MarkerArray(markers=[marker])
+
+
+def margin_text(decision: FixtureDecision) -> str:
+    """``+3.2 mm``, ``BREACH -1.4 mm``, or ``UNKNOWN: stale, missing``."""
+    if decision.state is MarginState.UNKNOWN or decision.proximity is None:
+        return f"UNKNOWN: {', '.join(str(reason) for reason in decision.reasons)}"
+    distance = f"{decision.proximity.signed_distance_mm:+.1f} mm"
+    return f"BREACH {distance}" if decision.state is MarginState.POSITIVE else distance
+
+
+def _marker(
+    name: str, frame: str, kind: int, color: ColorRGBA, points: Iterable[Point] = ()
+) -> Marker:
+    marker = Marker(
+        header=Header(frame_id=frame, stamp=Time()),
+        ns=name,
+        type=kind,
+        action=Marker.ADD,
+        pose=Pose(orientation=Quaternion(w=1.0)),
+        color=color,
+        frame_locked=True,
+        points=list(points),
+    )
+    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
+    return marker
+
+
+def _triangle_points(mesh: SurfaceMesh) -> list[Point]:
+    """The corners of the faces one after the other, in m; a vertex is one object, used often."""
+    vertices = [Point(x=x, y=y, z=z) for x, y, z in metres(mesh.vertices_mm).tolist()]
+    return [vertices[index] for index in mesh.faces.reshape(-1).tolist()]

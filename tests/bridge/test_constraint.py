@@ -1,0 +1,74 @@
+"""The constraint in SI units, never newer than the samples under it."""
+
+import math
+
+import pytest
+
+from app.bridge.constraint import ConstraintBuilder
+from app.fixture import FixtureDecision, MarginState, Reason
+
+
+def ns(time):
+    return time.sec * 10**9 + time.nanosec
+
+
+def test_every_field_is_in_metres(scene, make_step):
+    step = make_step(0)
+    message = ConstraintBuilder(scene).message(step.decision)
+    assert message.header.frame_id == "tumor"
+    assert ns(message.header.stamp) == step.frame.stamp.ns - 3_000_000
+    assert ns(message.valid_until) == ns(message.header.stamp) + 200_000_000
+    assert message.state == message.NEGATIVE
+    assert message.reasons == ["clear"]
+    assert not message.hold
+    assert message.signed_distance == 0.0075
+    assert message.lower_bound == 0.00725
+    assert message.stop_distance == pytest.approx(0.00175)
+    assert message.warn_distance == pytest.approx(0.00575)
+    assert message.sigma_tre == pytest.approx(0.00025)
+    assert (message.model_id, message.registration_id) == (scene.model_id, scene.registration_id)
+    (plane,) = message.half_spaces
+    assert (plane.normal.x, plane.normal.y, plane.normal.z) == (0.0, 0.0, 1.0)
+    assert plane.offset == 0.0125
+    point = plane.point_on_tool
+    assert (point.x, point.y, point.z) == (0.001, 0.002, 0.0175)
+    assert plane.tumor_velocity.y == 0.004
+
+
+@pytest.mark.parametrize("state", MarginState)
+def test_the_states_have_the_numbers_of_the_message(scene, make_step, state):
+    message = ConstraintBuilder(scene).message(make_step(0, state=state).decision)
+    assert message.state == getattr(message, state.name)
+
+
+def test_while_unknown_the_old_planes_keep_their_old_stamp_and_nothing_else_is_said(
+    scene, make_step
+):
+    builder = ConstraintBuilder(scene)
+    good = builder.message(make_step(0).decision)
+    message = builder.message(make_step(1, lost=True).decision)
+    assert message.state == message.UNKNOWN
+    assert message.hold
+    assert message.reasons == ["invalid", "latched"]
+    assert message.header.stamp == good.header.stamp
+    assert message.valid_until == good.valid_until
+    assert message.half_spaces == good.half_spaces
+    for name in ("signed_distance", "lower_bound", "stop_distance", "warn_distance", "sigma_tre"):
+        assert math.isnan(getattr(message, name)), name
+
+
+def test_before_the_first_good_step_it_is_long_past_and_holds(scene, make_step):
+    starting = FixtureDecision(
+        state=MarginState.UNKNOWN,
+        reasons=(Reason.STARTING,),
+        proximity=None,
+        margin=None,
+        constraint=None,
+        hold=True,
+        stamp=make_step(0).decision.stamp,
+        seq=0,
+    )
+    message = ConstraintBuilder(scene).message(starting)
+    assert message.hold
+    assert len(message.half_spaces) == 0
+    assert ns(message.header.stamp) == ns(message.valid_until) == 0

@@ -1,0 +1,66 @@
+"""Said once a second of the player's time and at every change; lost poses are counted."""
+
+import pytest
+
+from app.bridge.diagnostics import Diagnostics
+from app.fixture import MarginState
+
+
+def parts(report):
+    return {status.name.removeprefix("marginguard: "): status for status in report.status}
+
+
+def values(status):
+    return {value.key: value.value for value in status.values}
+
+
+def test_a_second_passes_between_reports_of_the_same(make_step):
+    diagnostics = Diagnostics()
+    spoken = [index for index in range(120) if diagnostics.report(make_step(index))]
+    assert spoken == [0, 50, 100]
+
+
+def test_a_change_and_a_seek_back_are_said_at_once(make_step):
+    diagnostics = Diagnostics()
+    assert diagnostics.report(make_step(10))
+    assert diagnostics.report(make_step(11, lost=True))
+    assert diagnostics.report(make_step(12))
+    assert diagnostics.report(make_step(13)) is None
+    assert diagnostics.report(make_step(3))
+
+
+@pytest.mark.parametrize(
+    ("state", "level"),
+    [
+        (MarginState.NEGATIVE, b"\x00"),
+        (MarginState.WARNING, b"\x01"),
+        (MarginState.POSITIVE, b"\x02"),
+        (MarginState.UNKNOWN, b"\x03"),
+    ],
+)
+def test_the_level_follows_the_state(make_step, state, level):
+    report = Diagnostics().report(make_step(0, state=state))
+    assert parts(report)["margin"].level == level
+
+
+def test_ages_and_distances_are_said(make_step):
+    report = parts(Diagnostics().report(make_step(0)))
+    margin = values(report["margin"])
+    assert margin["signed_distance_mm"] == "7.500"
+    assert margin["applied_stop_mm"] == "1.750"
+    assert margin["age_ms"] == "3.0"
+    assert values(report["tracking"])["reference -> needle: age_ms"] == "3.0"
+    assert values(report["joints"]) == {"age_ms": "5.0"}
+
+
+def test_lost_poses_are_named_and_counted(make_step):
+    diagnostics = Diagnostics()
+    diagnostics.report(make_step(0, lost=True))
+    diagnostics.report(make_step(1, lost=True))
+    tracking = parts(diagnostics.report(make_step(2)))["tracking"]
+    assert tracking.message == "all tracked"
+    assert values(tracking)["tracker -> cautery: lost samples"] == "2"
+    tracking = parts(diagnostics.report(make_step(3, lost=True)))["tracking"]
+    assert tracking.message == "lost: tracker -> cautery"
+    assert tracking.level == b"\x01"
+    assert values(tracking)["tracker -> cautery: status"] == "INVALID"

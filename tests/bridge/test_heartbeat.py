@@ -1,0 +1,74 @@
+"""Repeats what is newest, counts without a gap, and does not die in silence."""
+
+import threading
+
+import pytest
+
+from app.bridge.errors import BridgeError
+from app.bridge.heartbeat import Heartbeat
+
+
+class Sent:
+    def __init__(self, enough):
+        self.pairs = []
+        self.enough = threading.Event()
+        self._count = enough
+
+    def __call__(self, message, seq):
+        self.pairs.append((message, seq))
+        if len(self.pairs) >= self._count:
+            self.enough.set()
+
+
+def test_without_a_rate_each_message_is_sent_once():
+    sent = Sent(2)
+    heartbeat = Heartbeat(sent, None)
+    heartbeat.newest("a")
+    heartbeat.newest("b")
+    heartbeat.close()
+    assert sent.pairs == [("a", 0), ("b", 1)]
+
+
+def test_the_newest_is_repeated_and_counted_without_a_gap():
+    sent = Sent(20)
+    heartbeat = Heartbeat(sent, 1000.0)
+    heartbeat.newest("a")
+    assert sent.enough.wait(30.0)
+    heartbeat.newest("b")
+    heartbeat.close()
+    assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))
+    words = [message for message, _ in sent.pairs]
+    assert words == sorted(words)
+    assert words.count("a") >= 20
+
+
+def test_before_the_first_message_there_is_no_beat_and_after_closing_none_either():
+    sent = Sent(1)
+    heartbeat = Heartbeat(sent, 1000.0)
+    assert not sent.enough.wait(0.02)
+    heartbeat.newest("a")
+    heartbeat.close()
+    count = len(sent.pairs)
+    assert not [thread for thread in threading.enumerate() if thread.name == "heartbeat"]
+    assert len(sent.pairs) == count
+
+
+def test_an_error_in_the_thread_is_raised_by_the_next_message():
+    failed = threading.Event()
+
+    def send(message, seq):
+        if seq == 1:
+            failed.set()
+            raise RuntimeError("no such publisher")
+
+    heartbeat = Heartbeat(send, 1000.0)
+    heartbeat.newest("a")
+    assert failed.wait(30.0)
+    with pytest.raises(BridgeError, match="heartbeat ended: no such publisher"):
+        heartbeat.close()
+
+
+@pytest.mark.parametrize("hz", [0.0, -1.0, 1001.0, float("nan")])
+def test_a_rate_out_of_range_is_refused(hz):
+    with pytest.raises(BridgeError, match="heartbeat rate"):
+        Heartbeat(print, hz)

@@ -1,0 +1,60 @@
+"""Surfaces as triangles in metres, colours of the state, words for people."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.bridge.markers import Markers, margin_text
+from app.fixture import MarginState
+
+
+def test_the_triangles_are_those_of_the_mesh_in_metres(scene):
+    tumor, tool = Markers(scene).surfaces(MarginState.NEGATIVE).markers
+    assert tumor.type == tumor.TRIANGLE_LIST
+    assert (tumor.header.frame_id, tool.header.frame_id) == ("tumor", "cautery_tip")
+    corners = np.array([[point.x, point.y, point.z] for point in tumor.points])
+    assert corners.reshape(-1, 3, 3) * 1000.0 == pytest.approx(scene.tumor.triangles_mm)
+    assert len(tool.points) == 3 * len(scene.tool.faces)
+    assert (tumor.scale.x, tumor.scale.y, tumor.scale.z) == (1.0, 1.0, 1.0)
+    assert tumor.pose.orientation.w == 1.0
+
+
+@pytest.mark.parametrize(
+    ("state", "rgb"),
+    [
+        (MarginState.NEGATIVE, (0.0, 1.0, 0.0)),
+        (MarginState.WARNING, (1.0, 0.75, 0.0)),
+        (MarginState.POSITIVE, (1.0, 0.0, 0.0)),
+        (MarginState.UNKNOWN, (0.5, 0.5, 0.5)),
+    ],
+)
+def test_the_tumour_has_the_colour_of_the_state(scene, state, rgb):
+    color = Markers(scene).surfaces(state).markers[0].color
+    assert (color.r, color.g, color.b) == rgb
+    assert 0.0 < color.a < 1.0
+
+
+def test_a_marker_is_drawn_at_the_newest_pose(scene):
+    for marker in Markers(scene).surfaces(MarginState.NEGATIVE).markers:
+        assert marker.frame_locked
+        assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (0, 0)
+
+
+def test_without_a_tool_mesh_there_is_only_the_tumour(scene):
+    markers = Markers(replace(scene, tool=None)).surfaces(MarginState.NEGATIVE).markers
+    assert [marker.ns for marker in markers] == ["tumor"]
+
+
+def test_the_words_stand_above_the_tumour(scene, make_step):
+    (marker,) = Markers(scene).words(make_step(0).decision).markers
+    assert marker.text == "+7.5 mm"
+    position = marker.pose.position
+    assert (position.x, position.y, position.z) == pytest.approx((0.005, 0.005, 0.02))
+
+
+def test_a_breach_and_the_unknown_are_said(make_step):
+    breach = make_step(0, state=MarginState.POSITIVE).decision
+    deep = replace(breach, proximity=replace(breach.proximity, signed_distance_mm=-1.44))
+    assert margin_text(deep) == "BREACH -1.4 mm"
+    assert margin_text(make_step(0, lost=True).decision) == "UNKNOWN: invalid, latched"

@@ -1,0 +1,212 @@
+"""A replay as an independent process hears it: every topic, in SI units, with source stamps."""
+
+from dataclasses import replace
+
+import pytest
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from app.bridge import topics
+from app.bridge.replay_publisher import ReplayPublisher
+from app.fixture import MarginState
+
+TF = "/tf:tf2_msgs/msg/TFMessage"
+TF_STATIC = "/tf_static:tf2_msgs/msg/TFMessage"
+JOINTS = "/joint_states:sensor_msgs/msg/JointState"
+DESCRIPTION = "/robot_description:std_msgs/msg/String"
+CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint"
+MARGIN_MM = "/marginguard/margin_mm:std_msgs/msg/Float64"
+COLOR = "/marginguard/margin_color:std_msgs/msg/ColorRGBA"
+MARKERS = "/marginguard/markers:visualization_msgs/msg/MarkerArray"
+CLOCK = "/clock:rosgraph_msgs/msg/Clock"
+DIAGNOSTICS = "/diagnostics:diagnostic_msgs/msg/DiagnosticArray"
+EVERYTHING = [
+    f"{TF}:5",
+    f"{TF_STATIC}:1:latched",
+    f"{JOINTS}:5",
+    f"{DESCRIPTION}:1:latched",
+    f"{CONSTRAINT}:1",
+    f"{MARGIN_MM}:5",
+    f"{COLOR}:5:latched",
+    f"{MARKERS}:6:latched",
+    f"{CLOCK}:1",
+    f"{DIAGNOSTICS}:3",
+]
+
+
+def ns(time):
+    return time["sec"] * 10**9 + time["nanosec"]
+
+
+def wait_for_one_subscriber(ros, *listened):
+    for topic in listened:
+        assert ros.ros.wait_for_subscribers(ros.publisher(topic), 1, timeout_s=30.0)
+
+
+@pytest.fixture
+def heard(domain_id, scene, make_step, start_receiver):
+    """Messages by topic: five steps, of which the third has lost the tool."""
+    with ReplayPublisher(scene, domain_id=domain_id) as ros:
+        receiver = start_receiver(*EVERYTHING)
+        wait_for_one_subscriber(ros, *topics.EVERY_STEP)
+        for index in range(5):
+            ros.publish(make_step(index, lost=index == 2))
+        by_topic = {}
+        for line in receiver.messages():
+            by_topic.setdefault(line["topic"], []).append(line["message"])
+    return by_topic
+
+
+def test_every_topic_carries_its_values(heard, scene, make_step):
+    now_ns = [make_step(index).frame.stamp.ns for index in range(5)]
+    check_tf(heard["/tf"], now_ns)
+    check_static(heard["/tf_static"])
+    check_joints(heard["/joint_states"], now_ns)
+    check_constraints(heard["/marginguard/constraint"], now_ns)
+    assert heard["/robot_description"] == [{"data": scene.robot_description}]
+    distances = [message["data"] for message in heard["/marginguard/margin_mm"]]
+    assert distances == pytest.approx([7.5, 7.5, float("nan"), 7.5, 7.5], nan_ok=True)
+    colors = [(color["r"], color["g"], color["b"]) for color in heard["/marginguard/margin_color"]]
+    green, grey = (0.0, 1.0, 0.0), (0.5, 0.5, 0.5)
+    assert colors == [green, green, grey, green, green]
+    assert {ns(message["clock"]) for message in heard["/clock"]} <= set(now_ns)
+    levels = [message["status"][0]["level"] for message in heard["/diagnostics"]]
+    assert levels == [0, 3, 0]
+    check_markers(heard["/marginguard/markers"])
+
+
+def check_tf(messages, now_ns):
+    assert len(messages) == 5
+    for index, message in enumerate(messages):
+        edges = {
+            (edge["header"]["frame_id"], edge["child_frame_id"]): edge
+            for edge in message["transforms"]
+        }
+        always = {("reference", "needle"), ("base_link", "stylus")}
+        tracked = {("tracker", "cautery"), ("tumor", "virtual_fixture")}
+        assert set(edges) == (always if index == 2 else always | tracked)
+        assert ns(edges["base_link", "stylus"]["header"]["stamp"]) == now_ns[index] - 5_000_000
+        stylus = edges["base_link", "stylus"]["transform"]["translation"]
+        assert stylus == {"x": 0.0, "y": 0.0, "z": 0.13335}
+        if index == 2:
+            continue
+        cautery = edges["tracker", "cautery"]
+        assert ns(cautery["header"]["stamp"]) == now_ns[index]
+        assert cautery["transform"]["translation"] == pytest.approx(
+            {"x": 0.1 + 0.001 * index, "y": -0.02, "z": 0.03}
+        )
+        fixture = edges["tumor", "virtual_fixture"]
+        assert ns(fixture["header"]["stamp"]) == now_ns[index] - 3_000_000
+        # The plane z = 12.5 mm, under the tool's point (1, 2, 17.5).
+        assert fixture["transform"]["translation"] == pytest.approx(
+            {"x": 0.001, "y": 0.002, "z": 0.0125}
+        )
+
+
+def check_static(messages):
+    (message,) = messages
+    edges = {
+        (edge["header"]["frame_id"], edge["child_frame_id"]): edge["transform"]["translation"]
+        for edge in message["transforms"]
+    }
+    assert edges == {
+        ("cautery", "cautery_tip"): {"x": 0.0, "y": 0.0, "z": 0.12},
+        ("needle", "tumor"): {"x": 0.001, "y": 0.002, "z": 0.003},
+        ("reference", "robot_base"): {"x": 0.5, "y": 0.0, "z": -0.25},
+        ("robot_base", "base_link"): {"x": 0.0, "y": 0.0, "z": 0.0},
+    }
+
+
+def check_joints(messages, now_ns):
+    assert [ns(message["header"]["stamp"]) for message in messages] == [
+        stamp - 5_000_000 for stamp in now_ns
+    ]
+    assert {tuple(message["position"]) for message in messages} == {(0.5, 0.01)}
+    assert {tuple(message["name"]) for message in messages} == {("waist", "slide")}
+
+
+def check_constraints(messages, now_ns):
+    for message in messages:
+        assert message["seq"] in range(5)
+        # A lost step keeps the stamp of the planes of the step before.
+        index = 1 if message["seq"] == 2 else message["seq"]
+        assert ns(message["header"]["stamp"]) == now_ns[index] - 3_000_000
+        assert ns(message["valid_until"]) == now_ns[index] + 197_000_000
+        assert message["hold"] == (message["seq"] == 2)
+        assert message["half_spaces"][0]["offset"] == 0.0125
+
+
+def check_markers(messages):
+    named = [{marker["ns"]: marker for marker in message["markers"]} for message in messages]
+    texts = [markers["margin"]["text"] for markers in named if "margin" in markers]
+    assert texts == ["+7.5 mm"] * 2 + ["UNKNOWN: invalid, latched"] + ["+7.5 mm"] * 2
+    assert any(len(markers["tumor"]["points"]) == 12 for markers in named if "tumor" in markers)
+
+
+def test_a_late_joiner_gets_all_that_is_latched(domain_id, scene, make_step, start_receiver):
+    with ReplayPublisher(scene, domain_id=domain_id) as ros:
+        for index in range(3):
+            ros.publish(make_step(index, state=MarginState.WARNING))
+        received = start_receiver(
+            f"{TF_STATIC}:1:latched",
+            f"{DESCRIPTION}:1:latched",
+            f"{MARKERS}:2:latched",
+            f"{COLOR}:1:latched",
+        ).messages()
+    markers = [
+        marker
+        for line in received
+        if line["topic"] == "/marginguard/markers"
+        for marker in line["message"]["markers"]
+    ]
+    assert sorted(marker["ns"] for marker in markers) == ["margin", "tool", "tumor"]
+    tumor = next(marker for marker in markers if marker["ns"] == "tumor")
+    assert (tumor["color"]["r"], tumor["color"]["g"], tumor["color"]["b"]) == (1.0, 0.75, 0.0)
+
+
+def test_the_constraint_beats_between_steps(domain_id, scene, make_step, start_receiver):
+    with ReplayPublisher(scene, domain_id=domain_id, heartbeat_hz=200.0) as ros:
+        receiver = start_receiver(f"{CONSTRAINT}:20")
+        wait_for_one_subscriber(ros, topics.CONSTRAINT)
+        step = make_step(0)
+        ros.publish(step)
+        beats = [line["message"] for line in receiver.messages()]
+    numbers = [beat["seq"] for beat in beats]
+    assert numbers == sorted(set(numbers))
+    assert {ns(beat["header"]["stamp"]) for beat in beats} == {step.decision.stamp.ns}
+
+
+@pytest.mark.parametrize(
+    ("topic", "durability", "depth"),
+    [
+        (topics.TF, DurabilityPolicy.VOLATILE, 100),
+        (topics.TF_STATIC, DurabilityPolicy.TRANSIENT_LOCAL, 1),
+        (topics.ROBOT_DESCRIPTION, DurabilityPolicy.TRANSIENT_LOCAL, 1),
+        (topics.MARKERS, DurabilityPolicy.TRANSIENT_LOCAL, 1),
+        (topics.CONSTRAINT, DurabilityPolicy.VOLATILE, 1),
+    ],
+)
+def test_the_quality_of_service_is_what_the_graph_sees(domain_id, scene, topic, durability, depth):
+    with ReplayPublisher(scene, domain_id=domain_id) as ros:
+        name = topic.name.replace("~", "/marginguard")
+        seen = ros.ros.node.get_publishers_info_by_topic(name)
+        assert seen
+        for info in seen:
+            assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+            assert info.qos_profile.durability == durability
+    assert topic.qos.depth == depth
+
+
+def test_a_case_without_robot_has_no_description(domain_id, scene, make_step):
+    freehand = replace(scene, robot_description=None, registration=None)
+    with ReplayPublisher(freehand, domain_id=domain_id) as ros:
+        ros.publish(replace(make_step(0), joints=None, links={}))
+        names = dict(ros.ros.node.get_topic_names_and_types())
+    assert "/robot_description" not in names
+    assert "/tf" in names
+
+
+def test_closing_twice_is_closing_once(domain_id, scene):
+    ros = ReplayPublisher(scene, domain_id=domain_id, heartbeat_hz=100.0)
+    ros.close()
+    ros.close()
+    assert not ros.ros.is_open
