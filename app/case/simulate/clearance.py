@@ -1,0 +1,109 @@
+"""The true signed distance between tool and tumour, apart from the engine that is being tested.
+
+The sign comes from the tumour's radius function and the size from a dense sampling of its analytic
+surface: neither from the mesh nor from a collision library.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from app.case.simulate.cautery import NEAR_PART_MM
+from app.case.simulate.tumour import Tumour, icosphere
+from app.geometry import FloatArray, SurfaceMesh, Transform
+
+NEAR_SPACING_MM = 0.4
+"""Longest edge between samples of the blade and the shaft."""
+
+HANDLE_SPACING_MM = 4.0
+"""The same for the handle, which never comes near the tumour."""
+
+SURFACE_SUBDIVISIONS = 7
+"""163 842 samples of the tumour's surface, some 0.15 mm apart."""
+
+_SLOPE_SAFETY = 0.95
+_COARSE = 32
+
+
+class Clearance:
+    """How near the surface of a tool is to a tumour, in mm, negative inside.
+
+    ``height``: along the tumour's rays, exact in sign, cheap. ``distance``: to the tangent plane at
+    the nearest sample of the tumour's surface; for samples ``h`` apart on a surface of curvature
+    radius ``R`` that errs by ``h^2 / 8R``, below 0.005 mm. The tool's samples err by the same law,
+    below 0.02 mm on a 1.4 mm shaft.
+    """
+
+    def __init__(self, tumour: Tumour, tool: SurfaceMesh) -> None:
+        directions, _ = icosphere(SURFACE_SUBDIVISIONS)
+        self._tumour = tumour
+        self._surface_mm = tumour.surface_mm(directions)
+        self._normals = tumour.normals(self._surface_mm)
+        self._tree = cKDTree(self._surface_mm)
+        handle = (tool.triangles_mm[:, :, 2] < -NEAR_PART_MM).all(axis=1)
+        self._tool_mm = np.concatenate(
+            [
+                dense_surface(tool.triangles_mm[~handle], NEAR_SPACING_MM),
+                dense_surface(tool.triangles_mm[handle], HANDLE_SPACING_MM),
+            ]
+        )
+        self.tool_length_mm = -float(tool.bounds_mm[0][2])
+        radii = np.linalg.norm(self._surface_mm, axis=1)
+        self._least_radius_mm, self._greatest_radius_mm = float(radii.min()), float(radii.max())
+        slope = float(np.einsum("ij,ij->i", self._normals, directions).min())
+        self.distance_per_height = _SLOPE_SAFETY * slope
+        """A distance is at least this share of the height: the cosine of the steepest slope."""
+
+    def height_mm(self, tumor_from_tip: Transform) -> float:
+        """The least height over the tool: below 0 exactly when the tool is in the tumour."""
+        points = tumor_from_tip.apply(self._tool_mm)
+        some = float(self._tumour.height_mm(points[::_COARSE]).min())
+        # A height is at least what the greatest radius leaves of the distance to the origin.
+        may_be_lower = np.linalg.norm(points, axis=1) - self._greatest_radius_mm < some
+        if not may_be_lower.any():
+            return some
+        return min(some, float(self._tumour.height_mm(points[may_be_lower]).min()))
+
+    def distance_mm(self, tumor_from_tip: Transform) -> float:
+        """The least signed distance over the tool."""
+        points, heights = self._heights_that_may_govern(tumor_from_tip)
+        scale, lowest = self.distance_per_height, float(heights.min())
+        # Only a point whose least possible distance reaches the greatest possible minimum governs.
+        bound = lowest if lowest > 0.0 else scale * lowest
+        may_govern = np.where(heights > 0.0, scale * heights, heights) <= bound
+        return float(self.point_distances_mm(points[may_govern]).min())
+
+    def point_distances_mm(self, points_mm: FloatArray) -> FloatArray:
+        """The signed distance (n,) of points (n, 3) in the tumour's frame."""
+        _, nearest = self._tree.query(points_mm)
+        offset = points_mm - self._surface_mm[nearest]
+        size = np.abs(np.einsum("ij,ij->i", offset, self._normals[nearest]))
+        return np.asarray(np.copysign(size, self._tumour.height_mm(points_mm)))
+
+    def _heights_that_may_govern(self, tumor_from_tip: Transform) -> tuple[FloatArray, FloatArray]:
+        """The tool's points that may be nearest, in the tumour's frame, and their heights."""
+        points = tumor_from_tip.apply(self._tool_mm)
+        radii = np.linalg.norm(points, axis=1)
+        highest_minimum = max(float(radii.min()) - self._least_radius_mm, 0.0)
+        least_distances = self.distance_per_height * (radii - self._greatest_radius_mm)
+        points = points[least_distances <= highest_minimum]
+        return points, self._tumour.height_mm(points)
+
+
+def dense_surface(triangles_mm: FloatArray, spacing_mm: float) -> FloatArray:
+    """Points (n, 3) on triangles (m, 3, 3), corners included: no edge between them is longer.
+
+    Every triangle is halved at its longest edge until that edge fits.
+    """
+    done, open_triangles = [], triangles_mm
+    while len(open_triangles):
+        lengths = np.linalg.norm(np.roll(open_triangles, -1, axis=1) - open_triangles, axis=2)
+        fits = lengths.max(axis=1) <= spacing_mm
+        done.append(open_triangles[fits].reshape(-1, 3))
+        halved, longest = open_triangles[~fits], lengths[~fits].argmax(axis=1)
+        order = (longest[:, None] + np.arange(3)) % 3
+        first, second, apex = np.moveaxis(halved[np.arange(len(halved))[:, None], order], 1, 0)
+        middle = 0.5 * (first + second)
+        open_triangles = np.concatenate(
+            [np.stack([first, middle, apex], axis=1), np.stack([middle, second, apex], axis=1)]
+        )
+    return np.unique(np.concatenate(done), axis=0)

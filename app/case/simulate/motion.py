@@ -1,0 +1,117 @@
+"""Smooth motion through waypoints, and the joints of an arm that follows it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import BPoly, PchipInterpolator
+
+from scipy.spatial.transform import Rotation
+
+from app.geometry import FloatArray, InputError, Transform
+
+WIDEST_TURN_RAD = 2.5
+"""Rotation vectors are smooth up to half a turn; this leaves some of it."""
+
+_HELD_MM = 1e-9
+
+
+class ArmKinematics(Protocol):
+    """What the simulation needs of a robot; handed in, so that this room knows no robot.
+
+    The tool's tip is the origin of the frame ``tool``, and the tool points along its +z.
+    """
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """The joints, in the order of the joint states."""
+
+    def base_from_tool(self, joints: Mapping[str, float]) -> Transform:
+        """Forward kinematics: joints (rad; m for sliding ones) to ``robot_base_from_tool``."""
+
+    def joints_for(
+        self, base_from_tool: Transform, seed: Mapping[str, float] | None
+    ) -> Mapping[str, float]:
+        """Inverse kinematics near ``seed``; raises a `MarginGuardError` where it cannot reach."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waypoint:
+    """Where the tool is at ``time_s``: pose, and velocity (3,) of its origin in mm/s."""
+
+    time_s: float
+    pose: Transform
+    velocity_mm_s: FloatArray
+
+
+class Path:
+    """Smooth motion through waypoints, with no acceleration at each of them.
+
+    Positions are quintic between waypoints: with rest at both ends that is the minimum-jerk
+    trajectory (Flash and Hogan 1985). Rotations are monotone cubic in the rotation vector from the
+    first waypoint's, which must stay within `WIDEST_TURN_RAD`; so what rests is still.
+    """
+
+    def __init__(self, waypoints: Sequence[Waypoint]) -> None:
+        times = np.array([waypoint.time_s for waypoint in waypoints])
+        if len(times) < 2 or (np.diff(times) <= 0.0).any():
+            raise InputError(f"waypoint times {times.tolist()} must rise, and be two or more")
+        self._first = waypoints[0].pose
+        inverse = self._first.rotation.T
+        turns = Rotation.from_matrix([inverse @ w.pose.rotation for w in waypoints]).as_rotvec()
+        widest = float(np.linalg.norm(turns, axis=1).max())
+        if widest > WIDEST_TURN_RAD:
+            raise InputError(
+                f"a waypoint is turned by {widest:.3f} rad from the first: "
+                f"at most {WIDEST_TURN_RAD} allowed"
+            )
+        states = [
+            np.stack([w.pose.translation_mm, w.velocity_mm_s, np.zeros(3)]) for w in waypoints
+        ]
+        self._turns = PchipInterpolator(times, turns)
+        self._positions = BPoly.from_derivatives(times, states)
+        self.start_s, self.end_s = float(times[0]), float(times[-1])
+
+    def at(self, time_s: float) -> Transform:
+        """The pose at ``time_s``; before the first and after the last waypoint it rests there."""
+        time_s = min(max(time_s, self.start_s), self.end_s)
+        turn = Rotation.from_rotvec(self._turns(time_s)).as_matrix()
+        rotation = self._first.rotation @ turn
+        return Transform(self._first.target, self._first.source, rotation, self._positions(time_s))
+
+
+class JointMotion:
+    """An arm that follows a path: joints at knots by inverse kinematics, smooth in between.
+
+    Between knots the joints are monotone cubic, so an arm that holds still does so exactly. What
+    the arm does, and so the truth, is the forward kinematics of these joints; the path is only
+    what it was asked to do.
+    """
+
+    def __init__(self, arm: ArmKinematics, times_s: FloatArray, poses: Sequence[Transform]) -> None:
+        self.joint_names = tuple(arm.joint_names)
+        self._arm = arm
+        self._span_s = (float(times_s[0]), float(times_s[-1]))
+        knots = np.empty((len(times_s), len(self.joint_names)))
+        joints: Mapping[str, float] | None = None
+        reached: Transform | None = None
+        for row, pose in enumerate(poses):
+            # A pose that is held keeps its joints: inverse kinematics would let them creep.
+            if joints is None or reached is None or not _same(reached, pose):
+                joints, reached = arm.joints_for(pose, joints), pose
+            knots[row] = [joints[name] for name in self.joint_names]
+        self._positions = PchipInterpolator(times_s, knots)
+
+    def positions(self, time_s: float) -> FloatArray:
+        """Joint positions (n,) in the order of ``joint_names``; at rest beyond both ends."""
+        return np.asarray(self._positions(np.clip(time_s, *self._span_s)), dtype=np.float64)
+
+    def base_from_tool(self, time_s: float) -> Transform:
+        """Where the arm really holds the tool."""
+        joints = dict(zip(self.joint_names, self.positions(time_s).tolist(), strict=True))
+        return self._arm.base_from_tool(joints)
+
+
+def _same(one: Transform, other: Transform) -> bool:
+    return bool(np.abs(one.matrix - other.matrix).max() < _HELD_MM)

@@ -1,0 +1,66 @@
+"""The electromagnetic tracker: jitter on each pose, and the ways in which poses get lost."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from app.geometry import TrackedTransform, TrackingStatus, Transform
+
+DropoutKind = Literal["invalid", "missing"]
+
+
+@dataclass(frozen=True, slots=True)
+class Jitter:
+    """White noise of each sample, as 3-D root mean squares.
+
+    ``position_rms_mm`` is the RMS length of the error vector and ``angle_rms_rad`` the RMS length of
+    the rotation vector, so each axis has a standard deviation of the RMS divided by sqrt(3).
+    """
+
+    position_rms_mm: float = 0.3
+    angle_rms_rad: float = float(np.deg2rad(0.3))
+
+    def measured(self, truth: Transform, random: np.random.Generator) -> Transform:
+        """``truth`` as the tracker reports it: moved, and turned about the sensor."""
+        shift = random.normal(scale=self.position_rms_mm / np.sqrt(3.0), size=3)
+        turn = random.normal(scale=self.angle_rms_rad / np.sqrt(3.0), size=3)
+        return Transform(
+            truth.target,
+            truth.source,
+            truth.rotation @ Rotation.from_rotvec(turn).as_matrix(),
+            truth.translation_mm + shift,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Dropout:
+    """A time during which the tracker loses ``frames``, in seconds from the first tracker frame.
+
+    ``invalid``: the samples come, marked INVALID and without numbers. ``missing``: they do not come
+    at all. When all frames are missing the tracker is silent.
+    """
+
+    frames: tuple[str, ...]
+    kind: DropoutKind
+    start_s: float
+    end_s: float
+
+    def loses(self, frame: str, time_s: float) -> bool:
+        """Whether the sample of ``frame`` at ``time_s`` is lost."""
+        return frame in self.frames and self.start_s <= time_s <= self.end_s
+
+
+def reported(
+    sample: TrackedTransform, dropouts: tuple[Dropout, ...], time_s: float
+) -> TrackedTransform | None:
+    """What arrives of a sample: itself, one marked INVALID, or None when nothing arrives."""
+    for dropout in dropouts:
+        if dropout.loses(sample.source, time_s):
+            if dropout.kind == "missing":
+                return None
+            return TrackedTransform.lost(
+                sample.target, sample.source, sample.stamp, TrackingStatus.INVALID
+            )
+    return sample

@@ -1,0 +1,123 @@
+"""An irregular tumour whose inside is known exactly: a radius for every direction."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.geometry import FloatArray, SurfaceMesh
+
+TUMOR_FRAME = "tumor"
+
+SEMI_AXES_MM = (15.0, 12.5, 11.0)
+LOBE_COUNT = 14
+LOBE_HEIGHT = (-0.18, 0.38)
+LOBE_SHARPNESS = (6.0, 26.0)
+
+_GRADIENT_STEP_MM = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tumour:
+    """A star-shaped solid around the origin of the frame ``tumor``.
+
+    In the direction ``u`` (unit) its surface lies at the radius of an ellipsoid times lobes::
+
+        r(u) = 1 / |u / semi_axes| * (1 + sum_i height_i exp(sharpness_i (u . centre_i - 1)))
+
+    ``semi_axes_mm`` (3,); ``lobe_centres`` (k, 3) unit; ``lobe_heights`` (k,) without unit;
+    ``lobe_sharpness`` (k,) without unit. A point is inside exactly when it is nearer to the origin
+    than ``r``, so the sign of a distance needs neither a mesh nor a collision library.
+    """
+
+    semi_axes_mm: FloatArray
+    lobe_centres: FloatArray
+    lobe_heights: FloatArray
+    lobe_sharpness: FloatArray
+
+    @classmethod
+    def grown(cls, random: np.random.Generator) -> "Tumour":
+        """A lobulated tumour some 25 to 35 mm across, another for each state of ``random``."""
+        centres = random.normal(size=(LOBE_COUNT, 3))
+        return cls(
+            np.array(SEMI_AXES_MM),
+            centres / np.linalg.norm(centres, axis=1, keepdims=True),
+            random.uniform(*LOBE_HEIGHT, size=LOBE_COUNT),
+            random.uniform(*LOBE_SHARPNESS, size=LOBE_COUNT),
+        )
+
+    def radius_mm(self, directions: FloatArray) -> FloatArray:
+        """The distance (n,) from the origin to the surface along unit ``directions`` (n, 3)."""
+        ellipsoid = 1.0 / np.linalg.norm(directions / self.semi_axes_mm, axis=1)
+        lobes = np.exp(self.lobe_sharpness * (directions @ self.lobe_centres.T - 1.0))
+        return np.asarray(ellipsoid * (1.0 + lobes @ self.lobe_heights))
+
+    def surface_mm(self, directions: FloatArray) -> FloatArray:
+        """The surface points (n, 3) along unit ``directions`` (n, 3)."""
+        return directions * self.radius_mm(directions)[:, None]
+
+    def height_mm(self, points_mm: FloatArray) -> FloatArray:
+        """How far (n,) each point (n, 3) lies above the surface along its own ray; negative inside.
+
+        Exact in sign. In size it is at least the distance to the surface, and more where the
+        surface is oblique to the ray.
+        """
+        distance = np.linalg.norm(points_mm, axis=1)
+        # The origin has no direction of its own, and is inside whichever is taken.
+        safe = np.where(distance > 0.0, distance, 1.0)[:, None]
+        directions = np.where(distance[:, None] > 0.0, points_mm / safe, (0.0, 0.0, 1.0))
+        return np.asarray(distance - self.radius_mm(directions))
+
+    def normals(self, surface_mm: FloatArray) -> FloatArray:
+        """Outward unit normals (n, 3) at points (n, 3) of the surface: the gradient of height."""
+        gradient = np.empty_like(surface_mm)
+        for axis in range(3):
+            step = np.zeros(3)
+            step[axis] = _GRADIENT_STEP_MM
+            ahead, behind = self.height_mm(surface_mm + step), self.height_mm(surface_mm - step)
+            gradient[:, axis] = (ahead - behind) / (2.0 * _GRADIENT_STEP_MM)
+        return np.asarray(gradient / np.linalg.norm(gradient, axis=1, keepdims=True))
+
+    def mesh(self, subdivisions: int = 5) -> SurfaceMesh:
+        """The closed surface with ``20 * 4**subdivisions`` triangles, normals outward."""
+        directions, faces = icosphere(subdivisions)
+        return SurfaceMesh(TUMOR_FRAME, self.surface_mm(directions), faces)
+
+
+def icosphere(subdivisions: int) -> tuple[FloatArray, np.typing.NDArray[np.int64]]:
+    """Unit directions (n, 3) spread evenly, and the triangles (20 * 4**subdivisions, 3) over them.
+
+    An icosahedron, every triangle cut into four as often as ``subdivisions`` says.
+    """
+    golden = (1.0 + 5.0**0.5) / 2.0
+    rectangle = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
+    vertices = np.concatenate([np.roll(rectangle, shift, axis=1) for shift in range(3)])
+    # The faces of the icosahedron are the triples of vertices that are all one edge (2) apart.
+    near = np.isclose(np.linalg.norm(vertices[:, None] - vertices[None], axis=2), 2.0)
+    corners = range(len(vertices))
+    triples = [
+        (a, b, c)
+        for a in corners
+        for b in corners[a + 1 :]
+        for c in corners[b + 1 :]
+        if near[a, b] and near[b, c] and near[a, c]
+    ]
+    faces = np.array(triples, dtype=np.int64)
+    inward = np.linalg.det(vertices[faces]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    for _ in range(subdivisions):
+        vertices, faces = _cut_in_four(vertices, faces)
+    return vertices, faces
+
+
+def _cut_in_four(
+    vertices: FloatArray, faces: np.typing.NDArray[np.int64]
+) -> tuple[FloatArray, np.typing.NDArray[np.int64]]:
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, edge_of = np.unique(edges, axis=0, return_inverse=True)
+    middles = vertices[unique].sum(axis=1)
+    middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+    ab, bc, ca = (len(vertices) + edge_of.reshape(-1, 3)).T
+    a, b, c = faces.T
+    cut = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([vertices, middles]), np.concatenate([np.stack(t, 1) for t in cut])
