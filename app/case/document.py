@@ -5,6 +5,7 @@ the keys that it allows, and every error names the place (``case.yaml: tool.mesh
 """
 
 import math
+import reprlib
 from collections.abc import Hashable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,18 +17,23 @@ from app.geometry import InputError
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 16
 
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 1, 60, 60
+
 
 class _StrictLoader(yaml.SafeLoader):
-    """A safe loader without aliases (they let a small file unfold without end) or double keys."""
+    """A safe loader without double keys, merges and deep nesting.
+
+    Aliases are allowed, since dumpers write them for values that stand twice: they share the value
+    and cannot unfold. Merge keys copy, and copies of copies grow without end.
+    """
 
     depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        if self.check_event(yaml.AliasEvent):
-            raise _refused(event.start_mark, f"alias *{event.anchor} is not allowed")
         if self.depth >= MAX_DEPTH:
-            raise _refused(event.start_mark, f"nested deeper than {MAX_DEPTH} levels")
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise _refused(mark, f"nested deeper than {MAX_DEPTH} levels")
         self.depth += 1
         try:
             node: yaml.Node | None = super().compose_node(parent, index)
@@ -41,6 +47,8 @@ class _StrictLoader(yaml.SafeLoader):
             line = key.start_mark.line + 1
             if not isinstance(key, yaml.ScalarNode):
                 raise _refused(key.start_mark, "a key must be a plain word")
+            if key.tag == "tag:yaml.org,2002:merge":
+                raise _refused(key.start_mark, "a merge key (<<) is not allowed")
             if key.value in seen:
                 raise _refused(
                     key.start_mark,
@@ -188,5 +196,4 @@ def _finite(value: object, where: str) -> float:
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return _SHORT.repr(value)

@@ -1,0 +1,217 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.case import read_igsio
+from app.case.igsio import check_igsio_header
+from app.geometry import InputError, Stamp, TrackingStatus
+
+ONE = "1 0 0 1.5 0 1 0 -2 0 0 1 3e-005 -0 0 -0 1 "
+HEAD = "ObjectType = Image\nNDims = 3\nDimSize = 0 0 2              \nElementType = MET_OTHER\n"
+END = "ElementDataFile = LOCAL\n"
+
+
+def read(path: Path) -> tuple[list, list[str]]:
+    notes: list[str] = []
+    return list(read_igsio(path, notes.append)), notes
+
+
+def mha(tmp_path: Path, body: str, end: bytes = END.encode()) -> Path:
+    path = tmp_path / "x.igs.mha"
+    path.write_bytes((HEAD + body).encode() + end)
+    return path
+
+
+def frame(index: int, *fields: str) -> str:
+    return "".join(f"Seq_Frame{index:04d}_{field}\n" for field in fields)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("EightLandmarkPointsTrackedForPhantomRegistration", 1000), ("ReferenceToRASCalibration", 93)],
+)
+def test_real_recordings_agree_with_an_independent_parse(
+    shared_data: Path, name: str, count: int
+) -> None:
+    path = shared_data / "plus" / f"{name}.igs.mha"
+    frames, notes = read(path)
+    assert (len(frames), notes) == (count, [])
+    text = path.read_text(errors="replace")
+    for source in ("Stylus", "Reference"):
+        found = re.findall(rf"Frame(\d+)_{source}ToTrackerTransform = (.*)", text)
+        statuses = dict(re.findall(rf"Frame(\d+)_{source}ToTrackerTransformStatus = (\w+)", text))
+        assert len(found) == count
+        for (index, row), one in zip(found, frames, strict=True):
+            (sample,) = (p for p in one.poses if p.source == source.lower())
+            assert sample.target == "tracker"
+            assert sample.status.name == statuses[index]
+            if sample.transform is not None:
+                wanted = np.array(row.split(), float).reshape(4, 4)
+                # The file prints what a projection to the nearest rotation then moves by rounding.
+                np.testing.assert_array_equal(sample.transform.translation_mm, wanted[:3, 3])
+                np.testing.assert_allclose(sample.transform.matrix, wanted, atol=5e-4)
+    times = re.findall(r"Frame\d+_Timestamp = (\S+)", text)
+    for time, one in zip(times, frames, strict=True):
+        assert abs(one.stamp.ns - float(time) * 1e9) < 64  # a double's own rounding at 350 s
+
+
+def test_the_oddities(tmp_path: Path) -> None:
+    body = frame(
+        0,
+        f"StylusToTrackerTransform = {ONE}",
+        "StylusToTrackerTransformStatus = OK",
+        f"ProbeTransform = {ONE}",
+        f"NeedleToReferenceTransform = {ONE}",
+        "NeedleToReferenceTransformStatus = INVALID",
+        f"CameraToTrackerTransform = {ONE}",
+        "CameraToTrackerTransformStatus = OUT_OF_VIEW",
+        f"OtherToTrackerTransform = {ONE}",
+        "OtherToTrackerTransformStatus = NEW_WORD",
+        "Timestamp = 12.000000001",
+        "UnfilteredTimestamp = 11.9",
+        "ImageStatus = INVALID",
+        "FrameNumber = 7",
+    )
+    ((one,), notes) = read(mha(tmp_path, body))
+    assert one.stamp == Stamp(12_000_000_001)
+    assert one.unfiltered_stamp == Stamp(11_900_000_000)
+    samples = {(p.target, p.source): p for p in one.poses}
+    assert {edge: p.status.name for edge, p in samples.items()} == {
+        ("tracker", "stylus"): "OK",
+        ("tracker", "probe"): "OK",
+        ("reference", "needle"): "INVALID",
+        ("tracker", "camera"): "OUT_OF_VIEW",
+        ("tracker", "other"): "INVALID",
+    }
+    pose = samples["tracker", "stylus"].transform
+    assert pose is not None
+    np.testing.assert_array_equal(pose.translation_mm, [1.5, -2.0, 3e-5])
+    assert len(notes) == 1 and "'Probe'" in notes[0] and "'tracker'" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("row", "status"),
+    [
+        (ONE.replace("1.5", "nan"), TrackingStatus.NOT_FINITE),
+        (ONE.replace("1.5", "-inf"), TrackingStatus.NOT_FINITE),
+        (ONE.replace("1 0 0", "1.5 0 0", 1), TrackingStatus.NOT_RIGID),
+        (ONE.replace("1 0 0", "-1 0 0", 1), TrackingStatus.NOT_RIGID),
+        ("0 " * 16, TrackingStatus.NOT_RIGID),
+    ],
+)
+def test_numbers_that_are_no_pose_become_a_status(
+    tmp_path: Path, row: str, status: TrackingStatus
+) -> None:
+    ((one,), _) = read(mha(tmp_path, frame(0, f"AToBTransform = {row}", "Timestamp = 1")))
+    assert [(p.status, p.transform) for p in one.poses] == [(status, None)]
+
+
+def test_a_frame_without_time_is_skipped_and_said(tmp_path: Path) -> None:
+    row = f"AToBTransform = {ONE}"
+    path = mha(tmp_path, frame(0, row) + frame(1, row, "Timestamp = 1"))
+    frames, notes = read(path)
+    assert [one.stamp.ns for one in frames] == [10**9]
+    assert notes == ["frame 0 has no Timestamp: skipped"]
+
+
+def test_a_clock_that_jumps_back_and_missing_transforms_stay(tmp_path: Path) -> None:
+    row = f"AToBTransform = {ONE}"
+    path = mha(
+        tmp_path,
+        frame(0, row, "Timestamp = 5") + frame(1, "Timestamp = 4") + frame(7, row, "Timestamp = 6"),
+    )
+    frames, _ = read(path)
+    assert [(one.stamp.ns // 10**9, len(one.poses)) for one in frames] == [(5, 1), (4, 0), (6, 1)]
+
+
+def test_ambiguous_names_are_skipped_and_said(tmp_path: Path) -> None:
+    row = f"AToBToCTransform = {ONE}"
+    frames, notes = read(
+        mha(tmp_path, frame(0, row, "Timestamp = 1") + frame(1, row, "Timestamp = 2"))
+    )
+    assert [one.poses for one in frames] == [(), ()]
+    assert len(notes) == 1 and "AToBToC" in notes[0]
+
+
+def test_pictures_are_not_read(tmp_path: Path) -> None:
+    body = frame(0, f"AToBTransform = {ONE}", "Timestamp = 1")
+    junk = b"\x00\xff\nSeq_Frame0001_Timestamp = 2\n" + bytes(range(256)) * 50
+    frames, _ = read(mha(tmp_path, body, b"CompressedData = True\n" + END.encode() + junk))
+    assert len(frames) == 1
+
+
+def test_nrrd(tmp_path: Path) -> None:
+    path = tmp_path / "x.igs.nrrd"
+    head = (
+        "NRRD0004\n# a comment\ntype: unsigned char\ndimension: 3\nsizes: 0 0 1\n"
+        f"Seq_Frame0000_StylusToTrackerTransform:={ONE}\n"
+        "Seq_Frame0000_StylusToTrackerTransformStatus:=OK\n"
+        "Seq_Frame0000_Timestamp:=2.5\n"
+    )
+    path.write_bytes(head.encode() + b"\n\x1f\x8b\x00Seq_Frame0001_Timestamp:=3\n")
+    ((one,), notes) = read(path)
+    assert (one.stamp.ns, one.poses[0].source, notes) == (2_500_000_000, "stylus", [])
+    path.write_bytes(head.encode())
+    with pytest.raises(InputError, match=r"cut at line 8, in frame 0: .* empty line"):
+        check_igsio_header(path)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (frame(0, "AToBTransform = 1 2 3", "Timestamp = 1"), r"line 5 \(frame 0.*3 numbers: 16"),
+        (
+            frame(0, "AToBTransform = " + "x " * 16, "Timestamp = 1"),
+            r"line 5 .*'x' is not a number",
+        ),
+        (frame(0, "AToBTransform = " + "1_0 " * 16, "Timestamp = 1"), r"'1_0' is not a number"),
+        (frame(0, "Timestamp = soon"), r"line 5 \(frame 0, Timestamp\): time 'soon'"),
+        (frame(0, "Timestamp = nan"), r"'nan' is not a finite number"),
+        (frame(1, "Timestamp = 1") + frame(0, "Timestamp = 2"), r"frame 0 comes after frame 1"),
+        ("no field\n", r"line 5: 'no field' is no header field"),
+        ("x" * 1_000_001 + "\n", r"line 5 is longer"),
+    ],
+)
+def test_malformed_headers_are_refused_with_their_line(
+    tmp_path: Path, body: str, message: str
+) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        read(mha(tmp_path, body))
+    assert "\n" not in str(caught.value)
+
+
+WHOLE = (
+    HEAD
+    + "".join(
+        frame(i, f"StylusToTrackerTransform = {ONE}", f"Timestamp = {i}.25") for i in range(4)
+    )
+    + END
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(cut=st.integers(0, len(WHOLE) - len(" = LOCAL\n")))
+def test_a_header_cut_anywhere_is_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, cut: int
+) -> None:
+    path = tmp_path_factory.mktemp("cut") / "x.igs.mha"
+    path.write_text(WHOLE[:cut])
+    for reading in (check_igsio_header, read):
+        with pytest.raises(
+            InputError, match=r"is cut at line \d+, (before any|in) frame"
+        ) as caught:
+            reading(path)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_cut_names_the_frame(tmp_path: Path) -> None:
+    path = tmp_path / "x.igs.mha"
+    path.write_text(
+        WHOLE[: WHOLE.index("Seq_Frame0002_Timestamp = 2.2") + len("Seq_Frame0002_Timest")]
+    )
+    with pytest.raises(InputError, match="cut at line 10, in frame 2"):
+        check_igsio_header(path)

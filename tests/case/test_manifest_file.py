@@ -1,0 +1,173 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from app.case import load_manifest
+from app.geometry import InputError
+
+ROBOT = {
+    "urdf": "arm/arm.urdf",
+    "base_frame": "robot_base",
+    "tool_link": "stylus",
+    "joint_states": "/joint_states",
+}
+MATRIX = [0.0, -1, 0, 10, 1, 0, 0, 20, 0, 0, 1, 30, 0, 0, 0, 1]
+Edit = Callable[[dict[str, Any]], object]
+
+
+def load(tmp_path: Path, manifest: dict[str, Any]) -> Any:
+    (tmp_path / "case.yaml").write_text(yaml.safe_dump(manifest))
+    return load_manifest(tmp_path)
+
+
+def test_a_whole_manifest(tmp_path: Path, manifest: dict[str, Any]) -> None:
+    manifest |= {
+        "clock": {"offset_robot_to_tracker_ms": -12.5},
+        "robot": ROBOT,
+        "registration": {"method": "given", "matrix": MATRIX},
+        "expected": "expected.yaml",
+    }
+    manifest["tool"]["tip_from"]["matrix"] = MATRIX
+    manifest["margins"]["release_samples"] = 7
+    case = load(tmp_path, manifest)
+    assert case.clock.offset_robot_to_tracker_ns == -12_500_000
+    tip = case.tool.tool_from_tip
+    assert (tip.target, tip.source) == ("cautery", "cautery_tip")
+    np.testing.assert_array_equal(tip.apply([1.0, 0.0, 0.0]), [10.0, 21.0, 30.0])
+    assert (case.tumor.frame_from_tumor.target, case.tumor.frame_from_tumor.source) == (
+        "needle",
+        "tumor",
+    )
+    base = case.registration.reference_from_base
+    assert (base.target, base.source) == ("reference", "robot_base")
+    assert case.margins.stale_after_ns == 200_000_000
+    assert (case.margins.release_samples, case.margins.release_band_mm) == (7, 0.5)
+    assert case.robot.joint_states == "/joint_states"
+
+
+def test_what_may_be_left_out(tmp_path: Path, manifest: dict[str, Any]) -> None:
+    del manifest["tool"]["mesh"]
+    case = load(tmp_path, manifest)
+    assert case.tool.mesh is case.robot is case.registration is case.expected is None
+    assert case.clock.offset_robot_to_tracker_ns == 0
+
+
+@pytest.mark.parametrize("method", ["paired_points", "robot_world"])
+def test_dwells(tmp_path: Path, manifest: dict[str, Any], method: str) -> None:
+    dwells = [{"start_s": 0.5, "end_s": 1.5}, {"start_s": 2.0, "end_s": 3.0}]
+    manifest["registration"] = {"method": method, "dwells": dwells}
+    entry = load(tmp_path, manifest).registration
+    assert [(d.start_s, d.end_s) for d in entry.dwells] == [(0.5, 1.5), (2.0, 3.0)]
+
+
+def test_point_pairs(tmp_path: Path, manifest: dict[str, Any]) -> None:
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0.5]]
+    manifest["registration"] = {"method": "paired_points", "fixed_mm": points, "moving_mm": points}
+    assert load(tmp_path, manifest).registration.fixed_mm[2] == (0.0, 1.0, 0.5)
+
+
+def _set(*keys: str, to: object) -> Edit:
+    def edit(manifest: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            manifest = manifest[key]
+        manifest[keys[-1]] = to
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (_set("schema", to=2), r"schema is 2: 1 wanted"),
+        (_set("colour", to=1), r"case\.yaml: colour is not known: allowed here are schema, name"),
+        (_set("tool", "mesh", "unit", to="mm"), r"tool\.mesh\.unit is not known: .* path, units"),
+        (_set("tool", "mesh", "units", to="furlong"), r"tool\.mesh\.units is 'furlong': one of mm"),
+        (_set("tool", to=[]), r"tool is \[\]: a mapping wanted"),
+        (_set("tool", "frame", to="a b"), r"tool\.frame: frame name 'a b'"),
+        (_set("tumor", "pose", "matrix", to=MATRIX[:12]), r"tumor\.pose\.matrix is 12 values"),
+        (_set("tumor", "pose", "matrix", to=[2.0, *MATRIX[1:]]), r"tumor\.pose\.matrix: rotation"),
+        (
+            _set("tumor", "pose", "matrix", to=[-1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]),
+            r"tumor\.pose\.matrix: .*reflection",
+        ),
+        (_set("tumor", "pose", "matrix", to=[*MATRIX[:15], 2.0]), r"last row"),
+        (_set("tumor", "pose", "matrix", to=[float("nan"), *MATRIX[1:]]), r"matrix\[0\] is nan"),
+        (_set("margins", "stop_mm", to=9.0), r"margins\.warn_mm is 5: more than stop_mm \(9\)"),
+        (_set("margins", "stop_mm", to=-1.0), r"margins\.stop_mm is -1: at least 0"),
+        (_set("margins", "stop_mm", to="1"), r"margins\.stop_mm is '1': a number"),
+        (_set("margins", "stale_after_ms", to=0), r"margins\.stale_after_ms is 0"),
+        (_set("margins", "release_samples", to=1.5), r"margins\.release_samples is 1\.5: a whole"),
+        (_set("recording", "sha256", to="abc"), r"recording\.sha256 is 'abc': 64 hex"),
+        (_set("provenance", "kind", to="real"), r"provenance\.kind is 'real': one of simulated"),
+        (_set("clock", to={"estimate": True, "offset_robot_to_tracker_ms": 1}), r"clock\.estimate"),
+        (_set("robot", to=ROBOT), r"registration is missing: a robot needs one"),
+        (_set("robot", to=ROBOT | {"joint_states": "x"}), r"robot\.joint_states is 'x': a topic"),
+        (_set("registration", to={"method": "guess"}), r"registration\.method is 'guess'"),
+        (_set("registration", to={"method": "given"}), r"registration\.matrix is missing"),
+        (
+            _set("registration", to={"method": "given", "matrix": MATRIX, "dwells": []}),
+            r"registration\.dwells does not belong to given",
+        ),
+        (
+            _set(
+                "registration",
+                to={"method": "paired_points", "fixed_mm": [[0, 0, 0]], "moving_mm": []},
+            ),
+            r"moving_mm has 0 points",
+        ),
+        (
+            _set(
+                "registration",
+                to={"method": "paired_points", "fixed_mm": [[0, 0]], "moving_mm": []},
+            ),
+            r"fixed_mm\[0\] is 2 values",
+        ),
+        (
+            _set(
+                "registration",
+                to={"method": "paired_points", "dwells": [{"start_s": 2.0, "end_s": 1.0}]},
+            ),
+            r"registration\.dwells\[0\]\.end_s is 1: later",
+        ),
+    ],
+)
+def test_refused_with_its_place(
+    tmp_path: Path, manifest: dict[str, Any], edit: Edit, message: str
+) -> None:
+    edit(manifest)
+    with pytest.raises(InputError, match=message) as caught:
+        load(tmp_path, manifest)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ("name",),
+        ("margins", "k_tre"),
+        ("margins", "v_max_mm_s"),
+        ("margins",),
+        ("tool",),
+        ("tumor", "mesh"),
+        ("provenance", "licence"),
+        ("tool", "tip_from"),
+    ],
+)
+def test_nothing_needed_is_made_up(
+    tmp_path: Path, manifest: dict[str, Any], keys: tuple[str, ...]
+) -> None:
+    block = manifest
+    for key in keys[:-1]:
+        block = block[key]
+    del block[keys[-1]]
+    with pytest.raises(InputError, match=rf"{'.'.join(keys)} is missing".replace(".", r"\.")):
+        load(tmp_path, manifest)
+
+
+def test_no_manifest(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no case: it has no case\.yaml"):
+        load_manifest(tmp_path)

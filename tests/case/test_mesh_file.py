@@ -1,0 +1,81 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from app.case import load_mesh
+from app.geometry import MeshError
+
+
+@pytest.mark.parametrize("suffix", ["stl", "STL", "ply", "obj"])
+@pytest.mark.parametrize(("units", "scale"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)])
+def test_formats_and_units(tmp_path: Path, suffix: str, units: str, scale: float) -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=2, radius=2.0)
+    path = tmp_path / f"sphere.{suffix}"
+    sphere.export(path, file_type=suffix.lower())
+    mesh = load_mesh(path, units=units, frame="tumor").require_closed("the sphere")
+    assert (len(mesh.vertices_mm), len(mesh.faces)) == (len(sphere.vertices), len(sphere.faces))
+    np.testing.assert_allclose(mesh.signed_volume_mm3, sphere.volume * scale**3, rtol=1e-5)
+    assert mesh.frame == "tumor"
+
+
+def test_ascii_stl_with_a_degenerate_face(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    text = trimesh.exchange.stl.export_stl_ascii(box)
+    corner = "vertex 0.5 1.0 1.5\n"
+    flat = f"facet normal 0 0 0\nouter loop\n{corner * 2}vertex 0.5 1.0 -1.5\nendloop\nendfacet\n"
+    path = tmp_path / "box.stl"
+    path.write_text(text.replace("endsolid", flat + "endsolid"))
+    mesh = load_mesh(path, units="mm", frame="tool").require_closed("the box")
+    assert len(mesh.faces) == 12
+    assert mesh.signed_volume_mm3 == pytest.approx(6.0)
+
+
+def test_an_open_mesh_is_read_but_not_closed(tmp_path: Path) -> None:
+    box = trimesh.creation.box()
+    box.update_faces(np.arange(len(box.faces)) > 0)
+    box.export(tmp_path / "open.stl")
+    mesh = load_mesh(tmp_path / "open.stl", units="mm", frame="tumor")
+    with pytest.raises(MeshError, match="the tumour is not closed: 3 edges"):
+        mesh.require_closed("the tumour")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])
+def test_numbers_that_are_not_finite_are_refused(tmp_path: Path, suffix: str, value: float) -> None:
+    box = trimesh.creation.box()
+    vertices = np.array(box.vertices)
+    vertices[3, 1] = value
+    broken = trimesh.Trimesh(vertices, box.faces, process=False)
+    path = tmp_path / f"broken.{suffix}"
+    broken.export(path)
+    with pytest.raises(MeshError, match=rf"broken\.{suffix}: vertex \d+ .*finite") as caught:
+        load_mesh(path, units="mm", frame="tumor")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.stl", b""),
+        ("a.stl", b"solid x\n"),
+        ("a.stl", b"\x00" * 200),
+        ("a.ply", b"nothing"),
+        ("a.obj", b"# nothing\n"),
+        ("a.vtk", b"x"),
+        ("a.stl", b"\xff" * 84),
+    ],
+)
+def test_files_that_hold_no_surface(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MeshError, match=name.replace(".", r"\.")) as caught:
+        load_mesh(tmp_path / name, units="mm", frame="tumor")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_unknown_units(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match="cannot be read"):
+        load_mesh(tmp_path / "no.stl", units="mm", frame="tumor")
+    with pytest.raises(MeshError, match=r"'inch' .* mm, cm, m allowed"):
+        load_mesh(tmp_path / "no.stl", units="inch", frame="tumor")
