@@ -1,0 +1,1 @@
+"""The command ``marginguard``: the only place that wires the rooms together."""

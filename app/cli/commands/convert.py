@@ -1,0 +1,26 @@
+"""Copy a case into a new folder, its recording as MCAP; stamps, statuses and joints are kept."""
+
+import argparse
+from pathlib import Path
+
+from app.cli.options import add_case
+
+SUMMARY = "copy a case, its recording converted to MCAP"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard convert``."""
+    add_case(parser)
+    parser.add_argument("folder", type=Path, metavar="DIR", help="new folder for the MCAP case")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Convert, and say what the reader of the recording had to say."""
+    from app.case import convert_case, open_case
+
+    case = open_case(options.case, package_dirs=options.package_dirs)
+    convert_case(case, options.folder)
+    for note in case.notes():
+        print(f"note: {note}")
+    print(f"wrote {options.folder}")
+    return 0

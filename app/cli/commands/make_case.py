@@ -1,0 +1,26 @@
+"""Write a simulated lumpectomy with its ground truth: the same bytes for the same seed."""
+
+import argparse
+from pathlib import Path
+
+SUMMARY = "write a simulated case with ground truth"
+DEFAULT_SEED = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard make-case``."""
+    parser.add_argument("folder", type=Path, metavar="DIR", help="new folder for the case")
+    parser.add_argument(
+        "--seed", type=int, default=DEFAULT_SEED, help="seed of everything random (%(default)s)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Simulate, with our own arm to hold the tool."""
+    from app.case.simulate import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
+    from app.cli.touch_arm import TouchArm
+
+    arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
+    simulate_case(options.folder, seed=options.seed, arm=arm)
+    print(f"wrote {options.folder}")
+    return 0

@@ -1,0 +1,106 @@
+"""Replay a recorded case: register, check the tool against the tumour, publish the fixture, report.
+
+Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.cli.options import add_case, add_json
+from app.cli.progress import with_progress
+from app.cli.publishing import publishing
+from app.cli.scene_picture import scene_picture
+from app.cli.summary_text import as_text
+
+if TYPE_CHECKING:
+    from app.case import Case
+    from app.report import ReplayRecord
+    from app.session import Session, SessionSetup, StepResult
+
+SUMMARY = "replay a case, publish it over ROS 2, write a report"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard replay``."""
+    add_case(parser)
+    add_json(parser)
+    parser.add_argument("--report", type=Path, metavar="DIR", help="write the report files there")
+    parser.add_argument(
+        "--rate",
+        type=float,
+        metavar="R",
+        help="1 is real time, 2 twice as fast; without it the replay goes as fast as it can",
+    )
+    parser.add_argument("--loop", action="store_true", help="start again at the end, with --rate")
+    parser.add_argument("--no-ros", action="store_true", help="publish nothing, load no ROS")
+    parser.add_argument(
+        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Replay the case; what is published and what is reported come from the same steps."""
+    from app import __version__
+    from app.case import open_case
+    from app.geometry import InputError
+    from app.report import all_passed, check_writable, summarise, write_report
+    from app.session import setup_from_case
+
+    if options.loop and (options.rate is None or options.report is not None):
+        raise InputError("--loop is for watching: it takes --rate and no --report")
+    if options.report is not None:
+        check_writable(options.report)
+    case = open_case(options.case, package_dirs=options.package_dirs)
+    setup = setup_from_case(case, tip_only=options.tip_only)
+    record, deepest = _play(case, setup, options)
+    if options.report is None:
+        summary = summarise(record)
+    else:
+        picture = scene_picture(case, setup, deepest, with_tool=not options.tip_only)
+        summary = write_report(options.report, record, scene_png=picture, version=__version__)
+    print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
+    return 0 if all_passed(summary) else 1
+
+
+def _play(
+    case: "Case", setup: "SessionSetup", options: argparse.Namespace
+) -> tuple["ReplayRecord", "StepResult | None"]:
+    from app.case import Player
+    from app.report import ReplayLog, ReplayRecord
+    from app.session import Session
+
+    player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
+    session, log = Session(setup), ReplayLog()
+    with publishing(case, setup, options) as publish:
+        for frame in with_progress(player.play(), "replaying frame"):
+            started_ns = time.perf_counter_ns()
+            step = session.step(frame)
+            duration_ns = time.perf_counter_ns() - started_ns
+            if not options.loop:
+                log.add(step, duration_ns)
+            publish(step)
+    provenance = case.manifest.provenance
+    record = ReplayRecord(
+        case=case.manifest.name,
+        provenance=asdict(provenance),
+        rows=tuple(log.rows),
+        margins=setup.margins,
+        registration=None if setup.robot is None else setup.robot.registration,
+        expected=case.expected(),
+        durations_ns=tuple(log.durations_ns),
+        notes=(*case.notes(), *_notes_of(session, setup)),
+        tip_only=options.tip_only,
+    )
+    return record, log.deepest
+
+
+def _notes_of(session: "Session", setup: "SessionSetup") -> tuple[str, ...]:
+    fixed = tuple(
+        f"{target} -> {source} never changed: taken for a fixed transform"
+        for target, source in session.never_changed
+    )
+    return fixed if setup.robot is None else (*fixed, *setup.robot.robot.warnings)

@@ -1,0 +1,71 @@
+"""Entry point of ``marginguard``: parses, dispatches, and turns errors into one line.
+
+Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupted.
+"""
+
+import argparse
+import sys
+import traceback
+from collections.abc import Sequence
+from types import ModuleType
+
+from app import __version__
+from app.cli.commands import convert, doctor, info, make_case, replay
+
+COMMANDS: dict[str, ModuleType] = {
+    "replay": replay,
+    "info": info,
+    "convert": convert,
+    "make-case": make_case,
+    "doctor": doctor,
+}
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="marginguard",
+        description="Margin guard for image-guided robotic intervention. "
+        "A research tool, not a medical device.",
+        epilog="'marginguard COMMAND --help' tells the options of a command.",
+    )
+    parser.add_argument("--version", action="version", version=f"marginguard {__version__}")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, module in COMMANDS.items():
+        subparser = subparsers.add_parser(name, help=module.SUMMARY, description=module.__doc__)
+        module.add_arguments(subparser)
+        subparser.add_argument(
+            "--debug", action="store_true", help="show the traceback of an error"
+        )
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status."""
+    options = build_parser().parse_args(arguments)
+    try:
+        status: int = COMMANDS[options.command].run(options)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe has seen enough; nothing more can be said to it.
+        sys.stderr.close()
+        return 0
+    except Exception as error:
+        if options.debug:
+            traceback.print_exc()
+        print(f"marginguard: error: {_one_line(error)}", file=sys.stderr)
+        return BAD_INPUT
+    return status
+
+
+def _one_line(error: Exception) -> str:
+    from app.geometry import MarginGuardError
+
+    text = " ".join(str(error).split())
+    if isinstance(error, MarginGuardError | OSError) and text:
+        return text
+    return f"unexpected {type(error).__name__}: {text} (--debug shows where)"

@@ -1,0 +1,22 @@
+"""Options that several commands share."""
+
+import argparse
+from pathlib import Path
+
+
+def add_case(parser: argparse.ArgumentParser) -> None:
+    """The case folder, and where the packages that it names are found."""
+    parser.add_argument("case", type=Path, metavar="CASE", help="folder with a case.yaml")
+    parser.add_argument(
+        "--package-dir",
+        action="append",
+        default=[],
+        metavar="DIR",
+        dest="package_dirs",
+        help="folder of a package that package://NAME/... may name; may be given again",
+    )
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Output for a program instead of a person."""
+    parser.add_argument("--json", action="store_true", help="print JSON")

@@ -1,0 +1,36 @@
+"""The summary of a replay, for a person at a terminal."""
+
+from pathlib import Path
+from typing import Any
+
+
+def as_text(summary: dict[str, Any], report: Path | None) -> str:
+    """What ``summary.json`` says, in a few lines."""
+    lines = [
+        summary["case"],
+        f"  frames        {summary['frames']} ({summary['valid_frames']} valid) "
+        f"in {summary['duration_s']:.3f} s",
+        "  states        "
+        + ", ".join(
+            f"{name} {seconds:.2f} s" for name, seconds in summary["state_seconds"].items()
+        ),
+    ]
+    nearest = summary["min_signed_distance_mm"]
+    lines.append(f"  nearest       {'not known' if nearest is None else f'{nearest:.3f} mm'}")
+    for number, breach in enumerate(summary["breaches"], start=1):
+        lines.append(
+            f"  breach {number:<6} {breach['start_s']:.3f} to {breach['end_s']:.3f} s, "
+            f"deepest {breach['min_signed_distance_mm']:.3f} mm"
+        )
+    if not summary["breaches"]:
+        lines.append("  breaches      none")
+    if summary["registration"] is not None:
+        lines.append(f"  registration  {summary['registration']['reason']}")
+    lines += [
+        f"  {check['result']:<13} {check['check']}: {check['detail']}"
+        for check in summary["expected"] or ()
+    ]
+    lines += [f"  note          {note}" for note in summary["notes"]]
+    if report is not None:
+        lines.append(f"  report        {report / 'report.html'}")
+    return "\n".join(lines)

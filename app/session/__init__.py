@@ -1,0 +1,24 @@
+"""One pure step, from a tracker frame to a decision: where the rooms meet.
+
+Registration, robot, case and fixture do not know each other; the session joins them.
+
+Reads no clock and knows neither ROS nor VTK.
+"""
+
+from app.session.from_case import margin_parameters, setup_from_case
+from app.session.pose_tree import MeasuredPose, PoseTree
+from app.session.session import Session, StepResult
+from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
+
+__all__ = [
+    "REFERENCE",
+    "MeasuredPose",
+    "PoseTree",
+    "ProximityModel",
+    "RobotSetup",
+    "Session",
+    "SessionSetup",
+    "StepResult",
+    "margin_parameters",
+    "setup_from_case",
+]

@@ -1,0 +1,184 @@
+"""The latest sample of every measured edge, and the pose between any two frames that they give."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.case import TrackingFrame
+from app.fixture import Reason
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+
+Edge = tuple[str, str]
+"""Target and source of a measured transform: (tf parent, tf child)."""
+
+REASON_OF_STATUS = {
+    TrackingStatus.INVALID: Reason.INVALID,
+    TrackingStatus.MISSING: Reason.MISSING,
+    TrackingStatus.OUT_OF_VIEW: Reason.MISSING,
+    TrackingStatus.OUT_OF_VOLUME: Reason.MISSING,
+    TrackingStatus.REQUEST_TIMEOUT: Reason.MISSING,
+    TrackingStatus.NOT_FINITE: Reason.NOT_FINITE,
+    TrackingStatus.NOT_RIGID: Reason.NOT_RIGID,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPose:
+    """``transform`` from the latest samples on the way, or the reasons why there is none.
+
+    ``oldest`` is the earliest acquisition stamp of those samples, None when there are none.
+    ``unchanged_ns`` tells for how long the least lively of them has repeated itself.
+    """
+
+    transform: Transform | None
+    oldest: Stamp | None
+    unchanged_ns: int
+    problems: frozenset[Reason]
+
+
+@dataclass(slots=True)
+class _EdgeState:
+    latest: TrackedTransform
+    latest_good: Transform | None = None
+    unchanged_since: Stamp | None = None
+    has_changed: bool = False
+
+    def take(self, sample: TrackedTransform) -> None:
+        """Make ``sample`` the latest; lost samples in between do not thaw a frozen pose."""
+        self.latest = sample
+        if sample.transform is None:
+            return
+        if self.latest_good is None:
+            self.unchanged_since = sample.stamp
+        elif not _same_numbers(self.latest_good, sample.transform):
+            self.unchanged_since = sample.stamp
+            self.has_changed = True
+        self.latest_good = sample.transform
+
+    def unchanged_ns(self) -> int:
+        """For how long the good samples up to the latest have repeated the same digits."""
+        if self.unchanged_since is None:
+            return 0
+        return self.unchanged_since.age_ns(self.latest.stamp)
+
+
+@dataclass(slots=True)
+class PoseTree:
+    """Holds the latest sample an edge; everything is dropped when the source's clock jumps back.
+
+    A pose that repeats itself digit for digit for longer than ``frozen_after_ns`` is frozen: a
+    sensor that measures never does that. An edge that has *never* changed is taken for a fixed
+    transform (recordings carry calibrations among the measured ones), except the edge of
+    ``moving_frame``, the tool's, which has to move.
+    """
+
+    stale_after_ns: int
+    frozen_after_ns: int
+    moving_frame: str
+    _edges: dict[Edge, _EdgeState] = field(default_factory=dict)
+    _paths: dict[Edge, tuple[Edge, ...] | None] = field(default_factory=dict)
+    _now: Stamp | None = None
+
+    def insert(self, frame: TrackingFrame) -> frozenset[Reason]:
+        """Take the samples of ``frame`` in; its stamp is the present from here on.
+
+        Returns `Reason.CLOCK_JUMPED_BACK` when the present went back: what was known before
+        belongs to another time and is forgotten.
+        """
+        jumped = self._now is not None and frame.stamp < self._now
+        if jumped:
+            self._edges.clear()
+            self._paths.clear()
+        self._now = frame.stamp
+        for sample in frame.poses:
+            self._insert_sample(sample)
+        return frozenset({Reason.CLOCK_JUMPED_BACK}) if jumped else frozenset()
+
+    def pose(self, target: str, source: str) -> MeasuredPose:
+        """The pose of ``source`` in ``target`` along the shortest way over measured edges."""
+        path = self._path(target, source)
+        if path is None or self._now is None:
+            return MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
+        states = [self._edges[edge] for edge in path]
+        unchanged = [self._unchanged_ns(edge) for edge in path]
+        problems: set[Reason] = set()
+        for state, unchanged_ns in zip(states, unchanged, strict=True):
+            problems |= self._problems(state.latest, unchanged_ns, self._now)
+        return MeasuredPose(
+            transform=None if problems else _along(target, [state.latest for state in states]),
+            oldest=min((state.latest.stamp for state in states), key=_ns, default=None),
+            unchanged_ns=max(unchanged, default=0),
+            problems=frozenset(problems),
+        )
+
+    def never_changed(self) -> tuple[Edge, ...]:
+        """The edges that are taken for fixed transforms so far."""
+        return tuple(edge for edge, state in self._edges.items() if not state.has_changed)
+
+    def _insert_sample(self, sample: TrackedTransform) -> None:
+        edge = (sample.target, sample.source)
+        if edge not in self._edges:
+            self._edges[edge] = _EdgeState(sample)
+            self._paths.clear()
+        self._edges[edge].take(sample)
+
+    def _unchanged_ns(self, edge: Edge) -> int:
+        state = self._edges[edge]
+        has_to_move = state.has_changed or edge[1] == self.moving_frame
+        return state.unchanged_ns() if has_to_move else 0
+
+    def _problems(self, sample: TrackedTransform, unchanged_ns: int, now: Stamp) -> set[Reason]:
+        if sample.status is not TrackingStatus.OK:
+            return {REASON_OF_STATUS[sample.status]}
+        problems = set()
+        age_ns = sample.stamp.age_ns(now)
+        if age_ns > self.stale_after_ns:
+            problems.add(Reason.STALE)
+        if age_ns < 0:
+            problems.add(Reason.FUTURE_STAMP)
+        if unchanged_ns > self.frozen_after_ns:
+            problems.add(Reason.FROZEN)
+        return problems
+
+    def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
+        wanted = (target, source)
+        if wanted not in self._paths:
+            self._paths[wanted] = _shortest_path(tuple(self._edges), target, source)
+        return self._paths[wanted]
+
+
+def _shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge, ...] | None:
+    paths: dict[str, tuple[Edge, ...]] = {start: ()}
+    queue = deque([start])
+    while queue:
+        at = queue.popleft()
+        if at == goal:
+            return paths[at]
+        for edge in edges:
+            if at in edge:
+                beyond = edge[1] if edge[0] == at else edge[0]
+                if beyond not in paths:
+                    paths[beyond] = (*paths[at], edge)
+                    queue.append(beyond)
+    return None
+
+
+def _along(start: str, samples: list[TrackedTransform]) -> Transform:
+    """The product of good samples from ``start`` on, each turned the way that the walk goes."""
+    product = Transform.identity(start, start)
+    for sample in samples:
+        if sample.transform is not None:
+            forward = sample.target == product.source
+            product = product @ (sample.transform if forward else sample.transform.inverse())
+    return product
+
+
+def _ns(stamp: Stamp) -> int:
+    return stamp.ns
+
+
+def _same_numbers(first: Transform, second: Transform) -> bool:
+    return np.array_equal(first.translation_mm, second.translation_mm) and np.array_equal(
+        first.rotation, second.rotation
+    )

@@ -1,0 +1,135 @@
+"""One pure step: a tracker frame in, a decision with its constraint out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from app.case import JointSample, TrackingFrame
+from app.fixture import FixtureDecision, MarginMonitor, MarginObservation, Proximity, Reason
+from app.geometry import NS_PER_MS, Stamp, Transform
+from app.registration import predict_tre
+from app.robot import JointError
+from app.session.pose_tree import PoseTree
+from app.session.setup import REFERENCE, SessionSetup
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepResult:
+    """What one step found.
+
+    ``tumor_from_tip`` is None when the tool or the tumour is not known; ``links`` holds
+    ``root_from_link`` for every link of the robot; where it is empty although there is a robot,
+    ``robot_problem`` says why. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without
+    a constraint.
+    """
+
+    index: int
+    frame: TrackingFrame
+    decision: FixtureDecision
+    tumor_from_tip: Transform | None
+    virtual_fixture: Transform | None
+    links: Mapping[str, Transform]
+    joints: JointSample | None
+    robot_problem: str = ""
+
+
+class Session:
+    """Joins tracking, registration, robot and fixture. Reads no clock: time is in the frames."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        self.setup = setup
+        self._tumor_from_frame = setup.frame_from_tumor.inverse()
+        self._poses = PoseTree(
+            stale_after_ns=setup.margins.stale_after_ns,
+            frozen_after_ns=setup.margins.frozen_after_ns,
+            moving_frame=setup.tool_from_tip.target,
+        )
+        self._monitor = MarginMonitor(setup.margins)
+        self._joints: JointSample | None = None
+        self._virtual_fixture: Transform | None = None
+        self._index = -1
+
+    def step(self, frame: TrackingFrame) -> StepResult:
+        """Take ``frame`` as the present and decide on the margin.
+
+        Never raises for what a tracker or a robot can say: bad samples make the margin UNKNOWN
+        and are named in the decision's reasons.
+        """
+        self._index += 1
+        problems = self._poses.insert(frame)
+        tool = self._poses.pose(self.setup.frame_from_tumor.target, self.setup.tool_from_tip.target)
+        tumor_from_tip = None
+        if tool.transform is not None:
+            tumor_from_tip = self._tumor_from_frame @ tool.transform @ self.setup.tool_from_tip
+        sigma_tre_mm, registration_problems = self._registration_at_tip()
+        decision = self._monitor.update(
+            MarginObservation(
+                now=frame.stamp,
+                stamp=tool.oldest,
+                proximity=self._proximity(tumor_from_tip, tool.oldest),
+                problems=problems | tool.problems | registration_problems,
+                sigma_tre_mm=sigma_tre_mm,
+                unchanged_ns=tool.unchanged_ns,
+            )
+        )
+        if decision.constraint is not None:
+            self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
+        links, robot_problem = self._links(frame)
+        return StepResult(
+            index=self._index,
+            frame=frame,
+            decision=decision,
+            tumor_from_tip=tumor_from_tip,
+            virtual_fixture=self._virtual_fixture if decision.constraint is not None else None,
+            links=links,
+            joints=self._joints,
+            robot_problem=robot_problem,
+        )
+
+    @property
+    def never_changed(self) -> tuple[tuple[str, str], ...]:
+        """Measured edges (target, source) that have repeated one pose from the first frame on."""
+        return self._poses.never_changed()
+
+    def _proximity(self, tumor_from_tip: Transform | None, stamp: Stamp | None) -> Proximity | None:
+        if tumor_from_tip is None:
+            return None
+        return self.setup.proximity.evaluate(tumor_from_tip, stamp)
+
+    def _registration_at_tip(self) -> tuple[float, frozenset[Reason]]:
+        """The standard deviation in mm of the registration at the tip, and what is wrong with it.
+
+        Without a robot nothing is registered and nothing is added. With one, the tip has to be
+        known in the reference frame, since the constraint reaches the robot through it. A
+        registration that was given states no uncertainty, and adds none.
+        """
+        robot = self.setup.robot
+        if robot is None:
+            return 0.0, frozenset()
+        registration = robot.registration
+        if registration is None:
+            return 0.0, frozenset({Reason.REGISTRATION_MISSING})
+        tool = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
+        problems = tool.problems
+        if not registration.accepted:
+            problems |= {Reason.REGISTRATION_REFUSED}
+        if tool.transform is None or registration.covariance is None:
+            return 0.0, problems
+        tip_mm = tool.transform.apply(self.setup.tool_from_tip.translation_mm)
+        return float(predict_tre(registration, tip_mm[None])[0]), problems
+
+    def _links(self, frame: TrackingFrame) -> tuple[Mapping[str, Transform], str]:
+        """``root_from_link`` from the latest joints, or nothing and what is wrong with them."""
+        if frame.joints:
+            self._joints = frame.joints[-1]
+        robot = self.setup.robot
+        if robot is None:
+            return {}, ""
+        if self._joints is None:
+            return {}, "no joint positions yet"
+        age_ns = self._joints.stamp.age_ns(frame.stamp)
+        if not 0 <= age_ns <= self.setup.margins.stale_after_ns:
+            return {}, f"joint positions are {age_ns / NS_PER_MS:.0f} ms old"
+        try:
+            return robot.robot.forward_kinematics(self._joints.as_mapping()), ""
+        except JointError as error:
+            return {}, str(error)

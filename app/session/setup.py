@@ -1,0 +1,74 @@
+"""What a session needs to know before its first step."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from app.fixture import MarginParameters, Proximity
+from app.geometry import FrameError, Stamp, Transform
+from app.registration import RegistrationResult
+from app.robot import Robot
+
+REFERENCE = "reference"
+"""The frame of the sensor on the patient, to which the robot's base is registered."""
+
+
+class ProximityModel(Protocol):
+    """Anything that measures a tool against a tumour: the whole mesh, or its tip alone."""
+
+    def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
+        """The signed distance in mm of the tool at this pose, negative inside the tumour."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotSetup:
+    """A robot whose base frame ``base_frame`` is the root link of ``robot``.
+
+    The tip of the tool is the origin of ``tool_link``. ``registration`` gives
+    ``reference_from_<base_frame>``; None says that it has not been found yet.
+    """
+
+    robot: Robot
+    base_frame: str
+    tool_link: str
+    registration: RegistrationResult | None
+
+    def __post_init__(self) -> None:
+        links = {link.name for link in self.robot.links}
+        if self.tool_link not in links:
+            raise FrameError(
+                f"robot.tool_link {self.tool_link!r} is not a link of {self.robot.name!r}: "
+                f"{', '.join(sorted(links))} are"
+            )
+        if self.registration is not None:
+            transform = self.registration.transform
+            if (transform.target, transform.source) != (REFERENCE, self.base_frame):
+                raise FrameError(
+                    f"registration is {transform.target}_from_{transform.source}: "
+                    f"{REFERENCE}_from_{self.base_frame} wanted"
+                )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionSetup:
+    """The fixed part of a session.
+
+    ``tool_from_tip``: the tip in the tool's tracked frame; ``frame_from_tumor``: the tumour in
+    the tracked frame that it moves with; ``proximity``: measures the tool, given in the tip's
+    frame, against the tumour; ``robot``: None where the tool is held by hand.
+    """
+
+    tool_from_tip: Transform
+    frame_from_tumor: Transform
+    proximity: ProximityModel
+    margins: MarginParameters
+    robot: RobotSetup | None
+
+    @property
+    def static_edges(self) -> tuple[Transform, ...]:
+        """The transforms that do not change during the session, as tf would hold them."""
+        registered = (
+            (self.robot.registration.transform,)
+            if self.robot is not None and self.robot.registration is not None
+            else ()
+        )
+        return (self.tool_from_tip, self.frame_from_tumor, *registered)

@@ -1,0 +1,54 @@
+"""Test doubles of the session's inputs, named as such."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from app.case import JointSample, TrackingFrame
+from app.fixture import MarginParameters, Proximity
+from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
+
+PARAMETERS = MarginParameters(
+    stop_mm=1.0,
+    warn_mm=5.0,
+    k_tre=2.0,
+    v_max_mm_s=50.0,
+    stale_after_ns=200 * NS_PER_MS,
+    release_samples=3,
+    release_band_mm=0.5,
+    frozen_after_ns=1000 * NS_PER_MS,
+)
+
+
+class AnalyticSphere:
+    """Test double of a proximity engine: the tip against a sphere of which everything is known."""
+
+    def __init__(self, radius_mm: float) -> None:
+        self.radius_mm = radius_mm
+
+    def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
+        tip = tumor_from_tool.translation_mm
+        normal = tip / np.linalg.norm(tip)
+        distance = float(np.linalg.norm(tip)) - self.radius_mm
+        return Proximity(distance, distance, tip, self.radius_mm * normal, normal, stamp)
+
+
+def sample(
+    target: str, source: str, position_mm: tuple[float, float, float], at_ms: float
+) -> TrackedTransform:
+    pose = Transform(target, source, np.eye(3), position_mm)
+    return TrackedTransform(pose, Stamp(int(at_ms * NS_PER_MS)), TrackingStatus.OK)
+
+
+def lost(target: str, source: str, at_ms: float, status: TrackingStatus) -> TrackedTransform:
+    return TrackedTransform.lost(target, source, Stamp(int(at_ms * NS_PER_MS)), status)
+
+
+def frame(at_ms: float, *poses: TrackedTransform, joints: tuple[JointSample, ...] = ()):
+    return TrackingFrame(Stamp(int(at_ms * NS_PER_MS)), poses, joints)
+
+
+def joint_sample(positions: Mapping[str, float], at_ms: float) -> JointSample:
+    return JointSample(
+        tuple(positions), np.array(list(positions.values())), Stamp(int(at_ms * NS_PER_MS))
+    )

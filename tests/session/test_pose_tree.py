@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.fixture import Reason
+from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.session.pose_tree import REASON_OF_STATUS, PoseTree
+from tests.session.doubles import frame, lost, sample
+
+
+@pytest.fixture
+def tree() -> PoseTree:
+    return PoseTree(
+        stale_after_ns=200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS, moving_frame="cautery"
+    )
+
+
+@st.composite
+def chains(draw):
+    """A chain of frames f0..fn whose edges are measured in either direction."""
+    count = draw(st.integers(1, 6))
+    edges = []
+    for index in range(count):
+        turn = draw(st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+        move = draw(st.tuples(*[st.floats(-100.0, 100.0)] * 3))
+        step = Transform.from_rotation_vector(
+            turn, move, target=f"f{index}", source=f"f{index + 1}"
+        )
+        edges.append((step, draw(st.booleans())))
+    return edges
+
+
+@given(chains())
+def test_a_pose_is_the_product_of_the_matrices_on_the_way(chain):
+    tree = PoseTree(10**9, 10**9, "none")
+    product = np.eye(4)
+    for step, turned in chain:
+        product = product @ step.matrix
+        measured = step.inverse() if turned else step
+        tree.insert(frame(0, TrackedTransform(measured, Stamp(0), TrackingStatus.OK)))
+    found = tree.pose("f0", f"f{len(chain)}")
+    assert found.problems == frozenset()
+    np.testing.assert_allclose(found.transform.matrix, product, atol=1e-9)
+    assert (found.transform.target, found.transform.source) == ("f0", f"f{len(chain)}")
+
+
+def test_the_shortest_way_is_taken(tree):
+    tree.insert(
+        frame(
+            0,
+            sample("tracker", "cautery", (0, 0, 9), 0),
+            sample("tracker", "needle", (0, 0, 0), 0),
+            sample("needle", "cautery", (1, 2, 3), 0),
+        )
+    )
+    np.testing.assert_array_equal(
+        tree.pose("needle", "cautery").transform.translation_mm, [1, 2, 3]
+    )
+
+
+def test_what_was_never_measured_is_missing(tree):
+    assert tree.pose("tracker", "cautery").problems == {Reason.MISSING}
+    tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
+    found = tree.pose("needle", "cautery")
+    assert (found.transform, found.oldest, found.problems) == (None, None, {Reason.MISSING})
+
+
+@pytest.mark.parametrize("status", [status for status in TrackingStatus if status])
+def test_a_lost_sample_is_a_problem_at_once(tree, status):
+    tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
+    tree.insert(frame(20, lost("tracker", "cautery", 20, status)))
+    found = tree.pose("tracker", "cautery")
+    assert found.transform is None
+    assert found.problems == {REASON_OF_STATUS[status]}
+
+
+def test_every_edge_on_the_way_is_asked_and_every_reason_kept(tree):
+    tree.insert(
+        frame(
+            0,
+            sample("tracker", "needle", (0, 0, 0), 0),
+            sample("tracker", "cautery", (0, 0, 0), 0),
+        )
+    )
+    tree.insert(frame(201, lost("tracker", "cautery", 201, TrackingStatus.INVALID)))
+    assert tree.pose("needle", "cautery").problems == {Reason.STALE, Reason.INVALID}
+    assert tree.pose("needle", "tracker").problems == {Reason.STALE}
+
+
+def test_a_pose_is_stale_just_after_its_bound_and_its_stamp_is_the_oldest(tree):
+    tree.insert(
+        frame(
+            0,
+            sample("tracker", "needle", (0, 0, 0), 0),
+            sample("tracker", "cautery", (0, 0, 0), 0),
+        )
+    )
+    tree.insert(frame(200, sample("tracker", "cautery", (1, 0, 0), 200)))
+    found = tree.pose("needle", "cautery")
+    assert found.problems == frozenset()
+    assert found.oldest == Stamp(0)
+    tree.insert(frame(200.001, sample("tracker", "cautery", (2, 0, 0), 200.001)))
+    assert tree.pose("needle", "cautery").problems == {Reason.STALE}
+
+
+def test_a_watchdog_frame_makes_everything_stale(tree):
+    tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
+    tree.insert(frame(201))
+    assert tree.pose("tracker", "cautery").problems == {Reason.STALE}
+
+
+def test_a_sample_from_the_future_is_not_used(tree):
+    tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 1)))
+    assert tree.pose("tracker", "cautery").problems == {Reason.FUTURE_STAMP}
+
+
+def frozen_run(tree, edge, end_ms, *, moved_first):
+    tree.insert(frame(0, sample(*edge, (1 if moved_first else 0, 0, 0), 0)))
+    for at_ms in range(50, end_ms + 1, 50):
+        tree.insert(frame(at_ms, sample(*edge, (0, 0, 0), at_ms)))
+    return tree.pose(*edge)
+
+
+def test_a_tool_that_repeats_itself_is_frozen_from_its_first_frame_on(tree):
+    assert frozen_run(tree, ("tracker", "cautery"), 1000, moved_first=False).problems == set()
+    tree.insert(frame(1050, sample("tracker", "cautery", (0, 0, 0), 1050)))
+    assert tree.pose("tracker", "cautery").problems == {Reason.FROZEN}
+    tree.insert(frame(1100, sample("tracker", "cautery", (0, 0, 1e-9), 1100)))
+    assert tree.pose("tracker", "cautery").problems == set()
+
+
+def test_another_edge_is_frozen_once_it_has_moved(tree):
+    found = frozen_run(tree, ("tracker", "needle"), 1100, moved_first=True)
+    assert found.problems == {Reason.FROZEN}
+    assert found.unchanged_ns == 1050 * NS_PER_MS
+
+
+def test_an_edge_that_never_moved_is_a_fixed_transform_and_is_listed(tree):
+    found = frozen_run(tree, ("tracker", "needle"), 5000, moved_first=False)
+    assert (found.problems, found.unchanged_ns) == (set(), 0)
+    assert tree.never_changed() == (("tracker", "needle"),)
+
+
+def test_lost_samples_in_between_do_not_thaw_a_frozen_pose(tree):
+    edge = ("tracker", "cautery")
+    for at_ms in range(0, 1101, 50):
+        status = lost(*edge, at_ms, TrackingStatus.INVALID)
+        pose = sample(*edge, (0, 0, 0), at_ms)
+        tree.insert(frame(at_ms, status if at_ms % 100 else pose))
+    assert tree.pose(*edge).problems == {Reason.FROZEN}
+
+
+def test_a_clock_that_jumps_back_forgets_everything(tree):
+    tree.insert(frame(1000, sample("tracker", "needle", (0, 0, 0), 1000)))
+    problems = tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
+    assert problems == {Reason.CLOCK_JUMPED_BACK}
+    assert tree.pose("needle", "cautery").problems == {Reason.MISSING}
+    assert tree.pose("tracker", "cautery").problems == set()
+    assert tree.insert(frame(0, sample("tracker", "cautery", (1, 0, 0), 0))) == set()
