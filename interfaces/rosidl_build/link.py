@@ -76,9 +76,11 @@ class Linker:
 
     def compile(self, sources: Iterable[str], generated: GeneratedPackage) -> list[str]:
         """Compile ``sources``, several at a time; the object files in the same order."""
+        headers = self.root / "include"  # of most packages one level deeper, of fastcdr not
         includes = [
             *generated.include_dirs,
-            *(str(path) for path in sorted((self.root / "include").iterdir()) if path.is_dir()),
+            str(headers),
+            *(str(path) for path in sorted(headers.iterdir()) if path.is_dir()),
             *self.include_dirs,
         ]
 
