@@ -1,0 +1,190 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.fixture import MarginState, Reason
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.registration import given_registration, register_points
+from app.robot import load_robot
+from app.session import RobotSetup, Session, SessionSetup
+from tests.session.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
+
+TOOL_FROM_TIP = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 70.0])
+NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
+    [0.3, -0.2, 0.5], [5.0, -4.0, 30.0], target="needle", source="tumor"
+)
+TRACKER_FROM_NEEDLE = Transform.from_rotation_vector(
+    [0.1, 0.2, 0.3], [10.0, 20.0, 30.0], target="tracker", source="needle"
+)
+
+
+def make_setup(robot: RobotSetup | None = None) -> SessionSetup:
+    return SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
+
+
+def cautery_at(distance_mm: float, at_ms: float) -> TrackedTransform:
+    """The cautery with its tip this far from the sphere's centre, along the tumour's x."""
+    tumor_from_tip = Transform("tumor", "cautery_tip", np.eye(3), [distance_mm, 0.0, 0.0])
+    tracker_from_tumor = TRACKER_FROM_NEEDLE @ NEEDLE_FROM_TUMOR
+    pose = tracker_from_tumor @ tumor_from_tip @ TOOL_FROM_TIP.inverse()
+    return TrackedTransform(pose, Stamp(int(at_ms * 1e6)), TrackingStatus.OK)
+
+
+def needle(at_ms: float) -> TrackedTransform:
+    return TrackedTransform(TRACKER_FROM_NEEDLE, Stamp(int(at_ms * 1e6)), TrackingStatus.OK)
+
+
+def steps(session: Session, distances, *, start_ms=0.0):
+    return [
+        session.step(frame(at, needle(at), cautery_at(distance, at)))
+        for at, distance in zip(np.arange(len(distances)) * 20.0 + start_ms, distances, strict=True)
+    ]
+
+
+def test_the_distance_is_measured_in_the_tumours_frame():
+    (step,) = steps(Session(make_setup()), [17.0])
+    assert step.decision.state is MarginState.NEGATIVE
+    assert step.decision.proximity.signed_distance_mm == pytest.approx(7.0, abs=1e-9)
+    np.testing.assert_allclose(step.tumor_from_tip.translation_mm, [17.0, 0, 0], atol=1e-9)
+    assert step.decision.stamp == Stamp(0)
+
+
+def test_the_fixture_stands_at_the_stop_margin_facing_the_tool():
+    (step,) = steps(Session(make_setup()), [17.0])
+    fixture = step.virtual_fixture
+    assert (fixture.target, fixture.source) == ("tumor", "virtual_fixture")
+    np.testing.assert_allclose(fixture.translation_mm, [11.0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(fixture.rotation[:, 2], [1.0, 0, 0], atol=1e-9)
+
+
+def test_states_follow_the_distance():
+    session = Session(make_setup())
+    found = [step.decision.state.name for step in steps(session, [30.0, 14.0, 9.0, 14.0, 30.0])]
+    assert found == ["NEGATIVE", "WARNING", "POSITIVE", "POSITIVE", "POSITIVE"]
+
+
+@pytest.mark.parametrize("edge", ["cautery", "needle"])
+def test_a_lost_tool_or_tumour_is_unknown_and_holds(edge):
+    session = Session(make_setup())
+    steps(session, [30.0, 30.1])
+    poses = {"cautery": cautery_at(30.2, 40), "needle": needle(40)}
+    poses[edge] = lost("tracker", edge, 40, TrackingStatus.INVALID)
+    step = session.step(frame(40, *poses.values()))
+    assert step.decision.state is MarginState.UNKNOWN
+    assert step.decision.reasons[0] is Reason.INVALID
+    assert step.decision.hold
+    assert step.decision.proximity is None
+    assert step.tumor_from_tip is None
+    assert step.virtual_fixture is not None, "stale never means unconstrained"
+
+
+def test_a_silent_tracker_is_unknown_from_its_watchdog_frame_on():
+    session = Session(make_setup())
+    steps(session, [30.0, 30.1])
+    assert session.step(frame(221)).decision.reasons[0] is Reason.STALE
+
+
+def test_a_single_missing_frame_is_bridged_and_the_margin_grows_with_age():
+    session = Session(make_setup())
+    steps(session, [30.0])
+    step = session.step(frame(20, cautery_at(29.0, 20)))
+    assert step.decision.state is MarginState.NEGATIVE
+    assert step.decision.stamp == Stamp(0)
+    assert step.decision.margin.age_mm == pytest.approx(50.0 * 0.020)
+
+
+DISTURBANCES = ["lost", "silent", "future", "back", "absent"]
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.sampled_from(["good", *DISTURBANCES]), min_size=1, max_size=25))
+def test_nothing_is_ever_green_while_an_input_is_bad(story):
+    session, now = Session(make_setup()), 0.0
+    story = ["good", *story]
+    for index, event in enumerate(story):
+        now += {"silent": 500.0, "back": -1000.0}.get(event, 20.0)
+        distance = 40.0 + 0.01 * index
+        poses = {
+            "lost": (needle(now), lost("tracker", "cautery", now, TrackingStatus.MISSING)),
+            "future": (needle(now), cautery_at(distance, now + 1.0)),
+            "absent": (needle(now),),
+            "silent": (),
+        }.get(event, (needle(now), cautery_at(distance, now)))
+        decision = session.step(frame(now, *poses)).decision
+        if event in ("lost", "silent", "future", "back"):
+            assert decision.state is MarginState.UNKNOWN, (index, event)
+        if event == "good" and all(past == "good" for past in story[:index]):
+            assert decision.state is MarginState.NEGATIVE
+
+
+@pytest.fixture(scope="module")
+def touch(project_root):
+    return load_robot(project_root / "data" / "robots" / "touch" / "touch.urdf")
+
+
+def registered(touch, registration) -> RobotSetup:
+    return RobotSetup(touch, "robot_base", "stylus", registration)
+
+
+def reference(at_ms: float) -> TrackedTransform:
+    return sample("tracker", "reference", (1.0, 2.0, 3.0), at_ms)
+
+
+def landmarks():
+    generator = np.random.default_rng(5)
+    return generator.uniform(-60.0, 60.0, (8, 3))
+
+
+def found_registration(noise_mm: float):
+    points = landmarks()
+    noisy = points + np.random.default_rng(6).normal(0.0, noise_mm, points.shape)
+    return register_points(noisy, points, fixed_frame="reference", moving_frame="robot_base")
+
+
+def test_the_registrations_error_at_the_tip_widens_the_margin(touch):
+    session = Session(make_setup(registered(touch, found_registration(0.3))))
+    step = session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    assert step.decision.margin.tre_mm > 0.1
+    exact = Session(make_setup(registered(touch, found_registration(0.0))))
+    step = exact.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    assert step.decision.margin.tre_mm == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_robot_without_a_registration_is_unknown(touch):
+    session = Session(make_setup(registered(touch, None)))
+    step = session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    assert step.decision.state is MarginState.UNKNOWN
+    assert Reason.REGISTRATION_MISSING in step.decision.reasons
+
+
+def test_a_robot_needs_the_reference_through_which_it_is_registered(touch):
+    session = Session(make_setup(registered(touch, found_registration(0.1))))
+    step = session.step(frame(0, needle(0), cautery_at(40.0, 0)))
+    assert step.decision.state is MarginState.UNKNOWN
+    assert Reason.MISSING in step.decision.reasons
+
+
+def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong(touch):
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    session = Session(make_setup(registered(touch, given)))
+    joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
+    poses = (reference(0), needle(0), cautery_at(40.0, 0))
+    assert session.step(frame(0, *poses)).robot_problem == "no joint positions yet"
+    step = session.step(frame(5, joints=(joint_sample(joints, 4),)))
+    assert step.robot_problem == ""
+    np.testing.assert_array_equal(
+        step.links["stylus"].matrix, touch.forward_kinematics(joints)["stylus"].matrix
+    )
+    stale = session.step(frame(205))
+    assert (dict(stale.links), stale.robot_problem) == ({}, "joint positions are 201 ms old")
+    wrong = session.step(frame(206, joints=(joint_sample({"waist": np.nan}, 206),)))
+    assert not wrong.links
+    assert "waist" in wrong.robot_problem
+
+
+def test_what_cannot_be_a_robot_setup_is_refused(touch):
+    with pytest.raises(Exception, match="'gripper' is not a link of 'touch'"):
+        RobotSetup(touch, "robot_base", "gripper", None)
+    with pytest.raises(Exception, match="reference_from_robot_base wanted"):
+        registered(touch, given_registration(Transform.identity("tracker", "robot_base")))
