@@ -1,0 +1,39 @@
+"""Small robots written at run time, and the touch arm."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.robot import Robot, load_robot
+
+WriteUrdf = Callable[..., Path]
+
+
+@pytest.fixture
+def write_urdf(tmp_path: Path) -> WriteUrdf:
+    """Writes ``<robot>BODY</robot>`` and returns its path."""
+
+    def write(body: str, *, folder: Path = tmp_path, name: str = "robot.urdf") -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / name
+        path.write_text(f'<?xml version="1.0"?>\n<robot name="test">\n{body}\n</robot>\n')
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def touch_urdf(project_root: Path) -> Path:
+    return project_root / "data" / "robots" / "touch" / "touch.urdf"
+
+
+@pytest.fixture(scope="session")
+def touch(touch_urdf: Path) -> Robot:
+    return load_robot(touch_urdf)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20240611)

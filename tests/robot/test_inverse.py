@@ -1,0 +1,154 @@
+"""Inverse kinematics: forward kinematics of its answer is what was asked for."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.geometry import Transform
+from app.robot import (
+    IkOptions,
+    Joint,
+    JointError,
+    JointType,
+    Link,
+    Mimic,
+    Robot,
+    UnreachableError,
+    load_robot,
+)
+
+fractions = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6)
+
+
+def within_limits(robot, positions):
+    return all(
+        joint.lower <= positions[joint.name] <= joint.upper
+        for joint in robot.joints
+        if joint.name in positions
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(fractions)
+def test_every_pose_of_the_arm_is_found_again(touch, fractions):
+    positions = {
+        joint.name: joint.lower + fraction * (joint.upper - joint.lower)
+        for joint, fraction in zip(touch.joints, fractions, strict=True)
+    }
+    wanted = touch.forward_kinematics(positions)["stylus"]
+    found = touch.inverse_kinematics("stylus", wanted)
+    reached = touch.forward_kinematics(found)["stylus"]
+    assert reached.distance_mm_to(wanted) < 1e-6
+    assert reached.angle_to(wanted) < 1e-8
+    assert within_limits(touch, found)
+
+
+def test_the_panda_with_seven_joints_and_a_gripper(project_root, rng):
+    pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
+    import importlib.metadata as metadata
+
+    try:
+        files = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        pytest.skip("the example-robot-data wheel is not installed")
+    robot = load_robot(next(f.locate() for f in files if f.name == "panda.urdf"))
+    for _ in range(5):
+        positions = {
+            joint.name: rng.uniform(joint.lower, joint.upper)
+            for joint in robot.joints
+            if joint.moves and joint.mimic is None
+        }
+        # The finger follows its leader, so the answer has to go through the mimic joint.
+        wanted = robot.forward_kinematics(positions)["panda_rightfinger"]
+        found = robot.inverse_kinematics("panda_rightfinger", wanted)
+        assert set(found) == set(robot.actuated_joint_names)
+        assert within_limits(robot, found)
+        reached = robot.forward_kinematics(found)["panda_rightfinger"]
+        assert reached.distance_mm_to(wanted) < 1e-6
+
+
+def test_a_seed_near_the_answer_keeps_its_branch(touch):
+    path = [
+        {"waist": 0.3 * math.sin(t), "shoulder": 0.5, "elbow": 0.2 * t, "yaw": t - 0.5}
+        for t in np.linspace(0.0, 1.0, 30)
+    ]
+    seed = path[0]
+    for wanted_positions in path:
+        wanted = touch.forward_kinematics(wanted_positions)["stylus"]
+        seed = touch.inverse_kinematics("stylus", wanted, seed=seed, options=IkOptions(restarts=0))
+        for name, position in wanted_positions.items():
+            assert seed[name] == pytest.approx(position, abs=1e-6)
+
+
+def test_the_same_question_has_the_same_answer(touch):
+    wanted = touch.forward_kinematics({"waist": 0.4, "elbow": -0.3, "pitch": 0.8})["stylus"]
+    first = touch.inverse_kinematics("stylus", wanted)
+    assert touch.inverse_kinematics("stylus", wanted) == first
+
+
+def test_joints_that_do_not_move_the_link_keep_their_seed(touch):
+    wanted = touch.forward_kinematics({"waist": 0.4})["torso"]
+    found = touch.inverse_kinematics("torso", wanted, seed={"elbow": 0.7})
+    assert found == pytest.approx(
+        {"waist": 0.4, "shoulder": 0, "elbow": 0.7, "yaw": 0, "pitch": 0, "roll": 0}
+    )
+
+
+def test_out_of_reach_says_how_far(touch):
+    far = Transform("touch_base", "stylus", np.eye(3), np.array([1000.0, 0.0, 150.0]))
+    with pytest.raises(UnreachableError, match=r"'stylus'.*1000.*nearest is \d+ mm"):
+        touch.inverse_kinematics("stylus", far, options=IkOptions(restarts=2, max_iterations=50))
+
+
+def test_limits_are_kept_though_the_pose_lies_just_beyond_them(touch):
+    beyond = touch.forward_kinematics({"waist": 1.35})["torso"]
+    with pytest.raises(UnreachableError, match="0.05 rad"):
+        touch.inverse_kinematics("torso", beyond)
+
+
+def test_a_follower_keeps_its_own_limits():
+    def hinge(name, parent, child, limit, mimic=None):
+        origin = Transform(parent, child, np.eye(3), np.array([100.0, 0.0, 0.0]))
+        return Joint(name, JointType.REVOLUTE, origin, np.eye(3)[2], -limit, limit, mimic)
+
+    finger = Robot(
+        "finger",
+        (Link("a"), Link("b"), Link("c")),
+        (hinge("lead", "a", "b", 2.0), hinge("follow", "b", "c", 1.0, Mimic("lead", 2.0, 0.0))),
+    )
+    inside = finger.forward_kinematics({"lead": 0.4})["c"]
+    assert finger.inverse_kinematics("c", inside) == pytest.approx({"lead": 0.4})
+    outside = finger.forward_kinematics({"lead": 0.8})["c"]
+    with pytest.raises(UnreachableError):
+        finger.inverse_kinematics("c", outside)
+
+
+def test_a_continuous_joint_stays_within_half_a_turn_of_its_seed():
+    wheel = Robot(
+        "wheel",
+        (Link("a"), Link("b")),
+        (Joint("turn", JointType.CONTINUOUS, Transform.identity("a", "b"), np.eye(3)[2]),),
+    )
+    wanted = wheel.forward_kinematics({"turn": 0.5})["b"]
+    found = wheel.inverse_kinematics("b", wanted, seed={"turn": 4.0 * math.pi})
+    assert found["turn"] == pytest.approx(4.0 * math.pi + 0.5)
+
+
+def test_names_that_the_robot_does_not_have_are_refused(touch):
+    with pytest.raises(JointError, match="link 'hand' is unknown"):
+        touch.inverse_kinematics("hand", Transform.identity("touch_base", "hand"))
+    with pytest.raises(JointError, match="'knee' is unknown"):
+        touch.inverse_kinematics(
+            "torso", Transform.identity("touch_base", "torso"), seed={"knee": 0.0}
+        )
+
+
+@pytest.mark.parametrize(
+    "bad", [{"tolerance_mm": 0.0}, {"tolerance_rad": math.nan}, {"max_iterations": 0}]
+)
+def test_options_out_of_range_are_refused(bad):
+    with pytest.raises(JointError, match="wanted|at least"):
+        IkOptions(**bad)

@@ -1,0 +1,132 @@
+"""The tree of links: mimic chains, the Jacobian, and what is no tree."""
+
+import numpy as np
+import pytest
+
+from app.geometry import Transform
+from app.robot import Joint, JointError, JointType, Link, Mimic, Robot, UrdfError
+
+
+def joint(name, parent, child, kind="revolute", *, axis=(0, 0, 1), at=(0, 0, 0), mimic=None):
+    origin = Transform(parent, child, np.eye(3), np.array(at, dtype=float))
+    return Joint(name, JointType(kind), origin, np.array(axis, dtype=float), -9.0, 9.0, mimic)
+
+
+def robot(*joints, links="abcde"):
+    return Robot("test", tuple(Link(name) for name in links), joints)
+
+
+def angle(transform):
+    return transform.rotation_vector[2]
+
+
+def test_a_chain_of_followers_with_multipliers_and_offsets():
+    arm = robot(
+        # listed before its leader on purpose
+        joint("third", "c", "d", mimic=Mimic("second", -1.0, 0.25)),
+        joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
+        joint("first", "a", "b"),
+        links="abcd",
+    )
+    links = arm.forward_kinematics({"first": 0.2})
+    assert arm.actuated_joint_names == ("first",)
+    # 0.2, then 0.1 + 2 * 0.2 = 0.5, then 0.25 - 0.5
+    assert angle(links["b"]) == pytest.approx(0.2)
+    assert angle(links["c"]) == pytest.approx(0.2 + 0.5)
+    assert angle(links["d"]) == pytest.approx(0.2 + 0.5 - 0.25)
+
+
+def test_a_follower_has_its_offset_when_nothing_is_given():
+    arm = robot(
+        joint("first", "a", "b"),
+        joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
+        links="abc",
+    )
+    assert angle(arm.forward_kinematics({})["c"]) == pytest.approx(0.1)
+
+
+def test_a_follower_that_is_measured_stays_where_it_was_measured():
+    arm = robot(
+        joint("first", "a", "b"),
+        joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
+        joint("third", "c", "d", mimic=Mimic("second")),
+        links="abcd",
+    )
+    links = arm.forward_kinematics({"first": 0.2, "second": 0.3})
+    assert angle(links["c"]) == pytest.approx(0.5)
+    assert angle(links["d"]) == pytest.approx(0.8)
+
+
+def test_sliding_positions_are_metres_along_a_unit_axis():
+    arm = robot(joint("slide", "a", "b", "prismatic", axis=(0, 3, 4)), links="ab")
+    shift = arm.forward_kinematics({"slide": 0.01})["b"].translation_mm
+    np.testing.assert_allclose(shift, [0, 6, 8])
+
+
+def test_the_jacobian_is_the_derivative_of_the_pose(rng):
+    arm = robot(
+        joint("first", "a", "b", axis=(1, 2, 2), at=(10, 0, 5)),
+        joint("slide", "b", "c", "prismatic", axis=(0, 1, 1), at=(0, 20, 0)),
+        joint("follow", "c", "d", axis=(0, 1, 0), at=(30, 0, 0), mimic=Mimic("first", -1.5, 0.2)),
+        joint("last", "d", "e", axis=(1, 0, 0), at=(0, 0, 40)),
+    )
+    tree = arm._tree
+    names = list(arm.actuated_joint_names)
+    for _ in range(10):
+        at = dict(zip(names, rng.uniform(-1, 1, 3), strict=True))
+        matrices = tree.link_matrices(tree.all_positions(at))
+        jacobian = tree.jacobian("e", names, matrices)
+        for column, name in enumerate(names):
+            step = 1e-6
+            low = arm.forward_kinematics({**at, name: at[name] - step})["e"]
+            high = arm.forward_kinematics({**at, name: at[name] + step})["e"]
+            velocity = (high.translation_mm - low.translation_mm) / (2 * step)
+            turn = Transform("a", "a", high.rotation @ low.rotation.T, np.zeros(3))
+            np.testing.assert_allclose(jacobian[:3, column], velocity, rtol=1e-6, atol=1e-5)
+            np.testing.assert_allclose(
+                jacobian[3:, column], turn.rotation_vector / (2 * step), rtol=1e-6, atol=1e-6
+            )
+
+
+@pytest.mark.parametrize(
+    ("joints", "links", "message"),
+    [
+        ([], "ab", "a, b have no parent joint: one root"),
+        ([joint("j", "a", "b"), joint("k", "b", "a")], "ab", "loop"),
+        ([joint("j", "b", "c"), joint("k", "c", "b")], "abc", "b, c form a loop"),
+        ([joint("j", "a", "c"), joint("k", "b", "c")], "abc", "'c' is the child of.*'j' and 'k'"),
+        ([joint("j", "a", "x")], "ab", "child 'x' of joint 'j' is not a link"),
+        ([joint("j", "x", "b")], "ab", "parent 'x' of joint 'j' is not a link"),
+        ([joint("j", "a", "b", mimic=Mimic("k"))], "ab", "'j' mimics 'k': a moving joint"),
+        ([joint("j", "a", "b", mimic=Mimic("j"))], "ab", "'j' mimics itself"),
+        (
+            [joint("j", "a", "b", mimic=Mimic("k")), joint("k", "b", "c", mimic=Mimic("j"))],
+            "abc",
+            "mimics itself",
+        ),
+        (
+            [joint("j", "a", "b", mimic=Mimic("k")), joint("k", "b", "c", "fixed")],
+            "abc",
+            "'j' mimics 'k': a moving joint",
+        ),
+    ],
+)
+def test_what_is_not_one_tree_is_refused(joints, links, message):
+    with pytest.raises(UrdfError, match=message):
+        robot(*joints, links=links)
+
+
+def test_a_fixed_joint_takes_no_position():
+    arm = robot(joint("bolt", "a", "b", "fixed"), links="ab")
+    assert arm.actuated_joint_names == ()
+    with pytest.raises(JointError, match="'bolt' is fixed"):
+        arm.forward_kinematics({"bolt": 0.0})
+
+
+def test_joints_without_direction_or_with_crossed_limits_are_refused():
+    with pytest.raises(UrdfError, match="axis of joint 'j'"):
+        joint("j", "a", "b", axis=(0, 0, 0))
+    with pytest.raises(UrdfError, match="limits of joint 'j' are 1.0 to 0.0"):
+        Joint("j", JointType.REVOLUTE, Transform.identity("a", "b"), np.eye(3)[2], 1.0, 0.0)
+    with pytest.raises(UrdfError, match="nan"):
+        Mimic("j", float("nan"))
