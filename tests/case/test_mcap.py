@@ -1,0 +1,315 @@
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+
+from app.case import TrackingFrame, read_mcap, write_recording
+from app.case.ros_messages import (
+    TRACKED_TRANSFORM,
+    joint_state_message,
+    ros_types,
+    tf_message,
+    tracked_transform_message,
+)
+from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
+
+Frames = Callable[..., Iterator[TrackingFrame]]
+Same = Callable[..., None]
+OFFSET_NS = 37_000_000
+
+
+def read(path: Path, **given: Any) -> tuple[list[TrackingFrame], list[str]]:
+    notes: list[str] = []
+    arguments = {"joint_states_topic": "/joint_states", "offset_ns": OFFSET_NS} | given
+    return list(read_mcap(path, notes.append, **arguments)), notes
+
+
+def pose(ns: int, source: str = "cautery", x_mm: float = 0.0) -> TrackedTransform:
+    transform = Transform("tracker", source, np.eye(3), np.array([x_mm, 0.0, 0.0]))
+    return TrackedTransform(transform, Stamp(ns), TrackingStatus.OK)
+
+
+def write_messages(path: Path, messages: list[tuple[str, str, Any]], **options: Any) -> None:
+    """Any ROS messages (topic, type, message or CDR bytes) in this order, as an MCAP file."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start(profile="ros2", library="a test")
+        channels: dict[str, int] = {}
+        for index, (topic, kind, message) in enumerate(messages):
+            if topic not in channels:
+                definition, _ = ros_types().generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, "ros2msg", definition.encode())
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            data = (
+                message if isinstance(message, bytes) else ros_types().serialize_cdr(message, kind)
+            )
+            writer.add_message(channels[topic], index, bytes(data), index)
+        writer.finish()
+
+
+def tracked(sample: TrackedTransform) -> tuple[str, str, Any]:
+    return "/tracked_transforms", TRACKED_TRANSFORM, tracked_transform_message(sample)
+
+
+def tf(*samples: TrackedTransform) -> tuple[str, str, Any]:
+    return "/tf", "tf2_msgs/msg/TFMessage", tf_message(samples)
+
+
+def test_what_is_written_is_read(tmp_path: Path, frames: Frames, same_frames: Same) -> None:
+    path = tmp_path / "x.mcap"
+    write_recording(path, frames(60), robot_to_tracker_offset_ns=OFFSET_NS)
+    found, notes = read(path)
+    assert notes == []
+    for one, other in zip(frames(60), found, strict=True):
+        same_frames(one, other)
+
+
+def test_joints_are_read_from_the_topic_of_the_manifest(tmp_path: Path, frames: Frames) -> None:
+    path = tmp_path / "x.mcap"
+    write_recording(path, frames(9), joint_states_topic="/arm/joint_states")
+    assert sum(len(f.joints) for f in read(path, joint_states_topic="/arm/joint_states")[0]) == 36
+    assert not any(f.joints for f in read(path, joint_states_topic=None)[0])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.NONE},
+        {"use_chunking": False},
+        {"chunk_size": 200},
+    ],
+)
+def test_every_way_to_pack_messages(tmp_path: Path, options: dict[str, Any]) -> None:
+    samples = [pose(10**9 + i * 10**7, x_mm=float(i)) for i in range(30)]
+    write_messages(tmp_path / "x.mcap", [tracked(s) for s in samples], **options)
+    frames, notes = read(tmp_path / "x.mcap")
+    assert ([f.stamp for f in frames], notes) == ([s.stamp for s in samples], [])
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_a_rosbag2_folder(tmp_path: Path, plugin: StoragePlugin) -> None:
+    with BagWriter(tmp_path / "bag", version=9, storage_plugin=plugin) as bag:
+        connection = bag.add_connection(
+            "/tracked_transforms", TRACKED_TRANSFORM, typestore=ros_types()
+        )
+        for index in range(10):
+            _, kind, message = tracked(pose(10**9 + index))
+            bag.write(connection, index, ros_types().serialize_cdr(message, kind))
+    frames, _ = read(tmp_path / "bag")
+    assert [frame.stamp.ns for frame in frames] == [10**9 + index for index in range(10)]
+
+
+def test_late_messages_find_their_place(tmp_path: Path) -> None:
+    order = [0, 3, 1, 2, 6, 5, 4, 9, 8, 7]
+    messages = [tracked(pose(10**9 + i * 10**8)) for i in order]
+    messages.insert(4, tracked(pose(10**9, "needle")))
+    write_messages(tmp_path / "x.mcap", messages)
+    frames, _ = read(tmp_path / "x.mcap")
+    assert [frame.stamp.ns for frame in frames] == [10**9 + i * 10**8 for i in range(10)]
+    assert [p.source for p in frames[0].poses] == ["cautery", "needle"]
+
+
+@settings(max_examples=50, deadline=None)
+@given(delays_ms=st.lists(st.integers(0, 450), min_size=1, max_size=40))
+def test_any_delay_within_the_buffer_is_sorted_out(
+    tmp_path_factory: pytest.TempPathFactory, delays_ms: list[int]
+) -> None:
+    path = tmp_path_factory.mktemp("late") / "x.mcap"
+    stamps = [10**9 + i * 20_000_000 for i in range(len(delays_ms))]
+    arrivals = sorted(range(len(stamps)), key=lambda i: stamps[i] + delays_ms[i] * 10**6)
+    write_messages(path, [tracked(pose(stamps[i])) for i in arrivals])
+    assert [frame.stamp.ns for frame in read(path)[0]] == stamps
+
+
+def test_a_clock_that_jumped_back_stays_visible(tmp_path: Path) -> None:
+    stamps = [10 * 10**9 + i * 10**8 for i in range(9)] + [2 * 10**9 + i * 10**8 for i in range(9)]
+    write_messages(tmp_path / "x.mcap", [tracked(pose(ns)) for ns in stamps])
+    assert [frame.stamp.ns for frame in read(tmp_path / "x.mcap")[0]] == stamps
+
+
+def test_tf_serves_the_edges_that_are_not_tracked(tmp_path: Path) -> None:
+    lost = TrackedTransform.lost("tracker", "cautery", Stamp(10**9 + 1), TrackingStatus.INVALID)
+    messages = [
+        tracked(pose(10**9, x_mm=1.0)),
+        tf(pose(10**9, x_mm=2.0), pose(10**9, "probe")),
+        tracked(lost),
+        tf(pose(10**9 + 1, x_mm=2.0), pose(10**9 + 1, "probe")),
+        ("/tf_static", "tf2_msgs/msg/TFMessage", tf_message([pose(10**9, "static")])),
+    ]
+    write_messages(tmp_path / "x.mcap", messages)
+    frames, _ = read(tmp_path / "x.mcap")
+    assert [[(p.source, p.status.name) for p in f.poses] for f in frames] == [
+        [("cautery", "OK"), ("probe", "OK")],
+        [("cautery", "INVALID"), ("probe", "OK")],
+    ]
+    first = frames[0].poses[0].transform
+    assert first is not None and first.translation_mm[0] == pytest.approx(1.0)
+
+
+def test_a_bag_with_tf_alone(tmp_path: Path) -> None:
+    write_messages(tmp_path / "x.mcap", [tf(pose(10**9 + i)) for i in range(5)])
+    assert len(read(tmp_path / "x.mcap")[0]) == 5
+
+
+@pytest.mark.parametrize(
+    ("edit", "status"),
+    [
+        (lambda m: setattr(m.transform.translation, "x", np.nan), TrackingStatus.NOT_FINITE),
+        (lambda m: setattr(m.transform.rotation, "w", np.inf), TrackingStatus.NOT_FINITE),
+        (lambda m: setattr(m.transform.rotation, "w", 0.5), TrackingStatus.NOT_RIGID),
+        (lambda m: setattr(m.transform.rotation, "w", 0.0), TrackingStatus.NOT_RIGID),
+        (lambda m: setattr(m, "status", 250), TrackingStatus.INVALID),
+        (lambda m: setattr(m, "status", 3), TrackingStatus.OUT_OF_VIEW),
+    ],
+)
+def test_numbers_that_are_no_pose_become_a_status(
+    tmp_path: Path, edit: Callable[[Any], None], status: TrackingStatus
+) -> None:
+    topic, kind, message = tracked(pose(10**9))
+    edit(message)
+    write_messages(tmp_path / "x.mcap", [(topic, kind, message)])
+    ((frame,), _) = read(tmp_path / "x.mcap")
+    assert [(p.status, p.transform) for p in frame.poses] == [(status, None)]
+
+
+def test_messages_that_cannot_be_read_are_skipped_and_said(tmp_path: Path, frames: Frames) -> None:
+    topic, kind, nameless = tracked(pose(10**9))
+    nameless.child_frame_id = "not a frame"
+    (frame,) = frames(1)
+    joints = joint_state_message(frame.joints[0], 5)
+    joints.position = np.zeros(7)
+    write_messages(
+        tmp_path / "x.mcap",
+        [
+            (topic, kind, nameless),
+            (topic, kind, b"\x00\x01\x00\x00\x01\x02"),
+            (topic, kind, b""),
+            tracked(pose(10**9)),
+            ("/joint_states", "sensor_msgs/msg/JointState", joints),
+        ],
+    )
+    frames_read, notes = read(tmp_path / "x.mcap")
+    assert len(frames_read) == 1
+    assert any("/joint_states" in note and "2 names" in note for note in notes)
+    assert "3 messages on /tracked_transforms were skipped in all" in notes
+
+
+def test_a_topic_of_another_type_is_refused(tmp_path: Path) -> None:
+    write_messages(
+        tmp_path / "x.mcap",
+        [("/tracked_transforms", "tf2_msgs/msg/TFMessage", tf_message([pose(10**9)]))],
+    )
+    with pytest.raises(InputError, match=r"carries tf2_msgs/msg/TFMessage: marginguard_msgs"):
+        read(tmp_path / "x.mcap")
+
+
+def test_a_recording_without_poses_is_refused(tmp_path: Path) -> None:
+    write_messages(tmp_path / "x.mcap", [])
+    with pytest.raises(InputError, match="holds no sample"):
+        read(tmp_path / "x.mcap")
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"RIFF" * 100])
+def test_no_mcap_file(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "x.mcap").write_bytes(content)
+    with pytest.raises(InputError, match="no MCAP file"):
+        read(tmp_path / "x.mcap")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int], int]:
+    """A recording of many chunks, its stamps in order, and where its first chunk ends."""
+    path = tmp_path_factory.mktemp("whole") / "x.mcap"
+    stamps = [10**9 + i * 20_000_000 for i in range(200)]
+    write_messages(path, [tracked(pose(ns)) for ns in stamps], chunk_size=4000)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None and len(summary.chunk_indexes) > 5
+    first = summary.chunk_indexes[0]
+    return path.read_bytes(), stamps, first.chunk_start_offset + first.chunk_length
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_what_is_whole_of_a_cut_file_is_used_and_said(
+    tmp_path_factory: pytest.TempPathFactory,
+    recording: tuple[bytes, list[int], int],
+    data: st.DataObject,
+) -> None:
+    content, stamps, first_chunk_end = recording
+    cut = data.draw(st.integers(8, len(content)))
+    path = tmp_path_factory.mktemp("cut") / "x.mcap"
+    path.write_bytes(content[:cut])
+    notes: list[str] = []
+    found: list[int] = []
+    try:
+        frames = read_mcap(path, notes.append, joint_states_topic=None)
+        found.extend(frame.stamp.ns for frame in frames)
+    except InputError as error:
+        assert "holds no sample" in str(error)
+        assert cut < first_chunk_end
+    assert found == stamps[: len(found)]
+    assert bool(found) == (cut >= first_chunk_end)
+    # Only where the data are whole and the index alone is cut is there nothing to say.
+    assert found == stamps or any("is cut or damaged at byte" in note for note in notes)
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_damaged_bytes_never_crash_nor_make_up_a_pose(
+    tmp_path_factory: pytest.TempPathFactory,
+    recording: tuple[bytes, list[int], int],
+    data: st.DataObject,
+) -> None:
+    content, stamps, _ = recording
+    damaged = bytearray(content)
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(8, len(content) - 1))
+        damaged[place] ^= data.draw(st.integers(1, 255))
+    path = tmp_path_factory.mktemp("damaged") / "x.mcap"
+    path.write_bytes(damaged)
+    try:
+        frames, _ = read(path)
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert {frame.stamp.ns for frame in frames} <= set(stamps)
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4"])
+def test_a_chunk_that_unfolds_beyond_its_size_is_skipped(tmp_path: Path, kind: str) -> None:
+    import struct
+
+    import zstandard
+
+    bomb = b"\0" * 50_000_000
+    packed = zstandard.compress(bomb) if kind == "zstd" else lz4.frame.compress(bomb)
+    name = kind.encode()
+    chunk = struct.pack("<QQQI", 0, 0, 1000, 0) + struct.pack("<I", len(name)) + name
+    chunk += struct.pack("<Q", len(packed)) + packed
+    path = tmp_path / "x.mcap"
+    write_messages(path, [tracked(pose(10**9))])
+    whole = path.read_bytes()
+    header_end = 8 + 9 + struct.unpack_from("<Q", whole, 9)[0]
+    record = struct.pack("<BQ", 6, len(chunk)) + chunk
+    path.write_bytes(whole[:header_end] + record + whole[header_end:])
+    frames, notes = read(path)
+    assert len(frames) == 1
+    assert len(notes) == 1 and "unpacks to 1001 bytes or more, 1000 promised" in notes[0]
+
+
+def test_a_length_beyond_the_file_is_not_believed(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    write_messages(path, [tracked(pose(10**9))])
+    path.write_bytes(path.read_bytes()[:-60] + b"\x06" + b"\xff" * 8)
+    assert len(read(path)[0]) == 1
