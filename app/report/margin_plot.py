@@ -54,7 +54,9 @@ def margin_png(
     """The plot as PNG, 1560 x 720."""
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI, layout="constrained")
     strip, plot = figure.subplots(2, 1, sharex=True, height_ratios=(1, 16))
-    figure.suptitle(title, x=0.012, ha="left", color=_INK, fontsize=14, fontweight="bold")
+    figure.suptitle(
+        title, x=0.012, ha="left", color=_INK, fontsize=14, fontweight="bold", parse_math=False
+    )
     seconds = np.array([seconds_since(rows[0].stamp_ns, row.stamp_ns) for row in rows])
     _draw_states(strip, plot, rows, seconds)
     _draw_distance(plot, rows, seconds)

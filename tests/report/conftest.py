@@ -1,0 +1,68 @@
+"""Rows and records of the report's tests."""
+
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from app.fixture import MarginParameters, MarginState
+from app.report import ReplayRecord, ReportRow
+
+Distances = Sequence[float | None]
+PERIOD_NS = 20_000_000
+FIRST_NS = 1_000_000_000_000
+
+
+@pytest.fixture
+def margins() -> MarginParameters:
+    return MarginParameters(
+        stop_mm=1.0,
+        warn_mm=5.0,
+        k_tre=2.0,
+        v_max_mm_s=50.0,
+        stale_after_ns=200_000_000,
+        release_samples=3,
+        release_band_mm=0.5,
+        frozen_after_ns=1_000_000_000,
+    )
+
+
+@pytest.fixture
+def rows_of() -> Callable[..., tuple[ReportRow, ...]]:
+    """Rows 20 ms apart with these distances; None is a frame that could not be evaluated."""
+
+    def build(distances: Distances, period_ns: int = PERIOD_NS) -> tuple[ReportRow, ...]:
+        return tuple(
+            _row(FIRST_NS + index * period_ns, distance) for index, distance in enumerate(distances)
+        )
+
+    return build
+
+
+@pytest.fixture
+def record_of(
+    rows_of: Callable[..., tuple[ReportRow, ...]], margins: MarginParameters
+) -> Callable[..., ReplayRecord]:
+    def build(distances: Distances, **changes: object) -> ReplayRecord:
+        values: dict[str, object] = {
+            "case": "three frames",
+            "provenance": {"kind": "simulated", "source": "a test", "licence": "Apache-2.0"},
+            "rows": rows_of(distances),
+            "margins": margins,
+        }
+        return ReplayRecord(**{**values, **changes})  # type: ignore[arg-type]
+
+    return build
+
+
+def _row(stamp_ns: int, distance: float | None) -> ReportRow:
+    if distance is None:
+        return ReportRow(stamp_ns, MarginState.UNKNOWN, ("invalid", "stale"))
+    if distance < 0.0:
+        state, reason = MarginState.POSITIVE, "inside"
+    elif distance < 5.0:
+        state, reason = MarginState.WARNING, "warning_distance"
+    else:
+        state, reason = MarginState.NEGATIVE, "clear"
+    return ReportRow(
+        stamp_ns, state, (reason,), distance, distance - 0.25, (distance, 2.0, -3.0), 1.5, 5.5
+    )

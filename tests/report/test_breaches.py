@@ -1,0 +1,82 @@
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.fixture import MarginState
+from app.report import Breach, ReportRow, find_breaches
+
+STALE_NS = 200_000_000
+Rows = Callable[..., tuple[ReportRow, ...]]
+
+
+def test_breach_runs_from_the_first_to_the_last_inside_frame(rows_of: Rows) -> None:
+    breaches = find_breaches(rows_of([4.0, -1.0, -3.5, -2.0, 1.0, -0.5, 6.0]), STALE_NS)
+    assert breaches == (
+        Breach(pytest.approx(0.02), pytest.approx(0.06), -3.5, 2, 3),
+        Breach(pytest.approx(0.10), pytest.approx(0.10), -0.5, 5, 1),
+    )
+    assert breaches[0].duration_s == pytest.approx(0.04)
+    assert breaches[1].duration_s == 0.0
+
+
+def test_touching_the_surface_is_no_breach(rows_of: Rows) -> None:
+    assert find_breaches(rows_of([1.0, 0.0, 1.0]), STALE_NS) == ()
+
+
+def test_breach_at_both_ends_of_the_recording(rows_of: Rows) -> None:
+    breaches = find_breaches(rows_of([-1.0, 2.0, -1.0]), STALE_NS)
+    assert [(b.start_s, b.end_s) for b in breaches] == [(0.0, 0.0), (0.04, 0.04)]
+
+
+def test_short_dropout_neither_ends_nor_lengthens_a_breach(rows_of: Rows) -> None:
+    (breach,) = find_breaches(rows_of([-1.0, None, None, -2.0, None]), STALE_NS)
+    assert (breach.start_s, breach.end_s, breach.frames) == (0.0, pytest.approx(0.06), 2)
+
+
+@pytest.mark.parametrize(("lost", "count"), [(9, 1), (10, 2)])
+def test_dropout_longer_than_stale_after_splits(rows_of: Rows, lost: int, count: int) -> None:
+    # n lost frames of 20 ms leave (n + 1) 20 ms between the inside ones: 200 ms, then 220 ms.
+    assert len(find_breaches(rows_of([-1.0, *[None] * lost, -1.0]), STALE_NS)) == count
+
+
+def test_outside_during_a_dropout_is_two_breaches(rows_of: Rows) -> None:
+    assert len(find_breaches(rows_of([-1.0, None, 1.0, None, -1.0]), STALE_NS)) == 2
+
+
+def test_clock_that_jumps_back_splits() -> None:
+    rows = [ReportRow(ns, MarginState.POSITIVE, (), -1.0) for ns in (100, 200, 50, 60)]
+    assert len(find_breaches(rows, STALE_NS)) == 2
+
+
+def test_state_does_not_matter() -> None:
+    rows = [
+        ReportRow(0, MarginState.UNKNOWN, ("starting",), -1.0),
+        ReportRow(1, MarginState.POSITIVE, ("releasing",), 2.0),
+    ]
+    (breach,) = find_breaches(rows, STALE_NS)
+    assert (breach.frames, breach.deepest) == (1, 0)
+
+
+@given(st.lists(st.sampled_from([-2.0, -1.0, 0.0, 3.0, None]), max_size=60))
+def test_breaches_hold_every_inside_frame_once(distances: list[float | None]) -> None:
+    rows = [
+        ReportRow(index * 20_000_000, MarginState.UNKNOWN, (), distance)
+        for index, distance in enumerate(distances)
+    ]
+    breaches = find_breaches(rows, STALE_NS)
+    assert sum(b.frames for b in breaches) == sum(d is not None and d < 0 for d in distances)
+    for before, after in pairwise(breaches):
+        assert before.end_s < after.start_s
+    for breach in breaches:
+        inside = [
+            row.signed_distance_mm
+            for row in rows
+            if breach.start_s <= row.stamp_ns / 1e9 <= breach.end_s
+            and row.signed_distance_mm is not None
+        ]
+        assert max(inside) < 0.0
+        assert min(inside) == breach.min_signed_distance_mm
+        assert rows[breach.deepest].signed_distance_mm == breach.min_signed_distance_mm

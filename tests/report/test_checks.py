@@ -1,0 +1,145 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.case import (
+    Expected,
+    ExpectedBreach,
+    ExpectedBreaches,
+    ExpectedDropout,
+    ExpectedRegistration,
+)
+from app.fixture import MarginState
+from app.geometry import Transform
+from app.registration import RegistrationResult, given_registration
+from app.report import Check, ReportRow, check_expected, find_breaches
+
+STALE_NS = 200_000_000
+Rows = Callable[..., tuple[ReportRow, ...]]
+
+
+def run(
+    expected: Expected,
+    rows: tuple[ReportRow, ...],
+    registration: RegistrationResult | None = None,
+) -> dict[str, Check]:
+    checks = check_expected(expected, rows, find_breaches(rows, STALE_NS), registration, STALE_NS)
+    assert len({check.name for check in checks}) == len(checks)
+    return {check.name: check for check in checks}
+
+
+def breaches(*intervals: tuple[float, float, float]) -> Expected:
+    return Expected(
+        breaches=ExpectedBreaches(40.0, 0.3, tuple(ExpectedBreach(*one) for one in intervals))
+    )
+
+
+def results(checks: dict[str, Check]) -> dict[str, str]:
+    return {name: check.result for name, check in checks.items()}
+
+
+def test_nothing_stated_nothing_checked(rows_of: Rows) -> None:
+    assert run(Expected(), rows_of([1.0])) == {}
+
+
+@pytest.mark.parametrize(("frames", "result"), [(2, "pass"), (3, "fail")])
+def test_frames(rows_of: Rows, frames: int, result: str) -> None:
+    assert run(Expected(frames=frames), rows_of([1.0, 1.0]))["frames"].result == result
+
+
+def test_breaches_within_tolerance(rows_of: Rows) -> None:
+    rows = rows_of([1.0, 1.0, 1.0, -1.0, -2.0, -1.0, 1.0])  # inside from 60 to 100 ms
+    assert results(run(breaches((0.02, 0.14, -2.3)), rows)) == {
+        "breach 1": "pass",
+        "depth of breach 1": "pass",
+        "no false breach": "pass",
+    }
+
+
+@pytest.mark.parametrize("interval", [(0.019, 0.10, -2.0), (0.06, 0.141, -2.0)])
+def test_breach_out_of_tolerance_is_missed_and_false(
+    rows_of: Rows, interval: tuple[float, float, float]
+) -> None:
+    rows = rows_of([1.0, 1.0, 1.0, -1.0, -2.0, -1.0, 1.0])
+    checks = run(breaches(interval), rows)
+    assert results(checks) == {"breach 1": "fail", "no false breach": "fail"}
+    assert "0.060 s to 0.100 s" in checks["no false breach"].detail
+    assert "nearest is 0.060 s" in checks["breach 1"].detail
+
+
+def test_wrong_depth(rows_of: Rows) -> None:
+    checks = run(breaches((0.0, 0.0, -1.31)), rows_of([-1.0, 1.0]))
+    assert checks["breach 1"].passed
+    assert not checks["depth of breach 1"].passed
+
+
+def test_one_breach_is_not_found_twice(rows_of: Rows) -> None:
+    checks = run(breaches((0.0, 0.02, -1.0), (0.0, 0.02, -1.0)), rows_of([-1.0, -1.0, 1.0]))
+    assert results(checks)["breach 1"] == "pass"
+    assert results(checks)["breach 2"] == "fail"
+
+
+def test_false_breach_where_none_is_expected(rows_of: Rows) -> None:
+    assert results(run(breaches(), rows_of([1.0, -1.0]))) == {"no false breach": "fail"}
+
+
+def test_registration_within_and_beyond(rows_of: Rows) -> None:
+    truth = Transform.from_rotation_vector(
+        [0.1, 0.2, 0.3], [10.0, 20.0, 30.0], target="reference", source="robot_base"
+    )
+    off = Transform.from_rotation_vector(
+        np.radians([0.4, 0.0, 0.0]), [0.9, 0.0, 0.0], target="reference", source="reference"
+    )
+    # Moved about the base's own origin, so that the origin moves by 0.9 mm only.
+    at_origin = Transform.identity("reference", "reference")
+    centered = replace(at_origin, translation_mm=truth.translation_mm)
+    found = centered @ off @ centered.inverse() @ truth
+    rows = rows_of([1.0])
+    for tolerance_mm, tolerance_deg, passed in (
+        (1.0, 0.5, True),
+        (0.8, 0.5, False),
+        (1.0, 0.3, False),
+    ):
+        expected = Expected(registration=ExpectedRegistration(truth, tolerance_mm, tolerance_deg))
+        check = run(expected, rows, given_registration(found))["registration"]
+        assert check.passed is passed
+        assert check.detail.startswith("0.900 mm and 0.400 deg off")
+
+
+def test_registration_that_is_missing_or_refused(rows_of: Rows) -> None:
+    truth = Transform.identity("reference", "robot_base")
+    expected = Expected(registration=ExpectedRegistration(truth, 1.0, 0.5))
+    refused = replace(given_registration(truth), accepted=False, reason="too few points")
+    assert not run(expected, rows_of([1.0]))["registration"].passed
+    check = run(expected, rows_of([1.0]), refused)["registration"]
+    assert not check.passed
+    assert "too few points" in check.detail
+
+
+def dropout(kind: str, start_s: float, end_s: float) -> Expected:
+    return Expected(dropouts=(ExpectedDropout("cautery", kind, start_s, end_s),))  # type: ignore[arg-type]
+
+
+def test_invalid_dropout_is_unknown_from_its_first_frame(rows_of: Rows) -> None:
+    rows = rows_of([6.0, None, None, 6.0])
+    assert run(dropout("invalid", 0.02, 0.04), rows)["UNKNOWN in dropout 1"].passed
+    check = run(dropout("invalid", 0.0, 0.04), rows)["UNKNOWN in dropout 1"]
+    assert not check.passed
+    assert "1 of 3 frames" in check.detail
+    assert "NEGATIVE at 0.000 s" in check.detail
+
+
+def test_missing_dropout_is_unknown_once_stale(rows_of: Rows) -> None:
+    rows = rows_of([6.0] * 10 + [None] * 5)  # unknown from 200 ms on
+    assert run(dropout("missing", 0.0, 0.28), rows)["UNKNOWN in dropout 1"].passed
+    late = (*rows[:10], replace(rows[0], stamp_ns=rows[10].stamp_ns), *rows[11:])
+    assert late[10].state is MarginState.NEGATIVE
+    assert not run(dropout("missing", 0.0, 0.28), late)["UNKNOWN in dropout 1"].passed
+
+
+def test_dropout_without_a_frame_shows_nothing(rows_of: Rows) -> None:
+    check = run(dropout("missing", 0.0, 0.1), rows_of([6.0] * 20))["UNKNOWN in dropout 1"]
+    assert not check.passed
+    assert "no frame" in check.detail

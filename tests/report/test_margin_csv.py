@@ -1,0 +1,48 @@
+import csv
+import io
+from collections.abc import Callable
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.fixture import MarginState
+from app.report import ReportRow, margin_csv
+from app.report.margin_csv import COLUMNS
+
+Rows = Callable[..., tuple[ReportRow, ...]]
+numbers = st.floats(-1e4, 1e4)
+
+
+def test_text_is_exactly_this(rows_of: Rows) -> None:
+    assert margin_csv(rows_of([6.5, None, -1.25])) == (
+        "t_s,stamp_ns,state,signed_distance_mm,lower_bound_mm,reasons,"
+        "tip_x_mm,tip_y_mm,tip_z_mm\n"
+        "0.000000,1000000000000,NEGATIVE,6.500000,6.250000,clear,6.500000,2.000000,-3.000000\n"
+        "0.020000,1000020000000,UNKNOWN,,,invalid;stale,,,\n"
+        "0.040000,1000040000000,POSITIVE,-1.250000,-1.500000,inside,-1.250000,2.000000,-3.000000\n"
+    )
+
+
+def test_no_rows_leave_the_header() -> None:
+    assert margin_csv([]) == ",".join(COLUMNS) + "\n"
+
+
+def test_zero_has_no_sign() -> None:
+    text = margin_csv([ReportRow(0, MarginState.WARNING, (), -1e-9, -0.0)])
+    assert text.splitlines()[1] == "0.000000,0,WARNING,0.000000,0.000000,,,,"
+
+
+@given(st.lists(st.tuples(st.sampled_from(MarginState), numbers, numbers), min_size=1, max_size=20))
+def test_round_trip(values: list[tuple[MarginState, float, float]]) -> None:
+    rows = [
+        ReportRow(1_700_000_000_000_000_001 + 7 * i, state, ("clear",), d, d, (x, 0.0, 0.0))
+        for i, (state, d, x) in enumerate(values)
+    ]
+    read = list(csv.DictReader(io.StringIO(margin_csv(rows))))
+    assert tuple(read[0]) == COLUMNS
+    assert len(read) == len(rows)
+    for row, cells in zip(rows, read, strict=True):
+        assert int(cells["stamp_ns"]) == row.stamp_ns
+        assert MarginState[cells["state"]] is row.state
+        assert abs(float(cells["signed_distance_mm"]) - (row.signed_distance_mm or 0.0)) < 1e-6
+        assert abs(float(cells["tip_x_mm"]) - (row.tip_mm or (0.0,))[0]) < 1e-6

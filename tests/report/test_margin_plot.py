@@ -1,0 +1,71 @@
+from collections.abc import Callable
+from io import BytesIO
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.image import imread
+
+from app.fixture import MarginParameters, MarginState
+from app.geometry import FloatArray
+from app.report import ReportRow, find_breaches
+from app.report.margin_plot import STATE_STYLES, margin_png, state_bands
+
+Rows = Callable[..., tuple[ReportRow, ...]]
+
+DISTANCES = [9.0] * 30 + [3.0] * 30 + [-2.0] * 30 + [None] * 30 + [9.0] * 30
+
+
+def pixels(rows: tuple[ReportRow, ...], margins: MarginParameters) -> FloatArray:
+    breaches = find_breaches(rows, margins.stale_after_ns)
+    return imread(BytesIO(margin_png(rows, breaches, margins, "a case")))[..., :3]
+
+
+def count(picture: FloatArray, color: str) -> int:
+    return int((np.abs(picture - to_rgb(color)).max(axis=-1) < 0.02).sum())
+
+
+def test_every_state_has_its_part_of_the_strip(rows_of: Rows, margins: MarginParameters) -> None:
+    picture = pixels(rows_of(DISTANCES), margins)
+    assert picture.shape == (720, 1560, 3)
+    counts = {state: count(picture, style.color) for state, style in STATE_STYLES.items()}
+    assert min(counts.values()) > 2000
+    assert counts[MarginState.NEGATIVE] > 1.5 * counts[MarginState.WARNING]
+
+
+def test_state_that_did_not_occur_is_in_the_legend_only(
+    rows_of: Rows, margins: MarginParameters
+) -> None:
+    picture = pixels(rows_of([9.0] * 50), margins)
+    assert count(picture, STATE_STYLES[MarginState.POSITIVE].color) < 1000
+
+
+def test_same_rows_same_bytes(rows_of: Rows, margins: MarginParameters) -> None:
+    rows = rows_of(DISTANCES)
+    first, second = (margin_png(rows, (), margins, "a case") for _ in range(2))
+    assert first == second
+
+
+def test_one_frame_and_no_distance_are_drawn(rows_of: Rows, margins: MarginParameters) -> None:
+    assert margin_png(rows_of([None]), (), margins, "a case").startswith(b"\x89PNG")
+
+
+def test_callers_matplotlib_is_left_alone(rows_of: Rows, margins: MarginParameters) -> None:
+    before = dict(mpl.rcParams)
+    margin_png(rows_of([1.0, 2.0]), (), margins, "a case")
+    assert dict(mpl.rcParams) == before
+
+
+def test_bands_cover_the_time_without_gap(rows_of: Rows) -> None:
+    rows = rows_of([9.0, 9.0, 3.0, None])
+    seconds = np.array([0.0, 0.02, 0.04, 0.06])
+    assert list(state_bands(rows, seconds)) == [
+        (MarginState.NEGATIVE, 0.0, 0.04),
+        (MarginState.WARNING, 0.04, 0.06),
+        (MarginState.UNKNOWN, 0.06, 0.06),
+    ]
+
+
+def test_title_is_text_and_no_formula(rows_of: Rows, margins: MarginParameters) -> None:
+    title = r"costs $5 \frac{ and $6"
+    assert margin_png(rows_of([1.0]), (), margins, title).startswith(b"\x89PNG")

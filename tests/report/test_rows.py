@@ -1,0 +1,81 @@
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity, Reason
+from app.geometry import Stamp, Transform
+from app.report import ReplayLog, ReportError, ReportRow
+
+
+def step(distance_mm: float | None, *, ns: int = 5, tip: bool = True) -> SimpleNamespace:
+    proximity = None
+    if distance_mm is not None:
+        proximity = Proximity(
+            distance_mm,
+            distance_mm - 0.1,
+            np.zeros(3),
+            np.zeros(3),
+            np.array([0.0, 0.0, 1.0]),
+            None,
+        )
+    known = distance_mm is not None
+    decision = FixtureDecision(
+        MarginState.POSITIVE if known else MarginState.UNKNOWN,
+        (Reason.CONTACT, Reason.INSIDE) if known else (Reason.INVALID,),
+        proximity,
+        AppliedMargin(1.0, 5.0, 0.5, 0.25) if known else None,
+        None,
+        False,
+        Stamp(ns),
+        1,
+    )
+    tip_pose = Transform("tumor", "cautery_tip", np.eye(3), np.array([1.0, 2.0, 3.0]))
+    return SimpleNamespace(
+        frame=SimpleNamespace(stamp=Stamp(ns)),
+        decision=decision,
+        tumor_from_tip=tip_pose if tip else None,
+    )
+
+
+def test_row_of_a_step_keeps_its_numbers() -> None:
+    row = ReportRow.from_step(step(-1.5))
+    assert row == ReportRow(
+        5, MarginState.POSITIVE, ("contact", "inside"), -1.5, -1.6, (1.0, 2.0, 3.0), 1.75, 5.75
+    )
+    assert row.inside
+
+
+def test_row_of_a_step_without_proximity_knows_nothing() -> None:
+    row = ReportRow.from_step(step(None, tip=False))
+    assert row == ReportRow(5, MarginState.UNKNOWN, ("invalid",))
+    assert not row.inside
+
+
+def test_distance_that_is_no_number_is_unknown() -> None:
+    row = ReportRow.from_step(step(math.nan))
+    assert row.signed_distance_mm is None
+    assert row.lower_bound_mm is None
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_row_refuses_what_is_not_finite(value: float) -> None:
+    with pytest.raises(ReportError, match=r"row at 7 ns holds (nan|inf)"):
+        ReportRow(7, MarginState.NEGATIVE, (), value)
+
+
+def test_log_keeps_the_deepest_step_only() -> None:
+    log = ReplayLog()
+    steps = [step(distance) for distance in (3.0, None, -2.0, -1.0)]
+    for number, one in enumerate(steps):
+        log.add(one, 100 + number)
+    assert log.deepest is steps[2]
+    assert log.durations_ns == [100, 101, 102, 103]
+    assert [row.signed_distance_mm for row in log.rows] == [3.0, None, -2.0, -1.0]
+
+
+def test_log_without_a_distance_has_no_deepest_step() -> None:
+    log = ReplayLog()
+    log.add(step(None), 1)
+    assert log.deepest is None
