@@ -1,0 +1,58 @@
+"""What is said when an installation fails."""
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """`tools/install.py`, which is no package, with its log out of the way."""
+    spec = importlib.util.spec_from_file_location("install", ROOT / "tools" / "install.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "LOG", tmp_path / "install.log")
+    return module
+
+
+@pytest.mark.parametrize(
+    ("output", "said"),
+    [
+        (
+            "ERROR: Could not find a version that satisfies the requirement thing==1\n"
+            "ERROR: No matching distribution found for thing==1\n",
+            "no wheel of thing==1 for Python",
+        ),
+        (
+            "      error: g++ was not found: install a C and a C++ compiler\n"
+            "ERROR: Failed building wheel for marginguard-interfaces\n",
+            "g++ not found: install a C and a C++ compiler",
+        ),
+        ("a.c:1:10: fatal error: Python.h: No such file\nERROR: Failed", "apt install python3-dev"),
+        ("a.c:1:10: fatal error: rmw/types.h: No such file\nERROR: Failed", "rmw/types.h"),
+        ("ERROR: [Errno 28] No space left on device\n", "the disk is full"),
+        ("ERROR: Something new\n", "Something new"),
+        ("", "pip failed"),
+    ],
+)
+def test_one_sentence_names_the_cause(install: ModuleType, output: str, said: str) -> None:
+    sentence = install.explain(output)
+    assert said in sentence
+    assert "\n" not in sentence
+
+
+def test_a_missing_wheel_is_one_line_and_the_rest_is_in_the_log(
+    install: ModuleType, capfd: pytest.CaptureFixture[str]
+) -> None:
+    status = install.main(["--no-index", "no-such-wheel==1.2.3"])
+    error = capfd.readouterr().err
+    assert status != 0
+    assert error.startswith("marginguard: no wheel of no-such-wheel==1.2.3")
+    assert error.count("\n") == 1
+    assert "ERROR" in install.LOG.read_text()
