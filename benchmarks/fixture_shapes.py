@@ -1,0 +1,127 @@
+"""Shapes to test and to time the fixture with: tumours and tools, closed, in mm."""
+
+import numpy as np
+import trimesh
+
+from app.geometry import SurfaceMesh
+
+TUMORS = ("ball", "lobed", "two_part", "thin_shell", "spiky")
+TOOLS = ("needle", "bracket", "hollow_block", "forceps")
+
+
+def tumor(kind: str, subdivisions: int = 3) -> SurfaceMesh:
+    """A tumour of some 10 mm radius; each subdivision has four times the triangles."""
+    return _mesh(_tumor(kind, subdivisions), "tumor")
+
+
+def tool(kind: str, fineness: int = 12) -> SurfaceMesh:
+    """A tool; the needle fits into the tumours, the hollow block takes them in."""
+    return _mesh(_tool(kind, fineness), "tool")
+
+
+def lobed_tumor(triangles: int) -> SurfaceMesh:
+    """An irregular tumour of at least so many triangles, up to a factor of 4 more."""
+    subdivisions = max(0, int(np.ceil(np.log(triangles / 20.0) / np.log(4.0))))
+    return tumor("lobed", subdivisions)
+
+
+def cautery(triangles: int) -> SurfaceMesh:
+    """A pencil of 120 mm with a thin blade end, of about so many evenly sized triangles."""
+    around = max(6, int(np.sqrt(triangles / 12.0)))
+    along = max(4, int(triangles / (2 * around)))
+    height = np.linspace(0.0, 120.0, along)
+    radius = np.interp(height, [0.0, 8.0, 14.0, 120.0], [0.4, 0.8, 4.0, 4.5])
+    angle = 2.0 * np.pi * np.arange(around) / around
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    body = np.concatenate(
+        [
+            np.column_stack([r * ring, np.full(around, -h)])
+            for r, h in zip(radius, height, strict=True)
+        ]
+    )
+    i, j = np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij")
+    a, b = (i * around + j).ravel(), (i * around + (j + 1) % around).ravel()
+    c, d = a + around, b + around
+    low, high = len(body), len(body) + 1
+    rim, base = np.arange(around), (along - 1) * around
+    faces = np.concatenate(
+        [
+            np.column_stack([a, c, b]),
+            np.column_stack([b, c, d]),
+            np.column_stack([np.full(around, low), rim, np.roll(rim, -1)]),
+            np.column_stack([np.full(around, high), base + np.roll(rim, -1), base + rim]),
+        ]
+    )
+    vertices = np.vstack([body, [[0.0, 0.0, 0.2], [0.0, 0.0, -120.5]]])
+    return _mesh(trimesh.Trimesh(vertices, faces, process=False), "tool")
+
+
+def _tumor(kind: str, subdivisions: int) -> trimesh.Trimesh:
+    sphere = trimesh.creation.icosphere(subdivisions, radius=10.0)
+    x, y, z = sphere.vertices.T / 10.0
+    if kind == "ball":
+        return sphere
+    if kind == "lobed":
+        bumps = 1.0 + 0.18 * np.sin(4.0 * x + 1.0) * np.cos(3.0 * y) + 0.12 * np.sin(5.0 * z)
+        return trimesh.Trimesh(sphere.vertices * bumps[:, None], sphere.faces, process=False)
+    if kind == "spiky":
+        spikes = (
+            1.0 + 0.6 * np.maximum(0.0, np.cos(6.0 * x) * np.cos(6.0 * y) * np.cos(6.0 * z)) ** 3
+        )
+        return trimesh.Trimesh(sphere.vertices * spikes[:, None], sphere.faces, process=False)
+    if kind == "two_part":
+        first, second = sphere.copy(), sphere.copy()
+        first.apply_scale(0.5)
+        second.apply_scale(0.35)
+        first.apply_translation([-6.0, 0.0, 0.0])
+        second.apply_translation([5.0, 2.0, 0.0])
+        return trimesh.util.concatenate([first, second])
+    if kind == "thin_shell":
+        cavity = sphere.copy()
+        cavity.apply_scale(0.9)
+        cavity.invert()
+        return trimesh.util.concatenate([sphere, cavity])
+    raise ValueError(f"{kind!r} is no tumour: {', '.join(TUMORS)} are")
+
+
+def _tool(kind: str, fineness: int) -> trimesh.Trimesh:
+    if kind == "needle":
+        return trimesh.creation.capsule(height=6.0, radius=0.8, count=[fineness, fineness])
+    if kind == "bracket":
+        profile = np.array([[0, 0], [30, 0], [30, 3], [3, 3], [3, 15], [0, 15]], dtype=float)
+        return _extruded(profile, 4.0)
+    if kind == "hollow_block":
+        block = trimesh.creation.box(extents=[60.0, 60.0, 60.0]).subdivide().subdivide()
+        cavity = trimesh.creation.icosphere(2, radius=12.0)
+        cavity.apply_translation([14.0, 14.0, 14.0])
+        cavity.invert()
+        return trimesh.util.concatenate([block, cavity])
+    if kind == "forceps":
+        first = trimesh.creation.capsule(height=30.0, radius=1.0, count=[fineness, fineness])
+        second = first.copy()
+        second.apply_translation([7.0, 0.0, 0.0])
+        return trimesh.util.concatenate([first, second])
+    raise ValueError(f"{kind!r} is no tool: {', '.join(TOOLS)} are")
+
+
+def _extruded(profile: np.ndarray, height: float) -> trimesh.Trimesh:
+    """A prism over a polygon that its first corner sees whole (a fan triangulates it)."""
+    count = len(profile)
+    low = np.column_stack([profile, np.zeros(count)])
+    high = np.column_stack([profile, np.full(count, height)])
+    i = np.arange(count)
+    j = (i + 1) % count
+    fan = np.array([[0, k, k + 1] for k in range(1, count - 1)])
+    faces = np.concatenate(
+        [
+            np.column_stack([i, j, j + count]),
+            np.column_stack([i, j + count, i + count]),
+            fan[:, ::-1],
+            fan + count,
+        ]
+    )
+    return trimesh.Trimesh(np.vstack([low, high]), faces, process=False)
+
+
+def _mesh(shape: trimesh.Trimesh, frame: str) -> SurfaceMesh:
+    return SurfaceMesh(frame, shape.vertices, shape.faces).require_closed(f"the {frame}")
