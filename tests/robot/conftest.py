@@ -1,5 +1,6 @@
 """Small robots written at run time, and the touch arm."""
 
+import importlib.metadata
 from collections.abc import Callable
 from pathlib import Path
 
@@ -37,3 +38,16 @@ def touch(touch_urdf: Path) -> Robot:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240611)
+
+
+@pytest.fixture(scope="session")
+def example_robots() -> Path:
+    """The folder of robots of the example-robot-data wheel, a peer's test data."""
+    try:
+        files = importlib.metadata.files("example-robot-data") or []
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("the example-robot-data wheel is not installed")
+    folders = [Path(str(f.locate())).parents[2] for f in files if f.name == "ur5_robot.urdf"]
+    if not folders:
+        pytest.skip("the example-robot-data wheel holds no ur5_robot.urdf")
+    return folders[0]

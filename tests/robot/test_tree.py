@@ -119,14 +119,14 @@ def test_what_is_not_one_tree_is_refused(joints, links, message):
 def test_a_fixed_joint_takes_no_position():
     arm = robot(joint("bolt", "a", "b", "fixed"), links="ab")
     assert arm.actuated_joint_names == ()
-    with pytest.raises(JointError, match="'bolt' is fixed"):
+    with pytest.raises(JointError, match=r"'bolt' is fixed"):
         arm.forward_kinematics({"bolt": 0.0})
 
 
 def test_joints_without_direction_or_with_crossed_limits_are_refused():
     with pytest.raises(UrdfError, match="axis of joint 'j'"):
         joint("j", "a", "b", axis=(0, 0, 0))
-    with pytest.raises(UrdfError, match="limits of joint 'j' are 1.0 to 0.0"):
+    with pytest.raises(UrdfError, match=r"limits of joint 'j' are 1.0 to 0.0"):
         Joint("j", JointType.REVOLUTE, Transform.identity("a", "b"), np.eye(3)[2], 1.0, 0.0)
     with pytest.raises(UrdfError, match="nan"):
         Mimic("j", float("nan"))
