@@ -138,6 +138,8 @@ def _check_recording(path: Path, sha256: str | None) -> None:
     if path.is_dir():
         if sha256 is not None:
             raise InputError("case.yaml: recording.sha256 is given for a folder: a file wanted")
+        for part in path.iterdir():
+            resolve_inside(path, part.name, f"a part of the recording {path}")
         return
     if not name.endswith((".mcap", *_IGSIO_ENDINGS)):
         raise InputError(f"case.yaml: recording.path is {path.name!r}: {_READABLE} can be read")

@@ -47,10 +47,12 @@ def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
 
     An absent status counts as OK; numbers that are no pose become NOT_FINITE or NOT_RIGID. A frame
     without time cannot be placed: it is skipped and told to ``note``, as are transforms whose name
-    gives no pair of frames. Raises `InputError`, with the line, for anything malformed.
+    gives no pair of frames. Raises `InputError`, with the line, for anything malformed, and for a
+    file without any frame.
     """
     names = _FrameNames(note)
     draft: _Draft | None = None
+    placed = 0
     for line, key, value in _fields(path):
         match = _FRAME_FIELD.fullmatch(key)
         if match is None:
@@ -62,12 +64,17 @@ def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
                     f"{path} line {line}: frame {index} comes after frame {draft.index}, "
                     "rising numbers wanted"
                 )
-            yield from draft.finished(path, names, note)
+            if frame := draft.finished(path, names, note):
+                placed += 1
+                yield frame
             draft = None
         draft = draft or _Draft(index)
         draft.fields[match[2]] = (line, value)
-    if draft is not None:
-        yield from draft.finished(path, names, note)
+    if draft is not None and (frame := draft.finished(path, names, note)):
+        placed += 1
+        yield frame
+    if not placed:
+        raise InputError(f"{path} holds no frame with a Timestamp")
 
 
 @dataclass(slots=True)
@@ -77,12 +84,12 @@ class _Draft:
     index: int
     fields: dict[str, tuple[int, str]] = field(default_factory=dict)
 
-    def finished(self, path: Path, names: "_FrameNames", note: Note) -> Iterator[TrackingFrame]:
-        """The frame; nothing when it has no time."""
+    def finished(self, path: Path, names: "_FrameNames", note: Note) -> TrackingFrame | None:
+        """The frame; None when it has no time."""
         stamp = self._stamp(path, "Timestamp")
         if stamp is None:
             note(f"frame {self.index} has no Timestamp: skipped")
-            return
+            return None
         poses = []
         for name, (line, value) in self.fields.items():
             if not name.endswith(_TRANSFORM_SUFFIX):
@@ -91,7 +98,7 @@ class _Draft:
             if frames is not None:
                 place = f"{path} line {line} (frame {self.index}, {name})"
                 poses.append(self._sample(name, value, frames, stamp, place))
-        yield TrackingFrame(
+        return TrackingFrame(
             stamp, tuple(poses), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
         )
 

@@ -166,8 +166,6 @@ def _messages(path: Path, note: Note) -> Iterator[RawMessage]:
     parts = sorted(path.glob("*.mcap"), key=lambda part: (len(part.name), part.name))
     if parts:
         for part in parts:
-            if not part.resolve().is_relative_to(path.resolve()):
-                raise InputError(f"{part} is a symbolic link that leaves the recording")
             yield from read_mcap_messages(part, note)
     else:
         yield from _sqlite_messages(path)

@@ -138,15 +138,16 @@ class Player:
         verdict = _Verdict.RESTART
         while verdict is _Verdict.RESTART:
             with self._lock:
-                skip_ns, self._seek_ns = self._seek_ns or 0, None
+                skip_ns, self._seek_ns = self._seek_ns, None
                 self._anchor = None
             first_ns: int | None = None
             for frame in self._source():
                 if first_ns is None:
                     first_ns = frame.stamp.ns
-                if frame.stamp.ns - first_ns < skip_ns:
+                early = skip_ns is not None and frame.stamp.ns - first_ns < skip_ns
+                if early and not self._stopped:
                     continue
-                skip_ns = 0
+                skip_ns = None
                 verdict = self._hold(frame.stamp.ns)
                 if verdict is not _Verdict.PLAY:
                     break

@@ -118,6 +118,12 @@ def test_a_frame_without_time_is_skipped_and_said(tmp_path: Path) -> None:
     assert notes == ["frame 0 has no Timestamp: skipped"]
 
 
+@pytest.mark.parametrize("body", ["", frame(0, f"AToBTransform = {ONE}")])
+def test_a_file_without_any_frame_is_refused(tmp_path: Path, body: str) -> None:
+    with pytest.raises(InputError, match="holds no frame with a Timestamp"):
+        read(mha(tmp_path, body))
+
+
 def test_a_clock_that_jumps_back_and_missing_transforms_stay(tmp_path: Path) -> None:
     row = f"AToBTransform = {ONE}"
     path = mha(

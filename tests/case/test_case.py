@@ -1,0 +1,202 @@
+import hashlib
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from app.case import open_case
+from app.geometry import InputError, MarginGuardError, MeshError
+
+Manifest = dict[str, Any]
+WriteCase = Callable[..., Path]
+
+
+def test_a_whole_case(manifest: Manifest, write_case: WriteCase) -> None:
+    case = open_case(write_case(manifest))
+    assert case.tool_mesh().frame == "cautery_tip"
+    assert case.tumor_mesh().frame == "tumor"
+    assert case.expected() is None
+    assert not case.has_joints
+    for _ in range(2):
+        assert len(list(case.frames())) == 50
+        assert case.notes() == ()
+
+
+def test_meters_become_millimetres(manifest: Manifest, write_case: WriteCase) -> None:
+    manifest["tumor"]["mesh"]["units"] = "m"
+    low, high = open_case(write_case(manifest)).tumor_mesh().bounds_mm
+    np.testing.assert_allclose(high - low, 20_000.0, rtol=1e-5)
+
+
+def test_joints_are_on_the_trackers_clock(
+    manifest: Manifest, write_case: WriteCase, tmp_path: Path
+) -> None:
+    (tmp_path / "packages/arm").mkdir(parents=True)
+    (tmp_path / "packages/arm/arm.urdf").write_text("<robot/>")
+    manifest["clock"] = {"offset_robot_to_tracker_ms": 4.0}
+    manifest["robot"] = {
+        "urdf": "package://arm/arm.urdf",
+        "base_frame": "base",
+        "tool_link": "stylus",
+        "joint_states": "/joint_states",
+    }
+    manifest["registration"] = {"method": "given", "matrix": np.eye(4).ravel().tolist()}
+    case = open_case(write_case(manifest, count=3), package_dirs=[tmp_path / "packages"])
+    assert case.has_joints
+    assert case.robot_urdf() == tmp_path / "packages/arm/arm.urdf"
+    # Recorded at 15, 10, 5 and 0 ms before each frame, from 1 s on at 50 Hz.
+    assert [[j.stamp.ns // 10**6 for j in f.joints] for f in case.frames()] == [
+        [989, 994, 999],
+        [1004, 1009, 1014, 1019],
+        [1024, 1029, 1034, 1039, 1044],
+    ]
+
+
+def test_an_offset_that_is_to_be_estimated_is_refused_for_now(
+    manifest: Manifest, write_case: WriteCase, tmp_path: Path
+) -> None:
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm/arm.urdf").write_text("<robot/>")
+    manifest["clock"] = {"estimate": True}
+    manifest["robot"] = {
+        "urdf": "package://arm/arm.urdf",
+        "base_frame": "base",
+        "tool_link": "stylus",
+        "joint_states": "/joint_states",
+    }
+    manifest["registration"] = {"method": "given", "matrix": np.eye(4).ravel().tolist()}
+    with pytest.raises(InputError, match=r"clock\.estimate is true"):
+        open_case(write_case(manifest), package_dirs=[tmp_path]).frames()
+
+
+def test_a_cut_recording_is_used_and_said(manifest: Manifest, write_case: WriteCase) -> None:
+    folder = write_case(manifest, count=2000)
+    path = folder / "tracking.mcap"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    case = open_case(folder)
+    assert 100 < len(list(case.frames())) < 2000
+    (note,) = case.notes()
+    assert "tracking.mcap is cut or damaged at byte" in note
+
+
+def _replace(name: str, content: bytes) -> Callable[[Path], object]:
+    return lambda folder: (folder / name).write_bytes(content)
+
+
+def _link(name: str) -> Callable[[Path], object]:
+    def edit(folder: Path) -> None:
+        shutil.move(folder / name, folder.parent / f"outside_{name}")
+        (folder / name).symlink_to(folder.parent / f"outside_{name}")
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda f: (f / "case.yaml").unlink(), r"no case: it has no case\.yaml"),
+        (lambda f: (f / "tracking.mcap").unlink(), r"recording\.path is 'tracking\.mcap': no such"),
+        (lambda f: (f / "tumor.stl").unlink(), r"tumor\.mesh\.path is 'tumor\.stl': no such file"),
+        (_link("tracking.mcap"), r"recording\.path is 'tracking\.mcap': it leaves .* symbolic"),
+        (_link("tumor.stl"), r"tumor\.mesh\.path is 'tumor\.stl': it leaves .* symbolic link"),
+        (_link("tool.stl"), r"tool\.mesh\.path is 'tool\.stl': it leaves .* symbolic link"),
+    ],
+)
+def test_files_that_are_not_there_or_elsewhere(
+    manifest: Manifest, write_case: WriteCase, edit: Callable[[Path], object], message: str
+) -> None:
+    folder = write_case(manifest)
+    edit(folder)
+    with pytest.raises(InputError, match=message) as caught:
+        open_case(folder)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("block", "key"), [("recording", None), ("tool", "mesh"), ("tumor", "mesh")]
+)
+def test_paths_may_not_leave(
+    manifest: Manifest, write_case: WriteCase, block: str, key: str | None
+) -> None:
+    entry = manifest[block] if key is None else manifest[block][key]
+    entry["path"] = "../" + entry["path"]
+    with pytest.raises(InputError, match=rf"case\.yaml: {block}.*path is '\.\./.*relative path"):
+        open_case(write_case(manifest))
+
+
+def test_sha256(manifest: Manifest, write_case: WriteCase) -> None:
+    folder = write_case(manifest)
+    right = hashlib.sha256((folder / "tracking.mcap").read_bytes()).hexdigest()
+    for digest in (right, right.upper()):
+        manifest["recording"]["sha256"] = digest
+        (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
+        open_case(folder)
+    manifest["recording"]["sha256"] = "0" * 64
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
+    with pytest.raises(InputError, match=rf"sha256 is 0{{64}}: tracking\.mcap has {right}"):
+        open_case(folder)
+
+
+def test_a_rosbag2_folder_may_hold_no_link_that_leaves(
+    manifest: Manifest, write_case: WriteCase
+) -> None:
+    manifest["recording"]["path"] = "bag"
+    folder = write_case(manifest, count=10)
+    (folder / "bag").mkdir()
+    shutil.move(folder / "tracking.mcap", folder / "bag" / "bag_0.mcap")
+    assert len(list(open_case(folder).frames())) == 10
+    (folder / "bag/bag_1.mcap").symlink_to(folder / "tumor.stl")
+    with pytest.raises(InputError, match=r"bag_1\.mcap': it leaves .* by a symbolic link"):
+        open_case(folder)
+
+
+def test_formats_that_cannot_be_read(manifest: Manifest, write_case: WriteCase) -> None:
+    manifest["recording"]["path"] = "tumor.stl"
+    with pytest.raises(InputError, match=r"'tumor\.stl': \.mcap, a rosbag2 folder"):
+        open_case(write_case(manifest))
+
+
+def test_an_igsio_header_is_checked_at_once(manifest: Manifest, write_case: WriteCase) -> None:
+    manifest["recording"]["path"] = "x.igs.mha"
+    folder = write_case(manifest, name="cut")
+    (folder / "x.igs.mha").write_text("ObjectType = Image\nSeq_Frame0003_Timestamp = 1")
+    with pytest.raises(InputError, match="cut at line 2, in frame 3"):
+        open_case(folder)
+
+
+@pytest.mark.parametrize("name", ["tumor", "tool"])
+def test_open_and_broken_meshes(manifest: Manifest, write_case: WriteCase, name: str) -> None:
+    case = open_case(write_case(manifest))
+    load = case.tumor_mesh if name == "tumor" else case.tool_mesh
+    box = trimesh.creation.box()
+    path = case.folder / f"{name}.stl"
+    trimesh.Trimesh(box.vertices, box.faces[1:]).export(path)
+    with pytest.raises(MeshError, match=rf"{name}\.mesh\) is not closed: 3 edges"):
+        load()
+    trimesh.Trimesh(box.vertices, box.faces[:, ::-1]).export(path)
+    with pytest.raises(MeshError, match="outward normals"):
+        load()
+    vertices = np.array(box.vertices)
+    vertices[0] = np.nan
+    trimesh.Trimesh(vertices, box.faces, process=False).export(path)
+    with pytest.raises(MeshError, match="finite numbers wanted"):
+        load()
+
+
+def test_a_tool_without_mesh_serves_until_it_is_asked_for(
+    manifest: Manifest, write_case: WriteCase
+) -> None:
+    del manifest["tool"]["mesh"]
+    case = open_case(write_case(manifest))
+    with pytest.raises(MeshError, match=r"tool\.mesh is missing"):
+        case.tool_mesh()
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(MarginGuardError, match="no such folder"):
+        open_case(tmp_path / "nowhere")

@@ -1,0 +1,191 @@
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.case import Player, TrackingFrame
+from app.geometry import InputError, Stamp
+
+MS = 1_000_000
+
+
+class Time:
+    """A clock that only waiting moves; ``at`` runs actions when their time comes."""
+
+    def __init__(self) -> None:
+        self.ns = 5_000 * MS
+        self._actions: list[tuple[int, Callable[[], None]]] = []
+
+    def at(self, ms: int, action: Callable[[], None]) -> None:
+        self._actions.append((5_000 * MS + ms * MS, action))
+        self._actions.sort(key=lambda entry: entry[0])
+
+    def clock_ns(self) -> int:
+        return self.ns
+
+    def wait(self, event: threading.Event, timeout_s: float | None) -> None:
+        until = None if timeout_s is None else self.ns + round(timeout_s * 1e9)
+        if self._actions and (until is None or self._actions[0][0] <= until):
+            due, action = self._actions.pop(0)
+            self.ns = max(self.ns, due)
+            action()
+        elif until is None:
+            raise AssertionError("the player waits for ever")
+        else:
+            self.ns = until
+
+
+def frames(*stamps_ms: int) -> Callable[[], Iterator[TrackingFrame]]:
+    return lambda: (TrackingFrame(Stamp(ms * MS), ()) for ms in stamps_ms)
+
+
+def played(player: Player, time: Time, *, limit: int = 1000) -> list[tuple[int, int]]:
+    """(clock in ms since the start, stamp in ms) of the frames as they come."""
+    found = []
+    for frame in player.play():
+        assert player.time_ns == frame.stamp.ns
+        found.append(((time.ns - 5_000 * MS) // MS, frame.stamp.ns // MS))
+        if len(found) == limit:
+            break
+    return found
+
+
+def make(source: Callable[[], Iterator[TrackingFrame]], **given: object) -> tuple[Player, Time]:
+    time = Time()
+    return Player(source, clock_ns=time.clock_ns, wait=time.wait, **given), time  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("rate", "clock"),
+    [(1.0, [0, 20, 60]), (2.0, [0, 10, 30]), (0.5, [0, 40, 120]), (None, [0] * 3)],
+)
+def test_rate(rate: float | None, clock: list[int]) -> None:
+    player, time = make(frames(100, 120, 160), rate=rate)
+    assert played(player, time) == list(zip(clock, [100, 120, 160], strict=True))
+
+
+def test_pause_and_resume_keep_the_place() -> None:
+    player, time = make(frames(0, 100, 200))
+    time.at(130, player.pause)
+    time.at(1000, player.resume)
+    assert played(player, time) == [(0, 0), (100, 100), (1070, 200)]
+
+
+def test_steps_pass_at_once_and_stay_paused() -> None:
+    player, time = make(frames(0, 100, 200, 300))
+    player.pause()
+    time.at(10, player.step)
+    time.at(20, lambda: player.step(2))
+    time.at(50, player.resume)
+    assert played(player, time) == [(10, 0), (20, 100), (20, 200), (150, 300)]
+
+
+def test_a_rate_changes_from_now_on() -> None:
+    player, time = make(frames(0, 100, 300))
+    time.at(50, lambda: player.set_rate(2.0))
+    assert played(player, time) == [(0, 0), (75, 100), (175, 300)]
+
+
+def test_seek_forward_and_back() -> None:
+    player, time = make(frames(1000, 1100, 1200, 1300))
+    time.at(50, lambda: player.seek(0.15))
+    time.at(120, lambda: player.seek(0.0))
+    time.at(150, player.stop)
+    assert played(player, time) == [(0, 1000), (50, 1200), (120, 1000)]
+
+
+def test_seek_while_paused_shows_one_frame() -> None:
+    player, time = make(frames(0, 100, 200))
+    player.pause()
+    time.at(10, lambda: player.seek(0.1))
+    time.at(500, player.stop)
+    assert played(player, time) == [(10, 100)]
+    assert player.paused
+
+
+def test_a_seek_beyond_the_end_ends() -> None:
+    player, time = make(frames(0, 100))
+    player.seek(10.0)
+    assert played(player, time) == []
+
+
+def test_stop_also_ends_a_seek() -> None:
+    def endless() -> Iterator[TrackingFrame]:
+        yield TrackingFrame(Stamp(0), ())
+        player.seek(1e6)
+        player.stop()
+        while True:
+            yield TrackingFrame(Stamp(0), ())
+
+    player, time = make(endless)
+    player.seek(1.0)
+    assert played(player, time) == []
+
+
+def test_loop() -> None:
+    player, time = make(frames(0, 10), loop=True)
+    assert played(player, time, limit=5) == [(0, 0), (10, 10), (10, 0), (20, 10), (20, 0)]
+    empty, time = make(frames(), loop=True)
+    assert played(empty, time) == []
+
+
+def test_a_clock_that_jumped_back_does_not_stall() -> None:
+    player, time = make(frames(1000, 1020, 10, 30))
+    assert played(player, time) == [(0, 1000), (20, 1020), (20, 10), (40, 30)]
+
+
+def test_a_slow_consumer_gets_every_frame_late() -> None:
+    player, time = make(frames(0, 10, 20, 30))
+    found = []
+    for frame in player.play():
+        found.append(((time.ns - 5_000 * MS) // MS, frame.stamp.ns // MS))
+        time.ns += 15 * MS
+    assert found == [(0, 0), (15, 10), (30, 20), (45, 30)]
+
+
+@given(
+    gaps=st.lists(st.integers(1, 500), min_size=1, max_size=20),
+    rate=st.sampled_from([0.25, 0.5, 1.0, 2.0, 10.0]),
+)
+def test_the_same_frames_come_at_any_rate(gaps: list[int], rate: float) -> None:
+    stamps = [sum(gaps[:n]) for n in range(len(gaps) + 1)]
+    player, time = make(frames(*stamps), rate=rate)
+    found = played(player, time)
+    assert [stamp for _, stamp in found] == stamps
+    for clock, stamp in found:
+        assert abs(clock - stamp / rate) <= 1
+
+
+def test_stop_ends_a_real_wait_at_once() -> None:
+    waiting = threading.Event()
+
+    def wait(event: threading.Event, timeout_s: float | None) -> None:
+        waiting.set()
+        event.wait(timeout_s)
+
+    player = Player(frames(0, 10_000_000), clock_ns=lambda: 0, wait=wait)
+    thread = threading.Thread(target=lambda: list(player.play()))
+    thread.start()
+    assert waiting.wait(10.0)
+    player.stop()
+    thread.join(10.0)
+    assert not thread.is_alive()
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 1e9])
+def test_rates_that_make_no_sense(rate: float) -> None:
+    with pytest.raises(InputError, match="rate"):
+        make(frames(0), rate=rate)
+    player, _ = make(frames(0))
+    with pytest.raises(InputError, match="rate"):
+        player.set_rate(rate)
+
+
+def test_controls_that_make_no_sense() -> None:
+    player, _ = make(frames(0))
+    with pytest.raises(InputError, match="0 steps"):
+        player.step(0)
+    with pytest.raises(InputError, match="seek to -1"):
+        player.seek(-1)
