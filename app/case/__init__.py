@@ -12,6 +12,7 @@ from app.case.expected import (
     write_expected,
 )
 from app.case.igsio import read_igsio
+from app.case.inventory import EdgeCount, RecordingInventory
 from app.case.manifest import (
     CaseManifest,
     ClockEntry,
@@ -38,6 +39,7 @@ __all__ = [
     "CaseManifest",
     "ClockEntry",
     "Dwell",
+    "EdgeCount",
     "Expected",
     "ExpectedBreach",
     "ExpectedBreaches",
@@ -50,6 +52,7 @@ __all__ = [
     "Provenance",
     "Recorder",
     "RecordingEntry",
+    "RecordingInventory",
     "RegistrationEntry",
     "RobotEntry",
     "ToolEntry",

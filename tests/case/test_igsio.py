@@ -1,4 +1,5 @@
 import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,20 @@ def test_pictures_are_not_read(tmp_path: Path) -> None:
     junk = b"\x00\xff\nSeq_Frame0001_Timestamp = 2\n" + bytes(range(256)) * 50
     frames, _ = read(mha(tmp_path, body, b"CompressedData = True\n" + END.encode() + junk))
     assert len(frames) == 1
+
+
+def test_a_file_is_never_held_in_memory(tmp_path: Path) -> None:
+    rows = [f"AToBTransform = {ONE}", "Timestamp = 1"]
+    path = mha(tmp_path, "".join(frame(index, *rows) for index in range(2000)))
+    with path.open("r+b") as file:
+        file.truncate(1 << 30)  # a sparse gigabyte of pictures
+    tracemalloc.start()
+    try:
+        assert sum(1 for _ in read_igsio(path, str)) == 2000
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1_000_000
 
 
 def test_nrrd(tmp_path: Path) -> None:
