@@ -1,0 +1,68 @@
+"""A small case written from scratch: a ball on a needle, a rod that passes it by and comes back."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+import yaml
+
+FRAMES = 40
+Change = Callable[[dict[str, Any]], None]
+
+
+def identity() -> list[float]:
+    return np.eye(4).ravel().tolist()
+
+
+def write_small_case(folder: Path, change: Change = lambda manifest: None) -> Path:
+    """Write the case; ``change`` may alter the manifest before it is written."""
+    folder.mkdir()
+    trimesh.creation.icosphere(subdivisions=3, radius=8.0).export(folder / "tumor.stl")
+    rod = trimesh.creation.cylinder(radius=1.5, height=60.0, sections=24)
+    rod.apply_translation([0.0, 0.0, 30.0])
+    rod.export(folder / "rod.stl")
+    (folder / "tracking.igs.mha").write_text(recording())
+    manifest = {
+        "schema": 1,
+        "name": "small",
+        "provenance": {"kind": "simulated", "source": "written by a test", "licence": "none"},
+        "recording": {"path": "tracking.igs.mha"},
+        "tool": {
+            "frame": "rod",
+            "mesh": {"path": "rod.stl", "units": "mm"},
+            "tip_from": {"matrix": identity()},
+        },
+        "tumor": {
+            "frame": "needle",
+            "mesh": {"path": "tumor.stl", "units": "mm"},
+            "pose": {"matrix": identity()},
+        },
+        "margins": {
+            "stop_mm": 1.0,
+            "warn_mm": 5.0,
+            "k_tre": 2.0,
+            "v_max_mm_s": 50,
+            "stale_after_ms": 200,
+        },
+    }
+    change(manifest)
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest, sort_keys=False))
+    return folder
+
+
+def recording() -> str:
+    """50 ms a frame; the rod stands upright and its side passes the ball 3 mm deep at frame 20."""
+    lines = ["ObjectType = Image", "NDims = 3", f"DimSize = 0 0 {FRAMES}"]
+    for index in range(FRAMES):
+        needle = np.eye(4)
+        needle[0, 3] = 0.001 * (index % 3)
+        rod = np.eye(4)
+        rod[:3, 3] = [6.5 + 1.5 * abs(index - 20), 0.01 * index, -30.0]
+        for name, pose in (("Needle", needle), ("Rod", rod)):
+            numbers = " ".join(f"{number:g}" for number in pose.ravel())
+            lines.append(f"Seq_Frame{index:04}_{name}ToTrackerTransform = {numbers}")
+            lines.append(f"Seq_Frame{index:04}_{name}ToTrackerTransformStatus = OK")
+        lines.append(f"Seq_Frame{index:04}_Timestamp = {100 + 0.05 * index:.3f}")
+    return "\n".join([*lines, "ElementDataFile = LOCAL", ""])

@@ -1,0 +1,74 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from app.cli.main import COMMANDS, main
+from tests.cli.small_case import write_small_case
+
+
+@pytest.mark.parametrize("arguments", [[], *[[name] for name in COMMANDS]])
+def test_help_loads_no_room(arguments, project_root):
+    code = (
+        "import sys\n"
+        "from app.cli.main import main\n"
+        "try:\n"
+        f"    main([*{arguments!r}, '--help'])\n"
+        "except SystemExit as stop:\n"
+        "    print(stop.code, sorted({'numpy', 'scipy', 'rich', 'rclpy'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=project_root
+    )
+    assert done.stdout.splitlines()[-1] == "0 []"
+
+
+def test_an_unknown_command_is_bad_input(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["repaly"])
+    assert stop.value.code == 2
+    assert "invalid choice: 'repaly'" in capsys.readouterr().err
+
+
+def test_no_ros_leaves_rclpy_unimported(tmp_path, project_root):
+    case = write_small_case(tmp_path / "case")
+    code = (
+        "import sys\n"
+        "from app.cli.main import main\n"
+        f"status = main(['replay', {str(case)!r}, '--no-ros'])\n"
+        "print(status, 'rclpy' in sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=project_root
+    )
+    assert done.stdout.splitlines()[-1] == "0 False"
+    assert done.stderr == "", "no progress bar where nobody watches"
+
+
+def test_info_counts_what_the_recording_holds(tmp_path, capsys):
+    case = write_small_case(tmp_path / "case")
+    assert main(["info", str(case), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["frames"] == 40
+    assert found["duration_s"] == pytest.approx(1.95)
+    assert found["transforms"] == [
+        {"target": "tracker", "source": source, "samples": 40, "statuses": {"OK": 40}}
+        for source in ("needle", "rod")
+    ]
+    assert main(["info", str(case)]) == 0
+    assert "tracker -> rod: 40 OK" in capsys.readouterr().out
+
+
+def test_a_converted_case_replays_to_the_same_table(tmp_path, capsys):
+    case = write_small_case(tmp_path / "case")
+    assert main(["convert", str(case), str(tmp_path / "mcap")]) == 0
+    for name in ("case", "mcap"):
+        report = str(tmp_path / f"{name}-report")
+        assert main(["replay", str(tmp_path / name), "--no-ros", "--report", report]) == 0
+    first, second = (
+        (tmp_path / f"{name}-report" / "margin.csv").read_text() for name in ("case", "mcap")
+    )
+    assert first == second
+    assert main(["convert", str(case), str(tmp_path / "mcap")]) == 2
+    assert "is there already" in capsys.readouterr().err

@@ -1,0 +1,165 @@
+"""The command on a small case: what it finds, how it fails, what it leaves behind."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from app.cli.main import main
+from app.report import REPORT_FILES
+from tests.cli.small_case import write_small_case
+
+
+@pytest.fixture
+def case(tmp_path):
+    return write_small_case(tmp_path / "case")
+
+
+def replay(case, *options):
+    return main(["replay", str(case), "--no-ros", *options])
+
+
+def test_the_shaft_in_the_tumour_is_found_though_the_tip_is_far(case, capsys):
+    assert replay(case, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["frames"] == 40
+    (breach,) = summary["breaches"]
+    # A side that is 5 mm from the centre of a ball of 8 mm, at rod positions below 9.5 mm.
+    assert breach["min_signed_distance_mm"] == pytest.approx(-3.0, abs=0.1)
+    assert (breach["start_s"], breach["end_s"]) == (0.95, 1.05)
+    assert replay(case, "--json", "--tip-only") == 0
+    assert json.loads(capsys.readouterr().out)["breaches"] == []
+
+
+def test_the_same_bytes_at_every_run_and_rate(case, tmp_path):
+    contents = []
+    for number, options in enumerate([(), (), ("--rate", "20")]):
+        out = tmp_path / f"out{number}"
+        assert replay(case, "--report", str(out), *options) == 0
+        contents.append((out / "margin.csv").read_bytes())
+    assert contents[0] == contents[1] == contents[2]
+    assert contents[0].count(b"\n") == 41
+
+
+def test_expectations_that_do_not_hold_end_with_status_1(tmp_path, capsys):
+    def expect(manifest):
+        manifest["expected"] = "expected.yaml"
+
+    case = tmp_path / "case"
+    write_small_case(case, expect)
+    (case / "expected.yaml").write_text(
+        "breaches: {tolerance_ms: 40, depth_tolerance_mm: 0.2, intervals: [\n"
+        "  {start_s: 0.95, end_s: 1.05, min_signed_distance_mm: -3.0}]}\n"
+    )
+    assert replay(case) == 0
+    (case / "expected.yaml").write_text("frames: 41\n")
+    assert replay(case) == 1
+    assert "fail" in capsys.readouterr().out
+
+
+def drop_manifest(case):
+    (case / "case.yaml").unlink()
+
+
+def unknown_key(case):
+    manifest = (case / "case.yaml").read_text()
+    (case / "case.yaml").write_text(manifest.replace("stop_mm", "stop_mmm"))
+
+
+def leave_the_folder(case):
+    (case / "tumor.stl").rename(case.parent / "tumor.stl")
+    manifest = (case / "case.yaml").read_text()
+    (case / "case.yaml").write_text(manifest.replace("tumor.stl", "../tumor.stl"))
+
+
+def link_out_of_the_folder(case):
+    (case / "tumor.stl").rename(case.parent / "tumor.stl")
+    (case / "tumor.stl").symlink_to(case.parent / "tumor.stl")
+
+
+def wrong_sha256(case):
+    manifest = (case / "case.yaml").read_text()
+    digest = "0" * 64
+    (case / "case.yaml").write_text(
+        manifest.replace("path: tracking.igs.mha", f"path: tracking.igs.mha\n  sha256: '{digest}'")
+    )
+
+
+def open_mesh(case):
+    mesh = trimesh.load_mesh(case / "tumor.stl")
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    mesh.export(case / "tumor.stl")
+
+
+def mesh_with_nan(case):
+    content = bytearray((case / "tumor.stl").read_bytes())
+    content[96:100] = np.float32(np.nan).tobytes()
+    (case / "tumor.stl").write_bytes(content)
+
+
+def cut_header(case):
+    text = (case / "tracking.igs.mha").read_text()
+    (case / "tracking.igs.mha").write_text(text[: len(text) // 2])
+
+
+def bomb_as_robot(case):
+    entities = "".join(f'<!ENTITY e{n + 1} "{f"&e{n};" * 10}">' for n in range(12))
+    (case / "bomb.urdf").write_text(
+        f'<!DOCTYPE robot [<!ENTITY e0 "x">{entities}]><robot name="&e12;"><link name="a"/></robot>'
+    )
+    with (case / "case.yaml").open("a") as file:
+        file.write("robot: {urdf: bomb.urdf, base_frame: robot_base, tool_link: a}\n")
+        file.write(f"registration: {{method: given, matrix: {np.eye(4).ravel().tolist()}}}\n")
+
+
+BAD_INPUT = [
+    (drop_manifest, "has no case.yaml"),
+    (unknown_key, "margins.stop_mmm"),
+    (leave_the_folder, "tumor.mesh.path"),
+    (link_out_of_the_folder, "tumor.mesh.path"),
+    (wrong_sha256, "recording.sha256"),
+    (open_mesh, "is not closed"),
+    (mesh_with_nan, "finite"),
+    (cut_header, "tracking.igs.mha"),
+    (bomb_as_robot, "bomb.urdf"),
+]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "named"), BAD_INPUT, ids=[entry[0].__name__ for entry in BAD_INPUT]
+)
+def test_bad_input_is_one_line_and_writes_nothing_over(case, tmp_path, capsys, spoil, named):
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in REPORT_FILES:
+        (out / name).write_text("of an earlier replay")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    spoil(case)
+    assert replay(case, "--report", str(out)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1, captured.err
+    assert captured.err.startswith("marginguard: error: ")
+    assert named in captured.err
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_a_report_folder_that_cannot_be_written_is_said_before_the_replay(case, tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    assert replay(case, "--report", str(tmp_path / "file" / "out")) == 2
+    assert "file" in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_loop_has_no_report(case, tmp_path, capsys):
+    assert replay(case, "--loop", "--report", str(tmp_path / "out")) == 2
+    assert "--loop" in capsys.readouterr().err
+
+
+def test_debug_shows_the_traceback_and_the_same_line(case, capsys):
+    drop_manifest(case)
+    assert replay(case, "--debug") == 2
+    error = capsys.readouterr().err
+    assert "Traceback" in error
+    assert error.splitlines()[-1].startswith("marginguard: error: ")
