@@ -1,8 +1,10 @@
 """A monopolar cautery of our own: spatula blade, thin shaft, handle; one closed surface."""
 
+from itertools import pairwise
+
 import numpy as np
 
-from app.geometry import SurfaceMesh
+from app.geometry import FloatArray, SurfaceMesh
 
 CAUTERY_TIP_FRAME = "cautery_tip"
 
@@ -56,10 +58,10 @@ def cautery_mesh() -> SurfaceMesh:
     return SurfaceMesh(CAUTERY_TIP_FRAME, vertices, np.array(faces))
 
 
-def _rings() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rings() -> tuple[FloatArray, FloatArray, FloatArray]:
     behind_mm, half_x_mm, half_y_mm = np.array(PROFILE_MM).T
     knots = [behind_mm[:1]]
-    for start, stop in zip(behind_mm[:-1], behind_mm[1:], strict=True):
+    for start, stop in pairwise(behind_mm.tolist()):
         spacing = RING_SPACING_MM if stop <= NEAR_PART_MM else 4.0 * RING_SPACING_MM
         count = max(1, int(np.ceil((stop - start) / spacing)))
         knots.append(np.linspace(start, stop, count + 1)[1:])

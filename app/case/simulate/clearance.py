@@ -17,11 +17,12 @@ NEAR_SPACING_MM = 0.4
 HANDLE_SPACING_MM = 4.0
 """The same for the handle, which never comes near the tumour."""
 
-SURFACE_SUBDIVISIONS = 7
-"""163 842 samples of the tumour's surface, some 0.15 mm apart."""
+SURFACE_SUBDIVISIONS = 6
+"""40 962 samples of the tumour's surface, some 0.3 mm apart."""
 
 _SLOPE_SAFETY = 0.95
 _COARSE = 32
+_BATCH = 16
 
 
 class Clearance:
@@ -48,7 +49,7 @@ class Clearance:
         )
         self.tool_length_mm = -float(tool.bounds_mm[0][2])
         radii = np.linalg.norm(self._surface_mm, axis=1)
-        self._least_radius_mm, self._greatest_radius_mm = float(radii.min()), float(radii.max())
+        self._greatest_radius_mm = float(radii.max())
         slope = float(np.einsum("ij,ij->i", self._normals, directions).min())
         self.distance_per_height = _SLOPE_SAFETY * slope
         """A distance is at least this share of the height: the cosine of the steepest slope."""
@@ -65,12 +66,18 @@ class Clearance:
 
     def distance_mm(self, tumor_from_tip: Transform) -> float:
         """The least signed distance over the tool."""
-        points, heights = self._heights_that_may_govern(tumor_from_tip)
-        scale, lowest = self.distance_per_height, float(heights.min())
-        # Only a point whose least possible distance reaches the greatest possible minimum governs.
-        bound = lowest if lowest > 0.0 else scale * lowest
-        may_govern = np.where(heights > 0.0, scale * heights, heights) <= bound
-        return float(self.point_distances_mm(points[may_govern]).min())
+        points = tumor_from_tip.apply(self._tool_mm)
+        heights = self._tumour.height_mm(points)
+        least_possible = np.where(heights > 0.0, self.distance_per_height * heights, heights)
+        order = np.argsort(least_possible)
+        best = np.inf
+        # From the most promising on, until no other point can lie deeper or nearer.
+        for first in range(0, len(order), _BATCH):
+            batch = order[first : first + _BATCH]
+            if least_possible[batch[0]] > best:
+                break
+            best = min(best, float(self.point_distances_mm(points[batch]).min()))
+        return best
 
     def point_distances_mm(self, points_mm: FloatArray) -> FloatArray:
         """The signed distance (n,) of points (n, 3) in the tumour's frame."""
@@ -78,15 +85,6 @@ class Clearance:
         offset = points_mm - self._surface_mm[nearest]
         size = np.abs(np.einsum("ij,ij->i", offset, self._normals[nearest]))
         return np.asarray(np.copysign(size, self._tumour.height_mm(points_mm)))
-
-    def _heights_that_may_govern(self, tumor_from_tip: Transform) -> tuple[FloatArray, FloatArray]:
-        """The tool's points that may be nearest, in the tumour's frame, and their heights."""
-        points = tumor_from_tip.apply(self._tool_mm)
-        radii = np.linalg.norm(points, axis=1)
-        highest_minimum = max(float(radii.min()) - self._least_radius_mm, 0.0)
-        least_distances = self.distance_per_height * (radii - self._greatest_radius_mm)
-        points = points[least_distances <= highest_minimum]
-        return points, self._tumour.height_mm(points)
 
 
 def dense_surface(triangles_mm: FloatArray, spacing_mm: float) -> FloatArray:

@@ -6,7 +6,6 @@ from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BPoly, PchipInterpolator
-
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform

@@ -16,17 +16,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from app.case.samples import JointSample, TrackingFrame
 from app.case.simulate.cautery import CAUTERY_TIP_FRAME, cautery_mesh
 from app.case.simulate.clearance import Clearance
 from app.case.simulate.motion import ArmKinematics, JointMotion
-from app.case.simulate.physiology import BreathingBody, Breathing
+from app.case.simulate.physiology import Breathing, BreathingBody
 from app.case.simulate.story import WORK_FRAME, Story, tell_story
 from app.case.simulate.tracker import Jitter, reported
 from app.case.simulate.tumour import TUMOR_FRAME, Tumour
-from app.geometry import NS_PER_S, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 
 TRACKED_FRAMES = ("reference", "needle", "cautery")
 BASE_FRAME = "robot_base"
@@ -186,7 +185,8 @@ def simulate(arm: ArmKinematics, random: np.random.Generator) -> Simulation:
         return base_from_tracker @ tracker_from_needle @ NEEDLE_FROM_TUMOR @ tumor_from_tip
 
     period_s = TRACKER_PERIOD_NS / NS_PER_S
-    knots = np.arange(int(np.ceil(story.path.end_s / period_s)) + 1) * period_s
+    count = int(np.ceil(story.path.end_s / period_s)) + 1
+    knots: FloatArray = period_s * np.arange(count, dtype=np.float64)
     return Simulation(
         tumour,
         clearance,

@@ -15,7 +15,7 @@ from app.case.simulate.clearance import Clearance
 from app.case.simulate.motion import Path
 from app.case.simulate.script import Script
 from app.case.simulate.tracker import Dropout
-from app.case.simulate.tumour import TUMOR_FRAME, Tumour
+from app.case.simulate.tumour import Tumour
 from app.geometry import FloatArray, Transform
 
 WORK_FRAME = "work"

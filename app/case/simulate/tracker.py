@@ -15,8 +15,8 @@ DropoutKind = Literal["invalid", "missing"]
 class Jitter:
     """White noise of each sample, as 3-D root mean squares.
 
-    ``position_rms_mm`` is the RMS length of the error vector and ``angle_rms_rad`` the RMS length of
-    the rotation vector, so each axis has a standard deviation of the RMS divided by sqrt(3).
+    ``position_rms_mm`` is the RMS length of the error vector and ``angle_rms_rad`` that of the
+    rotation vector, so each axis has a standard deviation of the RMS divided by sqrt(3).
     """
 
     position_rms_mm: float = 0.3

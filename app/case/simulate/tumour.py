@@ -3,8 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.geometry import FloatArray, SurfaceMesh
+
+IndexArray = NDArray[np.int64]
 
 TUMOR_FRAME = "tumor"
 
@@ -80,10 +83,10 @@ class Tumour:
     def mesh(self, subdivisions: int = 5) -> SurfaceMesh:
         """The closed surface with ``20 * 4**subdivisions`` triangles, normals outward."""
         directions, faces = icosphere(subdivisions)
-        return SurfaceMesh(TUMOR_FRAME, self.surface_mm(directions), faces)
+        return SurfaceMesh(TUMOR_FRAME, self.surface_mm(directions), faces.astype(np.int32))
 
 
-def icosphere(subdivisions: int) -> tuple[FloatArray, np.typing.NDArray[np.int64]]:
+def icosphere(subdivisions: int) -> tuple[FloatArray, IndexArray]:
     """Unit directions (n, 3) spread evenly, and the triangles (20 * 4**subdivisions, 3) over them.
 
     An icosahedron, every triangle cut into four as often as ``subdivisions`` says.
@@ -110,9 +113,7 @@ def icosphere(subdivisions: int) -> tuple[FloatArray, np.typing.NDArray[np.int64
     return vertices, faces
 
 
-def _cut_in_four(
-    vertices: FloatArray, faces: np.typing.NDArray[np.int64]
-) -> tuple[FloatArray, np.typing.NDArray[np.int64]]:
+def _cut_in_four(vertices: FloatArray, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, edge_of = np.unique(edges, axis=0, return_inverse=True)
     middles = vertices[unique].sum(axis=1)
