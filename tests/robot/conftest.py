@@ -51,3 +51,14 @@ def example_robots() -> Path:
     if not folders:
         pytest.skip("the example-robot-data wheel holds no ur5_robot.urdf")
     return folders[0]
+
+
+@pytest.fixture(scope="session")
+def panda_urdf(example_robots: Path) -> Path:
+    return example_robots / "panda_description" / "urdf" / "panda.urdf"
+
+
+@pytest.fixture(scope="session")
+def panda(panda_urdf: Path) -> Robot:
+    """Seven turning joints and two fingers that slide, one as the other's mimic."""
+    return load_robot(panda_urdf)

@@ -17,7 +17,6 @@ from app.robot import (
     Mimic,
     Robot,
     UnreachableError,
-    load_robot,
 )
 
 fractions = st.lists(st.floats(0.02, 0.98), min_size=6, max_size=6)
@@ -31,7 +30,7 @@ def within_limits(robot, positions):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(fractions)
 def test_every_pose_of_the_arm_is_found_again(touch, fractions):
     positions = {
@@ -46,8 +45,8 @@ def test_every_pose_of_the_arm_is_found_again(touch, fractions):
     assert within_limits(touch, found)
 
 
-def test_the_panda_with_seven_joints_and_a_gripper(example_robots, rng):
-    robot = load_robot(example_robots / "panda_description" / "urdf" / "panda.urdf")
+def test_the_panda_with_seven_joints_and_a_gripper(panda, rng):
+    robot = panda
     for _ in range(5):
         positions = {
             joint.name: rng.uniform(joint.lower, joint.upper)

@@ -8,13 +8,10 @@ import pytest
 from app.geometry import FrameError, Transform
 from app.robot import JointError, load_robot
 
-# What each adds: UR5 (DAE, tool0), Panda (mimic finger, sliding),
-# Kinova (fingers), a pendulum (continuous
-# joints), Tiago (a torso that slides, many fixed frames)
+# What each adds: UR5 (DAE, tool0), a pendulum (continuous joints), Tiago (a torso that slides, many
+# fixed frames). The Panda (mimic) is a fixture.
 EXAMPLES = (
     "ur_description/urdf/ur5_robot.urdf",
-    "panda_description/urdf/panda.urdf",
-    "kinova_description/robots/kinova.urdf",
     "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
     "tiago_description/robots/tiago_no_hand.urdf",
 )
@@ -80,8 +77,13 @@ def test_known_robots_agree_with_pinocchio(example_robots, name, rng):
     assert_agrees_with_pinocchio(urdf, robot, rng)
 
 
-def test_the_selection_of_known_robots_has_mimic_and_sliding_joints(example_robots):
-    robot = load_robot(example_robots / EXAMPLES[1])
+def test_the_panda_agrees_with_pinocchio(panda_urdf, panda, rng):
+    assert panda.warnings == ()
+    assert_agrees_with_pinocchio(panda_urdf, panda, rng)
+
+
+def test_the_pandas_second_finger_follows_the_first(panda):
+    robot = panda
     followers = {joint.name: joint.mimic.leader for joint in robot.joints if joint.mimic}
     assert followers == {"panda_finger_joint2": "panda_finger_joint1"}
     assert "panda_finger_joint2" not in robot.actuated_joint_names
