@@ -20,7 +20,7 @@ from app.bridge.qos import Topic
 from app.geometry import NS_PER_S
 
 _JOIN_S = 5.0
-_FLUSH_NS = NS_PER_S
+_FLUSH_S = 1.0
 
 
 class RosNode:
@@ -50,7 +50,7 @@ class RosNode:
             raise BridgeError(f"ROS node {name!r} cannot be started: {reason}") from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
-        self._publishers: list[Publisher] = []
+        self._publishers: list[tuple[Topic, Publisher]] = []
         self._matched = threading.Condition()
         self._closing = Future()
         self._thread = threading.Thread(
@@ -74,18 +74,29 @@ class RosNode:
             topic.qos,
             event_callbacks=PublisherEventCallbacks(matched=matched),
         )
-        self._publishers.append(publisher)
+        self._publishers.append((topic, publisher))
         return publisher
 
-    def wait_for_subscribers(self, publisher: Publisher, count: int, timeout_s: float) -> bool:
-        """Wait for ``count`` subscribers of ``publisher``; False when they did not come in time.
+    def wait_for_subscribers(self, topic: Topic, count: int, timeout_s: float) -> bool:
+        """Wait until each publisher of ``topic`` has ``count`` subscribers; False when in vain.
 
         Woken by discovery itself, nothing is polled.
         """
+        publishers = [publisher for of, publisher in self._publishers if of is topic]
         with self._matched:
             return self._matched.wait_for(
-                lambda: publisher.get_subscription_count() >= count, timeout_s
+                lambda: all(each.get_subscription_count() >= count for each in publishers),
+                timeout_s,
             )
+
+    def flush(self, timeout_s: float) -> bool:
+        """Wait until every reliable subscriber has all that was published; False when in vain."""
+        until_ns = time.monotonic_ns() + round(timeout_s * NS_PER_S)
+        delivered = True
+        for _, publisher in self._publishers:
+            remaining = Duration(nanoseconds=max(0, until_ns - time.monotonic_ns()))
+            delivered = publisher.wait_for_all_acked(remaining) and delivered
+        return delivered
 
     @property
     def is_open(self) -> bool:
@@ -99,7 +110,7 @@ class RosNode:
         """
         if not self._context.ok():
             return
-        self._flush()
+        self.flush(_FLUSH_S)
         # The thread first: an executor that is shut down under its own feet destroys the guard
         # condition that it waits for.
         self._closing.set_result(None)
@@ -108,12 +119,6 @@ class RosNode:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
-
-    def _flush(self) -> None:
-        until_ns = time.monotonic_ns() + _FLUSH_NS
-        for publisher in self._publishers:
-            remaining_ns = max(0, until_ns - time.monotonic_ns())
-            publisher.wait_for_all_acked(Duration(nanoseconds=remaining_ns))
 
     def __enter__(self) -> Self:
         return self

@@ -8,7 +8,6 @@ from types import TracebackType
 from typing import Self
 
 from marginguard_msgs.msg import FixtureConstraint
-from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, String
 from tf2_msgs.msg import TFMessage
@@ -86,10 +85,6 @@ class ReplayPublisher:
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. A second call does nothing."""
         self._open.close()
-
-    def publisher(self, topic: Topic) -> Publisher:
-        """The publisher of ``topic``, to wait for its subscribers."""
-        return self._publishers[topic.name]
 
     def _publish_margin(self, decision: FixtureDecision) -> None:
         distance_mm = math.nan

@@ -18,7 +18,7 @@ def test_a_subscriber_that_was_waited_for_gets_every_message(domain_id, start_re
     with RosNode("speaker", domain_id=domain_id) as ros:
         publisher = ros.publisher(NEWS)
         receiver = start_receiver(f"/speaker/news:{STRING}:50")
-        assert ros.wait_for_subscribers(publisher, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(NEWS, 1, timeout_s=30.0)
         for number in range(50):
             publisher.publish(String(data=str(number)))
         received = receiver.messages()
@@ -38,7 +38,7 @@ def test_what_was_published_before_closing_still_arrives(domain_id, start_receiv
     with RosNode("speaker", domain_id=domain_id) as ros:
         publisher = ros.publisher(NEWS)
         receiver = start_receiver(f"/speaker/news:{STRING}:100")
-        assert ros.wait_for_subscribers(publisher, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(NEWS, 1, timeout_s=30.0)
         for number in range(100):
             publisher.publish(String(data=f"{number} {'x' * 10_000}"))
     assert len(receiver.messages()) == 100
@@ -46,7 +46,8 @@ def test_what_was_published_before_closing_still_arrives(domain_id, start_receiv
 
 def test_waiting_for_nobody_ends_in_time(domain_id):
     with RosNode("speaker", domain_id=domain_id) as ros:
-        assert not ros.wait_for_subscribers(ros.publisher(NEWS), 1, timeout_s=0.01)
+        ros.publisher(NEWS)
+        assert not ros.wait_for_subscribers(NEWS, 1, timeout_s=0.01)
 
 
 def test_closing_ends_the_thread_and_can_be_repeated(domain_id):

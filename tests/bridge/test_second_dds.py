@@ -4,7 +4,7 @@ from tf2_msgs.msg import TFMessage
 
 from app.bridge import messages
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import TF
 from app.geometry import Stamp, Transform
 
 START_NS = 1_700_000_000_000_000_001
@@ -14,9 +14,9 @@ def test_cyclone_dds_receives_tf_field_by_field(domain_id, start_cyclone):
     quarter_turn_about_z = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     transform = Transform("tumor", "virtual_fixture", quarter_turn_about_z, [1.0, 20.0, -300.0])
     with RosNode("speaker", domain_id=domain_id) as ros:
-        publisher = ros.publisher(Topic("/tf", TFMessage, STREAM))
+        publisher = ros.publisher(TF)
         listener = start_cyclone("virtual_fixture", "20")
-        assert ros.wait_for_subscribers(publisher, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(TF, 1, timeout_s=30.0)
         for number in range(20):
             stamp = Stamp(START_NS + number)
             publisher.publish(TFMessage(transforms=[messages.transform_message(transform, stamp)]))

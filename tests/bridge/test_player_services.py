@@ -1,0 +1,67 @@
+"""The player obeys another process, and says why when it does not."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from app.bridge.node import RosNode
+from app.bridge.player_services import PlayerServices
+from app.case import Player
+from app.case.samples import TrackingFrame
+from app.geometry import Stamp
+
+CALLER = Path(__file__).resolve().parent / "caller.py"
+TRIGGER = "std_srvs/srv/Trigger"
+SEEK = "marginguard_msgs/srv/Seek"
+SET_RATE = "marginguard_msgs/srv/SetRate"
+
+
+@pytest.fixture
+def player():
+    frames = [TrackingFrame(Stamp(second * 10**9), ()) for second in range(10)]
+    return Player(lambda: iter(frames), clock_ns=lambda: 0, rate=None)
+
+
+@pytest.fixture
+def call(domain_id, start_receiver, player):
+    """``call("pause:TYPE:{}", ...)``: the replies that another process got."""
+    with RosNode("marginguard", domain_id=domain_id) as ros:
+        PlayerServices(ros, player)
+
+        def calls(*arguments):
+            full = [f"/marginguard/{argument}" for argument in arguments]
+            return start_receiver(*full, script=CALLER).messages()
+
+        yield calls
+
+
+def test_pause_step_seek_and_play(call, player):
+    replies = call(f"pause:{TRIGGER}:{{}}", f"step:{TRIGGER}:{{}}", f'seek:{SEEK}:{{"time": 4.0}}')
+    assert [reply["success"] for reply in replies] == [True, True, True]
+    assert replies[2]["time"] == 4.0
+    assert player.paused
+    # A seek while paused shows the frame that it went to, and no other.
+    frames = player.play()
+    assert next(frames).stamp.ns == 4 * 10**9
+    assert call(f"play:{TRIGGER}:{{}}")[0]["success"]
+    assert not player.paused
+    assert [frame.stamp.ns // 10**9 for frame in frames] == [5, 6, 7, 8, 9]
+
+
+def test_what_the_player_refuses_comes_back_as_a_reason(call, player):
+    seek, rate = call(f'seek:{SEEK}:{{"time": -1.0}}', f'set_rate:{SET_RATE}:{{"rate": 0.0}}')
+    assert not seek["success"]
+    assert "-1.0" in seek["message"]
+    assert math.isnan(seek["time"])
+    assert not rate["success"]
+    assert "0.001 to 1000" in rate["message"]
+    assert len(list(player.play())) == 10
+
+
+def test_an_infinite_rate_means_no_waiting(call, player):
+    # The clock of this player stands still: at a rate of 1 it would wait for ever.
+    player.set_rate(1.0)
+    (reply,) = call(f'set_rate:{SET_RATE}:{{"rate": Infinity}}')
+    assert reply == {"success": True, "message": ""}
+    assert len(list(player.play())) == 10
