@@ -22,6 +22,7 @@ BROUGHT_BY = {
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
 }
+OUR_FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 ROS_MESSAGES = re.compile(r"\w+_(msgs|srvs|interfaces)")
 
 
@@ -51,7 +52,7 @@ def imported(folder: str) -> dict[str, Path]:
                 continue
             for module in modules:
                 top = module.split(".")[0]
-                if top not in sys.stdlib_module_names | {"app", "tests"}:
+                if top not in sys.stdlib_module_names | OUR_FOLDERS:
                     found.setdefault(top, path)
     return found
 
