@@ -15,6 +15,7 @@ from app.registration.errors import (
     MirroredPointsError,
     NoConsensusError,
     NotFiniteError,
+    NoValidSamplesError,
     RegistrationError,
     ScaleMismatchError,
     ShapeError,
@@ -22,7 +23,9 @@ from app.registration.errors import (
     UnequalCountsError,
 )
 from app.registration.points import register_points
+from app.registration.poses import PoseNoise, select_poses, usable_poses
 from app.registration.result import RegistrationResult, given_registration
+from app.registration.robot_world import RobotWorldResult, solve_robot_world
 from app.registration.robust_points import register_points_robust
 from app.registration.tre import (
     predict_layout_tre,
@@ -41,9 +44,12 @@ __all__ = [
     "FlatSignalError",
     "MirroredPointsError",
     "NoConsensusError",
+    "NoValidSamplesError",
     "NotFiniteError",
+    "PoseNoise",
     "RegistrationError",
     "RegistrationResult",
+    "RobotWorldResult",
     "ScaleMismatchError",
     "ShapeError",
     "TooFewError",
@@ -54,6 +60,9 @@ __all__ = [
     "predict_tre",
     "register_points",
     "register_points_robust",
+    "select_poses",
+    "solve_robot_world",
     "tre_covariances",
     "tre_upper_bound",
+    "usable_poses",
 ]

@@ -15,6 +15,10 @@ class TooFewError(RegistrationError):
     """Fewer points, poses or samples than the unknowns need."""
 
 
+class NoValidSamplesError(TooFewError):
+    """Not one sample that the tracker called good."""
+
+
 class UnequalCountsError(RegistrationError):
     """Lists that belong together pair by pair have different lengths."""
 

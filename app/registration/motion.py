@@ -31,11 +31,17 @@ def point_jacobian(points_mm: FloatArray) -> FloatArray:
     return np.concatenate([-skew(points_mm), identity], axis=2)
 
 
-def move_origin(covariance: FloatArray, to_mm: FloatArray) -> FloatArray:
-    """The covariance (6, 6) of a motion about the origin, for the same motion about ``to_mm``."""
+def origin_change(to_mm: FloatArray) -> FloatArray:
+    """The matrix (6, 6) that takes a motion about the origin to the same motion about ``to_mm``."""
     change = np.eye(6)
     change[3:, :3] = -skew(to_mm)
-    return change @ covariance @ change.T
+    return change
+
+
+def move_origin(covariance: FloatArray, to_mm: FloatArray) -> FloatArray:
+    """The covariance (6, 6) of a motion about the origin, for the same motion about ``to_mm``."""
+    change = origin_change(to_mm)
+    return np.asarray(change @ covariance @ change.T)
 
 
 def moved(estimate: Transform, motion: FloatArray, about_mm: FloatArray) -> Transform:

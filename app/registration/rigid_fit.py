@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from app.geometry import FloatArray, Transform
 from app.registration.errors import ConvergenceError, MirroredPointsError
 from app.registration.inputs import as_covariances
+from app.registration.least_squares import least_squares
 from app.registration.motion import moved, point_jacobian
 
-MAX_ITERATIONS = 200
+MAX_TURNS = 50
+SAME_TURN_RAD = 1e-12
 
 MIRROR_RATIO = 3.0
 """Points that a mirror maps well and no motion does stand out of their best plane by more than
@@ -95,32 +97,26 @@ def _closed_form(
 def _maximum_likelihood(
     fixed: FloatArray, moving: FloatArray, noise: PairNoise, start: Transform
 ) -> Transform:
-    """Minimise the sum of ``r_i^T C_i^-1 r_i``, the C_i turned along with the estimate."""
+    """Minimise the sum of ``r_i^T C_i^-1 r_i``, with the moving part of ``C_i`` turned along."""
     centre = fixed.mean(axis=0)
-    small_mm = 1e-11 * max(1.0, float(np.abs(fixed).max()), float(np.abs(moving).max()))
-    estimate, damping = start, 0.0
-    for _ in range(MAX_ITERATIONS):
-        information = np.linalg.inv(noise.total_mm2(estimate.rotation))
-        here = estimate.apply(moving)
-        misfit = fixed - here
-        jacobian = point_jacobian(here - centre)
-        weighted = np.swapaxes(jacobian, 1, 2) @ information
-        normal = np.sum(weighted @ jacobian, axis=0)
-        damped = normal + damping * np.diag(np.diag(normal))
-        step = np.linalg.solve(damped, np.einsum("nij,nj->i", weighted, misfit))
-        candidate = moved(estimate, step, centre)
-        settled = np.abs(step[:3]).max() < 1e-11 and np.abs(step[3:]).max() < small_mm
-        new_misfit = fixed - candidate.apply(moving)
-        cost, new_cost = (
-            float(np.einsum("ni,nij,nj->", r, information, r)) for r in (misfit, new_misfit)
+    estimate = start
+    for _ in range(MAX_TURNS):
+        # Rows of the inverse Cholesky factor: they make each misfit white.
+        whiten = np.linalg.inv(np.linalg.cholesky(noise.total_mm2(estimate.rotation)))
+
+        def linearise(
+            state: Transform, whiten: FloatArray = whiten
+        ) -> tuple[FloatArray, FloatArray]:
+            here = state.apply(moving)
+            misfit = np.einsum("nij,nj->ni", whiten, fixed - here)
+            return misfit.ravel(), (whiten @ point_jacobian(here - centre)).reshape(-1, 6)
+
+        before, estimate = (
+            estimate,
+            least_squares(
+                estimate, linearise, lambda state, step: moved(state, step, centre), "registration"
+            ),
         )
-        if settled:
-            return candidate if new_cost <= cost else estimate
-        if new_cost <= cost:
-            estimate, damping = candidate, damping / 10.0
-        else:
-            damping = max(10.0 * damping, 1e-6)
-    raise ConvergenceError(
-        f"registration of {len(fixed)} points did not settle in {MAX_ITERATIONS} steps: "
-        f"last step {np.abs(step[3:]).max():.3g} mm"
-    )
+        if not noise.moving_mm2.any() or before.angle_to(estimate) < SAME_TURN_RAD:
+            return estimate
+    raise ConvergenceError(f"the turn of the moving covariances did not settle in {MAX_TURNS} fits")

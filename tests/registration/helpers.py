@@ -1,9 +1,12 @@
 """Random geometries that are not degenerate, shared by the tests of this room."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, Transform
+from app.registration.poses import PoseNoise
 
 
 def random_transform(
@@ -39,3 +42,43 @@ def draw(rng: np.random.Generator, covariances: FloatArray) -> FloatArray:
     return np.einsum(
         "nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=(len(covariances), 3))
     )
+
+
+def disturbed(rng: np.random.Generator, pose: Transform, noise: PoseNoise) -> Transform:
+    """A pose as a tracker with this noise would measure it."""
+    turn = Rotation.from_rotvec(rng.normal(scale=noise.rotation_rad, size=3)).as_matrix()
+    shift = rng.normal(scale=noise.translation_mm, size=3)
+    return Transform(pose.target, pose.source, turn @ pose.rotation, pose.translation_mm + shift)
+
+
+@dataclass(frozen=True)
+class RobotWorldScene:
+    """A robot that reaches about a workspace half a metre from its base, as a surgeon's does."""
+
+    base: Transform
+    mount: Transform
+    robot: list[Transform]
+    sensor: list[Transform]
+    centre_mm: FloatArray
+    """The middle of the workspace, in the reference frame."""
+
+
+def robot_world_scene(
+    rng: np.random.Generator, count: int, noise: PoseNoise | None, *, tilt_rad: float = 0.7
+) -> RobotWorldScene:
+    base = random_transform(rng, "reference", "base")
+    mount = random_transform(rng, "tip", "sensor", reach_mm=60.0)
+    middle = np.array([350.0, 0.0, 200.0])
+    facing = Rotation.random(random_state=rng)
+    robot = [
+        Transform(
+            "base",
+            "tip",
+            (Rotation.from_rotvec(rng.uniform(-tilt_rad, tilt_rad, 3)) * facing).as_matrix(),
+            middle + rng.uniform(-100.0, 100.0, 3),
+        )
+        for _ in range(count)
+    ]
+    true = [base @ pose @ mount for pose in robot]
+    sensor = true if noise is None else [disturbed(rng, pose, noise) for pose in true]
+    return RobotWorldScene(base, mount, robot, sensor, base.apply(middle))
