@@ -4,6 +4,7 @@ from slicer import vtkMRMLMarkupsDisplayNode, vtkMRMLModelNode, vtkMRMLScene, vt
 
 from app.fixture import FixtureDecision, MarginState, Proximity
 from app.geometry import FloatArray
+from app.scene.models import remove_displayed
 
 _INK = (0.08, 0.12, 0.16)
 _LINE_NAME = "ClosestPoints"
@@ -67,7 +68,7 @@ class MarginDisplay:
 
     def remove(self) -> None:
         """Take the line and the text out of the scene; the tumour keeps its last colour."""
-        self._scene.RemoveNode(self.line)
+        remove_displayed(self._scene, self.line)
         self._scene.RemoveNode(self.status)
 
     def _show_line(self, proximity: Proximity | None) -> None:

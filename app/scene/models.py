@@ -1,7 +1,13 @@
 """Surfaces as model nodes."""
 
 import numpy as np
-from slicer import vtkMRMLDisplayNode, vtkMRMLModelNode, vtkMRMLScene, vtkMRMLTransformNode
+from slicer import (
+    vtkMRMLDisplayableNode,
+    vtkMRMLDisplayNode,
+    vtkMRMLModelNode,
+    vtkMRMLScene,
+    vtkMRMLTransformNode,
+)
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkAppendPolyData, vtkCleanPolyData, vtkPolyDataNormals
 
@@ -44,6 +50,14 @@ def add_model(
     if parent is not None:
         node.SetAndObserveTransformNodeID(parent.GetID())
     return node
+
+
+def remove_displayed(scene: vtkMRMLScene, node: vtkMRMLDisplayableNode) -> None:
+    """Take ``node`` out of the scene together with its display nodes, which MRML would leave."""
+    displays = [node.GetNthDisplayNode(n) for n in range(node.GetNumberOfDisplayNodes())]
+    scene.RemoveNode(node)
+    for display in displays:
+        scene.RemoveNode(display)
 
 
 def smooth_surface(mesh: SurfaceMesh) -> vtkPolyData:

@@ -1,7 +1,7 @@
 """One moment of a case as a picture: from plain values to PNG, in a scene of its own."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from slicer import vtkMRMLScene
 
@@ -9,7 +9,9 @@ from app.fixture import FixtureDecision
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene.application import SceneApplication
-from app.scene.picture import scene_png
+from app.scene.errors import SceneError
+from app.scene.frame_graph import poses_in
+from app.scene.picture import SIZE, scene_png
 from app.scene.scene import MarginGuardScene
 
 _REFERENCE = "reference"
@@ -29,8 +31,9 @@ class Moment:
     """What is to be seen, and where it was.
 
     ``tumor`` in the frame "tumor" and ``tool`` in its tip's frame; None shows the tip alone.
-    ``measured``: what the tracker knew, in any direction. ``fixed``: ``tool_from_tip``,
-    ``frame_from_tumor`` and the registration, each from a measured frame.
+    ``measured``: what the tracker said at this moment, in any direction. ``fixed``:
+    ``tool_from_tip``, ``frame_from_tumor`` and the registration. ``tumor_from_tip`` is the pose
+    that ``decision`` judged; it need not be given when the measured edges connect both.
     """
 
     decision: FixtureDecision
@@ -39,32 +42,56 @@ class Moment:
     tip_frame: str
     measured: tuple[Transform, ...]
     fixed: tuple[Transform, ...]
-    robot: ShownRobot | None = field(default=None)
+    robot: ShownRobot | None = None
+    tumor_from_tip: Transform | None = None
+
+    def root(self) -> str:
+        """The frame to show it in: "reference", or the tumour's holder when that is not known."""
+        holder = self._fixed_edge(self.tumor.frame).target
+        return _REFERENCE if _REFERENCE in poses_in(holder, self.measured) else holder
+
+    def judged_edges(self) -> tuple[Transform, ...]:
+        """The measured edges, and the tool relative to the tumour as it was judged.
+
+        Trackers that report tools at different times leave a tool out of some frames: the session
+        then judged an earlier sample, which is not among ``measured``.
+        """
+        if self.tumor_from_tip is None:
+            return self.measured
+        tip_from_tool = self._fixed_edge(self.tip_frame).inverse()
+        frame_from_tumor = self._fixed_edge(self.tumor.frame)
+        return (*self.measured, frame_from_tumor @ self.tumor_from_tip @ tip_from_tool)
+
+    def _fixed_edge(self, source: str) -> Transform:
+        for edge in self.fixed:
+            if edge.source == source:
+                return edge
+        raise SceneError(
+            f"no fixed edge places {source!r}: "
+            f"{', '.join(edge.source for edge in self.fixed) or 'none'} are placed"
+        )
 
 
-def moment_png(moment: Moment) -> bytes:
-    """Draw ``moment``; raises `OffscreenError` where nothing can be drawn without a screen.
+def moment_png(moment: Moment, size: tuple[int, int] = SIZE) -> bytes:
+    """Draw ``moment`` in a scene of its own, as PNG of ``size`` (width, height).
 
-    Everything is shown in the frame "reference", or, when the tracker did not know that, in the
-    frame that the tumour moves with.
+    Raises `OffscreenError` where nothing can be drawn without a screen. A robot whose base is not
+    known relative to the tumour is left out.
     """
     application = SceneApplication(vtkMRMLScene())
-    scene = MarginGuardScene(application.scene, reference=_root(moment))
-    scene.set_poses(moment.measured, moment.fixed)
+    scene = MarginGuardScene(application.scene, reference=moment.root())
+    measured = moment.judged_edges()
+    known = poses_in(moment.root(), measured)
+    scene.set_poses(measured, [edge for edge in moment.fixed if edge.target in known])
     scene.add_tumor(moment.tumor)
     if moment.tool is None:
         scene.add_tip(moment.tip_frame)
     else:
         scene.add_tool(moment.tool)
     links = {}
-    if moment.robot is not None:
-        scene.add_robot(moment.robot.robot.name, moment.robot.robot, moment.robot.base_frame)
-        links[moment.robot.robot.name] = moment.robot.links
+    robot = moment.robot
+    if robot is not None and scene.tree.node(robot.base_frame) is not None:
+        scene.add_robot(robot.robot.name, robot.robot, robot.base_frame)
+        links[robot.robot.name] = robot.links
     scene.show(moment.decision, links)
-    return scene_png(application, scene, moment.decision)
-
-
-def _root(moment: Moment) -> str:
-    known = {name for edge in moment.measured for name in (edge.target, edge.source)}
-    holder = next(edge.target for edge in moment.fixed if edge.source == moment.tumor.frame)
-    return _REFERENCE if _REFERENCE in known else holder
+    return scene_png(application, scene, moment.decision, size)

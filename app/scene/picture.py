@@ -24,21 +24,26 @@ _CLOSE_UP_RADII = 2.2
 
 
 def scene_png(
-    application: SceneApplication, scene: MarginGuardScene, decision: FixtureDecision
+    application: SceneApplication,
+    scene: MarginGuardScene,
+    decision: FixtureDecision,
+    size: tuple[int, int] = SIZE,
 ) -> bytes:
-    """Draw ``scene``, which shows ``decision``, as PNG of `SIZE`: banner, overview, close-up.
+    """Draw ``scene``, which shows ``decision``, as PNG: banner, overview, close-up.
 
-    Raises `OffscreenError` on a machine that cannot draw without a screen.
+    ``size`` is the width and height of the whole in pixels. Raises `OffscreenError` on a machine
+    that cannot draw without a screen.
     """
     margin = scene.margin
     if margin is None:
         raise SceneError("a picture needs a tumour in the scene, there is none")
-    size = ((SIZE[0] - _GAP_PIXELS) // 2, SIZE[1] - _BANNER_PIXELS)
+    width, height = size
+    view = ((width - _GAP_PIXELS) // 2, height - _BANNER_PIXELS)
     with _hidden(margin.line):  # its words would cover the tumour, which is small there
-        overview = _overview(application, scene, size)
-    close_up = _close_up(application, scene, size, _along(margin.line))
-    gap = np.full((size[1], SIZE[0] - 2 * size[0], 3), 255, dtype=np.uint8)
-    banner = text_strip(margin.status.GetText(), (SIZE[0], _BANNER_PIXELS), decision.state.color)
+        overview = _overview(application, scene, view)
+    close_up = _close_up(application, scene, view, _along(margin.line))
+    gap = np.full((view[1], width - 2 * view[0], 3), 255, dtype=np.uint8)
+    banner = text_strip(margin.status.GetText(), (width, _BANNER_PIXELS), decision.state.color)
     return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
 
 

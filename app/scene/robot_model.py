@@ -9,7 +9,7 @@ from app.geometry import Transform, join_transform_name
 from app.robot import Link, Robot
 from app.scene.convert import vtk_matrix
 from app.scene.errors import SceneError
-from app.scene.models import Rgb, add_model, colored_surface
+from app.scene.models import Rgb, add_model, colored_surface, remove_displayed
 
 _DEFAULT_COLOR: Rgb = (0.78, 0.80, 0.83)
 
@@ -52,7 +52,9 @@ class RobotModel:
 
     def remove(self) -> None:
         """Take every node of the robot out of the scene; ``base`` is not the robot's and stays."""
-        for node in (*self.models.values(), *self.transforms.values()):
+        for model in self.models.values():
+            remove_displayed(self._scene, model)
+        for node in self.transforms.values():
             if node is not self.base:
                 self._scene.RemoveNode(node)
         self.models.clear()

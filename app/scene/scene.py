@@ -12,7 +12,7 @@ from app.robot import Robot
 from app.scene.errors import SceneError
 from app.scene.frame_graph import poses_in
 from app.scene.margin_display import MarginDisplay
-from app.scene.models import add_model, smooth_surface
+from app.scene.models import add_model, remove_displayed, smooth_surface
 from app.scene.robot_model import RobotModel
 from app.scene.transform_tree import RAS, TransformTree
 
@@ -49,7 +49,8 @@ class MarginGuardScene:
         """Move the frames: measured ones under the reference, fixed ones under their targets.
 
         ``measured`` edges may have any direction and pass through frames such as the tracker's;
-        a frame that they do not connect with the reference stays where it is.
+        a frame that they do not connect with the reference stays where it is. A fixed edge whose
+        target is in the scene neither before nor through an earlier edge raises `SceneError`.
         """
         for frame, pose in poses_in(self.reference, measured).items():
             if frame != self.reference:
@@ -115,7 +116,7 @@ class MarginGuardScene:
             self.margin.remove()
         for node in (self.tumor, self.tool):
             if node is not None:
-                self.scene.RemoveNode(node)
+                remove_displayed(self.scene, node)
         self.tumor = self.tool = self.margin = None
         self.tree.clear()
 

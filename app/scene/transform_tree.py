@@ -4,6 +4,7 @@ from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene
 
 from app.geometry import Transform, join_transform_name
 from app.scene.convert import vtk_matrix
+from app.scene.errors import SceneError
 
 RAS = "ras"
 
@@ -22,9 +23,14 @@ class TransformTree:
     def set(self, parent_from_frame: Transform) -> vtkMRMLLinearTransformNode:
         """Put the frame ``source`` where it is in ``target``, and return its node.
 
-        A target that has no node yet hangs from the world until it gets one.
+        A target that has no node yet raises `SceneError`: nobody knows where it is.
         """
         target, frame = parent_from_frame.target, parent_from_frame.source
+        if target != RAS and target not in self._nodes:
+            raise SceneError(
+                f"{join_transform_name(frame, target)} cannot be placed: frame {target!r} is not "
+                f"in the scene, {', '.join(sorted({RAS, *self._nodes}))} are"
+            )
         node = self._nodes.get(frame)
         if node is None:
             node = self._scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
@@ -33,8 +39,6 @@ class TransformTree:
         if node.GetName() != name:
             node.SetName(name)
         parent = self._nodes.get(target)
-        if parent is None and target != RAS:
-            parent = self.set(Transform.identity(RAS, target))
         node.SetAndObserveTransformNodeID(None if parent is None else parent.GetID())
         node.SetMatrixTransformToParent(vtk_matrix(parent_from_frame))
         return node

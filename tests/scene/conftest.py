@@ -1,0 +1,146 @@
+"""A small case for the scene: a ball as tumour, a rod as tool, an arm of two boxes."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from app.fixture import FixtureDecision, MarginState, Proximity, Reason
+from app.geometry import Stamp, SurfaceMesh, Transform
+from app.robot import Joint, JointType, Link, Robot, Shape
+from app.scene import OffscreenError, use_offscreen_rendering
+
+BOX_FACES = np.array(
+    [
+        [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
+        [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7],
+    ]
+)  # fmt: skip
+
+
+def box(frame: str, low: tuple[float, ...], high: tuple[float, ...]) -> SurfaceMesh:
+    (a, b, c), (d, e, f) = low, high
+    vertices = [
+        [a, b, c],
+        [d, b, c],
+        [d, e, c],
+        [a, e, c],
+        [a, b, f],
+        [d, b, f],
+        [d, e, f],
+        [a, e, f],
+    ]
+    return SurfaceMesh(frame, np.array(vertices, dtype=float), BOX_FACES).require_closed(frame)
+
+
+@pytest.fixture(scope="session")
+def tumor() -> SurfaceMesh:
+    """An octahedron split three times onto a sphere of radius 12 mm."""
+    points = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
+    triangles = points[
+        [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    ]
+    for _ in range(3):
+        a, b, c = np.moveaxis(triangles, 1, 0)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        triangles = np.concatenate(
+            [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
+        triangles /= np.linalg.norm(triangles, axis=-1, keepdims=True)
+    vertices, faces = np.unique(np.round(triangles.reshape(-1, 3), 9), axis=0, return_inverse=True)
+    return SurfaceMesh("tumor", 12.0 * vertices, faces.reshape(-1, 3)).require_closed("tumour")
+
+
+@pytest.fixture(scope="session")
+def tool() -> SurfaceMesh:
+    return box("cautery_tip", (-1.0, -1.0, -60.0), (1.0, 1.0, 0.0))
+
+
+@pytest.fixture(scope="session")
+def arm() -> Robot:
+    """Two links that turn about y and x; the second has two visuals of different colour."""
+    base = Link(
+        "base", (Shape(box("base", (-30, -30, 0), (30, 30, 40)), (0.1, 0.2, 0.6, 1), "box"),)
+    )
+    upper = Link(
+        "upper", (Shape(box("upper", (-8, -8, 0), (8, 8, 90)), (0.8, 0.8, 0.8, 1), "box"),)
+    )
+    fore = Link(
+        "fore_arm",
+        (
+            Shape(box("fore_arm", (-5, -5, 0), (5, 5, 70)), (0.0, 0.0, 1.0, 1), "box"),
+            Shape(box("fore_arm", (-7, -7, 60), (7, 7, 66)), (1.0, 0.0, 1.0, 1), "box"),
+        ),
+    )
+    joints = (
+        revolute("shoulder", "base", "upper", (0, 0, 40), (0, 1, 0)),
+        revolute("elbow", "upper", "fore_arm", (0, 0, 90), (1, 0, 0)),
+    )
+    return Robot("arm", (base, upper, fore), joints)
+
+
+def revolute(
+    name: str, parent: str, child: str, at_mm: tuple[float, ...], axis: tuple[float, ...]
+) -> Joint:
+    origin = Transform(parent, child, np.eye(3), np.array(at_mm, dtype=float))
+    return Joint(name, JointType.REVOLUTE, origin, np.array(axis, dtype=float), -3.0, 3.0)
+
+
+@pytest.fixture
+def edges() -> tuple[Transform, ...]:
+    """What a tracker says: every tool in the tracker's own frame, the chest among them."""
+    tracker_from_reference = Transform.from_rotation_vector(
+        [0.2, 0.5, 1.0], [300.0, 20.0, 10.0], target="tracker", source="reference"
+    )
+    reference_from_needle = Transform.from_rotation_vector(
+        [0.1, 0.0, 0.3], [40.0, 10.0, 60.0], target="reference", source="needle"
+    )
+    reference_from_cautery = Transform.from_rotation_vector(
+        [2.2, 0.3, 0.0], [42.0, 12.0, 65.0], target="reference", source="cautery"
+    )
+    return (
+        tracker_from_reference,
+        tracker_from_reference @ reference_from_needle,
+        tracker_from_reference @ reference_from_cautery,
+    )
+
+
+@pytest.fixture
+def fixed() -> tuple[Transform, ...]:
+    return (
+        Transform.from_rotation_vector(
+            [0.0, 0.4, 0.0], [0.0, 5.0, 1.0], target="cautery", source="cautery_tip"
+        ),
+        Transform.from_rotation_vector(
+            [0.0, 0.0, 0.2], [1.0, -2.0, 3.0], target="needle", source="tumor"
+        ),
+        Transform.from_rotation_vector(
+            [0.0, 0.0, 0.4], [-90.0, 30.0, -20.0], target="reference", source="robot_base"
+        ),
+    )
+
+
+def build_decision(state: MarginState, distance_mm: float | None) -> FixtureDecision:
+    proximity = None
+    if distance_mm is not None:
+        normal = np.array([0.0, 0.0, 1.0])
+        surface = np.array([0.0, 0.0, 12.0])
+        proximity = Proximity(
+            distance_mm, distance_mm, surface + distance_mm * normal, surface, normal, None
+        )
+    return FixtureDecision(state, (Reason.INSIDE,), proximity, None, None, False, Stamp(1), 1)
+
+
+@pytest.fixture(scope="session")
+def decision() -> Callable[[MarginState, float | None], FixtureDecision]:
+    """A decision whose closest points lie on the tumour's +z axis."""
+    return build_decision
+
+
+@pytest.fixture(scope="session")
+def can_draw() -> None:
+    """Skips, with what is missing, on a machine that cannot draw without a screen."""
+    try:
+        use_offscreen_rendering()
+    except OffscreenError as error:
+        pytest.skip(str(error))

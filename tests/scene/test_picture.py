@@ -1,0 +1,135 @@
+from collections.abc import Callable
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from app.fixture import FixtureDecision, MarginState
+from app.geometry import SurfaceMesh, Transform
+from app.robot import Robot
+from app.scene import Moment, SceneError, ShownRobot, moment_png
+from app.scene.pixels import png, text_strip
+
+SIZE = (640, 450)  # small: a machine without a graphics card draws these
+pytestmark = pytest.mark.usefixtures("can_draw")
+Decide = Callable[[MarginState, float | None], FixtureDecision]
+Draw = Callable[..., np.ndarray]
+
+
+@pytest.fixture
+def draw(
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    tool: SurfaceMesh,
+    arm: Robot,
+    decision: Decide,
+) -> Draw:
+    """Draws the case in a state; returns the picture without the banner, values from 0 to 1."""
+
+    def build(state: MarginState = MarginState.POSITIVE, **changes: object) -> np.ndarray:
+        links = arm.forward_kinematics({"shoulder": 0.9, "elbow": 0.6})
+        values: dict[str, object] = {
+            "decision": decision(state, -2.0),
+            "tumor": tumor,
+            "tool": tool,
+            "tip_frame": "cautery_tip",
+            "measured": edges,
+            "fixed": fixed,
+            "robot": ShownRobot(arm, "robot_base", links),
+        }
+        moment = Moment(**{**values, **changes})  # type: ignore[arg-type]
+        picture = imread(BytesIO(moment_png(moment, SIZE)))
+        assert picture.shape[:2] == SIZE[::-1]
+        return picture[64:, :, :3]
+
+    return build
+
+
+def amount(picture: np.ndarray, reddish: Callable[..., np.ndarray]) -> int:
+    return int(reddish(*np.moveaxis(picture, -1, 0)).sum())
+
+
+def is_red(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (r > 0.4) & (r > 1.6 * g) & (r > 1.3 * b)
+
+
+def is_green(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (g > 0.4) & (g > 1.3 * r) & (g > 1.3 * b)
+
+
+def is_blue(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (b > 0.3) & (b > 1.6 * r) & (b > 1.6 * g)
+
+
+def is_yellow(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (r > 0.4) & (g > 0.35) & (b < 0.3) & (r < 1.5 * g)
+
+
+def test_tumor_shows_its_state_in_both_views(draw: Draw) -> None:
+    red, green = draw(MarginState.POSITIVE), draw(MarginState.NEGATIVE)
+    half = SIZE[0] // 2
+    for view in (np.s_[:, :half], np.s_[:, half:]):
+        assert amount(red[view], is_red) > 100
+        assert amount(red[view], is_green) < 10
+        assert amount(green[view], is_green) > 100
+        assert amount(green[view], is_red) < 10
+    # The close-up is one: the tumour fills much of it.
+    assert amount(red[:, half:], is_red) > 10 * amount(red[:, :half], is_red)
+
+
+def test_tool_and_robot_are_seen_in_the_overview(draw: Draw) -> None:
+    overview = draw()[:, : SIZE[0] // 2]
+    assert amount(overview, is_yellow) > 40
+    assert amount(overview, is_blue) > 400
+
+
+def test_picture_is_the_same_each_time(draw: Draw) -> None:
+    assert np.array_equal(draw(), draw())
+
+
+def test_tip_without_a_mesh_and_without_a_robot(draw: Draw) -> None:
+    picture = draw(tool=None, robot=None)
+    assert amount(picture, is_blue) == 0
+    assert amount(picture, is_red) > 1000
+
+
+def test_unknown_is_grey(draw: Draw) -> None:
+    picture = draw(MarginState.UNKNOWN)
+    assert amount(picture, is_red) + amount(picture, is_green) == 0
+
+
+def test_reference_that_was_not_seen_leaves_the_robot_out(
+    draw: Draw, edges: tuple[Transform, ...]
+) -> None:
+    picture = draw(measured=edges[1:])
+    assert amount(picture, is_blue) == 0
+    assert amount(picture, is_red) > 1000
+
+
+def test_tool_of_an_earlier_sample_is_where_it_was_judged(
+    draw: Draw, edges: tuple[Transform, ...], fixed: tuple[Transform, ...]
+) -> None:
+    reference, needle, cautery = edges
+    tumor_from_tip = (needle @ fixed[1]).inverse() @ cautery @ fixed[0]
+    without_tool = draw(measured=(reference, needle), tumor_from_tip=tumor_from_tip)
+    assert np.abs(without_tool - draw()).max() < 0.02
+    with pytest.raises(SceneError, match="'cautery_tip' has no pose"):
+        draw(measured=(reference, needle))
+
+
+def test_strip_has_its_color_and_its_words() -> None:
+    strip = text_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), (1.0, 0.0, 0.0))
+    assert strip.shape == (64, 800, 3)
+    assert (strip[:, :10] == [255, 0, 0]).all()
+    white = (strip == 255).all(axis=-1)
+    assert 500 < white.sum() < 20000
+    dark = text_strip("NEGATIVE", (800, 64), (0.0, 1.0, 0.0))
+    assert (dark.max(axis=-1) < 60).any()
+    assert text_strip("x" * 500, (800, 64), (0.5, 0.5, 0.5)).shape == (64, 800, 3)
+
+
+def test_png_round_trip() -> None:
+    picture = np.random.default_rng(1).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    assert np.array_equal(np.round(255 * imread(BytesIO(png(picture)))), picture)
