@@ -198,9 +198,6 @@ def _fields(path: Path) -> Iterator[tuple[int, str, str]]:
                     return
                 if match := _FRAME_FIELD.match(key):
                     last = f"in frame {int(match[1])}"
-                # The last line of a cut file may look whole: 15.5 of 15.53 would be read as it is.
-                if not raw.endswith(b"\n"):
-                    break
                 if key:
                     yield line, key, value
     except OSError as error:

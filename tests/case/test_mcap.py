@@ -1,3 +1,4 @@
+import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -5,6 +6,7 @@ from typing import Any
 import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -156,6 +158,12 @@ def test_tf_serves_the_edges_that_are_not_tracked(tmp_path: Path) -> None:
     assert first is not None and first.translation_mm[0] == pytest.approx(1.0)
 
 
+def test_tf_gives_no_frames_of_its_own_for_a_tracked_edge(tmp_path: Path) -> None:
+    messages = [tracked(pose(10**9)), tf(pose(10**9 + 5)), tracked(pose(10**9 + 10))]
+    write_messages(tmp_path / "x.mcap", messages)
+    assert [frame.stamp.ns for frame in read(tmp_path / "x.mcap")[0]] == [10**9, 10**9 + 10]
+
+
 def test_a_bag_with_tf_alone(tmp_path: Path) -> None:
     write_messages(tmp_path / "x.mcap", [tf(pose(10**9 + i)) for i in range(5)])
     assert len(read(tmp_path / "x.mcap")[0]) == 5
@@ -286,12 +294,21 @@ def test_damaged_bytes_never_crash_nor_make_up_a_pose(
         assert {frame.stamp.ns for frame in frames} <= set(stamps)
 
 
+def test_a_pose_whose_bytes_changed_is_not_believed(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    messages = [tracked(pose(10**9 + i * 10**7, x_mm=1234.5 + i)) for i in range(20)]
+    write_messages(path, messages, compression=CompressionType.NONE, chunk_size=1)
+    content = path.read_bytes()
+    metres = struct.pack("<d", 1.2395)  # of the sixth message
+    assert content.count(metres) == 1
+    path.write_bytes(content.replace(metres, struct.pack("<d", 1.2495)))
+    frames, notes = read(path)
+    assert len(frames) == 19
+    assert len(notes) == 1 and "is damaged and skipped (crc" in notes[0]
+
+
 @pytest.mark.parametrize("kind", ["zstd", "lz4"])
 def test_a_chunk_that_unfolds_beyond_its_size_is_skipped(tmp_path: Path, kind: str) -> None:
-    import struct
-
-    import zstandard
-
     bomb = b"\0" * 50_000_000
     packed = zstandard.compress(bomb) if kind == "zstd" else lz4.frame.compress(bomb)
     name = kind.encode()

@@ -88,6 +88,15 @@ def test_a_rate_changes_from_now_on() -> None:
     assert played(player, time) == [(0, 0), (75, 100), (175, 300)]
 
 
+def test_a_rate_changes_twice_and_a_pause_keeps_the_place_at_any_rate() -> None:
+    player, time = make(frames(0, 100, 300, 500), rate=2.0)
+    time.at(25, lambda: player.set_rate(0.5))  # stands at 50
+    time.at(225, player.pause)  # 100 came at 125; stands at 150
+    time.at(1000, player.resume)
+    time.at(1100, lambda: player.set_rate(None))
+    assert played(player, time) == [(0, 0), (125, 100), (1100, 300), (1100, 500)]
+
+
 def test_seek_forward_and_back() -> None:
     player, time = make(frames(1000, 1100, 1200, 1300))
     time.at(50, lambda: player.seek(0.15))
