@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.geometry import FloatArray, Transform
 from app.registration.acceptance import AcceptanceLimits, judge
+from app.registration.consensus import agreeing
 from app.registration.errors import DegenerateMotionError, UnequalCountsError
 from app.registration.inputs import as_points
 from app.registration.motion import origin_change
@@ -22,17 +23,24 @@ from app.registration.poses import PoseNoise, PoseStack
 from app.registration.result import RegistrationResult, checked_covariance, read_only
 from app.registration.robot_world_fit import (
     RobotWorld,
+    closed_form,
     information_of,
     maximum_likelihood,
     residuals_of,
+    with_estimated_noise,
 )
-from app.registration.robot_world_robust import MIN_POSES, agreeing_poses
+
+MIN_POSES = 4
+"""Three poses determine both transforms and leave nothing to check them by."""
 
 MIN_TURN_RAD = math.radians(15.0)
 """Least turn between the two poses that differ most."""
 
 MIN_SECOND_TURN_RAD = math.radians(4.0)
 """Least RMS turn about a second axis: with parallel axes the base may slide along them."""
+
+NOMINAL_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
+"""An EM sensor's: where the search for the noise starts when the caller does not know it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +116,7 @@ def solve_robot_world(
     sensor = PoseStack.of(reference_from_sensor, "the sensor", least=MIN_POSES)
     _check_turns(robot, "the robot's tip")
     _check_turns(sensor, "the sensor")
-    good, state, found = agreeing_poses(robot, sensor, noise)
+    good, (state, found) = _agreeing(robot, sensor, noise)
     used_robot, used_sensor = robot.of_poses(good), sensor.of_poses(good)
     _check_turns(used_robot, "the robot's tip, wrong ones dropped,")
 
@@ -159,6 +167,39 @@ def _check_turns(poses: PoseStack, what: str) -> None:
             f"the poses of {what} turn about parallel axes: {math.degrees(second):.3g} degrees RMS "
             f"about a second axis, {math.degrees(MIN_SECOND_TURN_RAD):g} wanted"
         )
+
+
+def _agreeing(
+    robot: PoseStack, sensor: PoseStack, noise: PoseNoise | None
+) -> tuple[NDArray[np.bool_], tuple[RobotWorld, PoseNoise]]:
+    """Which poses agree (n,), the estimate from them, and the noise that they show."""
+
+    def start(mask: NDArray[np.bool_]) -> tuple[RobotWorld, PoseNoise]:
+        state = closed_form(robot.of_poses(mask), sensor.of_poses(mask))
+        return state, noise or NOMINAL_NOISE
+
+    def refine(
+        mask: NDArray[np.bool_], found: tuple[RobotWorld, PoseNoise]
+    ) -> tuple[RobotWorld, PoseNoise]:
+        used = robot.of_poses(mask), sensor.of_poses(mask)
+        if noise is None:
+            return with_estimated_noise(*used, *found)
+        return maximum_likelihood(*used, noise, found[0]), noise
+
+    def squared_sigmas(found: tuple[RobotWorld, PoseNoise]) -> FloatArray:
+        residuals = residuals_of(found[0], robot, sensor) / found[1].sigmas
+        return np.asarray(np.sum(residuals**2, axis=1))
+
+    return agreeing(
+        len(robot.rotations),
+        "pose pairs",
+        draw=MIN_POSES,
+        freedom=6,
+        noise_known=noise is not None,
+        start=start,
+        refine=refine,
+        squared_sigmas=squared_sigmas,
+    )
 
 
 def _leave_one_out(
