@@ -21,6 +21,10 @@ from app.robot.tree import KinematicTree
 MM_PER_RAD = 100.0
 """Weighs angles against lengths in the error that is minimised: at 100 mm, a hand's breadth."""
 
+STALL = 1e-4
+"""A step that lowers the squared error by less than this fraction has come to a place that is no
+solution: at a solution the error falls by orders of magnitude a step."""
+
 
 @dataclass(frozen=True, slots=True)
 class IkOptions:
@@ -33,7 +37,7 @@ class IkOptions:
     tolerance_mm: float = 1e-7
     tolerance_rad: float = 1e-9
     max_iterations: int = 200
-    restarts: int = 24
+    restarts: int = 50
 
     def __post_init__(self) -> None:
         if not (self.tolerance_mm > 0.0 and self.tolerance_rad > 0.0):
@@ -51,6 +55,7 @@ class IkOptions:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Attempt:
     positions: FloatArray
+    matrices: Mapping[str, FloatArray]
     error: FloatArray
 
     @property
@@ -113,13 +118,11 @@ class _Problem:
         return self.tree.link_matrices(self.tree.all_positions(given))
 
     def attempt(self, positions: FloatArray) -> _Attempt:
-        return self._attempt(positions, self.matrices(positions))
-
-    def _attempt(self, positions: FloatArray, matrices: Mapping[str, FloatArray]) -> _Attempt:
+        matrices = self.matrices(positions)
         reached = matrices[self.link]
         turn = Rotation.from_matrix(self.wanted.rotation @ reached[:3, :3].T).as_rotvec()
         shift = self.wanted.translation_mm - reached[:3, 3]
-        return _Attempt(positions, np.concatenate([shift, MM_PER_RAD * turn]))
+        return _Attempt(positions, matrices, np.concatenate([shift, MM_PER_RAD * turn]))
 
     def starts(self, seed: Mapping[str, float], restarts: int) -> list[FloatArray]:
         """The seed (middle of the range where it says nothing), then an even, fixed spread."""
@@ -142,8 +145,7 @@ class _Problem:
         for _ in range(options.max_iterations):
             if best.solves(options) or damping > 1e8:
                 break
-            matrices = self.matrices(best.positions)
-            jacobian = weights * self.tree.jacobian(self.link, self.names, matrices)
+            jacobian = weights * self.tree.jacobian(self.link, self.names, best.matrices)
             gradient = jacobian.T @ best.error
             # A joint at a limit that it is pushed against takes no part in this step.
             stuck = ((best.positions <= self.lower) & (gradient < 0.0)) | (
@@ -160,7 +162,10 @@ class _Problem:
             step *= min(1.0, math.pi / max(float(np.abs(step).max()), 1e-300))
             trial = self.attempt(np.clip(best.positions + step, self.lower, self.upper))
             if trial.cost < best.cost:
+                stalled = trial.cost > (1.0 - STALL) * best.cost
                 best, damping = trial, max(damping * 0.1, 1e-15)
+                if stalled:
+                    break
             else:
                 damping *= 10.0
         return best

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.geometry import FloatArray, MeshError, SurfaceMesh, Transform
+from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
 from app.robot import primitives
 from app.robot.errors import RobotMeshError, UrdfError
 from app.robot.joint import MM_PER_M, Joint, JointType, Mimic
@@ -29,7 +29,16 @@ def load_robot(urdf: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> 
     """
     path = Path(urdf)
     model = read_urdf(path)
-    shapes = _ShapeReader(MeshLocator(path, package_dirs), _named_colors(model))
+    locator = MeshLocator(path, package_dirs)
+    try:
+        return _robot(model, locator)
+    except (UrdfError, TransformError, FrameError) as problem:
+        raise UrdfError(f"{path}: {problem}") from problem
+
+
+def _robot(model: Any, locator: MeshLocator) -> Robot:
+    joints = tuple(_joint(each) for each in model.joints)
+    shapes = _ShapeReader(locator, _named_colors(model))
     links = tuple(
         Link(
             link.name,
@@ -38,7 +47,6 @@ def load_robot(urdf: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> 
         )
         for link in model.links
     )
-    joints = tuple(_joint(each, path) for each in model.joints)
     return Robot(model.name, links, joints, tuple(shapes.warnings))
 
 
@@ -161,12 +169,10 @@ def _transform(origin: Any, target: str, source: str) -> Transform:
     return Transform.from_matrix(matrix, target=target, source=source)
 
 
-def _joint(joint: Any, path: Path) -> Joint:
+def _joint(joint: Any) -> Joint:
     kind = JointType(joint.type)
     lower, upper = -math.inf, math.inf
-    if kind in (JointType.REVOLUTE, JointType.PRISMATIC):
-        if joint.limit is None:
-            raise UrdfError(f"{path}: joint {joint.name!r} has no limit")
+    if kind in (JointType.REVOLUTE, JointType.PRISMATIC):  # read_urdf has seen to the limit
         lower, upper = joint.limit.lower or 0.0, joint.limit.upper or 0.0
     mimic = None
     if joint.mimic is not None and kind is not JointType.FIXED:

@@ -23,6 +23,7 @@ class KinematicTree:
         self.link_names = (self.root, *(joint.child for joint in self.joints))
         self._joint_named = {joint.name: joint for joint in joints}
         self._joint_above = {joint.child: joint for joint in joints}
+        self._origins = [joint.origin.matrix for joint in self.joints]
         self._leaders_first = _leaders_first(joints, self._joint_named)
 
     def joint(self, name: str) -> Joint:
@@ -60,8 +61,8 @@ class KinematicTree:
     def link_matrices(self, positions: Mapping[str, float]) -> dict[str, FloatArray]:
         """``root_from_link`` as (4, 4) in mm for every link, from `all_positions`."""
         matrices = {self.root: np.eye(4)}
-        for joint in self.joints:
-            placed = matrices[joint.parent] @ joint.origin.matrix
+        for joint, origin in zip(self.joints, self._origins, strict=True):
+            placed = matrices[joint.parent] @ origin
             if joint.moves:
                 placed = placed @ joint.motion(positions[joint.name])
             matrices[joint.child] = placed
