@@ -13,12 +13,11 @@ ROOT = Path(__file__).resolve().parents[1]
 CONSTRAINTS = "constraints.txt"  # relative to ROOT: pip splits the variable below at blanks
 LOG = Path(sys.prefix) / "install.log"
 
+NO_WHEEL = "no wheel of {what} for Python {python}: use 3.11 to 3.13, or look at the network"
 EXPLANATIONS = (
     # pattern in pip's output -> what to do; the first that is found is told
-    (
-        r"No matching distribution found for (?P<what>\S+)",
-        "no wheel of {what} for Python {python}: use 3.11 to 3.13, or look at the network",
-    ),
+    (r"No matching distribution found for (?P<what>\S+)", NO_WHEEL),
+    (r"The user requested \(constraint\) (?P<what>\S+)", NO_WHEEL),  # pinned, but not to be had
     (r"(?P<what>\S+) (was )?not found: install (?P<rest>.*)", "{what} not found: install {rest}"),
     (r"fatal error: (?P<what>Python\.h)", "{what} is missing: apt install python3-dev"),
     (r"fatal error: (?P<what>.+)", "the ROS interfaces do not compile: {what}"),

@@ -30,6 +30,12 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
             "no wheel of thing==1 for Python",
         ),
         (
+            "ERROR: Cannot install marginguard because these have conflicting dependencies.\n"
+            "    marginguard 0.1.0 depends on thing\n"
+            "    The user requested (constraint) thing==99\n",
+            "no wheel of thing==99 for Python",
+        ),
+        (
             "      error: g++ was not found: install a C and a C++ compiler\n"
             "ERROR: Failed building wheel for marginguard-interfaces\n",
             "g++ not found: install a C and a C++ compiler",
