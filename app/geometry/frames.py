@@ -8,7 +8,7 @@ import re
 
 from app.geometry.errors import FrameError
 
-_FRAME = re.compile(r"[A-Za-z0-9_]+(?:/[A-Za-z0-9_]+)*")
+_FRAME = re.compile(r"[A-Za-z0-9_.-]+(?:/[A-Za-z0-9_.-]+)*")
 # A new word starts before a capital that follows a small letter or a digit ("StylusTip"), and
 # before the last capital of an acronym that is followed by a small letter ("RASTip").
 _WORD_STARTS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -19,7 +19,7 @@ def check_frame(name: str) -> str:
     """Return ``name`` when it can be a tf frame; raise `FrameError` otherwise."""
     if not isinstance(name, str) or not _FRAME.fullmatch(name):
         raise FrameError(
-            f"frame name {name!r} is not allowed: letters, digits and '_' only, "
+            f"frame name {name!r} is not allowed: letters, digits, '_', '-' and '.', "
             "parts joined by '/', none empty, no leading '/'"
         )
     return name
