@@ -13,19 +13,19 @@ ROOT = Path(__file__).resolve().parents[1]
 CONSTRAINTS = "constraints.txt"  # relative to ROOT: pip splits the variable below at blanks
 LOG = Path(sys.prefix) / "install.log"
 
-NO_WHEEL = "no wheel of {what} for Python {python}: use 3.11 to 3.13, or look at the network"
+NO_WHEEL = "no wheel of {what} for Python {python}: use Python 3.11 to 3.13 on Linux x86_64"
 EXPLANATIONS = (
     # pattern in pip's output -> what to do; the first that is found is told
+    (
+        r"(?P<what>Temporary failure in name resolution|NewConnectionError|ReadTimeoutError)",
+        "the package index could not be reached ({what}): look at the network and try again",
+    ),
     (r"No matching distribution found for (?P<what>\S+)", NO_WHEEL),
     (r"The user requested \(constraint\) (?P<what>\S+)", NO_WHEEL),  # pinned, but not to be had
     (r"(?P<what>\S+) (was )?not found: install (?P<rest>.*)", "{what} not found: install {rest}"),
     (r"fatal error: (?P<what>Python\.h)", "{what} is missing: apt install python3-dev"),
     (r"fatal error: (?P<what>.+)", "the ROS interfaces do not compile: {what}"),
-    (r"No space left on device", "the disk is full: the environment takes about 4 GB"),
-    (
-        r"(?P<what>Temporary failure in name resolution|Max retries exceeded|ReadTimeoutError)",
-        "the package index could not be reached ({what}): look at the network and try again",
-    ),
+    (r"No space left on device", "the disk is full: the environment takes about 3 GB"),
     (r"ERROR: (?P<what>.+)", "{what}"),
 )
 

@@ -43,6 +43,11 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         ("a.c:1:10: fatal error: Python.h: No such file\nERROR: Failed", "apt install python3-dev"),
         ("a.c:1:10: fatal error: rmw/types.h: No such file\nERROR: Failed", "rmw/types.h"),
         ("ERROR: [Errno 28] No space left on device\n", "the disk is full"),
+        (
+            "WARNING: Retrying after connection broken by 'NewConnectionError(...)'\n"
+            "ERROR: No matching distribution found for thing==1\n",
+            "the package index could not be reached",
+        ),
         ("ERROR: Something new\n", "Something new"),
         ("", "pip failed"),
     ],
