@@ -76,15 +76,24 @@ class Clearance:
             batch = order[first : first + _BATCH]
             if least_possible[batch[0]] > best:
                 break
-            best = min(best, float(self.point_distances_mm(points[batch]).min()))
+            # Outside, a point farther than the best one need not be measured to the end.
+            bound_mm = best if best > 0.0 else np.inf
+            distances = self.point_distances_mm(points[batch], bound_mm)
+            best = min(best, float(distances.min()))
         return best
 
-    def point_distances_mm(self, points_mm: FloatArray) -> FloatArray:
-        """The signed distance (n,) of points (n, 3) in the tumour's frame."""
-        _, nearest = self._tree.query(points_mm)
-        offset = points_mm - self._surface_mm[nearest]
-        size = np.abs(np.einsum("ij,ij->i", offset, self._normals[nearest]))
-        return np.asarray(np.copysign(size, self._tumour.height_mm(points_mm)))
+    def point_distances_mm(self, points_mm: FloatArray, bound_mm: float = np.inf) -> FloatArray:
+        """The signed distance (n,) of points (n, 3) in the tumour's frame.
+
+        Those with no sample of the surface within ``bound_mm`` are infinitely far.
+        """
+        to_sample, samples = self._tree.query(points_mm, distance_upper_bound=bound_mm)
+        known, nearest = np.isfinite(to_sample), np.asarray(samples)
+        distances = np.full(len(points_mm), np.inf)
+        offset = points_mm[known] - self._surface_mm[nearest[known]]
+        size = np.abs(np.einsum("ij,ij->i", offset, self._normals[nearest[known]]))
+        distances[known] = np.copysign(size, self._tumour.height_mm(points_mm[known]))
+        return distances
 
 
 def dense_surface(triangles_mm: FloatArray, spacing_mm: float) -> FloatArray:

@@ -68,10 +68,10 @@ def tell_story(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform)
 
     script.move_to(plan.beside(-100.0, 30.0, 30.0), 2.5)
     first_pass_s = script.now_s
-    script.stroke(plan.ring(-90.0, 250.0, 32.0, 8.0), 9.5)
+    script.stroke(plan.ring(-90.0, 250.0, 32.0, 8.0), 11.0)
 
     second_pass_s = script.now_s
-    script.stroke(plan.ring(240.0, -80.0, 50.0, 5.0), 11.0)
+    script.stroke(plan.ring(240.0, -80.0, 50.0, 5.0), 13.0)
     script.plunge(
         plan.beside(-85.0, 42.0, 1.0),
         -plan.normal(-85.0, 42.0),
@@ -81,7 +81,7 @@ def tell_story(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform)
     )
 
     third_pass_s = script.now_s
-    script.stroke(plan.ring(-70.0, 150.0, 66.0, 3.5), 10.0)
+    script.stroke(plan.ring(-70.0, 150.0, 66.0, 3.5), 12.0)
     script.plunge(
         plan.beside(165.0, 60.0, 1.0),
         -plan.normal(165.0, 60.0),

@@ -47,9 +47,9 @@ class Dropout:
     start_s: float
     end_s: float
 
-    def loses(self, frame: str, time_s: float) -> bool:
-        """Whether the sample of ``frame`` at ``time_s`` is lost."""
-        return frame in self.frames and self.start_s <= time_s <= self.end_s
+    def covers(self, time_s: float) -> bool:
+        """Whether this dropout is going on at ``time_s``."""
+        return self.start_s <= time_s <= self.end_s
 
 
 def reported(
@@ -57,7 +57,7 @@ def reported(
 ) -> TrackedTransform | None:
     """What arrives of a sample: itself, one marked INVALID, or None when nothing arrives."""
     for dropout in dropouts:
-        if dropout.loses(sample.source, time_s):
+        if sample.source in dropout.frames and dropout.covers(time_s):
             if dropout.kind == "missing":
                 return None
             return TrackedTransform.lost(

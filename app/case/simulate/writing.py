@@ -35,6 +35,7 @@ from app.case.simulate.simulation import (
 from app.case.simulate.stl import write_stl
 from app.case.simulate.tracker import Jitter
 from app.case.simulate.truth import TrueBreach, find_breaches
+from app.case.watchdog import with_watchdog
 from app.geometry import NS_PER_MS, NS_PER_S, InputError, Transform
 
 TOUCH_URDF = "package://marginguard/robots/touch/touch.urdf"
@@ -47,7 +48,14 @@ BREACH_TOLERANCE_MS = 40.0
 DEPTH_TOLERANCE_MM = 1.25
 """The deepest of some 30 noisy samples: jitter at tip and tumour is 0.35 mm along the normal."""
 
-MARGINS = {"stop_mm": 1.0, "warn_mm": 5.0, "k_tre": 2.0, "v_max_mm_s": 50.0, "stale_after_ms": 60}
+STALE_AFTER_MS = 60
+MARGINS = {
+    "stop_mm": 1.0,
+    "warn_mm": 5.0,
+    "k_tre": 2.0,
+    "v_max_mm_s": 50.0,
+    "stale_after_ms": STALE_AFTER_MS,
+}
 
 
 def simulate_case(
@@ -169,20 +177,24 @@ def _expected(
             ),
         ),
         dropouts=_lost(simulation),
-        frames=len(frames),
+        frames=sum(1 for _ in with_watchdog(iter(frames), STALE_AFTER_MS * NS_PER_MS)),
     )
 
 
 def _lost(simulation: Simulation) -> tuple[ExpectedDropout, ...]:
-    """Each dropout for each of its tools, from the first to the last acquisition that was lost."""
-    period_s = TRACKER_PERIOD_NS / NS_PER_S
-    count = round(simulation.duration_s / period_s) + 1
+    """Each dropout for each of its tools, to the last acquisition that was lost.
+
+    A sample marked invalid is known at once, so that begins with the first of them; of samples that
+    do not come only their age is known, so that begins with the last sample that did come.
+    """
+    count = round(simulation.duration_s * NS_PER_S / TRACKER_PERIOD_NS) + 1
     times = [index * TRACKER_PERIOD_NS / NS_PER_S for index in range(count)]
-    lost = []
+    lost: list[ExpectedDropout] = []
     for dropout in simulation.story.dropouts:
-        for frame in dropout.frames:
-            during = [time_s for time_s in times if dropout.loses(frame, time_s)]
-            lost.append(ExpectedDropout(frame, dropout.kind, during[0], during[-1]))
+        during = [i for i, time_s in enumerate(times) if dropout.covers(time_s)]
+        first = during[0] if dropout.kind == "invalid" else during[0] - 1
+        span_s = times[first], times[during[-1]]
+        lost.extend(ExpectedDropout(frame, dropout.kind, *span_s) for frame in dropout.frames)
     return tuple(lost)
 
 
