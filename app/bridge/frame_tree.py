@@ -1,7 +1,6 @@
 """Which frames a step moves: the edges of ``/tf``, each with the stamp of its own sample."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
 
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
@@ -32,16 +31,23 @@ def moving_edges(step: StepResult) -> Iterator[tuple[Transform, Stamp]]:
         yield step.virtual_fixture, decision.stamp
 
 
-@dataclass(slots=True)
 class FrameTree:
-    """Hands out each sample once.
+    """Keeps what goes to tf a tree, and hands out each sample once.
 
-    tf2 complains about a transform that comes again with the stamp that it had, as a joint sample
-    does when the tracker is faster than the robot. When the player seeks back, all is new again.
+    A tracker may report more edges than a tree holds (``StylusToTracker`` beside
+    ``StylusToReference``), but tf gives a frame one parent and no loop: the edge that came first
+    stays, a calibration in ``static_edges`` before all. tf2 also complains about a transform that
+    comes again with the stamp that it had, as a joint sample does when the tracker is faster than
+    the robot. When the player seeks back, all samples are new again.
     """
 
-    _newest_ns: dict[str, int] = field(default_factory=dict)
-    _now_ns: int | None = None
+    def __init__(self, static_edges: Iterable[Transform] = ()) -> None:
+        self._parents = {edge.source: edge.target for edge in static_edges}
+        self._static = frozenset(self._parents)
+        self._newest_ns: dict[str, int] = {}
+        self._now_ns: int | None = None
+        self.left_out: dict[tuple[str, str], str] = {}
+        """Edges (parent, child) that did not fit, and why."""
 
     def news(self, step: StepResult) -> list[tuple[Transform, Stamp]]:
         """The moving edges of ``step`` that are newer than the last of the same child frame."""
@@ -51,7 +57,26 @@ class FrameTree:
         found = []
         for transform, stamp in moving_edges(step):
             newest_ns = self._newest_ns.get(transform.source)
-            if newest_ns is None or stamp.ns > newest_ns:
+            if self._fits(transform) and (newest_ns is None or stamp.ns > newest_ns):
                 self._newest_ns[transform.source] = stamp.ns
                 found.append((transform, stamp))
         return found
+
+    def _fits(self, edge: Transform) -> bool:
+        parent, child = edge.target, edge.source
+        known = self._parents.get(child)
+        if known == parent and child not in self._static:
+            return True
+        if known is not None:
+            self.left_out[parent, child] = f"{child!r} hangs from {known!r} already"
+            return False
+        if child == parent or child in self._ancestors(parent):
+            self.left_out[parent, child] = f"{parent!r} hangs from {child!r}: it would be a loop"
+            return False
+        self._parents[child] = parent
+        return True
+
+    def _ancestors(self, frame: str) -> Iterator[str]:
+        while frame in self._parents:
+            frame = self._parents[frame]
+            yield frame

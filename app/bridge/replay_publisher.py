@@ -1,4 +1,4 @@
-# mypy: disable-error-code=import-untyped
+# mypy: disable-error-code="import-untyped,no-untyped-call"
 """A replay on the ROS graph: every step of a session as messages with the stamps of its samples."""
 
 import math
@@ -54,7 +54,8 @@ class ReplayPublisher:
                 topic.name: self.ros.publisher(topic) for topic in topics.EVERY_STEP
             }
             self._surfaces_publisher = self.ros.publisher(topics.MARKERS)
-            self._frame_tree = FrameTree()
+            self._frame_tree = FrameTree(scene.static_edges)
+            self._edges_left_out: set[tuple[str, str]] = set()
             self._diagnostics = Diagnostics()
             self._markers = Markers(scene)
             # Serialised once a state: a tumour of 80k triangles takes long to convert.
@@ -71,9 +72,7 @@ class ReplayPublisher:
     def publish(self, step: StepResult) -> None:
         """Send everything that ``step`` found; the clock first, so that no sample is from later."""
         self._send(topics.CLOCK, messages.clock_message(step.frame.stamp))
-        edges = self._frame_tree.news(step)
-        if edges:
-            self._send(topics.TF, _tf_message(edges))
+        self._publish_frames(step)
         for sample in step.frame.joints:
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
         self._heartbeat.newest(self._constraint_builder.message(step.decision))
@@ -85,6 +84,17 @@ class ReplayPublisher:
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. A second call does nothing."""
         self._open.close()
+
+    def _publish_frames(self, step: StepResult) -> None:
+        edges = self._frame_tree.news(step)
+        if edges:
+            self._send(topics.TF, _tf_message(edges))
+        for edge, reason in self._frame_tree.left_out.items():
+            if edge not in self._edges_left_out:
+                self._edges_left_out.add(edge)
+                self.ros.node.get_logger().warning(
+                    f"{edge[0]} -> {edge[1]} is not sent to tf: {reason}"
+                )
 
     def _publish_margin(self, decision: FixtureDecision) -> None:
         distance_mm = math.nan

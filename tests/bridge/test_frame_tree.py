@@ -3,9 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.bridge.frame_tree import FrameTree, moving_edges
-from app.fixture import MarginState
+from app.case.samples import TrackingFrame
+from app.fixture import FixtureDecision, MarginState
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.session import StepResult
 
 
 def stamps(edges):
@@ -58,3 +63,61 @@ def test_the_fixture_is_sent_in_every_known_state(make_step):
     for state in (MarginState.NEGATIVE, MarginState.WARNING, MarginState.POSITIVE):
         step = make_step(0, state=state)
         assert ("tumor", "virtual_fixture") in stamps(moving_edges(step))
+
+
+def measured(now_ns, *edges):
+    """A step that only has these measured edges (parent, child)."""
+    now = Stamp(now_ns)
+    poses = tuple(
+        TrackedTransform(Transform.identity(parent, child), now, TrackingStatus.OK)
+        for parent, child in edges
+    )
+    unknown = FixtureDecision(
+        state=MarginState.UNKNOWN,
+        reasons=(),
+        proximity=None,
+        margin=None,
+        constraint=None,
+        hold=True,
+        stamp=None,
+        seq=0,
+    )
+    return StepResult(0, TrackingFrame(now, poses), unknown, None, None, {}, None)
+
+
+def test_a_second_parent_is_left_out_and_named():
+    tree = FrameTree()
+    both = [("tracker", "stylus"), ("reference", "stylus")]
+    for now_ns in (1, 2):
+        assert list(stamps(tree.news(measured(now_ns, *both)))) == [("tracker", "stylus")]
+    assert tree.left_out == {("reference", "stylus"): "'stylus' hangs from 'tracker' already"}
+
+
+def test_a_calibration_stays_before_a_measured_edge_of_the_same_frames():
+    tree = FrameTree([Transform.identity("stylus", "stylus_tip")])
+    assert tree.news(measured(1, ("stylus", "stylus_tip"))) == []
+    assert ("stylus", "stylus_tip") in tree.left_out
+
+
+frames = st.sampled_from("abcdef")
+
+
+@given(
+    st.lists(st.tuples(frames, frames), max_size=3),
+    st.lists(st.lists(st.tuples(frames, frames), max_size=8), max_size=5),
+)
+def test_whatever_a_tracker_says_tf_gets_a_tree(static, steps):
+    fixed = {child: parent for parent, child in static if parent < child}
+    tree = FrameTree([Transform.identity(parent, child) for child, parent in fixed.items()])
+    parents = {child: {parent} for child, parent in fixed.items()}
+    for number, edges in enumerate(steps):
+        for parent, child in stamps(tree.news(measured(number, *edges))):
+            assert child not in fixed
+            parents.setdefault(child, set()).add(parent)
+    assert all(len(found) == 1 for found in parents.values())
+    for frame in parents:
+        seen = {frame}
+        while frame in parents:
+            (frame,) = parents[frame]
+            assert frame not in seen, "a loop"
+            seen.add(frame)

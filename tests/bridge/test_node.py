@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+import rclpy
 from std_msgs.msg import String
 
 from app.bridge.errors import BridgeError
@@ -61,6 +62,11 @@ def test_closing_ends_the_thread_and_can_be_repeated(domain_id):
     assert set(threading.enumerate()) == before
 
 
+def test_the_default_context_is_left_alone(domain_id):
+    with RosNode("speaker", domain_id=domain_id):
+        assert not rclpy.ok()
+
+
 def test_two_nodes_live_in_one_process(domain_id):
     with RosNode("one", domain_id=domain_id) as one, RosNode("two", domain_id=domain_id) as two:
         one.close()
@@ -75,6 +81,8 @@ def test_ros_arguments_remap(domain_id, start_receiver):
     assert received[0]["message"]["data"] == "here"
 
 
+# rclpy cleans up a node that never was, and warns of it.
+@pytest.mark.filterwarnings("ignore:Failed to fini rosout")
 @pytest.mark.parametrize("name", ["two words", "", "1st"])
 def test_a_name_that_ros_refuses_is_one_line(domain_id, name):
     with pytest.raises(BridgeError, match="cannot be started") as caught:

@@ -20,9 +20,10 @@ def case_folder(project_root):
 @pytest.fixture
 def replay(domain_id, case_folder, project_root, tmp_path):
     """The command, playing at the pace of the recording; ended at the latest with the test."""
-    with (tmp_path / "replay.log").open("w") as log:
+    log_file = tmp_path / "replay.log"
+    with log_file.open("w") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli.main", "replay", str(case_folder), "--rate", "1"],
+            [sys.executable, "-m", "app.cli", "replay", str(case_folder), "--rate", "1"],
             cwd=project_root,
             stdout=log,
             stderr=log,
@@ -31,6 +32,7 @@ def replay(domain_id, case_folder, project_root, tmp_path):
     yield process
     process.kill()
     process.wait()
+    print(log_file.read_text())  # shown when the test fails
 
 
 def recorded_stamps(case_folder):
