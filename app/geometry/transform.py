@@ -81,8 +81,9 @@ class Transform:
             raise TransformError(
                 f"quaternion of {name} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted"
             )
-        rotation = Rotation.from_quat(quaternion).as_matrix()
-        return cls(target, source, rotation, np.asarray(translation_mm, dtype=np.float64))
+        translation = _checked(translation_mm, (3,), f"translation_mm of {name}")
+        rotation = _rotation_of_unit_quaternion(quaternion / norm)
+        return _unchecked(check_frame(target), check_frame(source), rotation, translation)
 
     @classmethod
     def from_rotation_vector(
@@ -113,7 +114,7 @@ class Transform:
 
     def inverse(self) -> "Transform":
         """``source_from_target``."""
-        rotation = self.rotation.T
+        rotation = self.rotation.T.copy()
         return _unchecked(self.source, self.target, rotation, -(rotation @ self.translation_mm))
 
     def __matmul__(self, other: "Transform") -> "Transform":
@@ -206,6 +207,18 @@ def _nearest_rotation(rotation: FloatArray, name: str) -> FloatArray:
     return np.asarray(left @ right, dtype=np.float64)
 
 
+def _rotation_of_unit_quaternion(xyzw: FloatArray) -> FloatArray:
+    """The Euler-Rodrigues formula; recordings are read through it, so it is written out."""
+    x, y, z, w = xyzw.tolist()
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
 def _read_only(array: FloatArray) -> FloatArray:
     array.flags.writeable = False
     return array
@@ -218,6 +231,6 @@ def _unchecked(
     transform = object.__new__(Transform)
     object.__setattr__(transform, "target", target)
     object.__setattr__(transform, "source", source)
-    object.__setattr__(transform, "rotation", _read_only(rotation.copy()))
+    object.__setattr__(transform, "rotation", _read_only(np.ascontiguousarray(rotation)))
     object.__setattr__(transform, "translation_mm", _read_only(translation_mm))
     return transform

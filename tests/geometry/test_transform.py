@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.linalg import expm
@@ -59,6 +59,15 @@ def test_quaternion_round_trip_has_w_not_negative(ab):
     assert quaternion[3] >= 0.0
     again = Transform.from_quaternion(quaternion, ab.translation_mm, target="a", source="b")
     np.testing.assert_allclose(again.matrix, ab.matrix, atol=1e-12)
+
+
+@given(hnp.arrays(np.float64, 4, elements=st.floats(-1.0, 1.0)))
+def test_quaternions_mean_what_scipy_takes_them_for(numbers):
+    assume(np.linalg.norm(numbers) > 1e-3)
+    unit = numbers / np.linalg.norm(numbers) * 1.0005
+    built = Transform.from_quaternion(unit, [1.0, 2.0, 3.0], target="a", source="b")
+    np.testing.assert_allclose(built.rotation, Rotation.from_quat(unit).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(built.rotation.T @ built.rotation, np.eye(3), atol=1e-14)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi - 1e-7, np.pi])
