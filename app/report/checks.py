@@ -129,15 +129,9 @@ def _check_dropout(
     first_s = dropout.start_s + grace_s
     name = f"UNKNOWN in dropout {number}"
     span = f"{dropout.frame} {dropout.kind} from {first_s:.3f} s to {dropout.end_s:.3f} s"
-    within = [
-        row
-        for row in rows
-        if first_s - _ROUNDING
-        <= seconds_since(rows[0].stamp_ns, row.stamp_ns)
-        <= dropout.end_s + _ROUNDING
-    ]
+    within = _rows_between(rows, first_s, dropout.end_s)
     if not within:
-        return Check(name, False, f"{span}: no frame lies there")
+        return Check(name, False, f"{span}: no frame lies there or before")
     known = [row for row in within if row.state is not MarginState.UNKNOWN]
     if known:
         at_s = seconds_since(rows[0].stamp_ns, known[0].stamp_ns)
@@ -147,4 +141,17 @@ def _check_dropout(
             f"{span}: {len(known)} of {len(within)} frames are not UNKNOWN, "
             f"the first is {known[0].state.name} at {at_s:.3f} s",
         )
-    return Check(name, True, f"{span}: all {len(within)} frames")
+    return Check(name, True, f"{span}: {len(within)} of {len(within)} frames")
+
+
+def _rows_between(rows: Sequence[ReportRow], start_s: float, end_s: float) -> list[ReportRow]:
+    """The rows of the interval; when the source was silent throughout, the one that held then."""
+    before: list[ReportRow] = []
+    within: list[ReportRow] = []
+    for row in rows:
+        at_s = seconds_since(rows[0].stamp_ns, row.stamp_ns)
+        if at_s < start_s - _ROUNDING:
+            before = [row]
+        elif at_s <= end_s + _ROUNDING:
+            within.append(row)
+    return within or before

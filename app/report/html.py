@@ -32,11 +32,12 @@ div.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(22re
               gap: 0 2.5rem; }
 table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .6rem; border-bottom: 1px solid var(--line); text-align: left;
-         vertical-align: top; overflow-wrap: anywhere; }
+         vertical-align: top; overflow-wrap: break-word; }
 th { background: var(--soft); font-weight: 600; }
 td.number, th.number { text-align: right; white-space: nowrap; }
-td.pass { color: #00694c; font-weight: 600; }
-td.fail { color: #a32a14; font-weight: 600; }
+td.pass, td.fail { font-weight: 600; white-space: nowrap; }
+td.pass { color: #00694c; }
+td.fail { color: #a32a14; }
 img { display: block; width: 100%; height: auto; border: 1px solid var(--line);
       border-radius: 6px; }
 @media print { body { max-width: none; padding: 0; } h2 { break-after: avoid; } }

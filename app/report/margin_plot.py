@@ -118,9 +118,15 @@ def _draw_distance(plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -
 def _draw_margins(
     plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray, margins: MarginParameters
 ) -> None:
+    # While the state is UNKNOWN the margin grows with the age of the data: nothing to draw.
+    known = np.array([row.state is not MarginState.UNKNOWN for row in rows])
+    warn_total, stop_total = (
+        np.where(known, _column(totals), np.nan)
+        for totals in ([row.warn_total_mm for row in rows], [row.stop_total_mm for row in rows])
+    )
     for word, nominal_mm, applied, color in (
-        ("warn", margins.warn_mm, _column([row.warn_total_mm for row in rows]), "#8a6100"),
-        ("stop", margins.stop_mm, _column([row.stop_total_mm for row in rows]), "#a32a14"),
+        ("warn", margins.warn_mm, warn_total, "#8a6100"),
+        ("stop", margins.stop_mm, stop_total, "#a32a14"),
     ):
         plot.axhline(nominal_mm, color=color, lw=1.2, ls=(0, (6, 4)), zorder=3)
         plot.plot(seconds, applied, color=color, lw=0.9, ls=":", zorder=3, label=f"applied {word}")

@@ -15,15 +15,20 @@ from app.scene.picture import SIZE, scene_png
 from app.scene.scene import MarginGuardScene
 
 _REFERENCE = "reference"
+_GRIP_OPACITY = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownRobot:
-    """``robot`` with its root link at ``base_frame``; ``links``: ``root_from_link`` of each."""
+    """``robot`` with its root link at ``base_frame``; ``links``: ``root_from_link`` of each.
+
+    ``tool_link`` holds the tool and is drawn translucent, so that the tool is seen in its grip.
+    """
 
     robot: Robot
     base_frame: str
     links: Mapping[str, Transform]
+    tool_link: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +96,9 @@ def moment_png(moment: Moment, size: tuple[int, int] = SIZE) -> bytes:
     links = {}
     robot = moment.robot
     if robot is not None and scene.tree.node(robot.base_frame) is not None:
-        scene.add_robot(robot.robot.name, robot.robot, robot.base_frame)
+        model = scene.add_robot(robot.robot.name, robot.robot, robot.base_frame)
+        if robot.tool_link in model.models:
+            model.models[robot.tool_link].GetDisplayNode().SetOpacity(_GRIP_OPACITY)
         links[robot.robot.name] = robot.links
     scene.show(moment.decision, links)
     return scene_png(application, scene, moment.decision, size)

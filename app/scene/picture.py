@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode
+from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLModelNode
 
 from app.fixture import FixtureDecision
 from app.geometry import FloatArray
@@ -41,7 +41,8 @@ def scene_png(
     view = ((width - _GAP_PIXELS) // 2, height - _BANNER_PIXELS)
     with _hidden(margin.line):  # its words would cover the tumour, which is small there
         overview = _overview(application, scene, view)
-    close_up = _close_up(application, scene, view, _along(margin.line))
+    with _hidden(*_robot_models(scene)):  # what is judged is the tool, and a hand would hide it
+        close_up = _close_up(application, scene, view, _along(margin.line))
     gap = np.full((view[1], width - 2 * view[0], 3), 255, dtype=np.uint8)
     banner = text_strip(margin.status.GetText(), (width, _BANNER_PIXELS), decision.state.color)
     return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
@@ -62,12 +63,12 @@ def _close_up(
     size: tuple[int, int],
     along: FloatArray | None,
 ) -> Pixels:
-    tumor, others = _content(scene)
+    tumor = world_points(scene.tumor)
+    tool = np.empty((0, 3)) if scene.tool is None else world_points(scene.tool)
     center = tumor.mean(axis=0)
     reach = _CLOSE_UP_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
-    tool = np.empty((0, 3)) if scene.tool is None else world_points(scene.tool)
     near = tool[np.linalg.norm(tool - center, axis=1) < reach]
-    towards = best_direction(tumor, others, _up(scene), along=along)
+    towards = best_direction(tumor, tool, _up(scene), along=along)
     with offscreen_view(application, "MarginGuardCloseUp", size) as view:
         _look(view, scene, towards, tumor, near)
         return view.pixels()
@@ -87,22 +88,26 @@ def _look(
 
 def _content(scene: MarginGuardScene) -> tuple[FloatArray, FloatArray]:
     """World points of the tumour, and of the tool and the robots."""
-    models = [model for robot in scene.robots.values() for model in robot.models.values()]
-    if scene.tool is not None:
-        models.append(scene.tool)
+    models = _robot_models(scene) if scene.tool is None else [*_robot_models(scene), scene.tool]
     others = [world_points(model) for model in models]
     return world_points(scene.tumor), np.concatenate([np.empty((0, 3)), *others])
 
 
+def _robot_models(scene: MarginGuardScene) -> list[vtkMRMLModelNode]:
+    return [model for robot in scene.robots.values() for model in robot.models.values()]
+
+
 @contextmanager
-def _hidden(node: vtkMRMLDisplayableNode) -> Iterator[None]:
-    display = node.GetDisplayNode()
-    was_visible = display.GetVisibility()
-    display.SetVisibility(False)
+def _hidden(*nodes: vtkMRMLDisplayableNode) -> Iterator[None]:
+    displays = [node.GetDisplayNode() for node in nodes]
+    were_visible = [display.GetVisibility() for display in displays]
+    for display in displays:
+        display.SetVisibility(False)
     try:
         yield
     finally:
-        display.SetVisibility(was_visible)
+        for display, was_visible in zip(displays, were_visible, strict=True):
+            display.SetVisibility(was_visible)
 
 
 def _along(line: vtkMRMLMarkupsLineNode) -> FloatArray | None:

@@ -68,6 +68,7 @@ class OffscreenView:
         grab.SetInput(self._view.render_window())
         grab.SetInputBufferTypeToRGB()
         grab.ReadFrontBufferOff()
+        grab.ShouldRerenderOff()
         grab.Update()
         return pixels_of(grab.GetOutput())
 

@@ -139,7 +139,20 @@ def test_missing_dropout_is_unknown_once_stale(rows_of: Rows) -> None:
     assert not run(dropout("missing", 0.0, 0.28), late)["UNKNOWN in dropout 1"].passed
 
 
+def test_silent_source_is_judged_by_the_state_that_held(rows_of: Rows) -> None:
+    # One watchdog frame 160 ms into the silence says UNKNOWN, then nothing comes until 600 ms.
+    good, lost, back = rows_of([6.0, None, 6.0], period_ns=0)
+    rows = (
+        good,
+        replace(lost, stamp_ns=good.stamp_ns + 160_000_000),
+        replace(back, stamp_ns=good.stamp_ns + 600_000_000),
+    )
+    silence = dropout("missing", 0.0, 0.58)
+    assert run(silence, rows)["UNKNOWN in dropout 1"].passed
+    assert not run(silence, (good, rows[2]))["UNKNOWN in dropout 1"].passed
+
+
 def test_dropout_without_a_frame_shows_nothing(rows_of: Rows) -> None:
-    check = run(dropout("missing", 0.0, 0.1), rows_of([6.0] * 20))["UNKNOWN in dropout 1"]
+    check = run(dropout("invalid", -2.0, -1.0), rows_of([6.0] * 20))["UNKNOWN in dropout 1"]
     assert not check.passed
     assert "no frame" in check.detail

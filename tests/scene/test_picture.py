@@ -67,6 +67,10 @@ def is_yellow(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (r > 0.4) & (g > 0.35) & (b < 0.3) & (r < 1.5 * g)
 
 
+def is_yellowish(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (r > b + 0.1) & (g > b + 0.05)
+
+
 def test_tumor_shows_its_state_in_both_views(draw: Draw) -> None:
     red, green = draw(MarginState.POSITIVE), draw(MarginState.NEGATIVE)
     half = SIZE[0] // 2
@@ -83,6 +87,33 @@ def test_tool_and_robot_are_seen_in_the_overview(draw: Draw) -> None:
     overview = draw()[:, : SIZE[0] // 2]
     assert amount(overview, is_yellow) > 40
     assert amount(overview, is_blue) > 400
+
+
+def test_tool_is_seen_in_the_grip_and_alone_in_the_close_up(draw: Draw, arm: Robot) -> None:
+    # The forearm reaches to where the tool is: the tool of 60 mm is put wholly inside of it.
+    links = arm.forward_kinematics({})
+    base_from_tip = links["fore_arm"].renamed(target="robot_base") @ Transform(
+        "fore_arm", "cautery_tip", np.eye(3), np.array([0.0, 0.0, 64.0])
+    )
+    base = Transform.identity("reference", "robot_base")
+    poses: dict[str, object] = {
+        "measured": (
+            (base @ base_from_tip).renamed(source="cautery"),
+            (base @ base_from_tip).renamed(source="needle"),
+        ),
+        "fixed": (
+            Transform.identity("cautery", "cautery_tip"),
+            Transform("needle", "tumor", np.eye(3), np.array([0.0, 0.0, 14.0])),
+            base,
+        ),
+    }
+    half = SIZE[0] // 2
+    for tool_link, least, most in ((None, 0, 20), ("fore_arm", 40, 10**6)):
+        shown = ShownRobot(arm, "robot_base", links, tool_link)
+        picture = draw(robot=shown, **poses)
+        assert least <= amount(picture[:, :half], is_yellowish) <= most
+        assert amount(picture[:, half:], is_yellow) > 100
+        assert amount(picture[:, half:], is_blue) == 0
 
 
 def test_picture_is_the_same_each_time(draw: Draw) -> None:
