@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.bridge.conftest import domain_id as domain_id
+from tests.ros_domain import domain_id as domain_id
 
 PEER = Path(__file__).resolve().parent / "peer.py"
 
