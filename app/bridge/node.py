@@ -20,7 +20,7 @@ from app.bridge.qos import Topic
 from app.geometry import NS_PER_S
 
 _JOIN_S = 5.0
-_FLUSH_S = 1.0
+_FLUSH_NS = NS_PER_S
 
 
 class RosNode:
@@ -89,15 +89,6 @@ class RosNode:
                 timeout_s,
             )
 
-    def flush(self, timeout_s: float) -> bool:
-        """Wait until every reliable subscriber has all that was published; False when in vain."""
-        until_ns = time.monotonic_ns() + round(timeout_s * NS_PER_S)
-        delivered = True
-        for _, publisher in self._publishers:
-            remaining = Duration(nanoseconds=max(0, until_ns - time.monotonic_ns()))
-            delivered = publisher.wait_for_all_acked(remaining) and delivered
-        return delivered
-
     @property
     def is_open(self) -> bool:
         """False after `close`."""
@@ -110,7 +101,7 @@ class RosNode:
         """
         if not self._context.ok():
             return
-        self.flush(_FLUSH_S)
+        self._flush()
         # The thread first: an executor that is shut down under its own feet destroys the guard
         # condition that it waits for.
         self._closing.set_result(None)
@@ -119,6 +110,13 @@ class RosNode:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+
+    def _flush(self) -> None:
+        until_ns = time.monotonic_ns() + _FLUSH_NS
+        for _, publisher in self._publishers:
+            remaining_ns = max(0, until_ns - time.monotonic_ns())
+            if not publisher.wait_for_all_acked(Duration(nanoseconds=remaining_ns)):
+                return  # a subscriber that hangs, or has yet to say that it has got everything
 
     def __enter__(self) -> Self:
         return self

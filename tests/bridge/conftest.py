@@ -8,6 +8,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -77,15 +78,24 @@ class Receiver:
 
     def wait_until_ready(self) -> None:
         """Return when the other process has found a publisher for each of its topics."""
+        early = []
         for line in self._lines():
             if line.strip() == "ready":
+                self._early = early
                 return
-            self._early.append(line)  # latched, from before the others were found
+            early.append(line)  # latched, from before the others were found
         pytest.fail(f"the receiving process found no publisher: {self._said()}")
 
+    def take(self, count: int) -> list[dict[str, Any]]:
+        """The next ``count`` messages, as soon as they are there."""
+        lines = list(islice(self._lines(), count))
+        if len(lines) < count:
+            pytest.fail(f"{len(lines)} messages came, {count} wanted: {self._said()}")
+        return [json.loads(line) for line in lines]
+
     def messages(self) -> list[dict[str, Any]]:
-        """Everything it received; it ends by itself once it has what it was told to wait for."""
-        lines = [*self._early, *(line for line in self._lines() if line.strip() != "ready")]
+        """All further messages; it ends by itself once it has what it was told to wait for."""
+        lines = [line for line in self._lines() if line.strip() != "ready"]
         if self._process.wait() != 0:
             pytest.fail(f"the receiving process did not get everything: {self._said()}")
         return [json.loads(line) for line in lines]
@@ -100,7 +110,9 @@ class Receiver:
 
     def _lines(self) -> Iterator[str]:
         assert self._process.stdout is not None
-        return iter(self._process.stdout.readline, "")
+        while self._early:
+            yield self._early.pop(0)
+        yield from iter(self._process.stdout.readline, "")
 
     def _said(self) -> str:
         self._process.kill()
