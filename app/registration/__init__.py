@@ -22,11 +22,14 @@ from app.registration.errors import (
     TooFewError,
     UnequalCountsError,
 )
+from app.registration.pivot import PivotResult, calibrate_pivot
 from app.registration.points import register_points
 from app.registration.poses import PoseNoise, select_poses, usable_poses
 from app.registration.result import RegistrationResult, given_registration
 from app.registration.robot_world import RobotWorldResult, solve_robot_world
 from app.registration.robust_points import register_points_robust
+from app.registration.spin import SpinResult, calibrate_spin
+from app.registration.tip_frame import tip_transform
 from app.registration.tre import (
     predict_layout_tre,
     predict_tre,
@@ -46,14 +49,18 @@ __all__ = [
     "NoConsensusError",
     "NoValidSamplesError",
     "NotFiniteError",
+    "PivotResult",
     "PoseNoise",
     "RegistrationError",
     "RegistrationResult",
     "RobotWorldResult",
     "ScaleMismatchError",
     "ShapeError",
+    "SpinResult",
     "TooFewError",
     "UnequalCountsError",
+    "calibrate_pivot",
+    "calibrate_spin",
     "given_registration",
     "judge",
     "predict_layout_tre",
@@ -62,6 +69,7 @@ __all__ = [
     "register_points_robust",
     "select_poses",
     "solve_robot_world",
+    "tip_transform",
     "tre_covariances",
     "tre_upper_bound",
     "usable_poses",

@@ -92,7 +92,7 @@ def select_poses(
     if not poses:
         raise TooFewError("0 poses to select from: at least 1 wanted")
     kept = [0]
-    for index, pose in enumerate(poses):
+    for index, pose in enumerate(poses[1:], start=1):
         last = poses[kept[-1]]
         if pose.distance_mm_to(last) >= min_distance_mm and pose.angle_to(last) >= min_angle_rad:
             kept.append(index)

@@ -82,3 +82,44 @@ def robot_world_scene(
     true = [base @ pose @ mount for pose in robot]
     sensor = true if noise is None else [disturbed(rng, pose, noise) for pose in true]
     return RobotWorldScene(base, mount, robot, sensor, base.apply(middle))
+
+
+@dataclass(frozen=True)
+class PivotScene:
+    """A tool that turns about its tip: poses ``reference_from_tool``."""
+
+    tip_mm: FloatArray
+    pivot_mm: FloatArray
+    poses: list[Transform]
+    wrong: tuple[int, ...]
+
+
+def pivot_scene(
+    rng: np.random.Generator,
+    count: int,
+    *,
+    cone_deg: float,
+    noise: PoseNoise | None,
+    wrong_share: float = 0.0,
+    spin_deg: float = 15.0,
+) -> PivotScene:
+    """The shaft fills a cone of this opening and turns by up to ``spin_deg`` about itself."""
+    shaft = Rotation.random(random_state=rng).apply([0.0, 0.0, 1.0])
+    tip = shaft * rng.uniform(80.0, 200.0)
+    pivot = rng.uniform(-200.0, 200.0, 3)
+    facing = Rotation.random(random_state=rng)
+    wrong = np.sort(rng.choice(count, int(wrong_share * count), replace=False)).tolist()
+    poses = []
+    for index in range(count):
+        across = np.cross(shaft, rng.normal(size=3))
+        across /= np.linalg.norm(across)
+        tilt = np.radians(cone_deg / 2.0) * np.sqrt(rng.uniform())
+        spin = np.radians(rng.uniform(-spin_deg, spin_deg))
+        turn = facing * Rotation.from_rotvec(tilt * across) * Rotation.from_rotvec(spin * shaft)
+        pose = Transform("reference", "tool", turn.as_matrix(), pivot - turn.apply(tip))
+        if noise is not None:
+            pose = disturbed(rng, pose, noise)
+        if index in wrong:
+            pose = disturbed(rng, pose, PoseNoise(0.2, 15.0))
+        poses.append(pose)
+    return PivotScene(tip, pivot, poses, tuple(wrong))
