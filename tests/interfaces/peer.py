@@ -11,10 +11,13 @@ from geometry_msgs.msg import Transform
 from marginguard_msgs.action import Replay
 from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import Register
-from rclpy.action import ActionServer
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.executors import ExternalShutdownException
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from tf2_msgs.msg import TFMessage
+
+FEEDBACK_PERIOD_S = 0.05
 
 
 def register(request: Register.Request, response: Register.Response) -> Register.Response:
@@ -27,19 +30,27 @@ def register(request: Register.Request, response: Register.Response) -> Register
 
 
 def replay(goal: ServerGoalHandle) -> Replay.Result:
-    """Give feedback for each second of the part to play, then succeed."""
-    seconds = int(goal.request.end - goal.request.start)
-    for second in range(seconds):
+    """Give feedback, over and over, until the goal is cancelled or its time is up.
+
+    Feedback that is given before both sides have met is lost; the client cancels when it has some.
+    """
+    pause = threading.Event()
+    for frames in range(int(goal.request.end / FEEDBACK_PERIOD_S)):
+        if goal.is_cancel_requested:
+            goal.canceled()
+            return Replay.Result(success=False, message=goal.request.case_folder, frames=frames)
         goal.publish_feedback(
             Replay.Feedback(
-                time=goal.request.start + second,
+                time=goal.request.start,
                 duration=goal.request.end,
+                frames=frames,
                 state=FixtureConstraint.WARNING,
                 signed_distance=float("nan"),
             )
         )
-    goal.succeed()
-    return Replay.Result(success=True, message=goal.request.case_folder, frames=seconds)
+        pause.wait(FEEDBACK_PERIOD_S)
+    goal.abort()
+    return Replay.Result(success=False, message="never cancelled")
 
 
 def main() -> None:
@@ -50,7 +61,14 @@ def main() -> None:
         back = node.create_publisher(kind, f"{name}_back", 10)
         node.create_subscription(kind, f"{name}_out", back.publish, 10)
     node.create_service(Register, "register", register)
-    action = ActionServer(node, Replay, "replay", replay)
+    action = ActionServer(
+        node,
+        Replay,
+        "replay",
+        replay,
+        cancel_callback=lambda goal: CancelResponse.ACCEPT,
+        callback_group=ReentrantCallbackGroup(),
+    )
 
     def end_with_input() -> None:
         sys.stdin.read()
@@ -59,7 +77,7 @@ def main() -> None:
     threading.Thread(target=end_with_input, daemon=True).start()
     print("ready", flush=True)
     try:
-        rclpy.spin(node)
+        rclpy.spin(node, MultiThreadedExecutor(2))
     except ExternalShutdownException:
         action.destroy()
         node.destroy_node()
