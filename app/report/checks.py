@@ -123,13 +123,16 @@ def _nearest(wanted: ExpectedBreach, found: Sequence[Breach]) -> str:
 def _check_dropout(
     number: int, dropout: ExpectedDropout, rows: Sequence[ReportRow], stale_after_ns: int
 ) -> Check:
+    start_ns, end_ns = round(dropout.start_s * NS_PER_S), round(dropout.end_s * NS_PER_S)
     # A pose that is called invalid is known to be lost at once; one that does not come is only
-    # missed when the last good one has become stale.
-    grace_s = stale_after_ns / NS_PER_S if dropout.kind == "missing" else 0.0
-    first_s = dropout.start_s + grace_s
+    # missed when the last good one, of start_s at the earliest, is older than stale_after_ns.
+    if dropout.kind == "missing":
+        start_ns += stale_after_ns + 1
     name = f"UNKNOWN in dropout {number}"
-    span = f"{dropout.frame} {dropout.kind} from {first_s:.3f} s to {dropout.end_s:.3f} s"
-    within = _rows_between(rows, first_s, dropout.end_s)
+    span = (
+        f"{dropout.frame} {dropout.kind} from {start_ns / NS_PER_S:.3f} s to {dropout.end_s:.3f} s"
+    )
+    within = _rows_between(rows, start_ns, end_ns)
     if not within:
         return Check(name, False, f"{span}: no frame lies there or before")
     known = [row for row in within if row.state is not MarginState.UNKNOWN]
@@ -144,14 +147,14 @@ def _check_dropout(
     return Check(name, True, f"{span}: {len(within)} of {len(within)} frames")
 
 
-def _rows_between(rows: Sequence[ReportRow], start_s: float, end_s: float) -> list[ReportRow]:
+def _rows_between(rows: Sequence[ReportRow], start_ns: int, end_ns: int) -> list[ReportRow]:
     """The rows of the interval; when the source was silent throughout, the one that held then."""
     before: list[ReportRow] = []
     within: list[ReportRow] = []
     for row in rows:
-        at_s = seconds_since(rows[0].stamp_ns, row.stamp_ns)
-        if at_s < start_s - _ROUNDING:
+        at_ns = row.stamp_ns - rows[0].stamp_ns
+        if at_ns < start_ns:
             before = [row]
-        elif at_s <= end_s + _ROUNDING:
+        elif at_ns <= end_ns:
             within.append(row)
     return within or before

@@ -19,7 +19,7 @@ def pixels_of(image: vtkImageData) -> Pixels:
     """The bytes of a 2D image, whatever its number of components."""
     width, height, _ = image.GetDimensions()
     values = numpy_array(image.GetPointData().GetScalars())
-    return np.ascontiguousarray(values.reshape(height, width, -1)[::-1])
+    return np.array(values.reshape(height, width, -1)[::-1])  # a copy: the image may be gone soon
 
 
 def png(pixels: Pixels) -> bytes:

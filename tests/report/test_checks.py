@@ -11,7 +11,6 @@ from app.case import (
     ExpectedDropout,
     ExpectedRegistration,
 )
-from app.fixture import MarginState
 from app.geometry import Transform
 from app.registration import RegistrationResult, given_registration
 from app.report import Check, ReportRow, check_expected, find_breaches
@@ -132,11 +131,13 @@ def test_invalid_dropout_is_unknown_from_its_first_frame(rows_of: Rows) -> None:
 
 
 def test_missing_dropout_is_unknown_once_stale(rows_of: Rows) -> None:
-    rows = rows_of([6.0] * 10 + [None] * 5)  # unknown from 200 ms on
+    # Last seen at 0 s, and known until 200 ms, which is not yet older than stale_after.
+    rows = rows_of([6.0] * 11 + [None] * 5)
     assert run(dropout("missing", 0.0, 0.28), rows)["UNKNOWN in dropout 1"].passed
-    late = (*rows[:10], replace(rows[0], stamp_ns=rows[10].stamp_ns), *rows[11:])
-    assert late[10].state is MarginState.NEGATIVE
-    assert not run(dropout("missing", 0.0, 0.28), late)["UNKNOWN in dropout 1"].passed
+    late = (*rows[:11], replace(rows[0], stamp_ns=rows[11].stamp_ns), *rows[12:])
+    check = run(dropout("missing", 0.0, 0.28), late)["UNKNOWN in dropout 1"]
+    assert not check.passed
+    assert "1 of 4 frames are not UNKNOWN, the first is NEGATIVE at 0.220 s" in check.detail
 
 
 def test_silent_source_is_judged_by_the_state_that_held(rows_of: Rows) -> None:
