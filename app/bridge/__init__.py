@@ -7,12 +7,14 @@ Call `prepare_environment` before the first node: it keeps discovery on this mac
 from app.bridge.environment import prepare_environment
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
+from app.bridge.player_services import PlayerServices
 from app.bridge.replay_publisher import ReplayPublisher
 from app.bridge.replay_scene import ReplayScene, root_edges
 from app.bridge.signals import terminate_cleanly
 
 __all__ = [
     "BridgeError",
+    "PlayerServices",
     "ReplayPublisher",
     "ReplayScene",
     "RosNode",

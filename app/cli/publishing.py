@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from app.case import Case
+    from app.case import Case, Player
     from app.session import SessionSetup, StepResult
 
 HEARTBEAT_HZ = 100.0
@@ -16,14 +16,24 @@ HEARTBEAT_HZ = 100.0
 
 @contextmanager
 def publishing(
-    case: "Case", setup: "SessionSetup", options: argparse.Namespace
+    case: "Case", setup: "SessionSetup", player: "Player", options: argparse.Namespace
 ) -> Iterator[Callable[["StepResult"], None]]:
-    """Give a function that publishes a step; ``--no-ros``: one that does nothing, without ROS."""
+    """Give a function that publishes a step, and let ``player`` be controlled over ROS.
+
+    With ``--no-ros`` the function does nothing, and no ROS is loaded.
+    """
     if options.no_ros:
         yield lambda step: None
         return
     try:
-        from app.bridge import ReplayPublisher, ReplayScene, prepare_environment, root_edges
+        from app.bridge import (
+            PlayerServices,
+            ReplayPublisher,
+            ReplayScene,
+            prepare_environment,
+            root_edges,
+            terminate_cleanly,
+        )
     except ImportError as error:
         from app.geometry import InputError
 
@@ -45,5 +55,6 @@ def publishing(
         registration=robot.registration.transform if robot and robot.registration else None,
     )
     heartbeat_hz = HEARTBEAT_HZ if options.rate is not None else None
-    with ReplayPublisher(scene, heartbeat_hz=heartbeat_hz) as publisher:
+    with terminate_cleanly(), ReplayPublisher(scene, heartbeat_hz=heartbeat_hz) as publisher:
+        PlayerServices(publisher.ros, player)
         yield publisher.publish

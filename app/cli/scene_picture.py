@@ -15,7 +15,7 @@ def scene_picture(
     if deepest is None:
         return None
     try:
-        from app.scene import Moment, OffscreenError, ShownRobot, moment_png
+        from app.scene import Moment, OffscreenError, SceneError, ShownRobot, moment_png
     except ImportError as error:
         print(f"no scene.png: {error}; 'marginguard doctor' says what to install", file=sys.stderr)
         return None
@@ -29,12 +29,13 @@ def scene_picture(
             pose.transform for pose in deepest.frame.poses if pose.transform is not None
         ),
         fixed=setup.static_edges,
-        robot=ShownRobot(robot.robot, robot.base_frame, deepest.links)
+        tumor_from_tip=deepest.tumor_from_tip,
+        robot=ShownRobot(robot.robot, robot.base_frame, deepest.links, robot.tool_link)
         if robot is not None and deepest.links
         else None,
     )
     try:
         return moment_png(moment)
-    except OffscreenError as error:
+    except (OffscreenError, SceneError) as error:
         print(f"no scene.png: {error}", file=sys.stderr)
         return None

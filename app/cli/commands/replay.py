@@ -75,7 +75,7 @@ def _play(
 
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     session, log = Session(setup), ReplayLog()
-    with publishing(case, setup, options) as publish:
+    with publishing(case, setup, player, options) as publish:
         for frame in with_progress(player.play(), "replaying frame"):
             started_ns = time.perf_counter_ns()
             step = session.step(frame)
