@@ -5,6 +5,7 @@ computed is refused with an error that names the cause.
 """
 
 from app.registration.acceptance import AcceptanceLimits, judge
+from app.registration.dwells import Dwell, DwellSettings, detect_dwells
 from app.registration.errors import (
     CoincidentPointsError,
     CollinearPointsError,
@@ -21,6 +22,12 @@ from app.registration.errors import (
     ShapeError,
     TooFewError,
     UnequalCountsError,
+)
+from app.registration.landmarks import (
+    LandmarkDetection,
+    LandmarkMatch,
+    detect_landmarks,
+    match_landmarks,
 )
 from app.registration.pivot import PivotResult, calibrate_pivot
 from app.registration.points import register_points
@@ -44,7 +51,11 @@ __all__ = [
     "ConvergenceError",
     "CovarianceError",
     "DegenerateMotionError",
+    "Dwell",
+    "DwellSettings",
     "FlatSignalError",
+    "LandmarkDetection",
+    "LandmarkMatch",
     "MirroredPointsError",
     "NoConsensusError",
     "NoValidSamplesError",
@@ -61,8 +72,11 @@ __all__ = [
     "UnequalCountsError",
     "calibrate_pivot",
     "calibrate_spin",
+    "detect_dwells",
+    "detect_landmarks",
     "given_registration",
     "judge",
+    "match_landmarks",
     "predict_layout_tre",
     "predict_tre",
     "register_points",

@@ -1,0 +1,184 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lxml import etree
+
+from app.geometry import FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.registration import (
+    CollinearPointsError,
+    NoValidSamplesError,
+    ShapeError,
+    TooFewError,
+    detect_landmarks,
+    match_landmarks,
+    register_points,
+)
+from tests.registration.helpers import random_transform
+
+NAMES = ("A", "B", "C", "D", "E", "F", "G", "H")
+
+
+def scalene(rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
+    """Landmarks whose mutual distances all differ by a tolerance or more."""
+    while True:
+        points = rng.uniform(-90.0, 90.0, (count, 3))
+        gaps = np.sort(
+            np.linalg.norm(points[:, None] - points[None], axis=2)[np.triu_indices(count, 1)]
+        )
+        if gaps[0] > 15.0 and np.diff(gaps).min() > 1.2:
+            return dict(zip(NAMES, points, strict=False))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(4, 6))
+def test_dwells_in_any_order_find_their_landmarks(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    landmarks = scalene(rng, count)
+    order = rng.permutation(count)
+    pose = random_transform(rng)
+    dwells = pose.apply(np.stack(list(landmarks.values())))[order]
+    dwells += rng.normal(scale=0.05, size=dwells.shape)
+    match = match_landmarks(dwells, landmarks, tolerance_mm=0.4)
+    assert match.accepted, match.reason
+    assert match.pairs == tuple((index, NAMES[place]) for index, place in enumerate(order))
+    assert match.unmatched_dwells == () and match.missing == ()
+
+
+def test_false_dwells_and_missing_landmarks_are_said() -> None:
+    rng = np.random.default_rng(1)
+    landmarks = scalene(rng, 6)
+    pose = random_transform(rng)
+    dwells = pose.apply(np.stack([landmarks[name] for name in "FBDA"]))
+    elsewhere = dwells.mean(axis=0) + np.array([37.0, -12.0, 5.0])
+    dwells = np.insert(dwells, 2, elsewhere, axis=0)
+    match = match_landmarks(dwells, landmarks, tolerance_mm=0.5)
+    assert match.accepted, match.reason
+    assert match.pairs == ((0, "F"), (1, "B"), (3, "D"), (4, "A"))
+    assert match.unmatched_dwells == (2,) and match.missing == ("C", "E")
+
+
+def test_a_symmetric_phantom_is_said_to_be_ambiguous() -> None:
+    corners = {"A": (0, 0, 0), "B": (90, 0, 0), "C": (90, 60, 0), "D": (0, 60, 0)}
+    match = match_landmarks(list(corners.values()), corners, tolerance_mm=1.0)
+    assert not match.accepted and match.pairs == ()
+    assert re.search(r"[24] ways to lay 4 dwells .*0=A 1=B 2=C 3=D", match.reason)
+
+
+def test_a_mirror_image_is_no_match() -> None:
+    rng = np.random.default_rng(2)
+    landmarks = scalene(rng, 6)
+    mirrored = np.stack(list(landmarks.values())) * [1.0, 1.0, -1.0]
+    match = match_landmarks(mirrored, landmarks, tolerance_mm=1.0)
+    assert len(match.pairs) < 6
+
+
+def test_dwells_on_something_else_are_no_match() -> None:
+    rng = np.random.default_rng(3)
+    landmarks = scalene(rng, 6)
+    match = match_landmarks(rng.uniform(-90, 90, (8, 3)), landmarks, tolerance_mm=0.5)
+    assert not match.accepted and "fit on landmarks within" in match.reason
+
+
+def test_bad_points_are_refused_by_name() -> None:
+    landmarks = scalene(np.random.default_rng(4), 5)
+    with pytest.raises(TooFewError, match="2 dwells"):
+        match_landmarks(np.eye(3)[:2], landmarks, tolerance_mm=1.0)
+    with pytest.raises(TooFewError, match="0 landmarks"):
+        match_landmarks(np.eye(3), {}, tolerance_mm=1.0)
+    with pytest.raises(CollinearPointsError, match="dwells"):
+        match_landmarks(np.outer([1, 2, 3, 4.5], [10, 20, 30]), landmarks, tolerance_mm=1.0)
+    with pytest.raises(ShapeError, match="tolerance_mm"):
+        match_landmarks(np.eye(3), landmarks, tolerance_mm=0.0)
+    with pytest.raises(NoValidSamplesError, match="3 INVALID"):
+        lost = [
+            TrackedTransform.lost("reference", "tip", Stamp(i), TrackingStatus.INVALID)
+            for i in range(3)
+        ]
+        detect_landmarks(lost, landmarks)
+
+
+def numbers(text: str) -> FloatArray:
+    return np.array(text.split(), dtype=float)
+
+
+def recorded_tips(folder: Path) -> tuple[list[TrackedTransform], dict[str, FloatArray]]:
+    """``reference_from_stylus_tip`` of the recording, and the phantom's landmarks."""
+    configuration = etree.parse(folder / "PlusDeviceSet_fCal_Sim_RecordPhantomLandmarks.xml")
+    tip = configuration.find(".//Transform[@From='StylusTip']").get("Matrix")
+    stylus_from_tip = Transform.from_matrix(numbers(tip), target="stylus", source="stylus_tip")
+    landmarks = {
+        entry.get("Name"): numbers(entry.get("Position"))
+        for entry in configuration.findall(".//Landmark")
+    }
+    recording = folder / "EightLandmarkPointsTrackedForPhantomRegistration.igs.mha"
+    text = recording.read_text("latin-1")
+
+    def field(name: str) -> list[str]:
+        return re.findall(rf"Seq_Frame\d+_{name} = (.*)", text)
+
+    samples = []
+    for time, stylus, reference in zip(
+        field("Timestamp"),
+        field("StylusToTrackerTransform"),
+        field("ReferenceToTrackerTransform"),
+        strict=True,
+    ):
+        tracker_from_stylus = Transform.from_matrix(
+            numbers(stylus), target="tracker", source="stylus"
+        )
+        tracker_from_reference = Transform.from_matrix(
+            numbers(reference), target="tracker", source="reference"
+        )
+        pose = tracker_from_reference.inverse() @ tracker_from_stylus @ stylus_from_tip
+        samples.append(TrackedTransform(pose, Stamp.from_seconds(time), TrackingStatus.OK))
+    return samples, landmarks
+
+
+def test_real_recording_of_eight_landmarks(shared_data: Path) -> None:
+    """Against the published registration; the order of the dwells is not told."""
+    folder = shared_data / "plus"
+    samples, landmarks = recorded_tips(folder)
+    result = detect_landmarks(samples, landmarks)
+    assert result.accepted, result.reason
+    assert len(result.dwells) == 8
+    assert [name for _, name in result.match.pairs] == list(landmarks)
+
+    registration = register_points(
+        [result.dwells[dwell].position_mm for dwell, _ in result.match.pairs],
+        [landmarks[name] for _, name in result.match.pairs],
+        fixed_frame="reference",
+        moving_frame="phantom",
+    )
+    expected = etree.parse(folder / "PhantomRegistrationLandmarkDetection.results.xml")
+    published = Transform.from_matrix(
+        numbers(expected.find(".//Transform[@From='Phantom']").get("Matrix")),
+        target="reference",
+        source="phantom",
+    )
+    assert registration.accepted, registration.reason
+    assert registration.transform.distance_mm_to(published) < 0.10
+    assert np.degrees(registration.transform.angle_to(published)) < 0.30
+    assert registration.residuals_mm.mean() < 0.21
+
+
+def test_real_recording_in_another_order_with_a_part_lost(shared_data: Path) -> None:
+    """The second half first, and a second of samples INVALID in the middle of a dwell."""
+    samples, landmarks = recorded_tips(shared_data / "plus")
+    half, offset = 500, samples[-1].stamp.ns + 10**9 - samples[0].stamp.ns
+    later = [
+        TrackedTransform(s.transform, s.stamp.shifted(offset, s.stamp.clock), s.status)
+        for s in samples[:half]
+    ]
+    mixed = samples[half:] + later
+    mixed[100:115] = [
+        TrackedTransform.lost(s.target, s.source, s.stamp, TrackingStatus.INVALID)
+        for s in mixed[100:115]
+    ]
+    result = detect_landmarks(mixed, landmarks)
+    assert result.accepted, result.reason
+    names = [name for _, name in result.match.pairs]
+    assert names == ["#5", "#6", "#7", "#8", "#1", "#2", "#3", "#4"]
