@@ -36,10 +36,11 @@ JOINT_PERIOD_NS = 5_000_000
 ROBOT_TO_TRACKER_OFFSET_NS = 37_400_000
 """tracker = robot + offset."""
 
-WORK_IN_BASE_MM = (195.0, 0.0, 125.0)
-"""The tumour's centre, where the arm reaches every pose of the story."""
+WORK_IN_BASE_MM = (185.0, 0.0, 90.0)
+"""The tumour's centre: an arm with links of 133 mm reaches every pose of the story there, whether
+the tool's tip is at its pen's tip or an instrument's length (70 mm) ahead."""
 
-REFERENCE_IN_BASE_MM = (245.0, 120.0, 140.0)
+REFERENCE_IN_BASE_MM = (245.0, 120.0, 105.0)
 
 # At full inspiration, in the axes of the base (z up): 4.4 mm and 1.2 mm.
 TISSUE_SHIFT_MM = (0.0, 2.6, 3.6)

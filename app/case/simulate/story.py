@@ -127,12 +127,12 @@ class _Plan:
     def landmark(self, index: int) -> Transform:
         """The tip on a landmark, the tool leaning outward a little, another way at each."""
         place = np.array(LANDMARKS_MM[index])
-        return self._pose(place, place, 0.15)
+        return self._pose(place, place, 0.1)
 
     def beside(self, azimuth_deg: float, colatitude_deg: float, distance_mm: float) -> Transform:
         """The tip above the surface by ``distance_mm``, the handle leaning away from the tumour."""
         surface, normal = self._surface(azimuth_deg, colatitude_deg)
-        lean = 0.5 * np.deg2rad(colatitude_deg)
+        lean = 0.4 * np.deg2rad(colatitude_deg)
         return self._pose(surface + distance_mm * normal, self._outward(azimuth_deg), lean)
 
     def ring(
