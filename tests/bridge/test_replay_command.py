@@ -1,7 +1,6 @@
 """``marginguard replay`` in real time, heard by another DDS implementation while it runs."""
 
 import os
-import signal
 import subprocess
 import sys
 
@@ -50,8 +49,9 @@ def test_cyclone_dds_hears_the_virtual_fixture_with_source_stamps(
     replay, case_folder, start_cyclone, tmp_path
 ):
     lines = start_cyclone("virtual_fixture", str(SAMPLES), wait=False).messages()
-    replay.send_signal(signal.SIGINT)
-    assert replay.wait(60) == 130
+    assert replay.poll() is None, "the replay was still running"
+    replay.terminate()
+    replay.wait(60)
     assert "Traceback" not in (tmp_path / "replay.log").read_text()
 
     recorded = recorded_stamps(case_folder)
