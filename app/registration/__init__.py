@@ -36,6 +36,8 @@ from app.registration.result import RegistrationResult, given_registration
 from app.registration.robot_world import RobotWorldResult, solve_robot_world
 from app.registration.robust_points import register_points_robust
 from app.registration.spin import SpinResult, calibrate_spin
+from app.registration.time_offset import TimeOffset, estimate_time_offset
+from app.registration.timed_signal import TimedSignal
 from app.registration.tip_frame import tip_transform
 from app.registration.tre import (
     predict_layout_tre,
@@ -68,12 +70,15 @@ __all__ = [
     "ScaleMismatchError",
     "ShapeError",
     "SpinResult",
+    "TimeOffset",
+    "TimedSignal",
     "TooFewError",
     "UnequalCountsError",
     "calibrate_pivot",
     "calibrate_spin",
     "detect_dwells",
     "detect_landmarks",
+    "estimate_time_offset",
     "given_registration",
     "judge",
     "match_landmarks",

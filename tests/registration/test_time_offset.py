@@ -1,0 +1,209 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from app.geometry import FloatArray, Stamp, StampError, TrackedTransform, TrackingStatus, Transform
+from app.registration import (
+    FlatSignalError,
+    NotFiniteError,
+    ShapeError,
+    TimedSignal,
+    TooFewError,
+    UnequalCountsError,
+    estimate_time_offset,
+)
+from tests.registration.helpers import random_transform
+
+LAG_MS = 65.0
+
+
+class Motion:
+    """A hand's: six slow waves an axis."""
+
+    def __init__(self, rng: np.random.Generator, axes: int, amplitude: float) -> None:
+        self.hertz = rng.uniform(0.1, 1.2, (6, axes))
+        self.phase = rng.uniform(0.0, 2.0 * np.pi, (6, axes))
+        self.amplitude = rng.normal(size=(6, axes)) * amplitude / (1.0 + 2.0 * self.hertz)
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        waves = np.sin(2.0 * np.pi * self.hertz * times[:, None, None] + self.phase)
+        return (self.amplitude * waves).sum(axis=1)
+
+
+def sample_times(rng: np.random.Generator, rate_hz: float, seconds: float) -> FloatArray:
+    count = int(rate_hz * seconds)
+    return (np.arange(count) + rng.uniform(-0.15, 0.15, count)) / rate_hz
+
+
+def in_ns(seconds: FloatArray) -> FloatArray:
+    return np.round(seconds * 1e9).astype(np.int64)
+
+
+def streams(
+    rng: np.random.Generator,
+    *,
+    noise_mm: float = 0.3,
+    rate_hz: float = 50.0,
+    seconds: float = 20.0,
+    axes: int = 3,
+) -> tuple[TimedSignal, TimedSignal]:
+    """The same motion in two frames, b's clock `LAG_MS` ahead."""
+    motion = Motion(rng, axes, 12.0)
+    a_times, b_times = (sample_times(rng, rate, seconds) for rate in (rate_hz, 50.0))
+    mixed = np.linalg.qr(rng.normal(size=(axes, axes)))[0]
+    a = motion(a_times) + rng.normal(scale=noise_mm, size=(len(a_times), axes))
+    b = motion(b_times) @ mixed.T + rng.normal(scale=noise_mm, size=(len(b_times), axes)) + 100.0
+    return (
+        TimedSignal(in_ns(a_times), a, "robot"),
+        TimedSignal(in_ns(b_times + 1e-3 * LAG_MS), b, "tracker"),
+    )
+
+
+def test_the_lag_is_found_and_the_interval_holds() -> None:
+    """A short form of the benchmark, which does 400 trials."""
+    rng = np.random.default_rng(1)
+    errors, covered = [], 0
+    for _ in range(60):
+        result = estimate_time_offset(*streams(rng))
+        assert result.accepted, result.reason
+        errors.append(result.offset_ns / 1e6 - LAG_MS)
+        covered += result.interval_ns[0] <= LAG_MS * 1e6 <= result.interval_ns[1]
+    assert np.max(np.abs(errors)) < 1.0
+    assert covered / 60 >= 0.87
+
+
+def test_without_noise_it_is_exact() -> None:
+    result = estimate_time_offset(*streams(np.random.default_rng(2), noise_mm=0.0))
+    assert result.offset_ns / 1e6 == pytest.approx(LAG_MS, abs=1e-4)
+    assert result.explained > 0.999999
+
+
+def test_the_other_way_round_it_is_the_opposite() -> None:
+    a, b = streams(np.random.default_rng(3))
+    there, back = estimate_time_offset(a, b), estimate_time_offset(b, a)
+    assert there.offset_ns == pytest.approx(-back.offset_ns, abs=4e5)
+    assert (there.clock_a, there.clock_b) == ("robot", "tracker")
+    assert (back.clock_a, back.clock_b) == ("tracker", "robot")
+
+
+def test_clocks_that_started_at_different_times_need_a_guess() -> None:
+    a, b = streams(np.random.default_rng(4))
+    far = 1_700_000_000 * 10**9
+    shifted = TimedSignal(b.times_ns + far, b.values, b.clock)
+    with pytest.raises(TooFewError, match="inside a"):
+        estimate_time_offset(a, shifted)
+    result = estimate_time_offset(a, shifted, around_ns=far)
+    assert result.offset_ns - far == estimate_time_offset(a, b).offset_ns
+
+
+def test_robot_and_sensor_poses_before_they_are_registered() -> None:
+    """Unknown base and an unknown lever arm of 80 mm that turns through 40 degrees."""
+    rng = np.random.default_rng(5)
+    position, turning = Motion(rng, 3, 12.0), Motion(rng, 3, 0.25)
+    base = random_transform(rng, "reference", "base")
+    mount = random_transform(rng, "tip", "sensor", 80.0)
+
+    def tip(times: FloatArray) -> list[Transform]:
+        rotations = Rotation.from_rotvec(turning(times)).as_matrix()
+        places = position(times)
+        return [Transform("base", "tip", r, p) for r, p in zip(rotations, places, strict=True)]
+
+    def tracked(poses: list[Transform], times: FloatArray, clock: str) -> list[TrackedTransform]:
+        return [
+            TrackedTransform(pose, Stamp(int(ns), clock), TrackingStatus.OK)
+            for pose, ns in zip(poses, in_ns(times), strict=True)
+        ]
+
+    robot_times, sensor_times = sample_times(rng, 200.0, 20.0), sample_times(rng, 50.0, 20.0)
+    seen = [base @ pose @ mount for pose in tip(sensor_times)]
+    noisy = [
+        Transform(p.target, p.source, p.rotation, p.translation_mm + rng.normal(scale=0.3, size=3))
+        for p in seen
+    ]
+    robot = tracked(tip(robot_times), robot_times, "robot")
+    sensor = tracked(noisy, sensor_times + 1e-3 * LAG_MS, "tracker")
+    with_rotations = estimate_time_offset(
+        TimedSignal.of_poses(robot), TimedSignal.of_positions(sensor)
+    )
+    assert with_rotations.accepted, with_rotations.reason
+    assert with_rotations.offset_ns / 1e6 == pytest.approx(LAG_MS, abs=0.5)
+    positions_only = estimate_time_offset(
+        TimedSignal.of_positions(robot), TimedSignal.of_positions(sensor)
+    )
+    assert positions_only.explained < with_rotations.explained
+
+
+@pytest.mark.parametrize("flat", ["a", "b"])
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_stream_that_does_not_move_is_refused(flat: str, noise: float) -> None:
+    rng = np.random.default_rng(6)
+    a, b = streams(rng)
+    still = TimedSignal(a.times_ns, 250.0 + rng.normal(scale=noise, size=a.values.shape), "robot")
+    with pytest.raises(FlatSignalError, match=f"signal {flat} .* does not move"):
+        estimate_time_offset(*((still, b) if flat == "a" else (b, still)))
+
+
+def test_a_steady_drift_says_nothing_of_the_lag() -> None:
+    rng = np.random.default_rng(7)
+    times = np.arange(1000) / 50.0
+    ramps = [
+        TimedSignal(in_ns(times), np.outer(times, [3.0, 4.0]) + noise, clock)
+        for clock, noise in zip(
+            ("robot", "tracker"), rng.normal(scale=0.1, size=(2, 1000, 2)), strict=True
+        )
+    ]
+    assert not estimate_time_offset(*ramps).accepted
+
+
+def test_a_period_within_the_search_is_ambiguous() -> None:
+    times = np.arange(2000) / 100.0
+    wave = np.sin(2.0 * np.pi * 2.5 * times)
+    result = estimate_time_offset(
+        TimedSignal(in_ns(times), wave, "robot"),
+        TimedSignal(in_ns(times + 0.065), wave, "tracker"),
+    )
+    assert not result.accepted and "fits as well as" in result.reason
+
+
+def test_a_lag_beyond_the_search_is_not_accepted() -> None:
+    a, b = streams(np.random.default_rng(8))
+    result = estimate_time_offset(a, b, search_s=0.04)
+    assert not result.accepted and "end of the search" in result.reason
+
+
+def test_two_motions_that_have_nothing_to_do_with_each_other() -> None:
+    a, _ = streams(np.random.default_rng(9), axes=1)
+    _, b = streams(np.random.default_rng(10), axes=1)
+    assert not estimate_time_offset(a, b).accepted
+
+
+def test_bad_signals_are_refused_by_name() -> None:
+    times = np.arange(50) * 10**7
+    values = np.sin(np.arange(50.0))
+    with pytest.raises(ShapeError, match="integer ns"):
+        TimedSignal(times / 1e9, values, "robot")
+    with pytest.raises(ShapeError, match=r"time 3 .* rising"):
+        TimedSignal(np.where(np.arange(50) == 3, times[2], times), values, "robot")
+    with pytest.raises(UnequalCountsError, match="50 times"):
+        TimedSignal(times, values[:-1], "robot")
+    with pytest.raises(NotFiniteError, match="value 7"):
+        TimedSignal(times, np.where(np.arange(50) == 7, np.nan, values), "robot")
+    with pytest.raises(TooFewError, match=r"0 samples of b are inside"):
+        short = TimedSignal(times, values, "robot")
+        estimate_time_offset(short, short)
+    with pytest.raises(ShapeError, match="search_s"):
+        estimate_time_offset(*streams(np.random.default_rng(11)), search_s=0.0)
+    pose = Transform.identity("reference", "tip")
+    mixed = [TrackedTransform(pose, Stamp(i, f"clock{i}"), TrackingStatus.OK) for i in range(2)]
+    with pytest.raises(StampError, match="several clocks"):
+        TimedSignal.of_positions(mixed)
+
+
+def test_signals_are_copies_that_cannot_be_written() -> None:
+    times, values = np.arange(3) * 10**7, np.arange(3.0)
+    signal = TimedSignal(times, values, "robot")
+    times[0] = 5
+    values[0] = 5.0
+    assert signal.times_ns[0] == 0 and signal.values[0, 0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        signal.values[0, 0] = 1.0
