@@ -10,7 +10,6 @@ from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.replay_publisher import ReplayPublisher
 from app.bridge.replay_scene import ReplayScene, root_edges
-from app.bridge.signals import Received, stop_on_signals, terminate_cleanly
 
 __all__ = [
     "BridgeError",
@@ -21,6 +20,4 @@ __all__ = [
     "RosNode",
     "prepare_environment",
     "root_edges",
-    "stop_on_signals",
-    "terminate_cleanly",
 ]

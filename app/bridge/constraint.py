@@ -1,4 +1,3 @@
-# mypy: disable-error-code=import-untyped
 """A fixture decision as ``marginguard_msgs/FixtureConstraint``: everything in m and m/s."""
 
 import math

@@ -1,4 +1,3 @@
-# mypy: disable-error-code=import-untyped
 """What an engineer asks first, as ``diagnostic_msgs``: state, reasons, ages, what is lost."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue

@@ -1,4 +1,3 @@
-# mypy: disable-error-code=import-untyped
 """The scene for RViz and Foxglove: surfaces as triangles, so that no mesh file must be found.
 
 Two publishers share ``~/markers``, because a latched topic keeps the last message of *each*

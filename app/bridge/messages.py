@@ -1,4 +1,3 @@
-# mypy: disable-error-code=import-untyped
 """Values of ours to ROS messages: the only place where mm become m.
 
 ======================================== ============ ==============

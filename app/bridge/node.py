@@ -1,4 +1,3 @@
-# mypy: disable-error-code=no-untyped-call
 """A ROS node with a context and an executor thread of its own, gone without a trace when closed."""
 
 import threading

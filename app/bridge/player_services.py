@@ -1,4 +1,3 @@
-# mypy: disable-error-code=import-untyped
 """The player's controls as services, so that RViz, a script or a second screen can hold a replay.
 
 =============== =========================== ==================================

@@ -1,4 +1,3 @@
-# mypy: disable-error-code=no-untyped-call
 """The three promises that a publisher of ours makes about delivery.
 
 * ``STREAM``: reliable, volatile, the last 100. tf's own; whoever joins late gets what follows.

@@ -1,4 +1,3 @@
-# mypy: disable-error-code="import-untyped,no-untyped-call"
 """A replay on the ROS graph: every step of a session as messages with the stamps of its samples."""
 
 import math

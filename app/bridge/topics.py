@@ -1,4 +1,3 @@
-# mypy: disable-error-code=import-untyped
 """What a replay publishes, and with which quality of service: one table for code and readers.
 
 ``/tf`` is volatile in every ROS system: a subscriber that joins in the middle of a replay has the

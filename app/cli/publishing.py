@@ -32,7 +32,6 @@ def publishing(
             ReplayScene,
             prepare_environment,
             root_edges,
-            terminate_cleanly,
         )
     except ImportError as error:
         from app.geometry import InputError
@@ -55,6 +54,6 @@ def publishing(
         registration=robot.registration.transform if robot and robot.registration else None,
     )
     heartbeat_hz = HEARTBEAT_HZ if options.rate is not None else None
-    with terminate_cleanly(), ReplayPublisher(scene, heartbeat_hz=heartbeat_hz) as publisher:
+    with ReplayPublisher(scene, heartbeat_hz=heartbeat_hz) as publisher:
         PlayerServices(publisher.ros, player)
         yield publisher.publish

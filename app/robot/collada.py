@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from collada.common import DaeError  # type: ignore[import-untyped]
+from collada.common import DaeError
 from lxml import etree
 from trimesh.exchange.dae import load_collada
 

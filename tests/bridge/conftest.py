@@ -1,11 +1,9 @@
 """ROS for tests: a domain each, on this machine only; other processes; steps to send."""
 
-import fcntl
 import json
 import os
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -29,31 +27,12 @@ from app.fixture import (
 )
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.session import StepResult
+from tests.ros_domain import domain_id as domain_id
 
 HERE = Path(__file__).resolve().parent
 RECEIVER = HERE / "receiver.py"
 DEADLINE_S = 90.0
 """After this a test has failed; nothing here takes more than a few seconds."""
-
-
-@pytest.fixture
-def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS domain that no other test of this machine uses now, kept on this machine."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    # Ports of domains above 101 lie in Linux's ephemeral range.
-    start = os.getpid() % 100
-    for offset in range(100):
-        domain = 1 + (start + offset) % 100
-        path = Path(tempfile.gettempdir()) / f"marginguard-ros-domain-{domain}.lock"
-        with path.open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-            yield domain
-            return
-    pytest.fail("all ROS domains from 1 to 100 are in use by other tests")
 
 
 class Receiver:

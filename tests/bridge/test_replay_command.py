@@ -51,7 +51,7 @@ def test_cyclone_dds_hears_the_virtual_fixture_with_source_stamps(
     lines = start_cyclone("virtual_fixture", str(SAMPLES), wait=False).messages()
     assert replay.poll() is None, "the replay was still running"
     replay.terminate()
-    replay.wait(60)
+    assert replay.wait(60) == 143
     assert "Traceback" not in (tmp_path / "replay.log").read_text()
 
     recorded = recorded_stamps(case_folder)

@@ -1,6 +1,7 @@
 """Replay a recorded case: register, check the tool against the tumour, publish the fixture, report.
 
-Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input.
+Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input; 130 or 143 when a
+signal ended it, without a report.
 """
 
 import argparse
@@ -14,10 +15,11 @@ from app.cli.options import add_case, add_json
 from app.cli.progress import with_progress
 from app.cli.publishing import publishing
 from app.cli.scene_picture import scene_picture
+from app.cli.signals import stop_on_signals
 from app.cli.summary_text import as_text
 
 if TYPE_CHECKING:
-    from app.case import Case
+    from app.case import Case, Player
     from app.report import ReplayRecord
     from app.session import Session, SessionSetup, StepResult
 
@@ -45,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replay the case; what is published and what is reported come from the same steps."""
     from app import __version__
-    from app.case import open_case
+    from app.case import Player, open_case
     from app.geometry import InputError
     from app.report import all_passed, check_writable, summarise, write_report
     from app.session import setup_from_case
@@ -56,7 +58,11 @@ def run(options: argparse.Namespace) -> int:
         check_writable(options.report)
     case = open_case(options.case, package_dirs=options.package_dirs)
     setup = setup_from_case(case, tip_only=options.tip_only)
-    record, deepest = _play(case, setup, options)
+    player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
+    with stop_on_signals(player.stop) as received:
+        record, deepest = _play(case, setup, player, options)
+    if received.number is not None:
+        return received.exit_status
     if options.report is None:
         summary = summarise(record)
     else:
@@ -67,13 +73,11 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _play(
-    case: "Case", setup: "SessionSetup", options: argparse.Namespace
+    case: "Case", setup: "SessionSetup", player: "Player", options: argparse.Namespace
 ) -> tuple["ReplayRecord", "StepResult | None"]:
-    from app.case import Player
     from app.report import ReplayLog, ReplayRecord
     from app.session import Session
 
-    player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     session, log = Session(setup), ReplayLog()
     with publishing(case, setup, player, options) as publish:
         for frame in with_progress(player.play(), "replaying frame"):

@@ -7,15 +7,17 @@ import threading
 
 import pytest
 
-from app.bridge.signals import SIGNALS, stop_on_signals
+from app.cli.signals import SIGNALS, stop_on_signals
+from tests.ros_domain import domain_id as domain_id
 
 SPEAKER = """
 import sys
 import threading
 from std_msgs.msg import String
-from app.bridge import RosNode, stop_on_signals
+from app.bridge import RosNode
 from app.bridge.heartbeat import Heartbeat
 from app.bridge.qos import STREAM, Topic
+from app.cli.signals import stop_on_signals
 
 over = threading.Event()
 with stop_on_signals(over.set) as received, RosNode("speaker") as ros:
@@ -31,9 +33,7 @@ sys.exit(received.exit_status)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_cleanly_with_messages_in_flight(
-    domain_id, project_root, start_receiver, number
-):
+def test_a_signal_ends_it_cleanly_with_messages_in_flight(domain_id, project_root, number):
     process = subprocess.Popen(
         [sys.executable, "-c", SPEAKER],
         stdout=subprocess.PIPE,
@@ -44,7 +44,6 @@ def test_a_signal_ends_it_cleanly_with_messages_in_flight(
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == "up\n"
-        start_receiver("/speaker/news:std_msgs/msg/String:20").messages()
         process.send_signal(number)
         assert process.stdout.read() == "left\n"
         assert process.stderr is not None

@@ -1,8 +1,8 @@
 """SIGINT and SIGTERM ask a replay to stop, instead of breaking into whatever it is doing.
 
 Python's own way, an exception at any moment, is not safe here: raised while a function that numba
-compiled is at work, it ends the process with a segmentation fault now and then (measured: 4 of 12
-replays; none of 2000 signals that were only noted). And an exception in the middle of a step would
+compiled is at work, it ends the process with a segmentation fault now and then (measured: 4 of 14
+replays; none of 2389 signals that were only noted). And an exception in the middle of a step would
 leave half of it published.
 """
 
@@ -62,20 +62,3 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[Received]:
 
 def _only_noted(number: int, frame: FrameType | None) -> None:
     """The interpreter has written the number to the watching thread already."""
-
-
-@contextmanager
-def terminate_cleanly() -> Iterator[None]:
-    """Within it SIGTERM raises ``SystemExit(143)``, as SIGINT raises KeyboardInterrupt.
-
-    For programs that run no compiled code: see above for what an exception does to that.
-    """
-
-    def leave(number: int, frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
-    before = signal.signal(signal.SIGTERM, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
