@@ -5,6 +5,7 @@ computed is refused with an error that names the cause.
 """
 
 from app.registration.acceptance import AcceptanceLimits, judge
+from app.registration.drift import DriftBound, RegistrationDrift, check_drift
 from app.registration.dwells import Dwell, DwellSettings, detect_dwells
 from app.registration.errors import (
     CoincidentPointsError,
@@ -13,6 +14,7 @@ from app.registration.errors import (
     CovarianceError,
     DegenerateMotionError,
     FlatSignalError,
+    FreeMotionError,
     MirroredPointsError,
     NoConsensusError,
     NotFiniteError,
@@ -36,6 +38,7 @@ from app.registration.result import RegistrationResult, given_registration
 from app.registration.robot_world import RobotWorldResult, solve_robot_world
 from app.registration.robust_points import register_points_robust
 from app.registration.spin import SpinResult, calibrate_spin
+from app.registration.surface import register_surface
 from app.registration.time_offset import TimeOffset, estimate_time_offset
 from app.registration.timed_signal import TimedSignal
 from app.registration.tip_frame import tip_transform
@@ -53,9 +56,11 @@ __all__ = [
     "ConvergenceError",
     "CovarianceError",
     "DegenerateMotionError",
+    "DriftBound",
     "Dwell",
     "DwellSettings",
     "FlatSignalError",
+    "FreeMotionError",
     "LandmarkDetection",
     "LandmarkMatch",
     "MirroredPointsError",
@@ -64,6 +69,7 @@ __all__ = [
     "NotFiniteError",
     "PivotResult",
     "PoseNoise",
+    "RegistrationDrift",
     "RegistrationError",
     "RegistrationResult",
     "RobotWorldResult",
@@ -76,6 +82,7 @@ __all__ = [
     "UnequalCountsError",
     "calibrate_pivot",
     "calibrate_spin",
+    "check_drift",
     "detect_dwells",
     "detect_landmarks",
     "estimate_time_offset",
@@ -86,6 +93,7 @@ __all__ = [
     "predict_tre",
     "register_points",
     "register_points_robust",
+    "register_surface",
     "select_poses",
     "solve_robot_world",
     "tip_transform",

@@ -55,6 +55,10 @@ class DegenerateMotionError(RegistrationError):
     """Poses that do not turn enough, or about one axis only: part of the answer is free."""
 
 
+class FreeMotionError(RegistrationError):
+    """Touched points that may slide on their surface without leaving it."""
+
+
 class NoConsensusError(RegistrationError):
     """Too few observations agree, or two groups agree on different answers."""
 

@@ -13,10 +13,10 @@ State = TypeVar("State")
 MAX_STEPS = 200
 
 SETTLED_SIGMAS = 1e-9
-"""A step that moves the residuals by less than this, in standard deviations, is the last one."""
+"""Norm of the change of the whitened residuals, in standard deviations, of a last step."""
 
 ROUNDING_SIGMAS = 1e-5
-"""So is one below this that makes nothing better: what is left is rounding."""
+"""A step below this that makes nothing better is the last one too: what is left is rounding."""
 
 
 def least_squares(
@@ -24,29 +24,37 @@ def least_squares(
     linearise: Callable[[State], tuple[FloatArray, FloatArray]],
     retract: Callable[[State, FloatArray], State],
     what: str,
+    *,
+    settled_at: float = SETTLED_SIGMAS,
+    max_steps: int = MAX_STEPS,
 ) -> State:
     """The state with the least sum of squared residuals near ``start``.
 
     ``linearise`` gives the whitened residuals (k,) and how they *fall* with a small motion of the
     state, (k, p): a motion ``m`` leaves about ``residuals - jacobian @ m``. ``retract`` applies
-    such a motion. Raises `ConvergenceError` that names ``what`` when it does not settle.
+    such a motion. A step that moves the residuals by less than ``settled_at`` is the last. Raises
+    `ConvergenceError` that names ``what`` when there is none.
     """
     state, damping = start, 0.0
     residuals, jacobian = linearise(state)
-    for _ in range(MAX_STEPS):
+    for _ in range(max_steps):
         normal = jacobian.T @ jacobian
         damped = normal + damping * np.diag(np.diag(normal))
         step = np.asarray(np.linalg.solve(damped, jacobian.T @ residuals), dtype=np.float64)
         candidate = retract(state, step)
         new_residuals, new_jacobian = linearise(candidate)
-        better = float(new_residuals @ new_residuals) <= float(residuals @ residuals)
-        moved = float(np.linalg.norm(jacobian @ step))
-        settled = moved < SETTLED_SIGMAS or (moved < ROUNDING_SIGMAS and not better)
-        if better:
+        change = jacobian @ step
+        predicted = 2.0 * float(residuals @ change) - float(change @ change)
+        gain = float(residuals @ residuals) - float(new_residuals @ new_residuals)
+        moved = float(np.linalg.norm(change))
+        settled = moved < settled_at or (moved < ROUNDING_SIGMAS and gain < 0.0)
+        if gain >= 0.0:
             state, residuals, jacobian = candidate, new_residuals, new_jacobian
-            damping /= 10.0
-        else:
+        # Steps that gain far less than they promise stand at a kink: shorter ones end there.
+        if gain < 0.25 * predicted:
             damping = max(10.0 * damping, 1e-6)
+        elif gain > 0.75 * predicted:
+            damping /= 10.0
         if settled:
             return state
-    raise ConvergenceError(f"{what} did not settle in {MAX_STEPS} steps")
+    raise ConvergenceError(f"{what} did not settle in {max_steps} steps")

@@ -94,10 +94,10 @@ def test_noise_of_the_moving_points_turns_with_them() -> None:
 
 @pytest.mark.parametrize("known", [True, False])
 def test_covariance_is_calibrated(known: bool) -> None:
-    """The mean normalised squared error over 500 trials lies in its 95 % band (99.9 % when the
+    """The mean normalised squared error over the trials lies in its 95 % band (99.9 % when the
     noise is estimated, where the sum follows no tabulated law and is drawn)."""
     rng = np.random.default_rng(4 + known)
-    trials, count = 500, 8
+    trials, count = 150, 6
     errors = []
     for _ in range(trials):
         truth = random_transform(rng)

@@ -58,7 +58,7 @@ def test_noise_and_wrong_poses() -> None:
 
 def test_covariance_is_calibrated() -> None:
     rng = np.random.default_rng(2)
-    trials, errors = 150, []
+    trials, errors = 80, []
     for _ in range(trials):
         scene = pivot_scene(rng, 60, cone_deg=0.0, noise=EM_NOISE, spin_deg=40.0)
         result = calibrate_spin(scene.poses, tip_mm=scene.tip_mm)

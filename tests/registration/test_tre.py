@@ -50,17 +50,17 @@ def test_equal_isotropic_noise_is_fitzpatricks_formula() -> None:
 def test_anisotropic_noise_agrees_with_monte_carlo(matched: bool) -> None:
     """A short form of the benchmark, which does 100 layouts of both kinds."""
     rng = np.random.default_rng(2)
-    for _ in range(3):
+    for _ in range(2):
         landmarks = random_layout(rng, 6)
         noise = random_covariances(rng, 6)
         target = landmarks.mean(axis=0) + rng.normal(scale=80.0, size=(1, 3))
         planned = predict_layout_tre(landmarks, target, noise, matched_weights=matched)
         squared = []
         known = PairNoise.of(noise, None, 6) if matched else None
-        for _ in range(1200):
+        for _ in range(800):
             answer = fit_rigid(landmarks + draw(rng, noise), landmarks, known, "fixed", "moving")
             squared.append(np.sum((answer.apply(target) - target) ** 2))
-        assert 0.93 < planned[0] / np.sqrt(np.mean(squared)) < 1.07
+        assert 0.92 < planned[0] / np.sqrt(np.mean(squared)) < 1.08
 
 
 def test_matched_weights_never_do_worse() -> None:

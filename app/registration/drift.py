@@ -1,0 +1,59 @@
+"""Whether a registration still holds: the tool where the robot says, against where it is seen.
+
+A base that was bumped, a reference that slipped or metal in the field shows here first.
+"""
+
+import math
+from dataclasses import dataclass
+
+from app.geometry import Transform
+from app.registration.errors import ShapeError
+
+
+@dataclass(frozen=True, slots=True)
+class DriftBound:
+    """Largest difference between predicted and measured pose that is still noise.
+
+    Three times the sigma of both together or so: of the registration at the tool (`predict_tre`)
+    and of one tracked pose.
+    """
+
+    translation_mm: float
+    rotation_rad: float
+
+    def __post_init__(self) -> None:
+        for name in ("translation_mm", "rotation_rad"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ShapeError(f"{name} of a drift bound is {value}: above 0 wanted")
+
+
+@dataclass(frozen=True, slots=True)
+class RegistrationDrift:
+    """How far apart the two poses are, whether that is accepted, and the line that says so."""
+
+    translation_mm: float
+    rotation_rad: float
+    accepted: bool
+    reason: str
+
+
+def check_drift(predicted: Transform, measured: Transform, bound: DriftBound) -> RegistrationDrift:
+    """Compare two poses of one tool in one frame, taken at the same moment.
+
+    ``predicted`` goes by way of the registration (base, kinematics, mount), ``measured`` by the
+    tracker. Raises `FrameError` when they are not between the same frames.
+    """
+    translation = predicted.distance_mm_to(measured)
+    rotation = predicted.angle_to(measured)
+    accepted = bool(translation <= bound.translation_mm and rotation <= bound.rotation_rad)
+    return RegistrationDrift(
+        translation_mm=translation,
+        rotation_rad=rotation,
+        accepted=accepted,
+        reason=(
+            f"{predicted.source} is {translation:.3g} mm and {math.degrees(rotation):.3g} degrees "
+            f"from where the registration puts it, {bound.translation_mm:g} mm and "
+            f"{math.degrees(bound.rotation_rad):.3g} degrees allowed"
+        ),
+    )

@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+import trimesh
+from scipy.stats import chi2
+
+from app.geometry import FloatArray, FrameError, SurfaceMesh, Transform
+from app.registration import (
+    AcceptanceLimits,
+    ConvergenceError,
+    FreeMotionError,
+    NoConsensusError,
+    NotFiniteError,
+    ShapeError,
+    TooFewError,
+    predict_tre,
+    register_surface,
+)
+from app.registration.motion import difference, moved
+from tests.registration.helpers import random_transform
+
+
+def mesh_of(shape: trimesh.Trimesh) -> SurfaceMesh:
+    return SurfaceMesh("ct", shape.vertices, shape.faces)
+
+
+def bone() -> trimesh.Trimesh:
+    """A lump without symmetry, some 100 mm long."""
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    x, y, z = ball.vertices.T
+    radius = 1.0 + 0.25 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.15 * np.sin(4 * z + 2 * x)
+    return trimesh.Trimesh(ball.vertices * radius[:, None] * [50, 35, 25], ball.faces)
+
+
+BONE = bone()
+
+
+def touched(
+    rng: np.random.Generator, shape: trimesh.Trimesh, count: int, noise_mm: float
+) -> tuple[Transform, FloatArray, Transform]:
+    """The truth, points on the surface in the probe's frame, and a rough start."""
+    truth = random_transform(rng, "ct", "probe")
+    points, _ = trimesh.sample.sample_surface(shape, count, seed=int(rng.integers(2**31)))
+    seen = truth.inverse().apply(points) + rng.normal(scale=noise_mm, size=(count, 3))
+    rough = np.concatenate([rng.normal(scale=0.05, size=3), rng.normal(scale=3.0, size=3)])
+    return truth, seen, moved(truth, rough, points.mean(axis=0))
+
+
+def test_points_without_noise_find_the_truth() -> None:
+    rng = np.random.default_rng(1)
+    truth, points, start = touched(rng, BONE, 60, 0.0)
+    result = register_surface(points, mesh_of(BONE), start=start)
+    assert result.transform.angle_to(truth) < 1e-5
+    assert result.transform.distance_mm_to(truth) < 5e-3
+    assert result.accepted and result.method == "surface"
+
+
+def test_covariance_covers_the_truth_and_the_error_is_no_worse_than_icp() -> None:
+    rng = np.random.default_rng(2)
+    ours, peers, squared, trials = [], [], [], 12
+    for _ in range(trials):
+        truth, points, start = touched(rng, BONE, 40, 0.3)
+        result = register_surface(points, mesh_of(BONE), start=start, noise_mm=0.3)
+        peer, _, _ = trimesh.registration.icp(
+            points,
+            BONE,
+            initial=start.matrix,
+            threshold=1e-7,
+            max_iterations=60,
+            reflection=False,
+            scale=False,
+        )
+        motion = difference(truth, result.transform)
+        squared.append(motion @ np.linalg.solve(result.covariance, motion))
+        centre = truth.inverse().apply(np.zeros(3))
+        ours.append(np.linalg.norm(result.transform.apply(centre)))
+        peers.append(np.linalg.norm(peer[:3, :3] @ centre + peer[:3, 3]))
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * trials) / trials
+    assert low < np.mean(squared) < 1.3 * high, "curvature of the surface is beyond first order"
+    assert np.mean(ours) < 1.15 * np.mean(peers)
+
+
+def test_points_off_the_surface_are_named() -> None:
+    rng = np.random.default_rng(3)
+    truth, points, start = touched(rng, BONE, 50, 0.2)
+    points[[4, 17, 33]] += truth.inverse().rotate([[0, 0, 15.0], [12.0, 0, 0], [0, 14.0, 0]])
+    result = register_surface(points, mesh_of(BONE), start=start, inlier_mm=1.5)
+    far = np.flatnonzero(np.abs(trimesh.proximity.signed_distance(BONE, truth.apply(points))) > 1.5)
+    assert result.outliers == tuple(far) and len(far) >= 2
+    assert np.linalg.norm(difference(truth, result.transform)[:3]) < 0.02
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        trimesh.creation.icosphere(subdivisions=4, radius=40.0),
+        trimesh.creation.cylinder(radius=20.0, height=400.0, sections=128),
+    ],
+)
+def test_a_surface_that_lets_points_slide_is_refused(shape: trimesh.Trimesh) -> None:
+    rng = np.random.default_rng(4)
+    truth, points, start = touched(rng, shape, 60, 0.1)
+    here = truth.apply(points)
+    points = points[np.abs(here[:, 2]) < 150.0]  # of the cylinder, not its lids
+    with pytest.raises((FreeMotionError, NoConsensusError), match=r"slide|fit alike"):
+        register_surface(points, mesh_of(shape), start=start)
+
+
+def test_the_verdict_is_by_the_error_at_the_target() -> None:
+    rng = np.random.default_rng(5)
+    _, points, start = touched(rng, BONE, 40, 0.3)
+    near = register_surface(points, mesh_of(BONE), start=start, targets_mm=[[0.0, 0.0, 0.0]])
+    far = register_surface(points, mesh_of(BONE), start=start, targets_mm=[[900.0, 0.0, 0.0]])
+    assert near.accepted and not far.accepted
+    assert predict_tre(far, [[900.0, 0, 0]])[0] > 4.0 * predict_tre(near, [[0.0, 0, 0]])[0]
+    assert near.fre_mm == far.fre_mm
+    strict = register_surface(
+        points, mesh_of(BONE), start=start, limits=AcceptanceLimits(leave_one_out_mm=0.1)
+    )
+    assert not strict.accepted and "leave-one-out" in strict.reason
+
+
+def test_bad_input_is_refused_by_name() -> None:
+    rng = np.random.default_rng(6)
+    _, points, start = touched(rng, BONE, 40, 0.1)
+    with pytest.raises(TooFewError, match="11 touched points"):
+        register_surface(points[:11], mesh_of(BONE), start=start)
+    with pytest.raises(NotFiniteError, match="point 3 of touched_mm"):
+        register_surface(
+            np.where(np.arange(40)[:, None] == 3, np.nan, points), mesh_of(BONE), start=start
+        )
+    with pytest.raises(FrameError, match="ct"):
+        register_surface(points, mesh_of(BONE), start=start.renamed(target="mri"))
+    with pytest.raises(ShapeError, match="inlier_mm"):
+        register_surface(points, mesh_of(BONE), start=start, inlier_mm=0.0)
+    with pytest.raises((NoConsensusError, ConvergenceError)):
+        register_surface(rng.uniform(-50, 50, (16, 3)), mesh_of(BONE), start=start, inlier_mm=0.5)
