@@ -6,20 +6,44 @@ A base that was bumped, a reference that slipped or metal in the field shows her
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from app.geometry import Transform
 from app.registration.errors import ShapeError
+from app.registration.inputs import as_point
+from app.registration.poses import PoseNoise
+from app.registration.result import RegistrationResult
+from app.registration.tre import predict_tre
 
 
 @dataclass(frozen=True, slots=True)
 class DriftBound:
-    """Largest difference between predicted and measured pose that is still noise.
-
-    Three times the sigma of both together or so: of the registration at the tool (`predict_tre`)
-    and of one tracked pose.
-    """
+    """Largest difference between predicted and measured pose that is still noise."""
 
     translation_mm: float
     rotation_rad: float
+
+    @classmethod
+    def from_noise(
+        cls,
+        registration: RegistrationResult,
+        tool_mm: ArrayLike,
+        noise: PoseNoise,
+        *,
+        sigmas: float,
+    ) -> "DriftBound":
+        """``sigmas`` times what is to be expected at ``tool_mm`` (3,) in the reference frame.
+
+        From the covariance of the registration and the noise of one tracked pose; the error of the
+        sensor's mount on the tool comes on top. Raises `CovarianceError` for a given registration.
+        """
+        sigma_mm = float(predict_tre(registration, as_point(tool_mm, "tool_mm")[None])[0])
+        covariance = np.asarray(registration.covariance)
+        return cls(
+            sigmas * math.hypot(sigma_mm, math.sqrt(3.0) * noise.translation_mm),
+            sigmas * math.sqrt(float(np.trace(covariance[:3, :3])) + 3.0 * noise.rotation_rad**2),
+        )
 
     def __post_init__(self) -> None:
         for name in ("translation_mm", "rotation_rad"):

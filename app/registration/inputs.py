@@ -46,6 +46,16 @@ def as_points(values: ArrayLike, what: str) -> FloatArray:
     return points
 
 
+def as_point(values: ArrayLike, what: str) -> FloatArray:
+    """One finite point or direction (3,), as a new array."""
+    point = as_floats(values, what)
+    if point.shape != (3,):
+        raise ShapeError(f"{what} has shape {point.shape}: (3,) wanted")
+    if not np.isfinite(point).all():
+        raise NotFiniteError(f"{what} is {point.tolist()}: finite numbers wanted")
+    return point
+
+
 def as_floats(values: ArrayLike, what: str) -> FloatArray:
     """A new float array, or `ShapeError` when these are no numbers or a ragged list."""
     try:

@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from app.geometry import FloatArray, TrackedTransform
 from app.registration.dwells import Dwell, DwellSettings, detect_dwells
 from app.registration.errors import RegistrationError, ShapeError, TooFewError
-from app.registration.inputs import MIN_POINTS, as_points, check_spread
+from app.registration.inputs import MIN_POINTS, as_point, as_points, check_spread
 from app.registration.rigid_fit import fit_rigid
 
 MAX_DWELL_TRIPLES = 60
@@ -97,8 +97,7 @@ def match_landmarks(
     names = tuple(landmarks_mm)
     dwells = as_points(dwells_mm, "dwells_mm")
     landmarks = np.vstack(
-        [as_points(np.atleast_2d(landmarks_mm[name]), f"landmark {name!r}") for name in names]
-        or [np.empty((0, 3))]
+        [as_point(landmarks_mm[name], f"landmark {name!r}") for name in names] or [np.empty((0, 3))]
     )
     for what, points in (("dwells", dwells), ("landmarks", landmarks)):
         if len(points) < MIN_POINTS:

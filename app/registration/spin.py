@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.geometry import FloatArray, Transform
 from app.registration.consensus import agreeing
 from app.registration.errors import DegenerateMotionError, ShapeError
-from app.registration.inputs import as_points
+from app.registration.inputs import as_point
 from app.registration.poses import PoseStack
 from app.registration.result import checked_covariance, read_only
 
@@ -82,9 +82,9 @@ def calibrate_spin(
     """
     if not (math.isfinite(max_sigma_rad) and max_sigma_rad > 0.0):
         raise ShapeError(f"max_sigma_rad is {max_sigma_rad}: above 0 wanted")
-    tip = as_points(np.atleast_2d(tip_mm), "tip_mm")[0]
+    tip = as_point(tip_mm, "tip_mm")
     poses = PoseStack.of(reference_from_tool, "a spin", least=MIN_POSES)
-    turn = _largest_turn(poses)
+    _largest_turn(poses)
 
     def start(mask: NDArray[np.bool_]) -> _Fit:
         return _axis(poses.rotations[mask], NOMINAL_SIGMA_RAD)
@@ -109,7 +109,7 @@ def calibrate_spin(
     )
     turn = _largest_turn(poses.of_poses(good))
     toward = float(fit.shaft @ tip)
-    if abs(toward) < 0.1 * float(np.linalg.norm(tip)):
+    if abs(toward) <= 0.1 * float(np.linalg.norm(tip)):
         raise DegenerateMotionError(
             f"the axis of the spin is across the line to the tip {tip.tolist()}: "
             "the tool was not turned about its shaft"

@@ -31,6 +31,9 @@ SAMPLES_PER_KNOT = 3
 """Knots of the curve through a: far enough apart to average noise, near enough for any motion of
 a hand or a robot (half a period at 4 Hz holds two of them)."""
 
+MAX_GAP_S = 0.2
+"""Longest silence of a stream that the curve through it may cross."""
+
 CURVATURE_S = 0.02
 """Offset to either side at which the curvature of the loss is read."""
 
@@ -173,6 +176,10 @@ class _Alignment:
         b_times = (b.times_ns - a.times_ns[0] - around_ns) / NS_PER_S
         # The same samples of b for every offset, or the loss would jump where one drops out.
         inside = (b_times - search_s >= a_times[0]) & (b_times + search_s <= a_times[-1])
+        # Nor samples that fall where a was silent: the curve is free to swing there.
+        (silent,) = np.nonzero(np.diff(a_times) > MAX_GAP_S)
+        for begin, end in zip(a_times[silent], a_times[silent + 1], strict=True):
+            inside &= (b_times + search_s <= begin) | (b_times - search_s >= end)
         if inside.sum() < MIN_SAMPLES:
             raise TooFewError(
                 f"{int(inside.sum())} samples of b are inside a for every offset within "

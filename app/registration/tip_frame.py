@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from app.geometry import Transform
 from app.registration.errors import ShapeError
-from app.registration.inputs import as_points
+from app.registration.inputs import as_point
 
 
 def tip_transform(
@@ -16,8 +16,8 @@ def tip_transform(
     The shaft points from the sensor to the tip. A pivot and a spin leave the turn about the shaft
     open: +x is the tool's own x-axis laid across the shaft, its y-axis where x runs along it.
     """
-    tip = as_points(np.atleast_2d(tip_mm), "tip_mm")[0]
-    axis = as_points(np.atleast_2d(shaft), "shaft")[0]
+    tip = as_point(tip_mm, "tip_mm")
+    axis = as_point(shaft, "shaft")
     length = float(np.linalg.norm(axis))
     if length < 1e-9:
         raise ShapeError(f"shaft is {axis.tolist()}: a direction wanted")

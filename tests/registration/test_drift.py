@@ -1,15 +1,23 @@
 import numpy as np
 import pytest
 
-from app.geometry import FrameError
-from app.registration import DriftBound, ShapeError, check_drift
+from app.geometry import FrameError, Transform
+from app.registration import (
+    CovarianceError,
+    DriftBound,
+    PoseNoise,
+    ShapeError,
+    check_drift,
+    given_registration,
+    solve_robot_world,
+)
 from app.registration.motion import moved
-from tests.registration.helpers import random_transform
+from tests.registration.helpers import disturbed, random_transform, robot_world_scene
 
 BOUND = DriftBound(translation_mm=2.0, rotation_rad=np.radians(1.5))
 
 
-def shifted(millimetres: float, degrees: float):
+def shifted(millimetres: float, degrees: float) -> tuple[Transform, Transform]:
     rng = np.random.default_rng(1)
     predicted = random_transform(rng, "reference", "tip")
     direction = np.array([1.0, 2.0, -2.0]) / 3.0
@@ -29,6 +37,34 @@ def test_either_bound_is_enough_to_refuse(
     assert drift.translation_mm == pytest.approx(millimetres, abs=1e-9)
     assert np.degrees(drift.rotation_rad) == pytest.approx(degrees, abs=1e-6)
     assert "tip is" in drift.reason and "2 mm and 1.5 degrees allowed" in drift.reason
+
+
+def test_a_bound_from_the_noise_is_rarely_passed_without_drift() -> None:
+    """And always soon after the base was pushed by a centimetre."""
+    rng = np.random.default_rng(2)
+    noise = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
+    passed, pushed = 0, 0
+    for _ in range(15):
+        scene = robot_world_scene(rng, 15, noise)
+        result = solve_robot_world(scene.robot, scene.sensor, noise=noise)
+        for pose in scene.robot[:5]:
+            truth = scene.base @ pose @ scene.mount
+            predicted = result.reference_from_base @ pose @ result.tip_from_sensor
+            measured = disturbed(rng, truth, noise)
+            bound = DriftBound.from_noise(
+                result.registration, truth.translation_mm, noise, sigmas=3.0
+            )
+            passed += not check_drift(predicted, measured, bound).accepted
+            push = np.array([0.0, 0.0, 0.0, 10.0, 0.0, 0.0])
+            moved_away = moved(truth, push, truth.translation_mm)
+            pushed += not check_drift(predicted, moved_away, bound).accepted
+    assert passed <= 2 and pushed == 75
+
+
+def test_a_given_registration_has_no_bound_of_its_own() -> None:
+    given = given_registration(shifted(0.0, 0.0)[0])
+    with pytest.raises(CovarianceError):
+        DriftBound.from_noise(given, [0.0, 0, 0], PoseNoise(0.01, 0.3), sigmas=3.0)
 
 
 def test_frames_and_bounds_are_checked() -> None:

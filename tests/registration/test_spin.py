@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from app.geometry import FloatArray, Transform
 from app.registration import (
     DegenerateMotionError,
+    NotFiniteError,
     PoseNoise,
     ShapeError,
     TooFewError,
@@ -108,3 +109,20 @@ def test_poses_that_say_nothing_of_the_shaft_are_refused_by_name() -> None:
         calibrate_spin(scene.poses, tip_mm=beside)
     with pytest.raises(ShapeError, match="max_sigma_rad"):
         calibrate_spin(scene.poses, tip_mm=scene.tip_mm, max_sigma_rad=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("tip", "error"),
+    [
+        ([0.0, 0.0, 0.0], DegenerateMotionError),
+        ([0.0, float("nan"), 1.0], NotFiniteError),
+        ([1.0, 2.0], ShapeError),
+        ([[1.0], [2.0, 3.0]], ShapeError),
+    ],
+)
+def test_a_tip_that_gives_no_sense_of_the_shaft_is_refused(
+    tip: list[float], error: type[Exception]
+) -> None:
+    scene = pivot_scene(np.random.default_rng(6), 20, cone_deg=0.0, noise=None, spin_deg=60.0)
+    with pytest.raises(error):
+        calibrate_spin(scene.poses, tip_mm=tip)

@@ -86,6 +86,18 @@ def test_the_other_way_round_it_is_the_opposite() -> None:
     assert (back.clock_a, back.clock_b) == ("tracker", "robot")
 
 
+def test_what_was_not_seen_is_not_used() -> None:
+    """Two silences of a second in the robot's stream, in the middle of the motion."""
+    rng = np.random.default_rng(12)
+    a, b = streams(rng, seconds=40.0)
+    times = a.times_ns / 1e9
+    heard = ~(((times > 12.0) & (times < 13.0)) | ((times > 25.0) & (times < 26.0)))
+    result = estimate_time_offset(TimedSignal(a.times_ns[heard], a.values[heard], a.clock), b)
+    assert result.accepted, result.reason
+    assert result.offset_ns / 1e6 == pytest.approx(LAG_MS, abs=1.0)
+    assert result.explained > 0.99
+
+
 def test_clocks_that_started_at_different_times_need_a_guess() -> None:
     a, b = streams(np.random.default_rng(4))
     far = 1_700_000_000 * 10**9

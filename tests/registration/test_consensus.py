@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app.geometry import FloatArray
+from app.registration import NoConsensusError
+from app.registration.consensus import agreeing
+
+
+def agreeing_mean(
+    values: FloatArray, sigma: float | None
+) -> tuple[NDArray[np.bool_], tuple[float, float]]:
+    """The smallest estimator there is: a mean and, when not known, the noise about it."""
+
+    def refine(mask: NDArray[np.bool_], _: tuple[float, float]) -> tuple[float, float]:
+        return float(values[mask].mean()), sigma or float(max(values[mask].std(ddof=1), 1e-9))
+
+    return agreeing(
+        len(values),
+        "values",
+        draw=2,
+        freedom=1,
+        noise_known=sigma is not None,
+        start=lambda mask: (float(values[mask].mean()), sigma or 1.0),
+        refine=refine,
+        squared_sigmas=lambda state: ((values - state[0]) / state[1]) ** 2,
+    )
+
+
+@pytest.mark.parametrize("sigma", [0.2, None])
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.4])
+def test_the_wrong_ones_are_told_from_the_good(sigma: float | None, share: float) -> None:
+    rng = np.random.default_rng(1)
+    values = 7.0 + rng.normal(scale=0.2, size=60)
+    wrong = rng.choice(60, int(60 * share), replace=False)
+    values[wrong] += rng.uniform(4.0, 30.0, len(wrong))
+    good, (mean, _) = agreeing_mean(values, sigma)
+    assert set(np.flatnonzero(~good)) == set(wrong.tolist())
+    assert mean == pytest.approx(values[good].mean())
+
+
+def test_the_same_values_give_the_same_answer() -> None:
+    values = np.random.default_rng(2).standard_t(2, size=40)
+    first, second = agreeing_mean(values, None), agreeing_mean(values, None)
+    assert np.array_equal(first[0], second[0]) and first[1] == second[1]
+
+
+def test_a_good_value_is_rarely_called_wrong() -> None:
+    rng = np.random.default_rng(3)
+    losses = sum(not agreeing_mean(rng.normal(size=30), 1.0)[0].all() for _ in range(300))
+    assert losses <= 10, "one clean set in a hundred may lose a value"
+
+
+def test_no_majority_is_an_error() -> None:
+    values = np.repeat([0.0, 50.0, 100.0, 150.0], 5) + np.tile(np.linspace(-0.1, 0.1, 5), 4)
+    with pytest.raises(NoConsensusError, match=r"only \d+ of 20 values agree: at least 11"):
+        agreeing_mean(values, 0.2)
