@@ -1,0 +1,95 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.case import read_landmarks
+from app.geometry import InputError
+
+
+def markups(folder: Path, **changes: object) -> Path:
+    """As 3D Slicer writes a point list: positions in LPS, unplaced points among them."""
+    markup = {
+        "type": "Fiducial",
+        "coordinateSystem": "LPS",
+        "coordinateUnits": "mm",
+        "controlPoints": [
+            {"label": "F-1", "position": [-1.0, -2.0, 3.0], "positionStatus": "defined"},
+            {"label": "F-2", "position": [10.0, 0.0, 0.5], "positionStatus": "defined"},
+            {"label": "F-3", "position": [0.0, 0.0, 0.0], "positionStatus": "undefined"},
+        ],
+    } | changes
+    path = folder / "points.mrk.json"
+    path.write_text(json.dumps({"markups": [markup]}))
+    return path
+
+
+def test_markups_in_lps_come_out_in_ras(tmp_path: Path) -> None:
+    found = read_landmarks(markups(tmp_path))
+    assert list(found) == ["F-1", "F-2"]
+    np.testing.assert_array_equal(found["F-1"], [1.0, 2.0, 3.0])
+    again = read_landmarks(markups(tmp_path, coordinateSystem="RAS"))
+    np.testing.assert_array_equal(again["F-1"], [-1.0, -2.0, 3.0])
+
+
+def test_slicer_reads_the_same_positions(tmp_path: Path) -> None:
+    slicer = pytest.importorskip("slicer")
+    path = markups(tmp_path)
+    scene = slicer.vtkMRMLScene()
+    logic = slicer.vtkSlicerMarkupsLogic()
+    logic.SetMRMLScene(scene)
+    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    storage = slicer.vtkMRMLMarkupsJsonStorageNode()
+    scene.AddNode(storage)
+    storage.SetFileName(str(path))
+    assert storage.ReadData(node)
+    for index, (name, position) in enumerate(read_landmarks(path).items()):
+        assert node.GetNthControlPointLabel(index) == name
+        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+
+
+def test_yaml_in_the_order_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "phantom.yaml"
+    path.write_text(
+        "landmarks:\n- {name: B, position_mm: [1, 2, 3]}\n- {name: A, position_mm: [4, 5, 6]}"
+    )
+    assert list(read_landmarks(path)) == ["B", "A"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("landmarks: []", "no landmark"),
+        ("landmarks: [{name: A, position: [1, 2, 3]}]", "position is not known"),
+        ("landmarks: [{name: A, position_mm: [1, 2]}]", "3 numbers wanted"),
+        (
+            "landmarks: [{name: A, position_mm: [1, 2, 3]}, {name: A, position_mm: [1, 2, 3]}]",
+            "stands twice",
+        ),
+    ],
+)
+def test_bad_yaml(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "phantom.yml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_landmarks(path)
+
+
+def test_bad_markups(tmp_path: Path) -> None:
+    for changes, message in (
+        ({"coordinateSystem": "IJK"}, "RAS or LPS wanted"),
+        ({"coordinateUnits": "cm"}, "mm wanted"),
+        ({"controlPoints": []}, "no landmark"),
+        ({"controlPoints": [{"label": "A"}]}, "no Slicer markups file: KeyError 'position'"),
+        ({"controlPoints": [{"label": "A", "position": None}]}, "no Slicer markups file"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_landmarks(markups(tmp_path, **changes))
+    path = tmp_path / "broken.mrk.json"
+    for text in ("{", "[]", '{"markups": []}'):
+        path.write_text(text)
+        with pytest.raises(InputError):
+            read_landmarks(path)
+    with pytest.raises(InputError, match="is no landmark file"):
+        read_landmarks(tmp_path / "points.fcsv")
