@@ -21,6 +21,8 @@ SURFACE_SUBDIVISIONS = 6
 """40 962 samples of the tumour's surface, some 0.3 mm apart."""
 
 _SLOPE_SAFETY = 0.95
+# No lobe rises further than this between samples that are 0.3 mm apart.
+_MISSED_SUMMIT_MM = 0.05
 _COARSE = 32
 _BATCH = 16
 
@@ -49,24 +51,18 @@ class Clearance:
         )
         self.tool_length_mm = -float(tool.bounds_mm[0][2])
         radii = np.linalg.norm(self._surface_mm, axis=1)
-        self._greatest_radius_mm = float(radii.max())
+        self._greatest_radius_mm = float(radii.max()) + _MISSED_SUMMIT_MM
         slope = float(np.einsum("ij,ij->i", self._normals, directions).min())
         self.distance_per_height = _SLOPE_SAFETY * slope
         """A distance is at least this share of the height: the cosine of the steepest slope."""
 
     def height_mm(self, tumor_from_tip: Transform) -> float:
         """The least height over the tool: below 0 exactly when the tool is in the tumour."""
-        points = tumor_from_tip.apply(self._tool_mm)
-        some = float(self._tumour.height_mm(points[::_COARSE]).min())
-        # A height is at least what the greatest radius leaves of the distance to the origin.
-        may_be_lower = np.linalg.norm(points, axis=1) - self._greatest_radius_mm < some
-        if not may_be_lower.any():
-            return some
-        return min(some, float(self._tumour.height_mm(points[may_be_lower]).min()))
+        return float(self._tumour.height_mm(self._lowest_points(tumor_from_tip)).min())
 
     def distance_mm(self, tumor_from_tip: Transform) -> float:
         """The least signed distance over the tool."""
-        points = tumor_from_tip.apply(self._tool_mm)
+        points = self._lowest_points(tumor_from_tip)
         heights = self._tumour.height_mm(points)
         least_possible = np.where(heights > 0.0, self.distance_per_height * heights, heights)
         order = np.argsort(least_possible)
@@ -94,6 +90,17 @@ class Clearance:
         size = np.abs(np.einsum("ij,ij->i", offset, self._normals[nearest[known]]))
         distances[known] = np.copysign(size, self._tumour.height_mm(points_mm[known]))
         return distances
+
+    def _lowest_points(self, tumor_from_tip: Transform) -> FloatArray:
+        """The points of the tool, in the tumour's frame, among which the lowest and nearest are.
+
+        Heights and distances are at least what the greatest radius leaves of the way to the
+        origin, and the least of either is at most the height of any point.
+        """
+        points = tumor_from_tip.apply(self._tool_mm)
+        some = float(self._tumour.height_mm(points[::_COARSE]).min())
+        beyond_mm = np.linalg.norm(points, axis=1) - self._greatest_radius_mm
+        return np.asarray(points[beyond_mm <= max(some, 0.0)])
 
 
 def dense_surface(triangles_mm: FloatArray, spacing_mm: float) -> FloatArray:
