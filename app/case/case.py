@@ -1,7 +1,7 @@
 """An opened case: its files found and checked, its recording read as often as wanted."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.case.expected import Expected, load_expected
@@ -11,6 +11,7 @@ from app.case.manifest import (
     REFERENCE_FRAME,
     TUMOR_MESH_FRAME,
     CaseManifest,
+    ClockEntry,
     MeshEntry,
 )
 from app.case.manifest_file import load_manifest
@@ -57,8 +58,8 @@ class Case:
         robot, clock = self.manifest.robot, self.manifest.clock
         if self.has_joints and clock.estimate:
             raise InputError(
-                "case.yaml: clock.estimate is true: the offset of the joints' clock cannot be "
-                "estimated yet, offset_robot_to_tracker_ms wanted"
+                "case.yaml: clock.estimate is true: the joints have no time before the offset of "
+                "their clock is estimated (Case.with_joint_offset)"
             )
         return read_mcap(
             path,
@@ -66,6 +67,11 @@ class Case:
             joint_states_topic=robot.joint_states if robot else None,
             offset_ns=clock.offset_robot_to_tracker_ns,
         )
+
+    def with_joint_offset(self, offset_ns: int) -> "Case":
+        """The same case with a known offset: tracker = robot + ``offset_ns``."""
+        clock = ClockEntry(offset_ns, estimate=False)
+        return replace(self, manifest=replace(self.manifest, clock=clock), _notes=[])
 
     def notes(self) -> tuple[str, ...]:
         """What the last reading had to say; complete once its frames are exhausted."""

@@ -4,6 +4,7 @@ Every matrix is a `Transform` in mm, every duration integer nanoseconds. `load_m
 ``manifest_file`` reads and checks them.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -92,13 +93,19 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegistrationEntry:
-    """How the robot's base is registered: a given pose, point pairs, or times of dwelling."""
+    """How the robot's base is registered: a given pose, point pairs, or times of dwelling.
+
+    Once registered, the tool is known twice; a difference of more than ``max_drift_mm`` or
+    ``max_drift_rad`` says that the registration no longer holds.
+    """
 
     method: RegistrationMethod
     reference_from_base: Transform | None = None
     fixed_mm: tuple[tuple[float, ...], ...] = ()
     moving_mm: tuple[tuple[float, ...], ...] = ()
     dwells: tuple[Dwell, ...] = ()
+    max_drift_mm: float = 5.0
+    max_drift_rad: float = math.radians(3.0)
 
 
 @dataclass(frozen=True, slots=True)

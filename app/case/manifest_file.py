@@ -3,6 +3,8 @@
 Distances are in mm, matrices row by row, times as their keys say.
 """
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 from app.case.document import Section
@@ -33,6 +35,9 @@ from app.geometry import (
 )
 
 MANIFEST_NAME = "case.yaml"
+
+MIN_DRIFT = 0.1
+"""Least drift bound, in mm and in degrees: below it the noise of any tracker would be drift."""
 
 
 def load_manifest(folder: Path) -> CaseManifest:
@@ -145,9 +150,20 @@ def _registration(document: Section, robot: RobotEntry | None) -> RegistrationEn
         if robot is not None:
             raise InputError(f"{document.place('registration')} is missing: a robot needs one")
         return None
+    drift = ("max_drift_mm", "max_drift_deg")
     block = document.section(
-        "registration", ("method", "matrix", "fixed_mm", "moving_mm", "dwells")
+        "registration", ("method", "matrix", "fixed_mm", "moving_mm", "dwells", *drift)
     )
+    entry = _registration_method(block, robot)
+    if block.has("max_drift_mm"):
+        entry = replace(entry, max_drift_mm=block.number("max_drift_mm", minimum=MIN_DRIFT))
+    if block.has("max_drift_deg"):
+        bound_deg = block.number("max_drift_deg", minimum=MIN_DRIFT)
+        entry = replace(entry, max_drift_rad=math.radians(bound_deg))
+    return entry
+
+
+def _registration_method(block: Section, robot: RobotEntry | None) -> RegistrationEntry:
     method = block.choice("method", ("given", "paired_points", "robot_world"))
     if method == "given":
         _allow_only(block, method, ("matrix",))

@@ -21,7 +21,7 @@ from app.geometry.frames import (
 from app.geometry.mesh import SurfaceMesh
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
 from app.geometry.tracked import TrackedTransform, TrackingStatus
-from app.geometry.transform import FloatArray, Transform, rotation_angle
+from app.geometry.transform import FloatArray, Transform, mean_transform, rotation_angle
 
 __all__ = [
     "NS_PER_MS",
@@ -41,6 +41,7 @@ __all__ = [
     "camel_case",
     "check_frame",
     "join_transform_name",
+    "mean_transform",
     "rotation_angle",
     "snake_case",
     "split_transform_name",

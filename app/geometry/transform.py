@@ -1,6 +1,7 @@
 """Rigid transforms that know their frames: ``a_from_b @ b_from_c`` is ``a_from_c``."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -170,6 +171,22 @@ class Transform:
                 f"{self.target}_from_{self.source} and {other.target}_from_{other.source} "
                 "are between different frames"
             )
+
+
+def mean_transform(transforms: Sequence[Transform]) -> Transform:
+    """The mean of n > 0 poses between the same frames: of positions, and of rotations.
+
+    The mean rotation has the least squared chordal distance to all (Hartley, Trumpf, Dai and Li,
+    "Rotation averaging", 2013).
+    """
+    if not transforms:
+        raise TransformError("0 transforms have no mean: at least 1 wanted")
+    first = transforms[0]
+    for other in transforms:
+        first._check_same_frames(other)
+    rotation = Rotation.from_matrix(np.stack([each.rotation for each in transforms])).mean()
+    translation = np.mean([each.translation_mm for each in transforms], axis=0)
+    return Transform(first.target, first.source, rotation.as_matrix(), translation)
 
 
 def rotation_angle(rotation: FloatArray) -> float:

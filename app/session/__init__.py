@@ -6,6 +6,7 @@ Reads no clock and knows neither ROS nor VTK.
 """
 
 from app.session.from_case import margin_parameters, setup_from_case
+from app.session.joint_clock import tip_signals, with_estimated_clock
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.session import Session, StepResult
 from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
@@ -21,4 +22,6 @@ __all__ = [
     "StepResult",
     "margin_parameters",
     "setup_from_case",
+    "tip_signals",
+    "with_estimated_clock",
 ]

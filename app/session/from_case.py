@@ -1,13 +1,13 @@
 """A session for a recorded case: manifest, meshes and robot put together, the base registered."""
 
+from dataclasses import replace
+
 from app.case import Case
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
-from app.geometry import InputError
-from app.registration import RegistrationResult, given_registration, register_points
+from app.registration import DriftBound
 from app.robot import load_robot
-from app.session.pose_tree import PoseTree
-from app.session.registering import register_at_dwells
-from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
+from app.session.registering import register_robot
+from app.session.setup import ProximityModel, RobotSetup, SessionSetup
 
 
 def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
@@ -46,38 +46,15 @@ def margin_parameters(case: Case) -> MarginParameters:
 
 
 def _robot_setup(case: Case, margins: MarginParameters) -> RobotSetup | None:
-    entry = case.manifest.robot
-    if entry is None:
+    robot, registration = case.manifest.robot, case.manifest.registration
+    if robot is None or registration is None:
         return None
-    robot = load_robot(case.robot_urdf(), package_dirs=case.package_dirs)
-    # Twice, because the link has to be there before the registration can use it.
-    unregistered = RobotSetup(robot, entry.base_frame, entry.tool_link, None)
-    return RobotSetup(
-        robot, entry.base_frame, entry.tool_link, _register(case, unregistered, margins)
+    unregistered = RobotSetup(
+        robot=load_robot(case.robot_urdf(), package_dirs=case.package_dirs),
+        base_frame=robot.base_frame,
+        tool_link=robot.tool_link,
+        registration=None,
+        max_drift=DriftBound(registration.max_drift_mm, registration.max_drift_rad),
     )
-
-
-def _register(case: Case, setup: RobotSetup, margins: MarginParameters) -> RegistrationResult:
-    entry = case.manifest.registration
-    if entry is None:
-        raise InputError(f"case {case.manifest.name!r} has a robot: a registration is wanted")
-    if entry.method == "given" and entry.reference_from_base is not None:
-        return given_registration(entry.reference_from_base)
-    if entry.method == "paired_points" and entry.fixed_mm:
-        return register_points(
-            entry.fixed_mm, entry.moving_mm, fixed_frame=REFERENCE, moving_frame=setup.base_frame
-        )
-    if entry.method == "paired_points":
-        return register_at_dwells(
-            case.frames(),
-            entry.dwells,
-            PoseTree(margins.stale_after_ns, margins.frozen_after_ns, case.manifest.tool.frame),
-            tool_from_tip=case.manifest.tool.tool_from_tip,
-            robot=setup.robot,
-            base_frame=setup.base_frame,
-            tool_link=setup.tool_link,
-        )
-    raise InputError(
-        f"registration.method {entry.method!r} cannot be replayed yet: "
-        "'given' or 'paired_points' wanted"
-    )
+    result, link_from_tip = register_robot(case, unregistered, margins)
+    return replace(unregistered, registration=result, link_from_tip=link_from_tip)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from app.case import JointSample, TrackingFrame
 from app.fixture import FixtureDecision, MarginMonitor, MarginObservation, Proximity, Reason
 from app.geometry import NS_PER_MS, Stamp, Transform
-from app.registration import predict_tre
+from app.registration import RegistrationDrift, check_drift, predict_tre
 from app.robot import JointError
 from app.session.pose_tree import PoseTree
 from app.session.setup import REFERENCE, SessionSetup
@@ -19,7 +19,8 @@ class StepResult:
     ``tumor_from_tip`` is None when the tool or the tumour is not known; ``links`` holds
     ``root_from_link`` for every link of the robot; where it is empty although there is a robot,
     ``robot_problem`` says why. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without
-    a constraint.
+    a constraint. ``drift`` compares where the registration puts the tool with where it is seen,
+    None where one of the two is not known.
     """
 
     index: int
@@ -30,6 +31,7 @@ class StepResult:
     links: Mapping[str, Transform]
     joints: JointSample | None
     robot_problem: str = ""
+    drift: RegistrationDrift | None = None
 
 
 class Session:
@@ -60,7 +62,11 @@ class Session:
         tumor_from_tip = None
         if tool.transform is not None:
             tumor_from_tip = self._tumor_from_frame @ tool.transform @ self.setup.tool_from_tip
+        links, robot_problem = self._links(frame)
         sigma_tre_mm, registration_problems = self._registration_at_tip()
+        drift = self._drift(links)
+        if drift is not None and not drift.accepted:
+            problems |= {Reason.REGISTRATION_DRIFT}
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,
@@ -73,7 +79,6 @@ class Session:
         )
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
-        links, robot_problem = self._links(frame)
         return StepResult(
             index=self._index,
             frame=frame,
@@ -83,6 +88,7 @@ class Session:
             links=links,
             joints=self._joints,
             robot_problem=robot_problem,
+            drift=drift,
         )
 
     @property
@@ -116,6 +122,24 @@ class Session:
             return 0.0, problems
         tip_mm = tool.transform.apply(self.setup.tool_from_tip.translation_mm)
         return float(predict_tre(registration, tip_mm[None])[0]), problems
+
+    def _drift(self, links: Mapping[str, Transform]) -> RegistrationDrift | None:
+        """How far the tool is from where the robot's joints and the registration put it."""
+        robot = self.setup.robot
+        seen = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target).transform
+        if robot is None or robot.registration is None or not links or seen is None:
+            return None
+        measured = seen @ self.setup.tool_from_tip
+        link = robot.registration.transform @ links[robot.tool_link].renamed(
+            target=robot.base_frame
+        )
+        # Without a known mount the link only tells where the tip is, not how it is turned.
+        predicted = (
+            Transform(link.target, measured.source, measured.rotation, link.translation_mm)
+            if robot.link_from_tip is None
+            else link @ robot.link_from_tip
+        )
+        return check_drift(predicted, measured, robot.max_drift)
 
     def _links(self, frame: TrackingFrame) -> tuple[Mapping[str, Transform], str]:
         """``root_from_link`` from the latest joints, or nothing and what is wrong with them."""

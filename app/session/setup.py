@@ -5,7 +5,7 @@ from typing import Protocol
 
 from app.fixture import MarginParameters, Proximity
 from app.geometry import FrameError, Stamp, Transform
-from app.registration import RegistrationResult
+from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot
 
 REFERENCE = "reference"
@@ -24,13 +24,17 @@ class RobotSetup:
     """A robot whose base frame ``base_frame`` is the root link of ``robot``.
 
     The tip of the tool is the origin of ``tool_link``. ``registration`` gives
-    ``reference_from_<base_frame>``; None says that it has not been found yet.
+    ``reference_from_<base_frame>``; None says that it has not been found yet. ``link_from_tip``
+    tells how the tool is turned in the link; None where only its position is known. ``max_drift``:
+    how far the tool may be from where the registration puts it.
     """
 
     robot: Robot
     base_frame: str
     tool_link: str
     registration: RegistrationResult | None
+    max_drift: DriftBound
+    link_from_tip: Transform | None = None
 
     def __post_init__(self) -> None:
         links = {link.name for link in self.robot.links}

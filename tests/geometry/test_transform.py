@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from app.geometry import FrameError, Transform, TransformError, rotation_angle
+from app.geometry import FrameError, Transform, TransformError, mean_transform, rotation_angle
 
 finite = st.floats(-1e4, 1e4, allow_nan=False)
 vectors = hnp.arrays(np.float64, 3, elements=finite)
@@ -161,3 +161,19 @@ def test_the_arrays_are_copies_that_nobody_can_write():
             value.rotation[0, 0] = 2.0
         with pytest.raises(ValueError, match="read-only"):
             value.translation_mm[0] = 2.0
+
+
+@given(transforms("a", "b"), rotation_vectors, vectors)
+def test_the_mean_of_a_pose_turned_and_moved_both_ways_is_the_pose(pose, turn, move):
+    turn = 0.3 * turn  # well below half a turn, where a mean is not one pose
+    there = Transform.from_rotation_vector(turn, move, target="b", source="b")
+    back = Transform.from_rotation_vector(-turn, -move, target="b", source="b")
+    found = mean_transform([pose @ there, pose @ back])
+    np.testing.assert_allclose(found.matrix, pose.matrix, atol=1e-7)
+
+
+def test_what_has_no_mean_is_refused():
+    with pytest.raises(TransformError, match="0 transforms"):
+        mean_transform([])
+    with pytest.raises(FrameError, match="different frames"):
+        mean_transform([Transform.identity("a", "b"), Transform.identity("a", "c")])

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from app.fixture import MarginState, Reason
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
-from app.registration import given_registration, register_points
+from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
 from tests.session.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
@@ -124,7 +124,7 @@ def touch(project_root):
 
 
 def registered(touch, registration) -> RobotSetup:
-    return RobotSetup(touch, "robot_base", "stylus", registration)
+    return RobotSetup(touch, "robot_base", "stylus", registration, DriftBound(5.0, 0.05))
 
 
 def reference(at_ms: float) -> TrackedTransform:
@@ -183,8 +183,52 @@ def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong
     assert "waist" in wrong.robot_problem
 
 
+def drifting(touch, shift_mm, turn_rad=0.0, *, mounted=False):
+    """One step with the tool seen ``shift_mm`` beside where joints and registration put it."""
+    joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
+    base_from_tip = touch.forward_kinematics(joints)["stylus"].renamed(
+        target="robot_base", source="cautery_tip"
+    )
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    mount = Transform.identity("stylus", "cautery_tip") if mounted else None
+    robot = RobotSetup(touch, "robot_base", "stylus", given, DriftBound(5.0, 0.05), mount)
+    move = Transform.from_rotation_vector(
+        [0.0, turn_rad, 0.0], [shift_mm, 0.0, 0.0], target="reference", source="robot_base"
+    )
+    turned = Transform("reference", "cautery_tip", (move @ base_from_tip).rotation, [0, 0, 0])
+    seen = Transform(
+        "reference",
+        "cautery_tip",
+        turned.rotation,
+        base_from_tip.translation_mm + np.array([shift_mm, 0.0, 0.0]),
+    )
+    pose = reference(0).transform @ seen @ TOOL_FROM_TIP.inverse()
+    cautery = TrackedTransform(pose, Stamp(0), TrackingStatus.OK)
+    session = Session(make_setup(robot))
+    return session.step(
+        frame(0, reference(0), needle(0), cautery, joints=(joint_sample(joints, 0),))
+    )
+
+
+def test_a_tool_that_is_not_where_its_robot_says_is_drift(touch):
+    step = drifting(touch, 4.9)
+    assert step.drift.translation_mm == pytest.approx(4.9)
+    assert Reason.REGISTRATION_DRIFT not in step.decision.reasons
+    step = drifting(touch, 5.1)
+    assert step.decision.state is MarginState.UNKNOWN
+    assert Reason.REGISTRATION_DRIFT in step.decision.reasons
+
+
+def test_a_turn_is_drift_where_the_mount_is_known(touch):
+    assert drifting(touch, 0.0, 0.06).drift.accepted, "how the tool is held is not known"
+    assert drifting(touch, 0.0, 0.04, mounted=True).drift.accepted
+    step = drifting(touch, 0.0, 0.06, mounted=True)
+    assert step.drift.rotation_rad == pytest.approx(0.06)
+    assert Reason.REGISTRATION_DRIFT in step.decision.reasons
+
+
 def test_what_cannot_be_a_robot_setup_is_refused(touch):
     with pytest.raises(Exception, match="'gripper' is not a link of 'touch'"):
-        RobotSetup(touch, "robot_base", "gripper", None)
+        RobotSetup(touch, "robot_base", "gripper", None, DriftBound(5.0, 0.05))
     with pytest.raises(Exception, match="reference_from_robot_base wanted"):
         registered(touch, given_registration(Transform.identity("tracker", "robot_base")))

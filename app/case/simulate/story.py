@@ -127,7 +127,7 @@ class _Plan:
     def landmark(self, index: int) -> Transform:
         """The tip on a landmark, the tool leaning outward a little, another way at each."""
         place = np.array(LANDMARKS_MM[index])
-        return self._pose(place, place, 0.1)
+        return self._pose(place, place, 0.3)
 
     def beside(self, azimuth_deg: float, colatitude_deg: float, distance_mm: float) -> Transform:
         """The tip above the surface by ``distance_mm``, the handle leaning away from the tumour."""

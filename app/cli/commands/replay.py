@@ -7,7 +7,7 @@ signal ended it, without a report.
 import argparse
 import json
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,17 +50,21 @@ def run(options: argparse.Namespace) -> int:
     from app.case import Player, open_case
     from app.geometry import InputError
     from app.report import all_passed, check_writable, summarise, write_report
-    from app.session import setup_from_case
+    from app.session import setup_from_case, with_estimated_clock
 
     if options.loop and (options.rate is None or options.report is not None):
         raise InputError("--loop is for watching: it takes --rate and no --report")
     if options.report is not None:
         check_writable(options.report)
-    case = open_case(options.case, package_dirs=options.package_dirs)
+    case, clock = with_estimated_clock(open_case(options.case, package_dirs=options.package_dirs))
     setup = setup_from_case(case, tip_only=options.tip_only)
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     with stop_on_signals(player.stop) as received:
         record, deepest = _play(case, setup, player, options)
+    if clock is not None:
+        record = replace(
+            record, notes=(f"offset of the joints' clock: {clock.reason}", *record.notes)
+        )
     if received.number is not None:
         return received.exit_status
     if options.report is None:

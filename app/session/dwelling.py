@@ -1,0 +1,90 @@
+"""The tool at rest on landmarks: where the tracker and where the robot has it, dwell by dwell."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.case import Dwell, JointSample, TrackingFrame
+from app.geometry import NS_PER_S, InputError, Transform, mean_transform
+from app.session.pose_tree import PoseTree
+from app.session.setup import REFERENCE, RobotSetup
+
+MIN_SAMPLES = 5
+"""Tracker frames and joint samples that a dwell needs, so that its mean says something."""
+
+MAX_MOTION_MM = 1.0
+"""RMS distance of the robot's tip from its mean that still counts as dwelling."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DwellPose:
+    """One dwell: the means of the tracked tool and of the robot's tool link."""
+
+    reference_from_tool: Transform
+    base_from_link: Transform
+
+
+@dataclass(slots=True)
+class _Samples:
+    tool: list[Transform] = field(default_factory=list)
+    link: list[Transform] = field(default_factory=list)
+
+
+def dwell_poses(
+    frames: Iterable[TrackingFrame],
+    dwells: Sequence[Dwell],
+    poses: PoseTree,
+    *,
+    tool_frame: str,
+    robot: RobotSetup,
+) -> tuple[DwellPose, ...]:
+    """One `DwellPose` a dwell.
+
+    ``frames`` are read up to the end of the last dwell and no further; ``poses`` is an empty tree
+    with the staleness bounds to keep. Raises `InputError` for a dwell with too few good samples
+    or with a tip that moved.
+    """
+    found = [_Samples() for _ in dwells]
+    last_end_s = max(dwell.end_s for dwell in dwells)
+    start_ns: int | None = None
+    for frame in frames:
+        start_ns = frame.stamp.ns if start_ns is None else start_ns
+        if (frame.stamp.ns - start_ns) / NS_PER_S > last_end_s:
+            break
+        poses.insert(frame)
+        tool = poses.pose(REFERENCE, tool_frame).transform
+        if tool is not None and frame.poses:
+            for index in _dwells_at(dwells, frame.stamp.ns - start_ns):
+                found[index].tool.append(tool)
+        for joints in frame.joints:
+            for index in _dwells_at(dwells, joints.stamp.ns - start_ns):
+                found[index].link.append(_base_from_link(robot, joints))
+    return tuple(_dwell_pose(samples, number) for number, samples in enumerate(found, start=1))
+
+
+def _dwells_at(dwells: Sequence[Dwell], since_start_ns: int) -> list[int]:
+    at_s = since_start_ns / NS_PER_S
+    return [index for index, dwell in enumerate(dwells) if dwell.start_s <= at_s <= dwell.end_s]
+
+
+def _base_from_link(robot: RobotSetup, joints: JointSample) -> Transform:
+    root_from_link = robot.robot.forward_kinematics(joints.as_mapping())[robot.tool_link]
+    return root_from_link.renamed(target=robot.base_frame)
+
+
+def _dwell_pose(samples: _Samples, number: int) -> DwellPose:
+    for transforms, who in ((samples.tool, "the tracker"), (samples.link, "the robot")):
+        if len(transforms) < MIN_SAMPLES:
+            raise InputError(
+                f"registration: dwell {number} has {len(transforms)} good samples of {who}, "
+                f"at least {MIN_SAMPLES} wanted"
+            )
+    tips = np.array([transform.translation_mm for transform in samples.link])
+    motion_mm = float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if motion_mm > MAX_MOTION_MM:
+        raise InputError(
+            f"registration: the robot's tip moved by {motion_mm:.2f} mm RMS in dwell {number}, "
+            f"at most {MAX_MOTION_MM} allowed"
+        )
+    return DwellPose(mean_transform(samples.tool), mean_transform(samples.link))

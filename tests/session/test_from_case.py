@@ -1,0 +1,95 @@
+"""Sessions for the recorded case, registered and timed in every way that a manifest can ask for."""
+
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from app.case import open_case
+from app.fixture import MarginState, Reason
+from app.geometry import InputError
+from app.registration import TooFewError
+from app.session import Session, setup_from_case, with_estimated_clock
+
+
+@pytest.fixture
+def recorded(project_root, tmp_path):
+    folder = tmp_path / "case"
+    shutil.copytree(project_root / "data" / "recorded_case", folder)
+
+    def with_blocks(**blocks):
+        manifest = yaml.safe_load((folder / "case.yaml").read_text())
+        (folder / "case.yaml").write_text(yaml.safe_dump({**manifest, **blocks}))
+        return open_case(folder)
+
+    return with_blocks
+
+
+def at_dwells(*spans):
+    dwells = [{"start_s": start_s, "end_s": end_s} for start_s, end_s in spans]
+    return {"method": "paired_points", "dwells": dwells}
+
+
+def error_of(case, setup):
+    """Distance in mm and angle in degrees of the registration from the truth."""
+    truth = case.expected().registration.reference_from_base
+    found = setup.robot.registration.transform
+    return found.distance_mm_to(truth), np.degrees(found.angle_to(truth))
+
+
+@pytest.mark.parametrize("method", ["paired_points", "robot_world"])
+def test_the_base_is_found_at_the_dwells(recorded, method):
+    dwells = yaml.safe_load((recorded().folder / "case.yaml").read_text())["registration"]["dwells"]
+    case = recorded(registration={"method": method, "dwells": dwells})
+    setup = setup_from_case(case, tip_only=True)
+    distance_mm, angle_deg = error_of(case, setup)
+    assert setup.robot.registration.accepted
+    assert setup.robot.registration.method == method
+    assert distance_mm < 1.0
+    assert angle_deg < 0.5
+    # The simulation mounts the tool along the link, so that its pose in the link is the identity.
+    assert np.degrees(np.arccos((np.trace(setup.robot.link_from_tip.rotation) - 1) / 2)) < 1.0
+
+
+def test_a_dwell_in_which_the_robot_moved_is_refused(recorded):
+    case = recorded(registration=at_dwells((0.05, 2.0)))
+    with pytest.raises(InputError, match=r"moved by .* in dwell 1"):
+        setup_from_case(case, tip_only=True)
+
+
+def test_a_dwell_after_the_end_of_the_recording_is_refused(recorded):
+    case = recorded(registration=at_dwells((500.0, 501.0)))
+    with pytest.raises(InputError, match="dwell 1 has 0 good samples of the tracker"):
+        setup_from_case(case, tip_only=True)
+
+
+def test_too_few_dwells_are_refused(recorded):
+    with pytest.raises(TooFewError, match="at least 3"):
+        setup_from_case(recorded(registration=at_dwells((0.05, 1.25), (2.35, 3.55))), tip_only=True)
+
+
+def test_a_clock_that_is_given_is_not_estimated(recorded):
+    case, offset = with_estimated_clock(recorded())
+    assert offset is None
+    assert case.manifest.clock.offset_robot_to_tracker_ns == 37_400_000
+
+
+def test_the_clock_of_the_joints_is_found_from_the_motion(recorded):
+    found, offset = with_estimated_clock(recorded(clock={"estimate": True}))
+    assert offset.offset_ns == pytest.approx(37_400_000, abs=1_000_000)
+    assert found.manifest.clock.offset_robot_to_tracker_ns == offset.offset_ns
+    low, high = offset.interval_ns
+    assert low <= 37_400_000 <= high
+
+
+def test_a_wrong_registration_is_seen_as_drift(recorded):
+    matrix = recorded().expected().registration.reference_from_base.matrix
+    matrix[0, 3] += 8.0
+    case = recorded(registration={"method": "given", "matrix": matrix.ravel().tolist()})
+    session = Session(setup_from_case(case, tip_only=True))
+    frames = case.frames()
+    steps = [session.step(next(frames)) for _ in range(200)]
+    for step in steps[5:]:
+        assert step.decision.state is MarginState.UNKNOWN
+        assert Reason.REGISTRATION_DRIFT in step.decision.reasons
