@@ -54,7 +54,9 @@ class PivotResult:
     ``condition``
         Condition number of the fit: by how much worse the worst direction is known than the best.
     ``swing_rad``
-        Largest angle between two directions of the shaft: the opening of the cone.
+        Opening of the cone that the shaft filled: largest angle between two of its directions, or
+        2.8 times their RMS angle from the middle where that is less, so that one pose makes no
+        cone.
     """
 
     tool_frame: str
@@ -165,7 +167,7 @@ def _result(
     )
     rms = math.sqrt(float(np.mean(residuals[good] ** 2)))
     directions = used.rotations @ fit.tip / max(float(np.linalg.norm(fit.tip)), 1e-9)
-    swing = math.acos(float(np.clip(np.min(directions @ directions.T), -1.0, 1.0)))
+    swing = _swing(directions)
     sigma = math.sqrt(float(np.trace(covariance[:3, :3])))
     faults = []
     if swing < MIN_SWING_RAD:
@@ -194,3 +196,13 @@ def _result(
         accepted=not faults,
         reason="; ".join(faults) or finding,
     )
+
+
+def _swing(directions: FloatArray) -> float:
+    middle = directions.mean(axis=0)
+    cosines = directions @ middle / np.linalg.norm(middle)
+    from_middle = np.arccos(np.clip(cosines, -1.0, 1.0))
+    # An evenly filled cone of half-angle h has directions h / sqrt(2) RMS from its middle.
+    filled = 2.0 * math.sqrt(2.0 * float(np.mean(from_middle**2)))
+    largest = math.acos(float(np.clip(np.min(directions @ directions.T), -1.0, 1.0)))
+    return min(filled, largest)

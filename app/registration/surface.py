@@ -93,7 +93,8 @@ def register_surface(
     and it is repeated from turned starts. ``noise_mm`` is the standard deviation of a touched point
     across the surface, estimated from the misfits when not given. Points farther than ``inlier_mm``
     from the surface after the fit are dropped and named. In the result, residuals are distances to
-    the surface and leave-one-out errors are predicted ones (PRESS).
+    the surface and leave-one-out errors are predicted ones (PRESS). The covariance is of first
+    order: where the surface bends within a few times the noise, sigma is up to a fifth too small.
 
     Raises `FreeMotionError` when the points may slide on the surface (plane, sphere, cylinder),
     `NoConsensusError` when two places fit alike or most points are far, and the errors of bad
