@@ -7,6 +7,11 @@ from pathlib import Path
 def add_case(parser: argparse.ArgumentParser) -> None:
     """The case folder, and where the packages that it names are found."""
     parser.add_argument("case", type=Path, metavar="CASE", help="folder with a case.yaml")
+    add_package_dirs(parser)
+
+
+def add_package_dirs(parser: argparse.ArgumentParser) -> None:
+    """Where ``package://`` names are found."""
     parser.add_argument(
         "--package-dir",
         action="append",

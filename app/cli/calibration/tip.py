@@ -1,0 +1,31 @@
+"""Where the tip of a tool is said to be: a file of its own, a PLUS configuration, or the case."""
+
+from pathlib import Path
+
+from app.case import PlusConfiguration, read_plus_config, read_transform
+from app.cli.calibration.recording import Recording
+from app.geometry import InputError, Transform
+
+
+def tip_frame_of(tool: str) -> str:
+    """``stylus_tip`` for ``stylus``."""
+    return f"{tool}_tip"
+
+
+def known_tip(
+    recording: Recording, tool: str, *, tip_from: Path | None, plus: PlusConfiguration | None
+) -> Transform:
+    """``tool_from_tip``, from the first of the three that is there."""
+    tip = tip_frame_of(tool)
+    if tip_from is not None and tip_from.suffix.lower() == ".xml":
+        return read_plus_config(tip_from).transform(tool, tip)
+    if tip_from is not None:
+        return read_transform(tip_from, target=tool, source=tip)
+    if plus is not None:
+        return plus.transform(tool, tip)
+    case = recording.case
+    if case is not None and case.manifest.tool.frame == tool:
+        return case.manifest.tool.tool_from_tip
+    raise InputError(
+        f"the tip of {tool!r} is not known: --tip-from FILE or --plus-config FILE wanted"
+    )

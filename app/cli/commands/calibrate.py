@@ -1,0 +1,144 @@
+"""Calibrate from a recording: the tip of a tool (pivot), its shaft (spin), a phantom by its
+landmarks, a robot's base by its own poses (hand-eye), the lag between two clocks (time).
+
+Exit status: 0 when the result is accepted; 1 when it was found and is not accepted: the reason is
+said and nothing is saved; 2 on bad input.
+"""
+
+import argparse
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.cli.options import add_json, add_package_dirs
+
+if TYPE_CHECKING:
+    from app.cli.calibration.finding import Finding
+
+SUMMARY = "calibrate a tool, a phantom, a robot's base or a clock from a recording"
+
+_METHODS = {
+    "pivot": "the tip of a tool that was turned about it",
+    "spin": "the shaft of a tool that was turned about it",
+    "landmarks": "a phantom whose landmarks a stylus dwelt on, in any order",
+    "hand-eye": "the base of a robot that held a tracked sensor in many poses",
+    "time": "how much the tracker's clock reads more than the robot's",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the methods of ``marginguard calibrate`` and their options."""
+    methods = parser.add_subparsers(dest="method", metavar="METHOD", required=True)
+    for name, summary in _METHODS.items():
+        method = methods.add_parser(name, help=summary, description=f"Find {summary}.")
+        _add_recording(method)
+        if name != "time":
+            _add_frames(method)
+        if name in ("spin", "landmarks"):
+            method.add_argument(
+                "--tip-from", type=Path, metavar="FILE",
+                help="the tip in the tool's frame: YAML, .tfm, 16 numbers, PLUS configuration",
+            )  # fmt: skip
+            method.add_argument(
+                "--plus-config", type=Path, metavar="FILE",
+                help="PLUS configuration with the tip, and with the phantom's landmarks",
+            )  # fmt: skip
+        if name == "landmarks":
+            method.add_argument(
+                "--landmarks", type=Path, metavar="FILE",
+                help="the phantom's landmarks: YAML or Slicer's .mrk.json",
+            )  # fmt: skip
+            method.add_argument(
+                "--phantom", default="phantom", metavar="FRAME",
+                help="name of the phantom's frame (%(default)s)",
+            )  # fmt: skip
+        if name == "time":
+            method.add_argument(
+                "--around-ms", type=float, default=0.0, metavar="MS",
+                help="first guess of the offset, for clocks that started at different times",
+            )  # fmt: skip
+
+
+def _add_recording(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "recording", type=Path, metavar="RECORDING",
+        help=".igs.mha, .igs.nrrd, .mcap, a rosbag2 folder or a case folder",
+    )  # fmt: skip
+    add_package_dirs(parser)
+    add_json(parser)
+    parser.add_argument("--save", type=Path, metavar="FILE", help="write the result, if accepted")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the residuals (.png)")
+    parser.add_argument(
+        "--from-s", type=float, default=-math.inf, metavar="S",
+        help="use the recording from there, in seconds from its first frame",
+    )  # fmt: skip
+    parser.add_argument("--to-s", type=float, default=math.inf, metavar="S", help="and to there")
+
+
+def _add_frames(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--tool", metavar="FRAME", help="the tracked frame; default: the case's, or the only one"
+    )
+    parser.add_argument(
+        "--reference", metavar="FRAME",
+        help="the frame to measure it in; default: 'reference', else the tool's own tracker",
+    )  # fmt: skip
+    parser.add_argument(
+        "--max-age-ms", type=float, default=0.0, metavar="MS",
+        help="how far apart in time samples of one pose may be (%(default)s)",
+    )  # fmt: skip
+
+
+def run(options: argparse.Namespace) -> int:
+    """Calibrate by the chosen method."""
+    from app.cli.calibration.output import check_outputs, put_out
+
+    check_outputs(options.save, options.plot, clock=options.method == "time")
+    started_ns = time.perf_counter_ns()
+    finding = _found(options)
+    elapsed_s = (time.perf_counter_ns() - started_ns) / 1e9
+    return put_out(
+        finding, elapsed_s, as_json_text=options.json, save=options.save, plot=options.plot
+    )
+
+
+def _found(options: argparse.Namespace) -> "Finding":
+    from app.case import open_case, read_landmarks, read_plus_config
+    from app.cli.calibration.clocks import find_time_offset
+    from app.cli.calibration.hand_eye import find_hand_eye
+    from app.cli.calibration.landmarks import find_landmarks
+    from app.cli.calibration.pivot import find_pivot
+    from app.cli.calibration.recording import Span, follow_tool, open_recording
+    from app.cli.calibration.spin import find_spin
+    from app.cli.calibration.tip import known_tip
+    from app.geometry import InputError
+
+    span = Span(options.from_s, options.to_s)
+    if options.method == "time":
+        case = open_case(options.recording, package_dirs=options.package_dirs)
+        return find_time_offset(case, span, around_ms=options.around_ms)
+    recording = open_recording(options.recording, span, package_dirs=options.package_dirs)
+    track = follow_tool(
+        recording,
+        tool=options.tool,
+        reference=options.reference,
+        max_age_ms=options.max_age_ms,
+    )
+    if options.method == "pivot":
+        return find_pivot(track)
+    if options.method == "hand-eye":
+        return find_hand_eye(recording, track)
+    plus = None if options.plus_config is None else read_plus_config(options.plus_config)
+    tool_from_tip = known_tip(recording, track.tool, tip_from=options.tip_from, plus=plus)
+    if options.method == "spin":
+        return find_spin(track, tool_from_tip)
+    if options.landmarks is not None:
+        landmarks = read_landmarks(options.landmarks)
+    elif plus is not None:
+        landmarks = dict(plus.landmarks_mm)
+    else:
+        raise InputError(
+            "the landmarks are not known: --landmarks FILE or --plus-config FILE wanted"
+        )
+    return find_landmarks(track, tool_from_tip, landmarks, phantom=options.phantom)

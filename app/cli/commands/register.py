@@ -1,0 +1,79 @@
+"""Register the robot of a case as its manifest asks for, and show what that rests on.
+
+Exit status: 0 when the registration is accepted; 1 when it is not, and nothing is saved; 2 on bad
+input.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.cli.options import add_case, add_json
+
+if TYPE_CHECKING:
+    from app.cli.calibration.finding import Finding
+    from app.registration import RegistrationResult
+
+SUMMARY = "register the robot of a case, with residuals"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard register``."""
+    add_case(parser)
+    add_json(parser)
+    parser.add_argument("--save", type=Path, metavar="FILE", help="write the result, if accepted")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the residuals (.png)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Register, print, save."""
+    from app.case import open_case
+    from app.cli.calibration.output import check_outputs, put_out
+    from app.geometry import InputError
+    from app.session import setup_from_case, with_estimated_clock
+
+    check_outputs(options.save, options.plot)
+    started_ns = time.perf_counter_ns()
+    case, offset = with_estimated_clock(open_case(options.case, package_dirs=options.package_dirs))
+    robot = setup_from_case(case, tip_only=True).robot
+    if robot is None or robot.registration is None:
+        raise InputError(f"{options.case} has no robot: there is nothing to register")
+    elapsed_s = (time.perf_counter_ns() - started_ns) / 1e9
+    notes = () if offset is None else (f"clock offset estimated: {offset.reason}",)
+    finding = _finding(robot.registration, (*case.notes(), *notes))
+    return put_out(
+        finding, elapsed_s, as_json_text=options.json, save=options.save, plot=options.plot
+    )
+
+
+def _finding(result: "RegistrationResult", notes: tuple[str, ...]) -> "Finding":
+    from app.cli.calibration.finding import Finding, Residuals
+
+    residuals = None
+    numbers: dict[str, float] = {}
+    if len(result.residuals_mm):
+        residuals = Residuals(
+            "distance of the moved point from its partner",
+            "mm",
+            result.residuals_mm,
+            labels=tuple(str(number) for number in range(1, len(result.residuals_mm) + 1)),
+            outliers=result.outliers,
+            leave_one_out=result.leave_one_out_mm,
+        )
+        numbers = {
+            "points": len(result.residuals_mm),
+            "outliers": len(result.outliers),
+            "rms_mm": residuals.rms,
+            "max_mm": residuals.largest,
+            "condition": result.condition,
+        }
+    return Finding(
+        kind=result.method.replace("_", " "),
+        transform=result.transform,
+        accepted=result.accepted,
+        reason=result.reason,
+        numbers=numbers,
+        residuals=residuals,
+        notes=notes,
+    )

@@ -1,0 +1,100 @@
+"""``calibrate landmarks`` on the real recording, against the registration published with it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.case import read_transform
+from app.cli.main import main
+from app.geometry import Transform
+from tests.cli.real_case import CONFIGURATION, PUBLISHED, RECORDING, plus_transform
+
+
+@pytest.fixture(scope="module")
+def plus(shared_data: Path) -> Path:
+    return shared_data / "plus"
+
+
+def arguments(plus: Path, *more: str) -> list[str]:
+    return ["calibrate", "landmarks", str(plus / RECORDING), *more]
+
+
+def test_the_published_registration_is_found(plus: Path, tmp_path: Path, capsys):
+    saved, plot = tmp_path / "PhantomToReference.tfm", tmp_path / "residuals.png"
+    configuration = str(plus / CONFIGURATION)
+    outputs = ["--json", "--save", str(saved), "--plot", str(plot)]
+    assert main(arguments(plus, "--plus-config", configuration, *outputs)) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["transform"]["name"] == "PhantomToReference"
+    assert found["numbers"]["matched"] == found["numbers"]["landmarks"] == 8
+    published = Transform.from_matrix(
+        plus_transform(plus / PUBLISHED, "Phantom"), target="reference", source="phantom"
+    )
+    pose = read_transform(saved, target="reference", source="phantom")
+    assert pose.distance_mm_to(published) <= 0.10
+    assert np.degrees(pose.angle_to(published)) <= 0.30
+    assert np.mean(found["residuals"]["values"]) <= 0.21
+    assert found["residuals"]["labels"] == [f"#{number}" for number in range(1, 9)]
+    assert found["elapsed_s"] > 0.0
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_person_sees_every_landmark_and_the_time(plus: Path, capsys):
+    assert main(arguments(plus, "--plus-config", str(plus / CONFIGURATION))) == 0
+    told = capsys.readouterr().out
+    assert told.splitlines()[0] == "landmarks: PhantomToReference  accepted"
+    assert all(f"residual #{number}" in told for number in range(1, 9))
+    assert "s from the recording to the answer" in told
+
+
+def test_landmarks_of_slicer_and_a_tip_of_its_own(plus: Path, tmp_path: Path, capsys):
+    """Six of the eight, in LPS, under other names, in another order: two dwells are on none."""
+    text = (plus / CONFIGURATION).read_text()
+    points = [
+        entry.split('"')[1].split() for entry in text.split("<Landmark ")[1:]
+        for entry in [entry.split("Position=")[1]]
+    ]  # fmt: skip
+    controls = [
+        {"label": f"F-{n}", "position": [-float(x), -float(y), float(z)]}
+        for n, (x, y, z) in list(enumerate(points, start=1))[5::-1]
+    ]
+    landmarks = tmp_path / "phantom.mrk.json"
+    landmarks.write_text(
+        json.dumps({"markups": [{"coordinateSystem": "LPS", "controlPoints": controls}]})
+    )
+    tip = tmp_path / "tip.txt"
+    np.savetxt(tip, plus_transform(plus / CONFIGURATION, "StylusTip"))
+    options = ["--landmarks", str(landmarks), "--tip-from", str(tip), "--phantom", "block"]
+    assert main(arguments(plus, *options, "--json")) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["transform"]["name"] == "BlockToReference"
+    assert found["residuals"]["labels"] == [f"F-{number}" for number in range(1, 7)]
+    assert sum("is on no landmark" in note for note in found["notes"]) == 2
+
+
+def test_a_symmetric_phantom_is_not_guessed(plus: Path, tmp_path: Path, capsys):
+    landmarks = tmp_path / "wrong.yaml"
+    corners = [(0, 0, 0), (500, 0, 0), (500, 400, 0), (0, 400, 0)]
+    landmarks.write_text(
+        json.dumps({"landmarks": [{"name": str(c), "position_mm": list(c)} for c in corners]})
+    )
+    saved = tmp_path / "no.tfm"
+    configuration = str(plus / CONFIGURATION)
+    options = ["--plus-config", configuration, "--landmarks", str(landmarks), "--save", str(saved)]
+    assert main(arguments(plus, *options, "--json")) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["transform"] is None and not found["accepted"]
+    assert "dwells fit on landmarks within 2 mm" in found["reason"]
+    assert not saved.exists()
+
+
+def test_what_is_missing_is_asked_for(plus: Path, tmp_path: Path, capsys):
+    tip = tmp_path / "tip.txt"
+    np.savetxt(tip, np.eye(4))
+    assert main(arguments(plus, "--tip-from", str(tip))) == 2
+    assert "--landmarks FILE or --plus-config FILE wanted" in capsys.readouterr().err
+    published = str(plus / PUBLISHED)
+    assert main(arguments(plus, "--plus-config", published, "--tool", "reference")) == 2
+    assert "no ReferenceTipToReference" in capsys.readouterr().err

@@ -1,0 +1,120 @@
+"""``calibrate pivot`` and ``calibrate spin``, one after the other, as a user does them."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.case import read_transform
+from app.cli.main import main
+from app.geometry import TrackingStatus
+from tests.cli.calibration.recordings import (
+    TIP_MM,
+    frames,
+    pivoting,
+    spinning,
+    write_igsio,
+    write_mcap,
+)
+
+LOST = {5: TrackingStatus.INVALID, 30: TrackingStatus.OUT_OF_VIEW, 31: TrackingStatus.MISSING}
+
+
+@pytest.mark.parametrize(("name", "write"), [("p.igs.mha", write_igsio), ("p.mcap", write_mcap)])
+def test_a_pivot_finds_the_tip_from_either_kind_of_file(tmp_path: Path, capsys, name, write):
+    recording = write(tmp_path / name, frames(pivoting(np.random.default_rng(1), 80, 60.0), LOST))
+    tip = tmp_path / "StylusTipToStylus.tfm"
+    assert main(["calibrate", "pivot", str(recording), "--json", "--save", str(tip)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["transform"]["name"] == "StylusTipToStylus"
+    matrix = np.reshape(found["transform"]["matrix"], (4, 4))
+    np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=0.15)
+    np.testing.assert_allclose(matrix[:3, 2], TIP_MM / np.linalg.norm(TIP_MM), atol=1e-3)
+    assert found["numbers"]["samples"] == 77
+    assert found["numbers"]["poses"] >= 40
+    assert found["notes"] == ["3 of 80 frames left out: 2 missing, 1 invalid"]
+    assert found["elapsed_s"] > 0.0
+    saved = read_transform(tip, target="stylus", source="stylus_tip")
+    np.testing.assert_allclose(saved.matrix, matrix, atol=1e-9)
+
+
+def test_a_narrow_cone_is_told_and_not_saved(tmp_path: Path, capsys):
+    recorded = frames(pivoting(np.random.default_rng(2), 120, 20.0), {})
+    recording = write_igsio(tmp_path / "p.igs.mha", recorded)
+    tip = tmp_path / "tip.yaml"
+    plot = tmp_path / "tip.png"
+    arguments = ["calibrate", "pivot", str(recording), "--save", str(tip), "--plot", str(plot)]
+    assert main(arguments) == 1
+    told = capsys.readouterr()
+    assert "NOT ACCEPTED" in told.out
+    assert "the shaft swings over" in told.out and "30 wanted" in told.out
+    assert f"{tip} is not written: not accepted" in told.err
+    assert not tip.exists()
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_spin_turns_the_tip_and_leaves_it_where_it_was(tmp_path: Path, capsys):
+    shaft = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
+    recorded = frames(spinning(np.random.default_rng(3), 60, shaft), {})
+    recording = write_mcap(tmp_path / "s.mcap", recorded)
+    tip, spun = tmp_path / "tip.txt", tmp_path / "spun.yaml"
+    pose = np.eye(4)
+    pose[:3, 3] = TIP_MM
+    np.savetxt(tip, pose)
+    arguments = ["calibrate", "spin", str(recording), "--tip-from", str(tip), "--json"]
+    assert main([*arguments, "--save", str(spun)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    matrix = np.reshape(found["transform"]["matrix"], (4, 4))
+    np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=1e-9)
+    assert np.degrees(np.arccos(matrix[:3, 2] @ shaft)) < 0.15
+    assert found["residuals"]["unit"] == "deg"
+    saved = read_transform(spun, target="stylus", source="stylus_tip")
+    np.testing.assert_allclose(saved.matrix, matrix, atol=1e-12)
+
+
+def test_a_spin_needs_to_know_the_tip(tmp_path: Path, capsys):
+    shaft = np.array([0.0, 0.0, 1.0])
+    recorded = frames(spinning(np.random.default_rng(4), 20, shaft), {})
+    recording = write_mcap(tmp_path / "s.mcap", recorded)
+    assert main(["calibrate", "spin", str(recording)]) == 2
+    assert "the tip of 'stylus' is not known: --tip-from FILE" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--tool", "probe"], "--tool 'probe' is not in .*: tracker, reference, stylus are"),
+        (["--reference", "probe"], "--reference 'probe' is not in .*: tracker, reference"),
+        (["--from-s", "100"], "no frame is within 100 and inf s: the recording ends at 3.95 s"),
+        (["--to-s", "0.2"], "5 poses for a pivot: at least 10 wanted"),
+        (["--save", "tip.h5"], r"tip.h5 is no transform file: .yaml, .yml, .tfm, .txt allowed"),
+        (["--plot", "tip.pdf"], "a plot is written as .png"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(tmp_path: Path, capsys, options, message):
+    recorded = frames(pivoting(np.random.default_rng(1), 80, 60.0), {})
+    recording = write_igsio(tmp_path / "p.igs.mha", recorded)
+    assert main(["calibrate", "pivot", str(recording), *options]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    (line,) = told.err.splitlines()
+    assert re.search(message, line), line
+
+
+def test_a_span_is_cut_out_of_the_recording(tmp_path: Path, capsys):
+    good = pivoting(np.random.default_rng(5), 80, 60.0)
+    recorded = frames([*good, *good[::-1]], dict.fromkeys(range(80, 160), TrackingStatus.INVALID))
+    recording = write_igsio(tmp_path / "p.igs.mha", recorded)
+    assert main(["calibrate", "pivot", str(recording), "--to-s", "3.95", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["numbers"]["samples"] == 80 and found["notes"] == []
+
+
+def test_the_reference_may_be_the_tracker(tmp_path: Path, capsys):
+    recorded = frames(pivoting(np.random.default_rng(6), 80, 60.0), {})
+    recording = write_mcap(tmp_path / "p.mcap", recorded)
+    assert main(["calibrate", "pivot", str(recording), "--reference", "tracker", "--json"]) == 0
+    matrix = np.reshape(json.loads(capsys.readouterr().out)["transform"]["matrix"], (4, 4))
+    np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=0.2)

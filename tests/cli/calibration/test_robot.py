@@ -1,0 +1,130 @@
+"""``calibrate hand-eye``, ``calibrate time`` and ``register`` on the recorded case and its truth.
+
+The joints of the case were made by our own arm's kinematics and its sensors by a simulated tracker:
+the truth of `expected.yaml` was written before noise was added.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from app.case import open_case, read_transform
+from app.cli.main import main
+from app.geometry import Transform
+from tests.cli.small_case import write_small_case
+
+KEY = "offset_robot_to_tracker_ms"
+TRUE_LAG_MS = 37.4
+"""Made into the recording, as its README says."""
+
+
+@pytest.fixture(scope="module")
+def case(project_root: Path) -> Path:
+    return project_root / "data" / "recorded_case"
+
+
+@pytest.fixture(scope="module")
+def true_base(case: Path) -> Transform:
+    expected = yaml.safe_load((case / "expected.yaml").read_text())
+    return Transform.from_matrix(
+        expected["registration"]["reference_from_base"], target="reference", source="robot_base"
+    )
+
+
+def transform_of(found: dict) -> Transform:
+    entry = found["transform"]
+    return Transform.from_matrix(entry["matrix"], target=entry["target"], source=entry["source"])
+
+
+def middle_of_work(case: Path) -> np.ndarray:
+    """The mean place (3,) of the cautery's sensor in the reference frame, read without the tree."""
+    places = []
+    for frame in open_case(case).recorded_frames():
+        seen = {pose.source: pose.transform for pose in frame.poses}
+        if seen.get("cautery") is not None and seen.get("reference") is not None:
+            places.append((seen["reference"].inverse() @ seen["cautery"]).translation_mm)
+    return np.mean(places, axis=0)
+
+
+def test_hand_eye_finds_the_base_within_what_it_says(case: Path, true_base, tmp_path, capsys):
+    plot = tmp_path / "h.png"
+    assert main(["calibrate", "hand-eye", str(case), "--json", "--plot", str(plot)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    numbers = found["numbers"]
+    assert found["transform"]["name"] == "RobotBaseToReference"
+    base = transform_of(found)
+    middle_in_base = true_base.inverse().apply(middle_of_work(case))
+    error_mm = np.linalg.norm(base.apply(middle_in_base) - true_base.apply(middle_in_base))
+    assert numbers["sigma_at_centre_mm"] < 0.6
+    assert error_mm < 3.0 * numbers["sigma_at_centre_mm"]
+    assert np.degrees(base.angle_to(true_base)) < 3.0 * numbers["sigma_of_base_deg"]
+    assert numbers["tip_from_where_the_case_has_it_mm"] < 1.0
+    (mount,) = found["others"]
+    assert mount["name"] == "CauteryToStylus"
+    assert len(found["residuals"]["leave_one_out_mm"]) == numbers["poses"] >= 30
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_hand_eye_refuses_a_robot_that_hardly_turned(case: Path, capsys):
+    assert main(["calibrate", "hand-eye", str(case), "--to-s", "1.2"]) == 2
+    assert re.search(r"1 poses .* wanted", capsys.readouterr().err)
+
+
+def test_time_finds_the_lag_that_the_case_was_made_with(case: Path, tmp_path: Path, capsys):
+    saved = tmp_path / "clock.yaml"
+    assert (
+        main(["calibrate", "time", str(case), "--to-s", "20", "--json", "--save", str(saved)]) == 0
+    )
+    found = json.loads(capsys.readouterr().out)
+    numbers = found["numbers"]
+    assert numbers["interval_low_ms"] <= TRUE_LAG_MS <= numbers["interval_high_ms"]
+    assert numbers[KEY] == pytest.approx(TRUE_LAG_MS, abs=1.0)
+    assert found["transform"] is None and numbers["explained"] > 0.99
+    assert yaml.safe_load(saved.read_text()) == {"clock": {KEY: numbers[KEY]}}
+
+
+@pytest.mark.parametrize(("guess_ms", "status"), [(-400, 0), (400, 0), (-600, 1)])
+def test_time_searches_half_a_second_around_a_first_guess(case: Path, capsys, guess_ms, status):
+    options = ["--to-s", "12", "--around-ms", str(guess_ms), "--json"]
+    assert main(["calibrate", "time", str(case), *options]) == status
+    found = json.loads(capsys.readouterr().out)
+    if status == 0:
+        assert found["numbers"][KEY] == pytest.approx(TRUE_LAG_MS, abs=2.0)
+    else:
+        assert "end of the search" in found["reason"]
+
+
+def test_time_tells_when_slow_motion_says_too_little(case: Path, tmp_path: Path, capsys):
+    saved = tmp_path / "clock.yaml"
+    span = ["--from-s", "26", "--to-s", "42"]
+    assert main(["calibrate", "time", str(case), *span, "--save", str(saved)]) == 1
+    told = capsys.readouterr().out
+    assert "time  NOT ACCEPTED" in told and "5 ms wanted" in told
+    assert not saved.exists()
+
+
+def test_register_does_what_the_manifest_asks_for(case: Path, true_base, tmp_path, capsys):
+    saved, plot = tmp_path / "base.tfm", tmp_path / "base.png"
+    outputs = ["--save", str(saved), "--plot", str(plot)]
+    assert main(["register", str(case), "--json", *outputs]) == 0
+    found = json.loads(capsys.readouterr().out)
+    base = transform_of(found)
+    assert base.distance_mm_to(true_base) < 1.0
+    assert np.degrees(base.angle_to(true_base)) < 0.5
+    assert len(found["residuals"]["values"]) == 8 and found["residuals"]["unit"] == "mm"
+    read = read_transform(saved, target="reference", source="robot_base")
+    np.testing.assert_allclose(read.matrix, base.matrix, atol=1e-9)
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_has_no_robot_is_refused(tmp_path: Path, capsys):
+    small = str(write_small_case(tmp_path / "small"))
+    for command in (["register"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
+        assert main([*command, small]) == 2
+        assert re.search(r"has no (robot|joints)", capsys.readouterr().err)
+    assert main(["calibrate", "time", small, "--save", str(tmp_path / "lag.tfm")]) == 2
+    assert "an offset is saved as .yaml" in capsys.readouterr().err

@@ -1,0 +1,41 @@
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib import image
+
+from app.report import ReportError, residual_png
+
+VALUES = np.array([0.2, 0.4, 9.0, 0.1])
+
+
+def picture(**options: object) -> np.ndarray:
+    png = residual_png(VALUES, title="t", what="distance", unit="mm", **options)
+    return image.imread(BytesIO(png))[..., :3]
+
+
+def count(pixels: np.ndarray, color: tuple[int, int, int]) -> int:
+    return int((np.abs(pixels * 255.0 - color).max(axis=-1) < 2.0).sum())
+
+
+def test_dropped_points_look_different() -> None:
+    used = (0x00, 0x72, 0xB2)
+    all_used, one_dropped = picture(), picture(outliers=[2])
+    assert all_used.shape == (540, 1200, 3)
+    # The largest bar makes up most of the blue.
+    assert count(one_dropped, used) < 0.3 * count(all_used, used)
+    assert count(one_dropped, (0xC8, 0x38, 0x1E)) > count(all_used, (0xC8, 0x38, 0x1E))
+
+
+def test_labels_are_drawn_as_they_are() -> None:
+    """A lone dollar sign would break mathematical text."""
+    assert np.any(picture(labels=["#1", "$2", "C_3", "D"]) != picture())
+
+
+def test_the_same_values_give_the_same_bytes() -> None:
+    np.testing.assert_array_equal(picture(), picture())
+
+
+def test_nothing_to_draw_is_refused() -> None:
+    with pytest.raises(ReportError, match="0 residuals"):
+        residual_png(np.empty(0), title="t", what="distance", unit="mm")
