@@ -1,12 +1,13 @@
 """Registration of a case's robot, as its manifest asks for."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
 from app.case import Case, RegistrationEntry
 from app.fixture import MarginParameters
-from app.geometry import InputError, Transform, mean_transform
+from app.geometry import FloatArray, InputError, Transform, mean_transform
 from app.registration import (
     RegistrationResult,
     given_registration,
@@ -45,17 +46,14 @@ def _register_dwells(
     case: Case, entry: RegistrationEntry, robot: RobotSetup, margins: MarginParameters
 ) -> tuple[RegistrationResult, Transform]:
     tool = case.manifest.tool
-    dwells = dwell_poses(
-        case.frames(),
-        entry.dwells,
-        PoseTree(margins.stale_after_ns, margins.frozen_after_ns, tool.frame),
-        tool_frame=tool.frame,
-        robot=robot,
-    )
+    poses = PoseTree(margins.stale_after_ns, margins.frozen_after_ns, tool.frame)
+    dwells = dwell_poses(case.frames(), entry.dwells, poses, tool_frame=tool.frame, robot=robot)
+    targets_mm = _tumor_mm(case, poses)
     if entry.method == "robot_world":
         solved = solve_robot_world(
             [dwell.base_from_link for dwell in dwells],
             [dwell.reference_from_tool for dwell in dwells],
+            targets_mm=targets_mm,
         )
         return solved.registration, solved.tip_from_sensor @ tool.tool_from_tip
     tip_mm = tool.tool_from_tip.translation_mm
@@ -64,8 +62,22 @@ def _register_dwells(
         np.array([dwell.base_from_link.translation_mm for dwell in dwells]),
         fixed_frame=REFERENCE,
         moving_frame=robot.base_frame,
+        targets_mm=targets_mm,
     )
     return result, _mount(dwells, result.transform, tool.tool_from_tip)
+
+
+def _tumor_mm(case: Case, poses: PoseTree) -> FloatArray | None:
+    """The corners of the box around the tumour, (8, 3) in ``reference``: where it has to be right.
+
+    None while the tumour is not tracked; the registration is then judged where its points lie.
+    """
+    tumor = case.manifest.tumor
+    reference_from_frame = poses.pose(REFERENCE, tumor.frame).transform
+    if reference_from_frame is None:
+        return None
+    corners = np.array(list(product(*zip(*case.tumor_mesh().bounds_mm, strict=True))))
+    return (reference_from_frame @ tumor.frame_from_tumor).apply(corners)
 
 
 def _mount(
