@@ -9,12 +9,8 @@ import argparse
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.cli.options import add_json, add_package_dirs
-
-if TYPE_CHECKING:
-    from app.cli.calibration.finding import Finding
 
 SUMMARY = "calibrate a tool, a phantom, a robot's base or a clock from a recording"
 
@@ -92,53 +88,13 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate by the chosen method."""
+    from app.cli.calibration.methods import find
     from app.cli.calibration.output import check_outputs, put_out
 
     check_outputs(options.save, options.plot, clock=options.method == "time")
     started_ns = time.perf_counter_ns()
-    finding = _found(options)
+    finding = find(options)
     elapsed_s = (time.perf_counter_ns() - started_ns) / 1e9
     return put_out(
         finding, elapsed_s, as_json_text=options.json, save=options.save, plot=options.plot
     )
-
-
-def _found(options: argparse.Namespace) -> "Finding":
-    from app.case import open_case, read_landmarks, read_plus_config
-    from app.cli.calibration.clocks import find_time_offset
-    from app.cli.calibration.hand_eye import find_hand_eye
-    from app.cli.calibration.landmarks import find_landmarks
-    from app.cli.calibration.pivot import find_pivot
-    from app.cli.calibration.recording import Span, follow_tool, open_recording
-    from app.cli.calibration.spin import find_spin
-    from app.cli.calibration.tip import known_tip
-    from app.geometry import InputError
-
-    span = Span(options.from_s, options.to_s)
-    if options.method == "time":
-        case = open_case(options.recording, package_dirs=options.package_dirs)
-        return find_time_offset(case, span, around_ms=options.around_ms)
-    recording = open_recording(options.recording, span, package_dirs=options.package_dirs)
-    track = follow_tool(
-        recording,
-        tool=options.tool,
-        reference=options.reference,
-        max_age_ms=options.max_age_ms,
-    )
-    if options.method == "pivot":
-        return find_pivot(track)
-    if options.method == "hand-eye":
-        return find_hand_eye(recording, track)
-    plus = None if options.plus_config is None else read_plus_config(options.plus_config)
-    tool_from_tip = known_tip(recording, track.tool, tip_from=options.tip_from, plus=plus)
-    if options.method == "spin":
-        return find_spin(track, tool_from_tip)
-    if options.landmarks is not None:
-        landmarks = read_landmarks(options.landmarks)
-    elif plus is not None:
-        landmarks = dict(plus.landmarks_mm)
-    else:
-        raise InputError(
-            "the landmarks are not known: --landmarks FILE or --plus-config FILE wanted"
-        )
-    return find_landmarks(track, tool_from_tip, landmarks, phantom=options.phantom)
