@@ -210,13 +210,22 @@ def _checked(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray
 
 
 def _nearest_rotation(rotation: FloatArray, name: str) -> FloatArray:
-    deviation = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    # In plain numbers: arrays this small cost more to handle than to compute, at every pose read.
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    deviation = max(
+        abs(a * a + d * d + g * g - 1.0),
+        abs(b * b + e * e + h * h - 1.0),
+        abs(c * c + f * f + i * i - 1.0),
+        abs(a * b + d * e + g * h),
+        abs(a * c + d * f + g * i),
+        abs(b * c + e * f + h * i),
+    )
     if deviation > ROTATION_TOLERANCE:
         raise TransformError(
             f"rotation of {name} is not orthonormal: R^T R is off by {deviation:.3g}, "
             f"at most {ROTATION_TOLERANCE} allowed"
         )
-    if np.linalg.det(rotation) < 0.0:
+    if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0:
         raise TransformError(f"rotation of {name} is a reflection: determinant +1 wanted")
     if deviation <= _EXACT:
         return rotation

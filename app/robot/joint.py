@@ -111,7 +111,13 @@ class Joint:
 
 def _rotation(axis: FloatArray, angle: float) -> FloatArray:
     """Rodrigues' formula, (3, 3), for a unit axis."""
-    x, y, z = axis
+    x, y, z = axis.tolist()
     cosine, sine = math.cos(angle), math.sin(angle)
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return cosine * np.eye(3) + sine * skew + (1.0 - cosine) * np.outer(axis, axis)
+    rest = 1.0 - cosine
+    return np.array(
+        [
+            [cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y],
+            [rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x],
+            [rest * x * z - sine * y, rest * y * z + sine * x, cosine + rest * z * z],
+        ]
+    )
