@@ -10,10 +10,12 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from app import __version__
-from app.cli.commands import convert, doctor, info, make_case, replay
+from app.cli.commands import calibrate, convert, doctor, info, make_case, register, replay
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
+    "register": register,
+    "calibrate": calibrate,
     "info": info,
     "convert": convert,
     "make-case": make_case,
