@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             )  # fmt: skip
         if name == "time":
             method.add_argument(
-                "--around-ms", type=float, default=0.0, metavar="MS",
+                "--around-ms", type=_finite, default=0.0, metavar="MS",
                 help="first guess of the offset, for clocks that started at different times",
             )  # fmt: skip
 
@@ -81,9 +81,23 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
         help="the frame to measure it in; default: 'reference', else the tool's own tracker",
     )  # fmt: skip
     parser.add_argument(
-        "--max-age-ms", type=float, default=0.0, metavar="MS",
+        "--max-age-ms", type=_not_negative, default=0.0, metavar="MS",
         help="how far apart in time samples of one pose may be (%(default)s)",
     )  # fmt: skip
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text}: a finite number wanted")
+    return number
+
+
+def _not_negative(text: str) -> float:
+    number = _finite(text)
+    if number < 0.0:
+        raise argparse.ArgumentTypeError(f"{text}: 0 or more wanted")
+    return number
 
 
 def run(options: argparse.Namespace) -> int:

@@ -80,3 +80,10 @@ def write_igsio(path: Path, recorded: Sequence[TrackingFrame]) -> Path:
 def write_mcap(path: Path, recorded: Sequence[TrackingFrame]) -> Path:
     write_recording(path, recorded)
     return path
+
+
+def write_bag(folder: Path, recorded: Sequence[TrackingFrame]) -> Path:
+    """A rosbag2 folder after a crash: no metadata."""
+    folder.mkdir()
+    write_mcap(folder / f"{folder.name}_0.mcap", recorded)
+    return folder

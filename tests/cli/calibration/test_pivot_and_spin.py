@@ -15,6 +15,7 @@ from tests.cli.calibration.recordings import (
     frames,
     pivoting,
     spinning,
+    write_bag,
     write_igsio,
     write_mcap,
 )
@@ -22,8 +23,10 @@ from tests.cli.calibration.recordings import (
 LOST = {5: TrackingStatus.INVALID, 30: TrackingStatus.OUT_OF_VIEW, 31: TrackingStatus.MISSING}
 
 
-@pytest.mark.parametrize(("name", "write"), [("p.igs.mha", write_igsio), ("p.mcap", write_mcap)])
-def test_a_pivot_finds_the_tip_from_either_kind_of_file(tmp_path: Path, capsys, name, write):
+@pytest.mark.parametrize(
+    ("name", "write"), [("p.igs.mha", write_igsio), ("p.mcap", write_mcap), ("p", write_bag)]
+)
+def test_a_pivot_finds_the_tip_from_any_kind_of_file(tmp_path: Path, capsys, name, write):
     recording = write(tmp_path / name, frames(pivoting(np.random.default_rng(1), 80, 60.0), LOST))
     tip = tmp_path / "StylusTipToStylus.tfm"
     assert main(["calibrate", "pivot", str(recording), "--json", "--save", str(tip)]) == 0
@@ -118,3 +121,18 @@ def test_the_reference_may_be_the_tracker(tmp_path: Path, capsys):
     assert main(["calibrate", "pivot", str(recording), "--reference", "tracker", "--json"]) == 0
     matrix = np.reshape(json.loads(capsys.readouterr().out)["transform"]["matrix"], (4, 4))
     np.testing.assert_allclose(matrix[:3, 3], TIP_MM, atol=0.2)
+
+
+@pytest.mark.parametrize("number", ["nan", "-1", "soon"])
+def test_an_age_that_is_none_is_refused(tmp_path: Path, capsys, number):
+    with pytest.raises(SystemExit) as stop:
+        main(["calibrate", "pivot", str(tmp_path), f"--max-age-ms={number}"])
+    assert stop.value.code == 2
+    assert "--max-age-ms" in capsys.readouterr().err
+
+
+def test_a_folder_or_file_that_is_no_recording_is_refused(tmp_path: Path, capsys):
+    (tmp_path / "notes.txt").write_text("nothing")
+    for path in (tmp_path / "notes.txt", tmp_path, tmp_path / "none.mcap"):
+        assert main(["calibrate", "pivot", str(path)]) == 2
+        assert str(path) in capsys.readouterr().err
