@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from app import __version__
-from app.cli.commands import calibrate, convert, doctor, info, make_case, register, replay
+from app.cli.commands import bench, calibrate, convert, doctor, info, make_case, register, replay
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
@@ -19,6 +19,7 @@ COMMANDS: dict[str, ModuleType] = {
     "info": info,
     "convert": convert,
     "make-case": make_case,
+    "bench": bench,
     "doctor": doctor,
 }
 BAD_INPUT = 2

@@ -1,0 +1,37 @@
+"""Run a benchmark of this checkout: our figures beside those of peers, in one run.
+
+Exit status: that of the benchmark; 1 when a figure is not what is wanted of it.
+"""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+SUMMARY = "measure ours beside peers, in one run"
+CHECKOUT = Path(__file__).resolve().parents[3]
+BENCHMARKS = {
+    "registration": "benchmarks.registration",
+    "fixture": "benchmarks.fixture",
+    "fixture-agreement": "benchmarks.fixture_agreement",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard bench``; what follows the name is the benchmark's."""
+    parser.add_argument("name", choices=BENCHMARKS, help="which one")
+    parser.add_argument(
+        "options",
+        nargs=argparse.REMAINDER,
+        help="options of the benchmark; --help after its name lists them",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it in a process of its own, so that nothing loaded here disturbs its figures."""
+    from app.geometry import InputError
+
+    if not (CHECKOUT / "benchmarks").is_dir():
+        raise InputError("there is no benchmarks folder: they run in a checkout of the project")
+    command = [sys.executable, "-m", BENCHMARKS[options.name], *options.options]
+    return subprocess.run(command, cwd=CHECKOUT, check=False).returncode
