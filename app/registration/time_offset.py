@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from app.geometry import NS_PER_S, FloatArray
+from app.geometry import NS_PER_MS, NS_PER_S, FloatArray
 from app.registration.errors import FlatSignalError, ShapeError, TooFewError
 from app.registration.timed_signal import TimedSignal
 
@@ -114,7 +114,7 @@ def estimate_time_offset(
             f"{1e3 * max_half_width_s:g} ms wanted"
         )
     finding = (
-        f"{1e3 * offset:.2f} ms within {1e3 * half_width:.2g} ms (95 %), "
+        f"{1e3 * offset + around_ns / NS_PER_MS:.2f} ms within {1e3 * half_width:.2g} ms (95 %), "
         f"{explained:.1%} of the motion explained"
     )
     return TimeOffset(

@@ -106,6 +106,7 @@ def test_clocks_that_started_at_different_times_need_a_guess() -> None:
         estimate_time_offset(a, shifted)
     result = estimate_time_offset(a, shifted, around_ns=far)
     assert result.offset_ns - far == estimate_time_offset(a, b).offset_ns
+    assert result.reason.startswith(f"{result.offset_ns / 1e6:.2f} ms")
 
 
 def test_robot_and_sensor_poses_before_they_are_registered() -> None:
