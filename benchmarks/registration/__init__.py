@@ -1,0 +1,1 @@
+"""Registration and calibration beside their peers, one topic a file."""

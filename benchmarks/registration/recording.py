@@ -1,0 +1,67 @@
+"""The real stylus recording: landmarks found and registered."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from app.geometry import Transform
+from app.registration import detect_landmarks, register_points
+from benchmarks.registration.figures import Figure
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def recording(_: int) -> Iterator[Figure]:
+    folder = ROOT.parent / "shared" / "data" / "plus"
+    if not folder.is_dir():
+        yield Figure("recording", "eight landmarks", "no real recording here", "", "", None)
+        return
+    from lxml import etree
+
+    from tests.registration.test_landmarks import numbers, recorded_tips
+
+    samples, landmarks = recorded_tips(folder)
+    expected = etree.parse(folder / "PhantomRegistrationLandmarkDetection.results.xml")
+    entry = expected.find(".//Transform[@From='Phantom']")
+    published = Transform.from_matrix(
+        numbers(entry.get("Matrix")), target="reference", source="phantom"
+    )
+    begin = time.perf_counter()
+    detected = detect_landmarks(samples, landmarks)
+    pairs = detected.match.pairs
+    result = register_points(
+        [detected.dwells[dwell].position_mm for dwell, _ in pairs],
+        [landmarks[name] for _, name in pairs],
+        fixed_frame="reference",
+        moving_frame="phantom",
+    )
+    took = time.perf_counter() - begin
+    yield Figure(
+        "recording",
+        "landmarks found and named, their order not told",
+        f"{len(pairs)} of {len(landmarks)} in {1e3 * took:.0f} ms",
+        "8 of 8",
+        "PLUS is told the order",
+        len(pairs) == 8,
+    )
+    distance = result.transform.distance_mm_to(published)
+    angle = float(np.degrees(result.transform.angle_to(published)))
+    yield Figure(
+        "recording",
+        "PhantomToReference against the published one",
+        f"{distance:.3f} mm, {angle:.3f} degrees",
+        "0.10 mm, 0.30 degrees",
+        "",
+        distance <= 0.10 and angle <= 0.30,
+    )
+    mean = float(result.residuals_mm.mean())
+    yield Figure(
+        "recording",
+        "mean residual",
+        f"{mean:.3f} mm",
+        "0.21 mm",
+        f"PLUS {float(entry.get('Error')):.3f} mm",
+        mean <= 0.21,
+    )
