@@ -25,7 +25,8 @@ def plain_pivot(poses: list[Transform]) -> FloatArray:
 
 def pivots(trials: int) -> Iterator[Figure]:
     rng = np.random.default_rng(5)
-    for count in (100, 200):
+    # A few seconds of recording, and half a minute: then no trial may miss.
+    for count, judged, share in ((100, "p95", 0.95), (400, "max", 1.0)):
         ours, peers = [], []
         for _ in range(trials):
             scene = pivot_scene(rng, count, cone_deg=60.0, noise=POSITION_NOISE, wrong_share=0.2)
@@ -35,9 +36,9 @@ def pivots(trials: int) -> Iterator[Figure]:
             "pivot",
             f"60 degree cone, 0.5 mm, 20 % wrong, {count} poses, {trials} trials",
             f"{rms(ours):.3f} RMS, {np.quantile(ours, 0.95):.3f} p95, {max(ours):.3f} max mm",
-            "0.3 mm (p95)",
+            f"0.3 mm ({judged})",
             f"least squares of IGSIO {rms(peers):.2f} RMS, {max(peers):.2f} max mm",
-            bool(np.quantile(ours, 0.95) <= 0.3),
+            bool(np.quantile(ours, share) <= 0.3),
         )
     for name, noise in (("0.5 mm", POSITION_NOISE), ("0.5 mm and 0.3 degrees", EM_NOISE)):
         covered, accepted, ours, peers, residuals = 0, 0, [], [], []
