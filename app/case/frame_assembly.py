@@ -3,8 +3,10 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from app.case.samples import JointSample, TrackingFrame
-from app.geometry import NS_PER_MS, Stamp, TrackedTransform
+from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus
 
 REORDER_NS = 500 * NS_PER_MS
 """How late a sample may arrive and still find its place in the order of acquisition."""
@@ -24,7 +26,7 @@ class FrameAssembler:
     A sample older than that is taken for a clock that jumped back: what is buffered is given out
     and the order starts anew, so that the jump stays visible. Joints go with the first frame that
     is not older than they are; the last frame takes the rest. An edge that comes twice at one
-    stamp counts once, the first time.
+    stamp counts once when both say the same; otherwise nobody knows which is true: it is lost.
     """
 
     def __init__(self, note: Callable[[str], None]) -> None:
@@ -32,6 +34,7 @@ class FrameAssembler:
         self._drafts: dict[int, _Draft] = {}
         self._joints: list[JointSample] = []
         self._joints_dropped = False
+        self._contradiction_said = False
         self._newest_ns: int | None = None
 
     def add_pose(self, sample: TrackedTransform) -> Iterator[TrackingFrame]:
@@ -42,10 +45,28 @@ class FrameAssembler:
             self._newest_ns = ns
         newest = self._newest_ns = max(ns, self._newest_ns) if self._newest_ns is not None else ns
         draft = self._drafts.setdefault(ns, _Draft())
-        draft.poses.setdefault((sample.target, sample.source), sample)
+        edge = (sample.target, sample.source)
+        draft.poses[edge] = self._agreed(draft.poses.get(edge), sample)
         ready = sorted(stamp for stamp in self._drafts if stamp < newest - REORDER_NS)
         for stamp in ready:
             yield self._finished(stamp)
+
+    def _agreed(self, known: TrackedTransform | None, sample: TrackedTransform) -> TrackedTransform:
+        if known is None or known.transform is None:
+            return known or sample
+        if sample.transform is None:
+            return sample
+        if np.array_equal(known.transform.matrix, sample.transform.matrix):
+            return known
+        if not self._contradiction_said:
+            self._note(
+                f"{sample.target} -> {sample.source} comes with two poses at {sample.stamp.ns} ns: "
+                "such samples are INVALID"
+            )
+        self._contradiction_said = True
+        return TrackedTransform.lost(
+            sample.target, sample.source, sample.stamp, TrackingStatus.INVALID
+        )
 
     def add_unfiltered(self, stamp: Stamp, unfiltered: Stamp) -> None:
         """Take the second clock's reading; it goes with the samples acquired at ``stamp``."""

@@ -8,6 +8,9 @@ from app.geometry.errors import StampError
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 
+_MOST_S = 9_000_000_000
+"""Seconds whose nanoseconds still fit into the 64 bits that ROS and MCAP give them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
@@ -30,10 +33,12 @@ class Stamp:
     def from_seconds(cls, seconds: str, clock: str = "tracker") -> "Stamp":
         """Read decimal seconds as they stand in a file, without a detour through binary floats."""
         try:
-            ns = int((Decimal(seconds.strip()) * NS_PER_S).to_integral_value())
-        except (InvalidOperation, ValueError, OverflowError) as error:
+            number = Decimal(seconds.strip())
+        except InvalidOperation as error:
             raise StampError(f"time {seconds!r} is not a finite number of seconds") from error
-        return cls(ns, clock)
+        if not (number.is_finite() and -_MOST_S <= number <= _MOST_S):
+            raise StampError(f"time {seconds!r} is not a finite number of seconds up to 9e9")
+        return cls(int((number * NS_PER_S).to_integral_value()), clock)
 
     def age_ns(self, now: "Stamp") -> int:
         """How long before ``now`` this moment was; negative when it lies in the future."""

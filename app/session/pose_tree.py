@@ -9,6 +9,10 @@ from app.case import TrackingFrame
 from app.fixture import Reason
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 
+FARTHEST_MM = 10_000.0
+"""No tracker of an operating room measures beyond 10 m: such numbers are a driver's way of saying
+that it has none (NDI's is -3.7e28), whatever the status says."""
+
 Edge = tuple[str, str]
 """Target and source of a measured transform: (tf parent, tf child)."""
 
@@ -42,19 +46,20 @@ class _EdgeState:
     latest: TrackedTransform
     latest_good: Transform | None = None
     unchanged_since: Stamp | None = None
-    has_changed: bool = False
 
-    def take(self, sample: TrackedTransform) -> None:
-        """Make ``sample`` the latest; lost samples in between do not thaw a frozen pose."""
+    def take(self, sample: TrackedTransform) -> bool:
+        """Make ``sample`` the latest; tell whether the pose has changed by it.
+
+        Lost samples in between do not thaw a frozen pose.
+        """
         self.latest = sample
         if sample.transform is None:
-            return
-        if self.latest_good is None:
-            self.unchanged_since = sample.stamp
-        elif not _same_numbers(self.latest_good, sample.transform):
-            self.unchanged_since = sample.stamp
-            self.has_changed = True
-        self.latest_good = sample.transform
+            return False
+        known, self.latest_good = self.latest_good, sample.transform
+        if known is not None and _same_numbers(known, sample.transform):
+            return False
+        self.unchanged_since = sample.stamp
+        return known is not None
 
     def unchanged_ns(self) -> int:
         """For how long the good samples up to the latest have repeated the same digits."""
@@ -68,15 +73,16 @@ class PoseTree:
     """Holds the latest sample an edge; everything is dropped when the source's clock jumps back.
 
     A pose that repeats itself digit for digit for longer than ``frozen_after_ns`` is frozen: a
-    sensor that measures never does that. An edge that has *never* changed is taken for a fixed
-    transform (recordings carry calibrations among the measured ones), except the edge of
-    ``moving_frame``, the tool's, which has to move.
+    sensor that measures never does that. An edge that has *never* changed, not before a jump of
+    the clock either, is taken for a fixed transform (recordings carry calibrations among the
+    measured ones), except the edge by which ``moving_frame``, the tool, is reached.
     """
 
     stale_after_ns: int
     frozen_after_ns: int
     moving_frame: str
     _edges: dict[Edge, _EdgeState] = field(default_factory=dict)
+    _changed: set[Edge] = field(default_factory=set)
     _paths: dict[Edge, tuple[Edge, ...] | None] = field(default_factory=dict)
     _now: Stamp | None = None
 
@@ -114,23 +120,30 @@ class PoseTree:
 
     def never_changed(self) -> tuple[Edge, ...]:
         """The edges that are taken for fixed transforms so far."""
-        return tuple(edge for edge, state in self._edges.items() if not state.has_changed)
+        return tuple(edge for edge in self._edges if edge not in self._changed)
+
+    def known_frames(self) -> tuple[str, ...]:
+        """Every frame that a measured edge has named, in alphabetical order."""
+        return tuple(sorted({name for edge in self._edges for name in edge}))
 
     def _insert_sample(self, sample: TrackedTransform) -> None:
         edge = (sample.target, sample.source)
         if edge not in self._edges:
             self._edges[edge] = _EdgeState(sample)
             self._paths.clear()
-        self._edges[edge].take(sample)
+        if self._edges[edge].take(sample):
+            self._changed.add(edge)
 
     def _unchanged_ns(self, edge: Edge) -> int:
         state = self._edges[edge]
-        has_to_move = state.has_changed or edge[1] == self.moving_frame
+        has_to_move = edge in self._changed or self.moving_frame in edge
         return state.unchanged_ns() if has_to_move else 0
 
     def _problems(self, sample: TrackedTransform, unchanged_ns: int, now: Stamp) -> set[Reason]:
-        if sample.status is not TrackingStatus.OK:
+        if sample.transform is None:
             return {REASON_OF_STATUS[sample.status]}
+        if np.abs(sample.transform.translation_mm).max() > FARTHEST_MM:
+            return {Reason.INVALID}
         problems = set()
         age_ns = sample.stamp.age_ns(now)
         if age_ns > self.stale_after_ns:

@@ -4,8 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from app.case import JointSample, TrackingFrame
-from app.fixture import FixtureDecision, MarginMonitor, MarginObservation, Proximity, Reason
-from app.geometry import NS_PER_MS, Stamp, Transform
+from app.fixture import (
+    FixtureDecision,
+    MarginMonitor,
+    MarginObservation,
+    Proximity,
+    Reason,
+    path_mm,
+)
+from app.geometry import Stamp, Transform
 from app.registration import RegistrationDrift, check_drift, predict_tre
 from app.robot import JointError
 from app.session.pose_tree import PoseTree
@@ -47,6 +54,8 @@ class Session:
         )
         self._monitor = MarginMonitor(setup.margins)
         self._joints: JointSample | None = None
+        self._drifted = False
+        self._last: StepResult | None = None
         self._virtual_fixture: Transform | None = None
         self._index = -1
 
@@ -54,7 +63,9 @@ class Session:
         """Take ``frame`` as the present and decide on the margin.
 
         Never raises for what a tracker or a robot can say: bad samples make the margin UNKNOWN
-        and are named in the decision's reasons.
+        and are named in the decision's reasons. A tool that went through the tumour since the last
+        frame is in it now, for one frame. Stamps of another clock than the frame's are a mistake
+        of the caller and raise `StampError`.
         """
         self._index += 1
         problems = self._poses.insert(frame)
@@ -65,13 +76,16 @@ class Session:
         links, robot_problem = self._links(frame)
         sigma_tre_mm, registration_problems = self._registration_at_tip()
         drift = self._drift(links)
-        if drift is not None and not drift.accepted:
+        if drift is not None:
+            self._drifted = not drift.accepted
+        # A drift that was seen is not over because the robot has fallen silent.
+        if self._drifted:
             problems |= {Reason.REGISTRATION_DRIFT}
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,
                 stamp=tool.oldest,
-                proximity=self._proximity(tumor_from_tip, tool.oldest),
+                proximity=self._proximity(tumor_from_tip, tool.oldest, frame.stamp),
                 problems=problems | tool.problems | registration_problems,
                 sigma_tre_mm=sigma_tre_mm,
                 unchanged_ns=tool.unchanged_ns,
@@ -79,7 +93,7 @@ class Session:
         )
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
-        return StepResult(
+        self._last = StepResult(
             index=self._index,
             frame=frame,
             decision=decision,
@@ -90,16 +104,38 @@ class Session:
             robot_problem=robot_problem,
             drift=drift,
         )
+        return self._last
 
     @property
     def never_changed(self) -> tuple[tuple[str, str], ...]:
         """Measured edges (target, source) that have repeated one pose from the first frame on."""
         return self._poses.never_changed()
 
-    def _proximity(self, tumor_from_tip: Transform | None, stamp: Stamp | None) -> Proximity | None:
-        if tumor_from_tip is None:
+    @property
+    def known_frames(self) -> tuple[str, ...]:
+        """Every frame that the tracker has named so far."""
+        return self._poses.known_frames()
+
+    def _proximity(
+        self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
+    ) -> Proximity | None:
+        """Of the tool where it is; or, where it went through the tumour to get there, of that."""
+        if tumor_from_tip is None or stamp is None:
             return None
-        return self.setup.proximity.evaluate(tumor_from_tip, stamp)
+        here = self.setup.proximity.evaluate(tumor_from_tip, stamp)
+        last = self._last
+        if last is None or last.tumor_from_tip is None or last.decision.proximity is None:
+            return here
+        if not 0 <= last.frame.stamp.age_ns(now) <= self.setup.margins.stale_after_ns:
+            return here
+        before = last.decision.proximity
+        outside = min(before.signed_distance_mm, here.signed_distance_mm) > 0.0
+        # To touch the tumour on the way, a point has to come there and to go as far as it is now.
+        way_mm = path_mm(last.tumor_from_tip, tumor_from_tip, self.setup.proximity.radius_mm)
+        if not outside or way_mm < before.lower_bound_mm + here.lower_bound_mm:
+            return here
+        swept = self.setup.proximity.sweep(last.tumor_from_tip, tumor_from_tip, stamp)
+        return swept.lowest if swept.lowest.signed_distance_mm <= 0.0 else here
 
     def _registration_at_tip(self) -> tuple[float, frozenset[Reason]]:
         """The standard deviation in mm of the registration at the tip, and what is wrong with it.
@@ -152,7 +188,7 @@ class Session:
             return {}, "no joint positions yet"
         age_ns = self._joints.stamp.age_ns(frame.stamp)
         if not 0 <= age_ns <= self.setup.margins.stale_after_ns:
-            return {}, f"joint positions are {age_ns / NS_PER_MS:.0f} ms old"
+            return {}, "joint positions are stale or from the future"
         try:
             return robot.robot.forward_kinematics(self._joints.as_mapping()), ""
         except JointError as error:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.fixture import MarginParameters, Proximity
+from app.fixture import MarginParameters, Proximity, SweptProximity
 from app.geometry import FrameError, Stamp, Transform
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot
@@ -13,10 +13,20 @@ REFERENCE = "reference"
 
 
 class ProximityModel(Protocol):
-    """Anything that measures a tool against a tumour: the whole mesh, or its tip alone."""
+    """Anything that measures a tool against a tumour: the whole mesh, or its tip alone.
+
+    No part of the tool is further than ``radius_mm`` from its origin.
+    """
+
+    radius_mm: float
 
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
         """The signed distance in mm of the tool at this pose, negative inside the tumour."""
+
+    def sweep(
+        self, previous: Transform, current: Transform, stamp: Stamp | None = None
+    ) -> SweptProximity:
+        """The lowest signed distance on the way from one pose to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

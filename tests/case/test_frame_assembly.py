@@ -2,7 +2,7 @@ import numpy as np
 
 from app.case.frame_assembly import REORDER_NS, FrameAssembler
 from app.case.samples import JointSample, TrackingFrame
-from app.geometry import Stamp, TrackedTransform, TrackingStatus
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 
 
 def sample(ns: int, source: str = "b", status: int = 1) -> TrackedTransform:
@@ -31,6 +31,37 @@ def test_the_first_of_two_samples_of_an_edge_counts() -> None:
         assert list(assembler.add_pose(sample(0, status=status))) == []
     ((one,),) = (frame.poses for frame in assembler.flush())
     assert one.status is TrackingStatus.INVALID
+
+
+def good(x_mm: float) -> TrackedTransform:
+    pose = Transform("a", "b", np.eye(3), [x_mm, 0.0, 0.0])
+    return TrackedTransform(pose, Stamp(0), TrackingStatus.OK)
+
+
+def together(*samples: TrackedTransform) -> tuple[TrackedTransform, list[str]]:
+    notes: list[str] = []
+    assembler = FrameAssembler(notes.append)
+    for each in samples:
+        assert list(assembler.add_pose(each)) == []
+    ((one,),) = (frame.poses for frame in assembler.flush())
+    return one, notes
+
+
+def test_the_same_pose_twice_is_one_sample() -> None:
+    one, notes = together(good(1.0), good(1.0))
+    assert one.transform is not None
+    assert notes == []
+
+
+def test_two_poses_at_one_moment_are_no_pose_and_that_is_said() -> None:
+    one, notes = together(good(1.0), good(2.0), good(2.0))
+    assert one.status is TrackingStatus.INVALID
+    assert len(notes) == 1 and "two poses" in notes[0]
+
+
+def test_a_lost_sample_wins_over_a_good_one_in_either_order() -> None:
+    assert together(good(1.0), sample(0))[0].status is TrackingStatus.INVALID
+    assert together(sample(0), good(1.0))[0].status is TrackingStatus.INVALID
 
 
 def test_joints_go_with_the_first_frame_not_older_and_the_rest_with_the_last() -> None:

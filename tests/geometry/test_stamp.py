@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from app.geometry import Stamp, StampError
 
 
-@given(st.integers(-(10**18), 10**19))
+@given(st.integers(-(10**18), 9 * 10**18))
 def test_decimal_seconds_are_read_without_rounding(ns):
     sign = "-" if ns < 0 else ""
     text = f"{sign}{abs(ns) // 10**9}.{abs(ns) % 10**9:09d}"
@@ -21,7 +21,7 @@ def test_the_nearest_nanosecond_is_taken(text):
     )
 
 
-@pytest.mark.parametrize("text", ["", "now", "nan", "inf", "1.2.3"])
+@pytest.mark.parametrize("text", ["", "now", "nan", "inf", "1.2.3", "1e30", "1e9999999"])
 def test_what_is_no_time_is_refused(text):
     with pytest.raises(StampError, match="not a finite number of seconds"):
         Stamp.from_seconds(text)

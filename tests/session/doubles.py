@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from app.case import JointSample, TrackingFrame
-from app.fixture import MarginParameters, Proximity
+from app.fixture import MarginParameters, Proximity, SweptProximity
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 
 PARAMETERS = MarginParameters(
@@ -23,14 +23,26 @@ PARAMETERS = MarginParameters(
 class AnalyticSphere:
     """Test double of a proximity engine: the tip against a sphere of which everything is known."""
 
-    def __init__(self, radius_mm: float) -> None:
-        self.radius_mm = radius_mm
+    radius_mm = 0.0
+
+    def __init__(self, sphere_mm: float) -> None:
+        self.sphere_mm = sphere_mm
 
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
         tip = tumor_from_tool.translation_mm
         normal = tip / np.linalg.norm(tip)
-        distance = float(np.linalg.norm(tip)) - self.radius_mm
-        return Proximity(distance, distance, tip, self.radius_mm * normal, normal, stamp)
+        distance = float(np.linalg.norm(tip)) - self.sphere_mm
+        return Proximity(distance, distance, tip, self.sphere_mm * normal, normal, stamp)
+
+    def sweep(
+        self, previous: Transform, current: Transform, stamp: Stamp | None = None
+    ) -> SweptProximity:
+        way = [
+            self.evaluate(previous.interpolate(current, part), stamp)
+            for part in np.linspace(0.0, 1.0, 101)
+        ]
+        lowest = min(way, key=lambda proximity: proximity.signed_distance_mm)
+        return SweptProximity(lowest, 0.01 * way.index(lowest), lowest.signed_distance_mm)
 
 
 def sample(

@@ -130,6 +130,26 @@ def test_a_tool_that_repeats_itself_is_frozen_from_its_first_frame_on(tree):
     assert tree.pose("tracker", "cautery").problems == set()
 
 
+def test_the_direction_in_which_a_tool_is_reported_gives_it_no_grace(tree):
+    found = frozen_run(tree, ("cautery", "tracker"), 1100, moved_first=False)
+    assert found.problems == {Reason.FROZEN}
+
+
+@pytest.mark.parametrize("number", [-3.697314e28, 10_001.0])
+def test_a_pose_beyond_the_room_is_no_pose(tree, number):
+    tree.insert(frame(0, sample("tracker", "cautery", (0, 0, number), 0)))
+    assert tree.pose("tracker", "cautery").problems == {Reason.INVALID}
+
+
+def test_a_clock_that_jumps_back_gives_a_stuck_sensor_no_grace(tree):
+    edge = ("tracker", "needle")
+    tree.insert(frame(5000, sample(*edge, (1, 0, 0), 5000)))
+    tree.insert(frame(5050, sample(*edge, (2, 0, 0), 5050)))
+    for at_ms in range(0, 1101, 50):
+        tree.insert(frame(at_ms, sample(*edge, (2, 0, 0), at_ms)))
+    assert tree.pose(*edge).problems == {Reason.FROZEN}
+
+
 def test_another_edge_is_frozen_once_it_has_moved(tree):
     found = frozen_run(tree, ("tracker", "needle"), 1100, moved_first=True)
     assert found.problems == {Reason.FROZEN}

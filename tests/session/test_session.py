@@ -85,6 +85,22 @@ def test_a_silent_tracker_is_unknown_from_its_watchdog_frame_on():
     assert session.step(frame(221)).decision.reasons[0] is Reason.STALE
 
 
+def test_a_tumour_that_is_crossed_between_two_frames_is_a_breach():
+    session = Session(make_setup())
+    before, after, later = steps(session, [30.0, -30.0, -60.0])
+    assert before.decision.state is MarginState.NEGATIVE
+    assert after.decision.state is MarginState.POSITIVE
+    assert after.decision.proximity.signed_distance_mm == pytest.approx(-10.0, abs=0.5)
+    assert later.decision.proximity.signed_distance_mm == pytest.approx(50.0)
+
+
+def test_what_lies_between_two_frames_that_are_far_apart_is_not_guessed():
+    session = Session(make_setup())
+    session.step(frame(0, needle(0), cautery_at(30.0, 0)))
+    step = session.step(frame(250, needle(250), cautery_at(-30.0, 250)))
+    assert step.decision.proximity.signed_distance_mm == pytest.approx(20.0)
+
+
 def test_a_single_missing_frame_is_bridged_and_the_margin_grows_with_age():
     session = Session(make_setup())
     steps(session, [30.0])
@@ -177,7 +193,10 @@ def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong
         step.links["stylus"].matrix, touch.forward_kinematics(joints)["stylus"].matrix
     )
     stale = session.step(frame(205))
-    assert (dict(stale.links), stale.robot_problem) == ({}, "joint positions are 201 ms old")
+    assert (dict(stale.links), stale.robot_problem) == (
+        {},
+        "joint positions are stale or from the future",
+    )
     wrong = session.step(frame(206, joints=(joint_sample({"waist": np.nan}, 206),)))
     assert not wrong.links
     assert "waist" in wrong.robot_problem
@@ -216,6 +235,19 @@ def test_a_tool_that_is_not_where_its_robot_says_is_drift(touch):
     assert Reason.REGISTRATION_DRIFT not in step.decision.reasons
     step = drifting(touch, 5.1)
     assert step.decision.state is MarginState.UNKNOWN
+    assert Reason.REGISTRATION_DRIFT in step.decision.reasons
+
+
+def test_a_drift_is_not_over_when_the_robot_falls_silent(touch):
+    session = Session(make_setup(registered(touch, found_registration(0.0))))
+    joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
+    for at_ms in (0, 20, 40):
+        cautery = cautery_at(40.0 + 0.1 * at_ms, at_ms)
+        sample_of_joints = (joint_sample(joints, at_ms),) if at_ms == 0 else ()
+        poses = (reference(at_ms), needle(at_ms), cautery)
+        step = session.step(frame(at_ms, *poses, joints=sample_of_joints))
+    step = session.step(frame(300, reference(300), needle(300), cautery_at(50.0, 300)))
+    assert step.robot_problem != ""
     assert Reason.REGISTRATION_DRIFT in step.decision.reasons
 
 
