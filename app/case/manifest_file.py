@@ -64,14 +64,19 @@ def load_manifest(folder: Path) -> CaseManifest:
     schema = document.integer("schema", minimum=1)
     if schema != 1:
         raise InputError(f"{document.place('schema')} is {schema}: 1 wanted")
-    robot = _robot(document)
+    robot, tool, tumor = _robot(document), _tool(document), _tumor(document)
+    if tool.frame == tumor.frame:
+        raise InputError(
+            f"{document.place('tumor')}.frame is {tumor.frame!r}, as is the tool's: "
+            "a tumour that moves with the tool is no target"
+        )
     return CaseManifest(
         name=document.text("name"),
         provenance=_provenance(document),
         recording=_recording(document),
         clock=_clock(document),
-        tool=_tool(document),
-        tumor=_tumor(document),
+        tool=tool,
+        tumor=tumor,
         robot=robot,
         registration=_registration(document, robot),
         margins=_margins(document),

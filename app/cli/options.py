@@ -25,3 +25,10 @@ def add_package_dirs(parser: argparse.ArgumentParser) -> None:
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Output for a program instead of a person."""
     parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def folder_path(text: str) -> Path:
+    """A folder's path; an empty one is a mistake in a script, not the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name of the folder is empty")
+    return Path(text)

@@ -6,6 +6,7 @@ replays; none of 2389 signals that were only noted). And an exception in the mid
 leave half of it published.
 """
 
+import os
 import signal
 import socket
 import threading
@@ -19,9 +20,24 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @dataclass(slots=True)
 class Received:
-    """The signal that came, None so far."""
+    """The signal that came, None so far, and what is to be stopped by it."""
 
     number: int | None = None
+    _stop: Callable[[], None] | None = None
+
+    def stops(self, stop: Callable[[], None]) -> None:
+        """Call ``stop`` when a signal comes; at once when one has come already."""
+        self._stop = stop
+        if self.number is not None:
+            stop()
+
+    def take(self, number: int) -> None:
+        """Note a signal, and stop what there is to stop; a second one ends the process at once."""
+        if self.number is not None:
+            os._exit(128 + number)
+        self.number = number
+        if self._stop is not None:
+            self._stop()
 
     @property
     def exit_status(self) -> int:
@@ -30,10 +46,11 @@ class Received:
 
 
 @contextmanager
-def stop_on_signals(stop: Callable[[], None]) -> Iterator[Received]:
-    """Within it SIGINT and SIGTERM call ``stop``, in a thread of its own, so it may take locks.
+def note_signals() -> Iterator[Received]:
+    """Within it SIGINT and SIGTERM are noted, and stop what `Received.stops` was told.
 
-    For the main thread only. The handlers that were there come back afterwards.
+    That is called in a thread of its own, so it may take locks. For the main thread only. The
+    handlers that were there come back afterwards.
     """
     received = Received()
     reader, writer = socket.socketpair()
@@ -42,8 +59,7 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[Received]:
     def watch() -> None:
         while numbers := reader.recv(1):
             if numbers[0] in SIGNALS:
-                received.number = numbers[0]
-                stop()
+                received.take(numbers[0])
 
     thread = threading.Thread(target=watch, name="signals", daemon=True)
     thread.start()

@@ -11,7 +11,8 @@ class Breach:
     """One maximal run of inside frames; times in seconds from the first frame of the replay.
 
     ``start_s`` is the first inside frame, ``end_s`` the last one; ``deepest`` is the index of the
-    row with ``min_signed_distance_mm`` (negative: a depth), ``frames`` the number of inside frames.
+    row with ``min_signed_distance_mm`` (negative: a depth), ``frames`` the number of inside frames;
+    ``first`` and ``last`` are the indices of its ends.
     """
 
     start_s: float
@@ -19,6 +20,8 @@ class Breach:
     min_signed_distance_mm: float
     deepest: int
     frames: int
+    first: int
+    last: int
 
     @property
     def duration_s(self) -> float:
@@ -61,6 +64,8 @@ def _breach(rows: Sequence[ReportRow], run: list[int]) -> Breach:
         min_signed_distance_mm=depth,
         deepest=deepest,
         frames=len(run),
+        first=run[0],
+        last=run[-1],
     )
 
 

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from app.fixture import MarginParameters, MarginState
-from app.geometry import FloatArray
+from app.geometry import NS_PER_S, FloatArray
 from app.report.breaches import Breach
-from app.report.rows import ReportRow, seconds_since
+from app.report.rows import ReportRow
 
 _INK = "#1c2733"
 
@@ -57,18 +57,25 @@ def margin_png(
     figure.suptitle(
         title, x=0.012, ha="left", color=_INK, fontsize=14, fontweight="bold", parse_math=False
     )
-    seconds = np.array([seconds_since(rows[0].stamp_ns, row.stamp_ns) for row in rows])
+    # A clock that jumps back would fold the plot over itself: time is drawn as it was played.
+    seconds = played_seconds(rows)
     _draw_states(strip, plot, rows, seconds)
     _draw_distance(plot, rows, seconds)
     _draw_margins(plot, rows, seconds, margins)
     _draw_limits(plot, rows, seconds, margins)
-    _draw_breaches(plot, breaches)
+    _draw_breaches(plot, breaches, rows, seconds)
     _draw_legend(figure, strip, plot)
     FigureCanvasAgg(figure)
     picture = BytesIO()
     # No software name and version inside: equal rows give equal bytes on one machine.
     figure.savefig(picture, format="png", metadata={"Software": None})
     return picture.getvalue()
+
+
+def played_seconds(rows: Sequence[ReportRow]) -> FloatArray:
+    """Seconds from the first row, (n,), that never fall: a jump back takes no time."""
+    steps_ns = np.diff(np.array([row.stamp_ns for row in rows], dtype=np.int64))
+    return np.concatenate([[0], np.cumsum(np.maximum(steps_ns, 0))]) / NS_PER_S
 
 
 def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
@@ -161,14 +168,17 @@ def _draw_limits(
         )  # fmt: skip
 
 
-def _draw_breaches(plot: Axes, breaches: Sequence[Breach]) -> None:
+def _draw_breaches(
+    plot: Axes, breaches: Sequence[Breach], rows: Sequence[ReportRow], seconds: FloatArray
+) -> None:
     bottom = plot.get_ylim()[0]
     color = STATE_STYLES[MarginState.POSITIVE].color
     for number, breach in enumerate(breaches, start=1):
-        middle_s = 0.5 * (breach.start_s + breach.end_s)
+        start_s, end_s = float(seconds[breach.first]), float(seconds[breach.last])
+        middle_s = 0.5 * (start_s + end_s)
         depth = breach.min_signed_distance_mm
         plot.plot(
-            [breach.start_s, breach.end_s], [bottom, bottom], color=color, lw=7,
+            [start_s, end_s], [bottom, bottom], color=color, lw=7,
             solid_capstyle="butt", marker="|", ms=9, clip_on=False, zorder=6,
         )  # fmt: skip
         plot.annotate(

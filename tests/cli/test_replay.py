@@ -163,3 +163,48 @@ def test_debug_shows_the_traceback_and_the_same_line(case, capsys):
     error = capsys.readouterr().err
     assert "Traceback" in error
     assert error.splitlines()[-1].startswith("marginguard: error: ")
+
+
+def test_frames_that_the_recording_does_not_have_are_told(tmp_path, capsys):
+    def other_tool(manifest):
+        manifest["tool"]["frame"] = "scalpel"
+
+    case = write_small_case(tmp_path / "other", other_tool)
+    assert replay(case, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["valid_frames"] == 0
+    assert (
+        "no frame was valid; the recording has the frames needle, rod, tracker" in summary["notes"]
+    )
+
+
+def test_a_tool_that_is_its_own_tumour_is_refused(tmp_path, capsys):
+    def same_frame(manifest):
+        manifest["tumor"]["frame"] = "rod"
+
+    assert replay(write_small_case(tmp_path / "same", same_frame)) == 2
+    assert "tumor.frame is 'rod'" in capsys.readouterr().err
+
+
+def test_an_empty_report_folder_is_a_mistake(case, capsys):
+    with pytest.raises(SystemExit) as stop:
+        replay(case, "--report", "")
+    assert stop.value.code == 2
+    assert "empty" in capsys.readouterr().err
+
+
+def test_a_tumour_that_is_crossed_between_two_frames_is_a_breach(tmp_path, capsys):
+    case = write_small_case(tmp_path / "crossed")
+    recording = (case / "tracking.igs.mha").read_text()
+    lines = []
+    for line in recording.splitlines():
+        if "_RodToTrackerTransform =" in line:
+            index = int(line[len("Seq_Frame") :][:4])
+            side = 30.0 if index < 20 else -30.0
+            pose = f"1 0 0 {side + 0.01 * index} 0 1 0 0 0 0 1 -30 0 0 0 1"
+            line = f"Seq_Frame{index:04}_RodToTrackerTransform = {pose}"
+        lines.append(line)
+    (case / "tracking.igs.mha").write_text("\n".join(lines) + "\n")
+    assert replay(case, "--json") == 0
+    (breach,) = json.loads(capsys.readouterr().out)["breaches"]
+    assert breach["start_s"] == breach["end_s"] == 1.0

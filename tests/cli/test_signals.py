@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from app.cli.signals import SIGNALS, stop_on_signals
+from app.cli.signals import SIGNALS, note_signals
 from tests.ros_domain import domain_id as domain_id
 
 SPEAKER = """
@@ -17,10 +17,11 @@ from std_msgs.msg import String
 from app.bridge import RosNode
 from app.bridge.heartbeat import Heartbeat
 from app.bridge.qos import STREAM, Topic
-from app.cli.signals import stop_on_signals
+from app.cli.signals import note_signals
 
 over = threading.Event()
-with stop_on_signals(over.set) as received, RosNode("speaker") as ros:
+with note_signals() as received, RosNode("speaker") as ros:
+    received.stops(over.set)
     publisher = ros.publisher(Topic("~/news", String, STREAM))
     heartbeat = Heartbeat(lambda text, seq: publisher.publish(String(data=f"{text} {seq}")), 500.0)
     heartbeat.newest("beat")
@@ -56,7 +57,7 @@ def test_a_signal_ends_it_cleanly_with_messages_in_flight(domain_id, project_roo
 
 def test_the_handlers_that_were_there_come_back():
     before = {number: signal.getsignal(number) for number in SIGNALS}
-    with stop_on_signals(lambda: None) as received:
+    with note_signals() as received:
         assert all(signal.getsignal(number) != before[number] for number in SIGNALS)
     assert {number: signal.getsignal(number) for number in SIGNALS} == before
     assert received.exit_status == 0
@@ -64,7 +65,19 @@ def test_the_handlers_that_were_there_come_back():
 
 def test_a_signal_calls_stop_and_raises_nothing():
     stopped = threading.Event()
-    with stop_on_signals(stopped.set) as received:
+    with note_signals() as received:
+        received.stops(stopped.set)
         signal.raise_signal(signal.SIGINT)
         assert stopped.wait(30.0)
     assert received.exit_status == 130
+
+
+def test_a_signal_that_came_early_stops_what_comes_late():
+    noted, stopped = threading.Event(), threading.Event()
+    with note_signals() as received:
+        received.stops(noted.set)
+        signal.raise_signal(signal.SIGTERM)
+        assert noted.wait(30.0)
+        received.stops(stopped.set)
+    assert stopped.is_set()
+    assert received.exit_status == 143

@@ -15,8 +15,8 @@ Rows = Callable[..., tuple[ReportRow, ...]]
 def test_breach_runs_from_the_first_to_the_last_inside_frame(rows_of: Rows) -> None:
     breaches = find_breaches(rows_of([4.0, -1.0, -3.5, -2.0, 1.0, -0.5, 6.0]), STALE_NS)
     assert breaches == (
-        Breach(pytest.approx(0.02), pytest.approx(0.06), -3.5, 2, 3),
-        Breach(pytest.approx(0.10), pytest.approx(0.10), -0.5, 5, 1),
+        Breach(pytest.approx(0.02), pytest.approx(0.06), -3.5, 2, 3, 1, 3),
+        Breach(pytest.approx(0.10), pytest.approx(0.10), -0.5, 5, 1, 5, 5),
     )
     assert breaches[0].duration_s == pytest.approx(0.04)
     assert breaches[1].duration_s == 0.0

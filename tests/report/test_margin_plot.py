@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 
 import matplotlib as mpl
@@ -9,7 +10,7 @@ from matplotlib.image import imread
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
 from app.report import ReportRow, find_breaches
-from app.report.margin_plot import STATE_STYLES, margin_png, state_bands
+from app.report.margin_plot import STATE_STYLES, margin_png, played_seconds, state_bands
 
 Rows = Callable[..., tuple[ReportRow, ...]]
 
@@ -69,3 +70,14 @@ def test_bands_cover_the_time_without_gap(rows_of: Rows) -> None:
 def test_title_is_text_and_no_formula(rows_of: Rows, margins: MarginParameters) -> None:
     title = r"costs $5 \frac{ and $6"
     assert margin_png(rows_of([1.0]), (), margins, title).startswith(b"\x89PNG")
+
+
+def test_a_clock_that_jumps_back_is_drawn_as_it_was_played(
+    rows_of: Rows, margins: MarginParameters
+) -> None:
+    rows = rows_of(DISTANCES)
+    jumped = (*rows, *(replace(row, stamp_ns=row.stamp_ns - 10**12) for row in rows))
+    seconds = played_seconds(jumped)
+    assert (np.diff(seconds) >= 0.0).all()
+    assert seconds[-1] == 2 * played_seconds(rows)[-1]
+    assert pixels(jumped, margins).shape == (720, 1560, 3)

@@ -7,20 +7,21 @@ signal ended it, without a report.
 import argparse
 import json
 import time
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_case, add_json
+from app.cli.options import add_case, add_json, folder_path
 from app.cli.progress import with_progress
 from app.cli.publishing import publishing
 from app.cli.scene_picture import scene_picture
-from app.cli.signals import stop_on_signals
+from app.cli.signals import Received, note_signals
 from app.cli.summary_text import as_text
 
 if TYPE_CHECKING:
     from app.case import Case, Player
-    from app.report import ReplayRecord
+    from app.report import ReplayLog, ReplayRecord
     from app.session import Session, SessionSetup, StepResult
 
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
@@ -30,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard replay``."""
     add_case(parser)
     add_json(parser)
-    parser.add_argument("--report", type=Path, metavar="DIR", help="write the report files there")
+    parser.add_argument(
+        "--report", type=folder_path, metavar="DIR", help="write the report files there"
+    )
     parser.add_argument(
         "--rate",
         type=float,
@@ -46,6 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay the case; what is published and what is reported come from the same steps."""
+    with note_signals() as received:
+        status = _replay(options, received)
+    return received.exit_status or status
+
+
+def _replay(options: argparse.Namespace, received: Received) -> int:
     from app import __version__
     from app.case import Player, open_case
     from app.geometry import InputError
@@ -59,14 +68,13 @@ def run(options: argparse.Namespace) -> int:
     case, clock = with_estimated_clock(open_case(options.case, package_dirs=options.package_dirs))
     setup = setup_from_case(case, tip_only=options.tip_only)
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
-    with stop_on_signals(player.stop) as received:
-        record, deepest = _play(case, setup, player, options)
-    if clock is not None:
-        record = replace(
-            record, notes=(f"offset of the joints' clock: {clock.reason}", *record.notes)
-        )
+    received.stops(player.stop)
+    record, deepest = _play(case, setup, player, options)
     if received.number is not None:
         return received.exit_status
+    if clock is not None:
+        notes = (f"offset of the joints' clock: {clock.reason}", *record.notes)
+        record = replace(record, notes=notes)
     if options.report is None:
         summary = summarise(record)
     else:
@@ -83,6 +91,7 @@ def _play(
     from app.session import Session
 
     session, log = Session(setup), ReplayLog()
+    robot_problems: Counter[str] = Counter()
     with publishing(case, setup, player, options) as publish:
         for frame in with_progress(player.play(), "replaying frame"):
             started_ns = time.perf_counter_ns()
@@ -90,6 +99,7 @@ def _play(
             duration_ns = time.perf_counter_ns() - started_ns
             if not options.loop:
                 log.add(step, duration_ns)
+                robot_problems[step.robot_problem] += 1
             publish(step)
     provenance = case.manifest.provenance
     record = ReplayRecord(
@@ -100,15 +110,29 @@ def _play(
         registration=None if setup.robot is None else setup.robot.registration,
         expected=case.expected(),
         durations_ns=tuple(log.durations_ns),
-        notes=(*case.notes(), *_notes_of(session, setup)),
+        notes=(*case.notes(), *_notes_of(case, session, log, robot_problems)),
         tip_only=options.tip_only,
     )
     return record, log.deepest
 
 
-def _notes_of(session: "Session", setup: "SessionSetup") -> tuple[str, ...]:
-    fixed = tuple(
-        f"{target} -> {source} never changed: taken for a fixed transform"
-        for target, source in session.never_changed
-    )
-    return fixed if setup.robot is None else (*fixed, *setup.robot.robot.warnings)
+def _notes_of(
+    case: "Case", session: "Session", log: "ReplayLog", robot_problems: Counter[str]
+) -> Iterator[str]:
+    """What a reader of the report should know, though it is no error."""
+    from app.fixture import MarginState
+
+    if all(row.state is MarginState.UNKNOWN for row in log.rows):
+        frames = ", ".join(session.known_frames) or "none"
+        yield f"no frame was valid; the recording has the frames {frames}"
+    for target, source in session.never_changed:
+        yield f"{target} -> {source} never changed: taken for a fixed transform"
+    robot = session.setup.robot
+    if robot is None:
+        if case.manifest.registration is not None:
+            yield "registration is given, but there is no robot to register: it is not used"
+        return
+    yield from robot.robot.warnings
+    for problem, count in robot_problems.items():
+        if problem:
+            yield f"robot not shown in {count} of {len(log.rows)} frames: {problem}"
