@@ -15,7 +15,7 @@ from app.fixture import (
 from app.geometry import Stamp, Transform
 from app.registration import RegistrationDrift, check_drift, predict_tre
 from app.robot import JointError
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.setup import REFERENCE, SessionSetup
 
 
@@ -41,6 +41,15 @@ class StepResult:
     drift: RegistrationDrift | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where the tool was at ``stamp``, and how near it was there."""
+
+    stamp: Stamp
+    tumor_from_tip: Transform
+    proximity: Proximity
+
+
 class Session:
     """Joins tracking, registration, robot and fixture. Reads no clock: time is in the frames."""
 
@@ -55,7 +64,7 @@ class Session:
         self._monitor = MarginMonitor(setup.margins)
         self._joints: JointSample | None = None
         self._drifted = False
-        self._last: StepResult | None = None
+        self._last: _Place | None = None
         self._virtual_fixture: Transform | None = None
         self._index = -1
 
@@ -74,8 +83,9 @@ class Session:
         if tool.transform is not None:
             tumor_from_tip = self._tumor_from_frame @ tool.transform @ self.setup.tool_from_tip
         links, robot_problem = self._links(frame)
-        sigma_tre_mm, registration_problems = self._registration_at_tip()
-        drift = self._drift(links)
+        in_reference = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
+        sigma_tre_mm, registration_problems = self._registration_at_tip(in_reference)
+        drift = self._drift(links, in_reference.transform)
         if drift is not None:
             self._drifted = not drift.accepted
         # A drift that was seen is not over because the robot has fallen silent.
@@ -93,7 +103,7 @@ class Session:
         )
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
-        self._last = StepResult(
+        return StepResult(
             index=self._index,
             frame=frame,
             decision=decision,
@@ -104,7 +114,6 @@ class Session:
             robot_problem=robot_problem,
             drift=drift,
         )
-        return self._last
 
     @property
     def never_changed(self) -> tuple[tuple[str, str], ...]:
@@ -120,29 +129,30 @@ class Session:
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
     ) -> Proximity | None:
         """Of the tool where it is; or, where it went through the tumour to get there, of that."""
+        last, self._last = self._last, None
         if tumor_from_tip is None or stamp is None:
             return None
-        here = self.setup.proximity.evaluate(tumor_from_tip, stamp)
-        last = self._last
-        if last is None or last.tumor_from_tip is None or last.decision.proximity is None:
+        model = self.setup.proximity
+        here = model.evaluate(tumor_from_tip, stamp)
+        self._last = _Place(now, tumor_from_tip, here)
+        if last is None or not 0 <= last.stamp.age_ns(now) <= self.setup.margins.stale_after_ns:
             return here
-        if not 0 <= last.frame.stamp.age_ns(now) <= self.setup.margins.stale_after_ns:
-            return here
-        before = last.decision.proximity
+        before = last.proximity
         outside = min(before.signed_distance_mm, here.signed_distance_mm) > 0.0
         # To touch the tumour on the way, a point has to come there and to go as far as it is now.
-        way_mm = path_mm(last.tumor_from_tip, tumor_from_tip, self.setup.proximity.radius_mm)
+        way_mm = path_mm(last.tumor_from_tip, tumor_from_tip, model.radius_mm)
         if not outside or way_mm < before.lower_bound_mm + here.lower_bound_mm:
             return here
-        swept = self.setup.proximity.sweep(last.tumor_from_tip, tumor_from_tip, stamp)
+        swept = model.sweep(last.tumor_from_tip, tumor_from_tip, stamp)
         return swept.lowest if swept.lowest.signed_distance_mm <= 0.0 else here
 
-    def _registration_at_tip(self) -> tuple[float, frozenset[Reason]]:
+    def _registration_at_tip(self, tool: MeasuredPose) -> tuple[float, frozenset[Reason]]:
         """The standard deviation in mm of the registration at the tip, and what is wrong with it.
 
         Without a robot nothing is registered and nothing is added. With one, the tip has to be
         known in the reference frame, since the constraint reaches the robot through it. A
-        registration that was given states no uncertainty, and adds none.
+        registration that was given states no uncertainty, and adds none. ``tool`` is
+        ``reference_from_tool``.
         """
         robot = self.setup.robot
         if robot is None:
@@ -150,7 +160,6 @@ class Session:
         registration = robot.registration
         if registration is None:
             return 0.0, frozenset({Reason.REGISTRATION_MISSING})
-        tool = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
         problems = tool.problems
         if not registration.accepted:
             problems |= {Reason.REGISTRATION_REFUSED}
@@ -159,10 +168,11 @@ class Session:
         tip_mm = tool.transform.apply(self.setup.tool_from_tip.translation_mm)
         return float(predict_tre(registration, tip_mm[None])[0]), problems
 
-    def _drift(self, links: Mapping[str, Transform]) -> RegistrationDrift | None:
+    def _drift(
+        self, links: Mapping[str, Transform], seen: Transform | None
+    ) -> RegistrationDrift | None:
         """How far the tool is from where the robot's joints and the registration put it."""
         robot = self.setup.robot
-        seen = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target).transform
         if robot is None or robot.registration is None or not links or seen is None:
             return None
         measured = seen @ self.setup.tool_from_tip

@@ -94,6 +94,13 @@ def test_a_tumour_that_is_crossed_between_two_frames_is_a_breach():
     assert later.decision.proximity.signed_distance_mm == pytest.approx(50.0)
 
 
+def test_a_tumour_that_is_crossed_twice_in_a_row_is_seen_twice():
+    session = Session(make_setup())
+    found = steps(session, [30.0, -30.0, 30.0])
+    distances = [step.decision.proximity.signed_distance_mm for step in found]
+    assert [distance < 0.0 for distance in distances] == [False, True, True]
+
+
 def test_what_lies_between_two_frames_that_are_far_apart_is_not_guessed():
     session = Session(make_setup())
     session.step(frame(0, needle(0), cautery_at(30.0, 0)))
