@@ -35,6 +35,7 @@ class Case:
     recording_path: Path
     package_dirs: tuple[Path, ...] = ()
     _notes: list[str] = field(default_factory=list)
+    _meshes: dict[str, SurfaceMesh] = field(default_factory=dict)
 
     @property
     def has_joints(self) -> bool:
@@ -107,9 +108,11 @@ class Case:
         )
 
     def _mesh(self, entry: MeshEntry, frame: str, key: str) -> SurfaceMesh:
-        path = self._file(entry.path, f"{key}.path")
-        mesh = load_mesh(path, units=entry.units, frame=frame)
-        return mesh.require_closed(f"the mesh {path} (case.yaml: {key})")
+        if key not in self._meshes:
+            path = self._file(entry.path, f"{key}.path")
+            mesh = load_mesh(path, units=entry.units, frame=frame)
+            self._meshes[key] = mesh.require_closed(f"the mesh {path} (case.yaml: {key})")
+        return self._meshes[key]
 
     def _file(self, name: str, key: str) -> Path:
         return resolve_file(self.folder, name, f"case.yaml: {key}", package_dirs=self.package_dirs)

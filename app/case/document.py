@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from app.case.small_file import read_small
 from app.geometry import InputError
 
 MAX_BYTES = 1_000_000
@@ -79,13 +80,7 @@ class Section:
     @classmethod
     def load(cls, path: Path, allowed: Sequence[str]) -> "Section":
         """The mapping that the YAML file at ``path`` holds."""
-        try:
-            with path.open("rb") as file:
-                content = file.read(MAX_BYTES + 1)
-        except OSError as error:
-            raise InputError(f"{path} cannot be read: {error.strerror}") from error
-        if len(content) > MAX_BYTES:
-            raise InputError(f"{path} has more than the {MAX_BYTES} bytes allowed")
+        content = read_small(path, MAX_BYTES)
         try:
             values = yaml.load(content.decode("utf-8"), _StrictLoader)
         except UnicodeDecodeError as error:

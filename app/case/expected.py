@@ -11,6 +11,7 @@ from typing import Any, Literal
 import yaml
 
 from app.case.document import Section
+from app.case.small_file import write_small
 from app.geometry import InputError, Transform
 
 DropoutKind = Literal["invalid", "missing"]
@@ -109,9 +110,7 @@ def write_expected(path: Path, expected: Expected) -> None:
         ]
     if expected.frames is not None:
         document["frames"] = expected.frames
-    temporary = path.with_name(f".{path.name}.partial")
-    temporary.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    temporary.replace(path)
+    write_small(path, yaml.safe_dump(document, sort_keys=False).encode())
 
 
 def _registration(

@@ -7,7 +7,7 @@ import numpy as np
 from app.case import Case, TrackingFrame
 from app.geometry import FloatArray, InputError
 from app.registration import TimedSignal, TimeOffset, estimate_time_offset
-from app.robot import Robot, load_robot
+from app.robot import load_robot
 from app.session.pose_tree import PoseTree
 from app.session.setup import REFERENCE
 
@@ -20,37 +20,27 @@ def with_estimated_clock(case: Case) -> tuple[Case, TimeOffset | None]:
     Reads the whole recording then. Raises `InputError` when the motion does not tell the offset
     well enough to be used.
     """
-    manifest = case.manifest
-    if manifest.robot is None or not (manifest.clock.estimate and case.has_joints):
+    if not (case.manifest.clock.estimate and case.has_joints):
         return case, None
-    margins, tool = manifest.margins, manifest.tool
-    by_robot, by_tracker = tip_signals(
-        case.with_joint_offset(0).frames(),
-        PoseTree(margins.stale_after_ns, margins.frozen_after_ns, tool.frame),
-        load_robot(case.robot_urdf(), package_dirs=case.package_dirs),
-        tool_link=manifest.robot.tool_link,
-        tool_frame=tool.frame,
-        tip_mm=tool.tool_from_tip.translation_mm,
-    )
+    by_robot, by_tracker = tip_signals(case, case.with_joint_offset(0).frames())
     offset = estimate_time_offset(by_robot, by_tracker)
     if not offset.accepted:
         raise InputError(f"case.yaml: clock.estimate: {offset.reason}")
     return case.with_joint_offset(offset.offset_ns), offset
 
 
-def tip_signals(
-    frames: Iterable[TrackingFrame],
-    poses: PoseTree,
-    robot: Robot,
-    *,
-    tool_link: str,
-    tool_frame: str,
-    tip_mm: FloatArray,
-) -> tuple[TimedSignal, TimedSignal]:
+def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSignal, TimedSignal]:
     """Where the tip was, (n, 3) in mm: by the joints on the robot's clock, and by the tracker.
 
-    The stamps of the joints in ``frames`` are read as the robot's own.
+    ``frames`` are those of ``case``, or a part of them; the stamps of their joints are read as the
+    robot's own. Raises `InputError` for a case without joints.
     """
+    manifest = case.manifest
+    if manifest.robot is None or not case.has_joints:
+        raise InputError(f"{case.folder} has no joints: a case with robot.joint_states wanted")
+    margins, tool, tool_link = manifest.margins, manifest.tool, manifest.robot.tool_link
+    poses = PoseTree(margins.stale_after_ns, margins.frozen_after_ns, tool.frame)
+    robot = load_robot(case.robot_urdf(), package_dirs=case.package_dirs)
     joint_times: list[int] = []
     joint_tips: list[FloatArray] = []
     times: list[int] = []
@@ -61,10 +51,10 @@ def tip_signals(
             joint_times.append(joints.stamp.ns)
             joint_tips.append(link.translation_mm)
         poses.insert(frame)
-        tool = poses.pose(REFERENCE, tool_frame).transform
-        if tool is not None and frame.poses:
+        seen = poses.pose(REFERENCE, tool.frame).transform
+        if seen is not None and frame.poses:
             times.append(frame.stamp.ns)
-            tips.append(tool.apply(tip_mm))
+            tips.append(seen.apply(tool.tool_from_tip.translation_mm))
     if not (joint_times and times):
         raise InputError(
             f"clock.estimate: {len(joint_times)} joint samples and {len(times)} tracked poses: "

@@ -5,10 +5,9 @@ from dataclasses import replace
 from app.case import Case
 from app.cli.calibration.finding import Finding
 from app.cli.calibration.recording import Span
-from app.geometry import NS_PER_MS, InputError
+from app.geometry import NS_PER_MS
 from app.registration import estimate_time_offset
-from app.robot import load_robot
-from app.session import PoseTree, tip_signals
+from app.session import tip_signals
 
 
 def find_time_offset(case: Case, span: Span, *, around_ms: float = 0.0) -> Finding:
@@ -17,21 +16,10 @@ def find_time_offset(case: Case, span: Span, *, around_ms: float = 0.0) -> Findi
     ``around_ms`` is a first guess, for clocks that started at different times. The offset that the
     case states is not used.
     """
-    manifest = case.manifest
-    if manifest.robot is None or not case.has_joints:
-        raise InputError(f"{case.folder} has no joints: a case with robot.joint_states wanted")
     # Read with the guess as offset, so that joints stay beside the poses of their time.
     around_ns = round(around_ms * NS_PER_MS)
     shifted = case.with_joint_offset(around_ns)
-    margins, tool = manifest.margins, manifest.tool
-    by_robot, by_tracker = tip_signals(
-        span.of(shifted.frames()),
-        PoseTree(margins.stale_after_ns, margins.frozen_after_ns, tool.frame),
-        load_robot(case.robot_urdf(), package_dirs=case.package_dirs),
-        tool_link=manifest.robot.tool_link,
-        tool_frame=tool.frame,
-        tip_mm=tool.tool_from_tip.translation_mm,
-    )
+    by_robot, by_tracker = tip_signals(case, span.of(shifted.frames()))
     by_robot = replace(by_robot, times_ns=by_robot.times_ns - around_ns)
     result = estimate_time_offset(by_robot, by_tracker, around_ns=around_ns)
     low_ns, high_ns = result.interval_ns

@@ -10,8 +10,9 @@ from app.registration import calibrate_pivot, select_poses
 
 def find_pivot(track: ToolTrack) -> Finding:
     """The tip's frame in the tool's, +z along the shaft, which is taken from sensor to tip."""
-    kept = select_poses(track.poses)
-    result = calibrate_pivot([track.poses[index] for index in kept])
+    poses = track.poses
+    kept = select_poses(poses)
+    result = calibrate_pivot([poses[index] for index in kept])
     residuals = Residuals(
         "distance of the tip from the pivot", "mm", result.residuals_mm, outliers=result.outliers
     )

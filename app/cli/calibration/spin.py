@@ -13,9 +13,10 @@ from app.registration import calibrate_spin, select_poses, tip_transform
 def find_spin(track: ToolTrack, tool_from_tip: Transform) -> Finding:
     """The tip's frame with the shaft that was found; its origin stays where it was known to be."""
     # By angle alone: a sensor beside the shaft hardly moves when the tool is spun.
-    kept = select_poses(track.poses, min_distance_mm=0.0)
+    poses = track.poses
+    kept = select_poses(poses, min_distance_mm=0.0)
     tip_mm = tool_from_tip.translation_mm
-    result = calibrate_spin([track.poses[index] for index in kept], tip_mm=tip_mm)
+    result = calibrate_spin([poses[index] for index in kept], tip_mm=tip_mm)
     residuals = Residuals(
         "angle of the shaft from its mean direction",
         "deg",
