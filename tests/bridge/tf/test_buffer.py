@@ -1,0 +1,263 @@
+"""The buffer against a brute force that keeps every sample and multiplies matrices."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from app.bridge.tf import (
+    TfConnectivityError,
+    TfError,
+    TfExtrapolationError,
+    TfInvalidError,
+    TfLookupError,
+    TransformBuffer,
+)
+from app.geometry import NS_PER_S, FrameError
+
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def pose(rng):
+    quaternion = rng.normal(size=4)
+    return (*rng.normal(scale=100.0, size=3), *(quaternion / np.linalg.norm(quaternion)))
+
+
+def matrix(pose):
+    result = np.eye(4)
+    result[:3, :3] = Rotation.from_quat(pose[3:]).as_matrix()
+    result[:3, 3] = pose[:3]
+    return result
+
+
+class BruteForce:
+    """The oracle: a dictionary of every sample, SciPy's Slerp, and matrices to the root."""
+
+    def __init__(self):
+        self.parent, self.samples = {}, {}
+
+    def insert(self, parent, child, stamp, pose):
+        self.parent[child] = parent
+        self.samples.setdefault(child, {}).setdefault(stamp, pose)
+
+    def edge(self, child, stamp):
+        samples = self.samples[child]
+        if stamp in samples:
+            return matrix(samples[stamp])
+        times = np.array(sorted(samples))
+        if not times[0] <= stamp <= times[-1]:
+            raise KeyError(stamp)
+        rotations = Rotation.from_quat([samples[time][3:] for time in times])
+        result = np.eye(4)
+        # Relative to the first sample: SciPy takes times as floats.
+        result[:3, :3] = Slerp(times - times[0], rotations)(stamp - times[0]).as_matrix()
+        positions = np.array([samples[time][:3] for time in times])
+        for axis in range(3):
+            result[axis, 3] = np.interp(stamp - times[0], times - times[0], positions[:, axis])
+        return result
+
+    def chain(self, frame):
+        names = [frame]
+        while names[-1] in self.parent:
+            names.append(self.parent[names[-1]])
+        return names
+
+    def lookup(self, target, source, stamp):
+        first, second = self.chain(target), self.chain(source)
+        top = next((name for name in first if name in second), None)
+        if top is None:
+            raise LookupError
+        product = np.eye(4)
+        for child in first[: first.index(top)]:
+            product = product @ np.linalg.inv(self.edge(child, stamp))
+        for child in reversed(second[: second.index(top)]):
+            product = product @ self.edge(child, stamp)
+        return product
+
+
+@st.composite
+def trees(draw):
+    """A forest of up to 8 frames with random samples in random order."""
+    count = draw(st.integers(2, 8))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    edges = []
+    for child in range(1, count):
+        parent = draw(st.integers(-1, child - 1))
+        if parent < 0:
+            continue
+        stamps = draw(st.lists(st.integers(0, 900_000_000), min_size=1, max_size=6))
+        edges += [(f"f{parent}", f"f{child}", stamp, pose(rng)) for stamp in stamps]
+    order = draw(st.permutations(range(len(edges))))
+    return [edges[i] for i in order], [f"f{i}" for i in range(count)]
+
+
+@settings(max_examples=200, deadline=None)
+@given(trees(), st.data())
+def test_any_lookup_is_that_of_the_brute_force(tree, data):
+    edges, names = tree
+    buffer, brute = TransformBuffer(), BruteForce()
+    for edge in edges:
+        buffer.insert(*edge)
+        brute.insert(*edge)
+    known = sorted(buffer.frames)
+    for _ in range(5):
+        target, source = data.draw(st.sampled_from(names)), data.draw(st.sampled_from(names))
+        stamp = data.draw(st.integers(-10, 900_000_010))
+        if not {target, source} <= set(known):
+            with pytest.raises(TfLookupError, match="is not known"):
+                buffer.lookup(target, source, stamp)
+            continue
+        try:
+            expected = brute.lookup(target, source, stamp)
+        except KeyError:
+            with pytest.raises(TfExtrapolationError, match="is known from"):
+                buffer.lookup(target, source, stamp)
+            continue
+        except LookupError:
+            with pytest.raises(TfConnectivityError, match="no way between"):
+                buffer.lookup(target, source, stamp)
+            continue
+        found = buffer.lookup(target, source, stamp)
+        assert found.stamp_ns == stamp
+        assert (found.transform.target, found.transform.source) == (target, source)
+        np.testing.assert_allclose(found.transform.matrix, expected, atol=1e-6)
+        if target != source:
+            latest = buffer.latest_common_ns(target, source)
+            way = {*brute.chain(target)} ^ {*brute.chain(source)}
+            assert latest == min(max(brute.samples[child]) for child in way)
+
+
+@settings(max_examples=60, deadline=None)
+@given(trees())
+def test_the_poses_of_many_frames_are_those_of_single_lookups(tree):
+    edges, _ = tree
+    buffer = TransformBuffer()
+    for edge in edges:
+        buffer.insert(*edge)
+    for root in buffer.frames:
+        below = [frame for frame in sorted(buffer.frames) if _connected(buffer, root, frame)]
+        try:
+            found = buffer.poses(root, below)
+        except TfExtrapolationError:
+            continue
+        for frame, matrix_ in zip(found.frames, found.matrices, strict=True):
+            alone = buffer.lookup(root, frame, found.stamp_ns).transform.matrix
+            np.testing.assert_allclose(matrix_, alone, atol=1e-9)
+
+
+def _connected(buffer, first, second):
+    try:
+        buffer.latest_common_ns(first, second)
+    except TfError:
+        return False
+    return True
+
+
+def test_edges_above_the_common_ancestor_are_not_asked():
+    buffer = TransformBuffer()
+    buffer.insert("world", "base", 5, IDENTITY)
+    buffer.insert("base", "a", 900, IDENTITY)
+    buffer.insert("base", "b", 900, IDENTITY)
+    assert buffer.poses("a", ["b", "base"]).stamp_ns == 900
+    assert buffer.lookup("a", "b").stamp_ns == 900
+
+
+def test_the_oldest_of_the_newest_samples_makes_the_age():
+    buffer = TransformBuffer()
+    buffer.insert("reference", "cautery", 1_000, IDENTITY)
+    buffer.insert("cautery", "tip", 0, IDENTITY, static=True)
+    buffer.insert("tracker", "reference", 300, IDENTITY)
+    buffer.insert("tracker", "reference", 2_000, IDENTITY)
+    assert buffer.age_ns("tracker", "tip", 2_500) == 1_500
+    assert buffer.age_ns("cautery", "tip", 2_500) == 0
+    assert buffer.lookup("cautery", "tip").stamp_ns is None
+
+
+def test_what_is_no_pose_is_refused_and_changes_nothing():
+    buffer = TransformBuffer()
+    buffer.insert("a", "b", 1, IDENTITY)
+    for child, bad, words in (
+        ("c", (np.nan, *IDENTITY[1:]), "not finite"),
+        ("c", (*IDENTITY[:6], np.inf), "not finite"),
+        ("c", (*IDENTITY[:6], 0.0), "norm 0"),
+        ("c", (*IDENTITY[:6], 1.01), "norm 1.01"),
+        ("a", IDENTITY, "own parent"),
+    ):
+        with pytest.raises(TfInvalidError, match=words):
+            buffer.insert("a", child, 2, bad)
+    with pytest.raises(FrameError, match="not allowed"):
+        buffer.insert("/a", "c", 2, IDENTITY)
+    assert buffer.frames == {"a", "b"}
+    assert buffer.latest_common_ns("a", "b") == 1
+
+
+def test_a_loop_is_refused_by_its_names():
+    buffer = TransformBuffer()
+    buffer.insert("a", "b", 1, IDENTITY)
+    buffer.insert("b", "c", 1, IDENTITY)
+    with pytest.raises(TfConnectivityError, match="c -> a would close the loop a -> b -> c -> a"):
+        buffer.insert("c", "a", 1, IDENTITY)
+    assert buffer.parent("a") is None
+
+
+def test_a_new_parent_forgets_the_past_and_is_counted():
+    buffer = TransformBuffer()
+    buffer.insert("a", "c", 1, IDENTITY)
+    buffer.insert("b", "c", 2, IDENTITY)
+    assert (buffer.parent("c"), buffer.reparented) == ("b", 1)
+    with pytest.raises(TfConnectivityError):
+        buffer.lookup("a", "c")
+
+
+def test_a_clock_that_jumps_back_leaves_static_edges_alone():
+    buffer = TransformBuffer()
+    assert not buffer.set_now(10)
+    buffer.insert("a", "b", 9, IDENTITY)
+    buffer.insert("b", "c", 0, IDENTITY, static=True)
+    assert buffer.set_now(3)
+    assert buffer.jumps == 1
+    assert buffer.lookup("b", "c").stamp_ns is None
+    with pytest.raises(TfConnectivityError):
+        buffer.lookup("a", "b")
+
+
+def test_stamps_that_jump_back_begin_an_edge_anew():
+    buffer = TransformBuffer()
+    hour = 3600 * NS_PER_S
+    buffer.insert("a", "b", hour, IDENTITY)
+    buffer.insert("a", "b", 5, IDENTITY)
+    assert (buffer.latest_common_ns("a", "b"), buffer.restarts) == (5, 1)
+
+
+def test_memory_is_bounded_by_time_by_number_and_by_frames():
+    buffer = TransformBuffer(keep_ns=1_000, most_samples=50, most_frames=3)
+    for stamp in range(5_000):
+        buffer.insert("a", "b", stamp, IDENTITY)
+    buffer.lookup("a", "b", 4_950)
+    with pytest.raises(TfExtrapolationError, match="from 4950 to 4999 ns: asked for 4949 ns"):
+        buffer.lookup("a", "b", 4_949)
+    assert not buffer.insert("a", "b", 3_900, IDENTITY)
+    buffer.insert("a", "c", 1, IDENTITY)
+    with pytest.raises(TfInvalidError, match="3 frames allowed"):
+        buffer.insert("a", "d", 1, IDENTITY)
+
+
+def test_a_repeated_stamp_keeps_its_first_pose():
+    buffer = TransformBuffer()
+    assert buffer.insert("a", "b", 1, IDENTITY)
+    assert not buffer.insert("a", "b", 1, (7.0, *IDENTITY[1:]))
+    assert buffer.lookup("a", "b").transform.translation_mm[0] == 0.0
+
+
+def test_waiting_ends_with_the_sample_or_with_the_last_error():
+    buffer = TransformBuffer()
+    buffer.insert("a", "b", 1, IDENTITY)
+    inserting = threading.Thread(target=buffer.insert, args=("a", "b", 20, IDENTITY))
+    inserting.start()
+    assert buffer.wait("a", "b", 10, timeout_s=10.0).stamp_ns == 10
+    inserting.join()
+    with pytest.raises(TfLookupError, match="'nobody' is not known: known are a, b"):
+        buffer.wait("a", "nobody", timeout_s=0.0)
