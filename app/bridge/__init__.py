@@ -14,7 +14,6 @@ from app.bridge.replay_scene import ReplayScene, root_edges
 __all__ = [
     "BridgeError",
     "PlayerServices",
-    "Received",
     "ReplayPublisher",
     "ReplayScene",
     "RosNode",
