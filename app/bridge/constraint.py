@@ -8,8 +8,7 @@ from std_msgs.msg import Header
 
 from app.bridge import messages
 from app.bridge.replay_scene import ReplayScene
-from app.fixture import FixtureDecision, MarginState
-from app.fixture import HalfSpace as FixtureHalfSpace
+from app.fixture import Constraint, FixtureDecision, MarginState
 from app.geometry import Stamp
 
 
@@ -52,9 +51,7 @@ class ConstraintBuilder:
             message.header.stamp = messages.time_message(self._planes_from)
             message.valid_until = self._valid_until(self._planes_from)
         if decision.constraint is not None:
-            message.half_spaces = [
-                half_space_message(half_space) for half_space in decision.constraint.half_spaces
-            ]
+            message.half_spaces = half_space_messages(decision.constraint)
         if known and decision.proximity is not None:
             message.signed_distance = _metres(decision.proximity.signed_distance_mm)
             message.lower_bound = _metres(decision.proximity.lower_bound_mm)
@@ -69,14 +66,23 @@ class ConstraintBuilder:
         return messages.time_message(stamp.shifted(self._stale_after_ns, stamp.clock))
 
 
-def half_space_message(half_space: FixtureHalfSpace) -> HalfSpace:
-    """The normal as it is, offset and point in m, the tumour's velocity in m/s."""
-    return HalfSpace(
-        normal=messages.vector_message(half_space.normal),
-        offset=_metres(half_space.offset_mm),
-        point_on_tool=messages.point_message(half_space.point_on_tool_mm),
-        tumor_velocity=messages.vector_message(messages.metres(half_space.tumor_velocity_mm_s)),
-    )
+def half_space_messages(constraint: Constraint) -> list[HalfSpace]:
+    """The normals as they are, offsets and points in m, the tumour's velocities in m/s."""
+    return [
+        HalfSpace(
+            normal=messages.vector_message(normal),
+            offset=_metres(offset_mm),
+            point_on_tool=messages.point_message(point_mm),
+            tumor_velocity=messages.vector_message(messages.metres(velocity_mm_s)),
+        )
+        for normal, offset_mm, point_mm, velocity_mm_s in zip(
+            constraint.normals,
+            constraint.offsets_mm,
+            constraint.points_on_tool_mm,
+            constraint.tumor_velocities_mm_s,
+            strict=True,
+        )
+    ]
 
 
 def _metres(value_mm: float) -> float:

@@ -19,11 +19,11 @@ from app.fixture import (
     AppliedMargin,
     Constraint,
     FixtureDecision,
-    HalfSpace,
     MarginParameters,
     MarginState,
     Proximity,
     Reason,
+    Witnesses,
 )
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.session import StepResult
@@ -213,25 +213,28 @@ def _step(index: int, *, lost: bool = False, state: MarginState | None = None) -
         ),
     )
     joints = JointSample(("waist", "slide"), np.array([0.5, 0.01]), Stamp(now.ns - 5_000_000))
-    half_space = HalfSpace(
-        normal=np.array([0.0, 0.0, 1.0]),
-        offset_mm=12.5,
-        point_on_tool_mm=np.array([1.0, 2.0, 17.5]),
-        tumor_velocity_mm_s=np.array([0.0, 4.0, 0.0]),
-    )
     state = state or (MarginState.UNKNOWN if lost else MarginState.NEGATIVE)
-    constraint = Constraint("tumor", (half_space,), hold=lost)
+    constraint = Constraint(
+        frame="tumor",
+        normals=np.array([[0.0, 0.0, 1.0]]),
+        offsets_mm=np.array([12.5]),
+        points_on_tool_mm=np.array([[1.0, 2.0, 17.5]]),
+        tumor_velocities_mm_s=np.array([[0.0, 4.0, 0.0]]),
+        hold=lost,
+    )
     decision = FixtureDecision(
         state=state,
         reasons=(Reason.INVALID, Reason.LATCHED) if lost else (Reason.CLEAR,),
         proximity=None
         if lost
         else Proximity(
-            signed_distance_mm=7.5,
             lower_bound_mm=7.25,
-            on_tool_mm=np.array([1.0, 2.0, 17.5]),
-            on_tumor_mm=np.array([1.0, 2.0, 10.0]),
-            normal=np.array([0.0, 0.0, 1.0]),
+            witnesses=Witnesses.single(
+                7.5,
+                on_tool_mm=np.array([1.0, 2.0, 17.5]),
+                on_tumor_mm=np.array([1.0, 2.0, 10.0]),
+                normal=np.array([0.0, 0.0, 1.0]),
+            ),
             stamp=oldest,
         ),
         margin=None if lost else AppliedMargin(1.0, 5.0, tre_mm=0.5, age_mm=0.25),

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity, Reason
+from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import Stamp, Transform
 from app.report import ReplayLog, ReportError, ReportRow
 
@@ -12,14 +12,10 @@ from app.report import ReplayLog, ReportError, ReportRow
 def step(distance_mm: float | None, *, ns: int = 5, tip: bool = True) -> SimpleNamespace:
     proximity = None
     if distance_mm is not None:
-        proximity = Proximity(
-            distance_mm,
-            distance_mm - 0.1,
-            np.zeros(3),
-            np.zeros(3),
-            np.array([0.0, 0.0, 1.0]),
-            None,
+        witnesses = Witnesses.single(
+            distance_mm, np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 1.0])
         )
+        proximity = Proximity(distance_mm - 0.1, witnesses, None)
     known = distance_mm is not None
     decision = FixtureDecision(
         MarginState.POSITIVE if known else MarginState.UNKNOWN,

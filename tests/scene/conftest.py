@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from app.fixture import FixtureDecision, MarginState, Proximity, Reason
+from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.robot import Joint, JointType, Link, Robot, Shape
 from app.scene import OffscreenError, use_offscreen_rendering
@@ -125,9 +125,8 @@ def build_decision(state: MarginState, distance_mm: float | None) -> FixtureDeci
     if distance_mm is not None:
         normal = np.array([0.0, 0.0, 1.0])
         surface = np.array([0.0, 0.0, 12.0])
-        proximity = Proximity(
-            distance_mm, distance_mm, surface + distance_mm * normal, surface, normal, None
-        )
+        witnesses = Witnesses.single(distance_mm, surface + distance_mm * normal, surface, normal)
+        proximity = Proximity(distance_mm, witnesses, None)
     return FixtureDecision(state, (Reason.INSIDE,), proximity, None, None, False, Stamp(1), 1)
 
 

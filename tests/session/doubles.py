@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from app.case import JointSample, TrackingFrame
-from app.fixture import MarginParameters, Proximity, SweptProximity
+from app.fixture import MarginParameters, Proximity, SweptProximity, Witnesses
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 
 PARAMETERS = MarginParameters(
@@ -32,7 +32,8 @@ class AnalyticSphere:
         tip = tumor_from_tool.translation_mm
         normal = tip / np.linalg.norm(tip)
         distance = float(np.linalg.norm(tip)) - self.sphere_mm
-        return Proximity(distance, distance, tip, self.sphere_mm * normal, normal, stamp)
+        witnesses = Witnesses.single(distance, tip, self.sphere_mm * normal, normal)
+        return Proximity(distance, witnesses, stamp)
 
     def sweep(
         self, previous: Transform, current: Transform, stamp: Stamp | None = None
