@@ -48,13 +48,24 @@ def wander(
         vertices = middle + (tool.vertices_mm - leading[k]) @ rotations[k].T
         away[place] = reach + high if place == 0 else away[place - 1] + 2.0
         for _ in range(6):
-            away[place] -= tree.query(vertices + away[place] * towards[k])[0].min() - gaps[k]
+            moved = vertices + away[place] * towards[k]
+            away[place] -= _nearest_mm(tree, moved, middle, reach) - gaps[k]
     away = np.interp(np.arange(steps), knots, away)
     translations = middle + away[:, None] * towards - np.einsum("kij,kj->ki", rotations, leading)
     return [
         Transform(tumor.frame, tool.frame, rotation, translation)
         for rotation, translation in zip(rotations, translations, strict=True)
     ]
+
+
+def _nearest_mm(tree: cKDTree, points: FloatArray, middle: FloatArray, reach: float) -> float:
+    """The smallest distance to ``tree``, all of whose points are within ``reach`` of ``middle``."""
+    at_least = np.linalg.norm(points - middle, axis=1) - reach
+    first = np.argpartition(at_least, min(8, len(points) - 1))[:8]
+    nearest = tree.query(points[first])[0].min()
+    return float(
+        tree.query(points[at_least <= nearest], distance_upper_bound=nearest + 1e-9)[0].min()
+    )
 
 
 def _slow(rng: np.random.Generator, time: FloatArray, count: int) -> FloatArray:
