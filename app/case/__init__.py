@@ -17,6 +17,7 @@ from app.case.landmark_file import read_landmarks
 from app.case.manifest import (
     CaseManifest,
     ClockEntry,
+    ContourEntry,
     Dwell,
     MarginEntry,
     MeshEntry,
@@ -24,12 +25,13 @@ from app.case.manifest import (
     RecordingEntry,
     RegistrationEntry,
     RobotEntry,
+    SegmentationEntry,
     ToolEntry,
     TumorEntry,
 )
 from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap
-from app.case.mesh_file import load_mesh
+from app.case.mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
 from app.case.player import Player
 from app.case.plus_config import PlusConfiguration, read_plus_config
 from app.case.recorder import Recorder, write_recording
@@ -41,13 +43,24 @@ from app.case.transform_file import (
     read_transform,
     write_transform,
 )
+from app.case.tumor import (
+    SEGMENTATION_ENDING,
+    BuiltTumor,
+    tumor_from_contour,
+    tumor_from_segmentation,
+)
 from app.case.watchdog import with_watchdog
 
 __all__ = [
+    "MESH_ENDINGS",
+    "SEGMENTATION_ENDING",
     "TRANSFORM_ENDINGS",
+    "UNITS_MM",
+    "BuiltTumor",
     "Case",
     "CaseManifest",
     "ClockEntry",
+    "ContourEntry",
     "Dwell",
     "EdgeCount",
     "Expected",
@@ -66,9 +79,11 @@ __all__ = [
     "RecordingInventory",
     "RegistrationEntry",
     "RobotEntry",
+    "SegmentationEntry",
     "ToolEntry",
     "TrackingFrame",
     "TumorEntry",
+    "check_mesh_place",
     "check_place",
     "check_transform_path",
     "convert_case",
@@ -81,8 +96,11 @@ __all__ = [
     "read_mcap",
     "read_plus_config",
     "read_transform",
+    "tumor_from_contour",
+    "tumor_from_segmentation",
     "with_watchdog",
     "write_expected",
+    "write_mesh",
     "write_recording",
     "write_small",
     "write_transform",

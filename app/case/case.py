@@ -12,13 +12,16 @@ from app.case.manifest import (
     TUMOR_MESH_FRAME,
     CaseManifest,
     ClockEntry,
+    ContourEntry,
     MeshEntry,
+    SegmentationEntry,
 )
 from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap
 from app.case.mesh_file import load_mesh
 from app.case.paths import resolve_file, resolve_inside, sha256_of
 from app.case.samples import TrackingFrame
+from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.case.watchdog import with_watchdog
 from app.geometry import InputError, MeshError, SurfaceMesh
 
@@ -36,6 +39,7 @@ class Case:
     package_dirs: tuple[Path, ...] = ()
     _notes: list[str] = field(default_factory=list)
     _meshes: dict[str, SurfaceMesh] = field(default_factory=dict)
+    _mesh_notes: list[str] = field(default_factory=list)
 
     @property
     def has_joints(self) -> bool:
@@ -75,8 +79,8 @@ class Case:
         return replace(self, manifest=replace(self.manifest, clock=clock), _notes=[])
 
     def notes(self) -> tuple[str, ...]:
-        """What the last reading had to say; complete once its frames are exhausted."""
-        return tuple(self._notes)
+        """What there is to say of the tumour, once built, and of the last reading, once ended."""
+        return (*self._mesh_notes, *self._notes)
 
     def tool_mesh(self) -> SurfaceMesh:
         """The tool's closed surface in the frame of its tip."""
@@ -86,8 +90,15 @@ class Case:
         return self._mesh(tool.mesh, tool.tip_frame, "tool.mesh")
 
     def tumor_mesh(self) -> SurfaceMesh:
-        """The tumour's closed surface, in the frame ``tumor``."""
-        return self._mesh(self.manifest.tumor.mesh, TUMOR_MESH_FRAME, "tumor.mesh")
+        """The tumour's closed surface, in the frame ``tumor``: read, or built and then kept."""
+        tumor = self.manifest.tumor
+        if isinstance(tumor.shape, MeshEntry):
+            return self._mesh(tumor.shape, TUMOR_MESH_FRAME, tumor.shape_key)
+        if tumor.shape_key not in self._meshes:
+            built = self._built(tumor.shape, tumor.shape_key)
+            self._meshes[tumor.shape_key] = built.mesh
+            self._mesh_notes.extend(built.notes)
+        return self._meshes[tumor.shape_key]
 
     def robot_urdf(self) -> Path:
         """The robot's URDF file; `InputError` when the case has no robot."""
@@ -114,6 +125,12 @@ class Case:
             self._meshes[key] = mesh.require_closed(f"the mesh {path} (case.yaml: {key})")
         return self._meshes[key]
 
+    def _built(self, entry: SegmentationEntry | ContourEntry, key: str) -> BuiltTumor:
+        path = self._file(entry.path, f"{key}.path")
+        if isinstance(entry, ContourEntry):
+            return tumor_from_contour(path, frame=TUMOR_MESH_FRAME)
+        return tumor_from_segmentation(path, frame=TUMOR_MESH_FRAME, segment=entry.segment)
+
     def _file(self, name: str, key: str) -> Path:
         return resolve_file(self.folder, name, f"case.yaml: {key}", package_dirs=self.package_dirs)
 
@@ -129,7 +146,7 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     recording = resolve_inside(folder, manifest.recording.path, "case.yaml: recording.path")
     case = Case(folder, manifest, recording, tuple(package_dirs))
     _check_recording(recording, manifest.recording.sha256)
-    case._file(manifest.tumor.mesh.path, "tumor.mesh.path")
+    case._file(manifest.tumor.shape.path, f"{manifest.tumor.shape_key}.path")
     if manifest.tool.mesh is not None:
         case._file(manifest.tool.mesh.path, "tool.mesh.path")
     if manifest.robot is not None:

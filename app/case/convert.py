@@ -65,7 +65,7 @@ def _write(case: Case, folder: Path) -> None:
 def _named_files(case: Case) -> list[str]:
     """The case's own files beside its recording, relative to its folder."""
     manifest = case.manifest
-    names = [manifest.tumor.mesh.path]
+    names = [manifest.tumor.shape.path]
     if manifest.tool.mesh is not None:
         names.append(manifest.tool.mesh.path)
     if manifest.expected is not None:

@@ -1,11 +1,12 @@
-"""Landmarks of a phantom from a file: YAML, or the markups of 3D Slicer (``.mrk.json``).
+"""Points with names from a file: YAML, or the markups of 3D Slicer (``.mrk.json``, ``.fcsv``).
 
 Slicer writes markups in LPS unless told otherwise: the x and y of such a file are turned around
-here, so that landmarks are in RAS axes like everything that Slicer shows.
+here, so that points are in RAS axes like everything that Slicer shows.
 """
 
+import csv
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ _AXES = {
     "1": (-1.0, -1.0, 1.0),
 }
 _MARKUPS = ".mrk.json"
+_FIDUCIALS = ".fcsv"
+_FIDUCIAL_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label"
 
 
 def read_landmarks(path: Path) -> dict[str, FloatArray]:
@@ -32,17 +35,35 @@ def read_landmarks(path: Path) -> dict[str, FloatArray]:
     file, its points that are placed. Raises `InputError` for anything malformed, for names that
     are empty or stand twice, and for a file without any landmark.
     """
-    if path.name.lower().endswith(_MARKUPS):
-        return _from_markups(path)
-    if path.suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"{path} is no landmark file: .yaml, .yml, {_MARKUPS} allowed")
-    entries = Section.load(path, ("landmarks",)).sections("landmarks", ("name", "position_mm"))
-    found = [(entry.text("name"), entry.numbers("position_mm", 3)) for entry in entries]
-    return _some(checked_landmarks(found, path), path)
+    return checked_landmarks(read_points(path), path)
+
+
+def read_points(path: Path) -> list[tuple[str, FloatArray]]:
+    """As `read_landmarks`, but their names do not matter: they may be empty and stand twice."""
+    name = path.name.lower()
+    found: Iterable[tuple[str, Sequence[float]]]
+    if name.endswith(_MARKUPS):
+        found, axes = _markups(path)
+    elif name.endswith(_FIDUCIALS):
+        found, axes = _fiducials(path)
+    elif name.endswith((".yaml", ".yml")):
+        entries = Section.load(path, ("landmarks",)).sections("landmarks", ("name", "position_mm"))
+        found = [(entry.text("name"), entry.numbers("position_mm", 3)) for entry in entries]
+        axes = "RAS"
+    else:
+        raise InputError(
+            f"{path} is no landmark file: .yaml, .yml, {_MARKUPS}, {_FIDUCIALS} allowed"
+        )
+    if axes not in _AXES:
+        raise InputError(f"{path}: its coordinate system is {axes!r}: RAS or LPS wanted")
+    points = [(label, _position(label, numbers, path) * _AXES[axes]) for label, numbers in found]
+    if not points:
+        raise InputError(f"{path} holds no landmark")
+    return points
 
 
 def checked_landmarks(
-    entries: Iterable[tuple[str, Sequence[float]]], path: Path
+    entries: Iterable[tuple[str, Sequence[float] | FloatArray]], path: Path
 ) -> dict[str, FloatArray]:
     """Names and positions as a mapping; `InputError` for doubles and positions that are none."""
     landmarks: dict[str, FloatArray] = {}
@@ -51,16 +72,21 @@ def checked_landmarks(
             raise InputError(f"{path}: landmark {len(landmarks)} has no name")
         if name in landmarks:
             raise InputError(f"{path}: landmark {name!r} stands twice")
-        point = np.array(position, dtype=np.float64)
-        if point.shape != (3,) or not np.isfinite(point).all():
-            raise InputError(
-                f"{path}: landmark {name!r} is at {list(position)!r}: 3 finite numbers wanted"
-            )
-        landmarks[name] = point
+        landmarks[name] = _position(name, position, path)
     return landmarks
 
 
-def _from_markups(path: Path) -> dict[str, FloatArray]:
+def _position(name: str, numbers: Sequence[float] | FloatArray, path: Path) -> FloatArray:
+    point = np.array(numbers, dtype=np.float64)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError(
+            f"{path}: landmark {name!r} is at {list(numbers)!r}: 3 finite numbers wanted"
+        )
+    return point
+
+
+def _markups(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
+    """Labels with positions of the first list of the file, and its coordinate system."""
     document = _json(path)
     try:
         (markup, *_) = document["markups"]
@@ -75,12 +101,34 @@ def _from_markups(path: Path) -> dict[str, FloatArray]:
         raise InputError(
             f"{path} is no Slicer markups file: {type(error).__name__} {error}"
         ) from error
-    if axes not in _AXES:
-        raise InputError(f"{path}: coordinateSystem is {axes!r}: RAS or LPS wanted")
     if units != "mm" and units != ["mm"] * 3:
         raise InputError(f"{path}: coordinateUnits is {units!r}: mm wanted")
-    found = checked_landmarks(placed, path)
-    return _some({name: point * _AXES[axes] for name, point in found.items()}, path)
+    return placed, axes
+
+
+def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
+    """Labels with positions in mm of a table as Slicer 4 wrote it, and its coordinate system."""
+    try:
+        lines = read_small(path, _MAX_BYTES).decode("utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text: byte {error.start}") from error
+    told = {
+        key.strip(): value.strip()
+        for key, _, value in (line[1:].partition("=") for line in lines if line.startswith("#"))
+    }
+    axes, columns = told.get("CoordinateSystem"), told.get("columns", "")
+    if axes is None or not columns.startswith(_FIDUCIAL_COLUMNS):
+        raise InputError(
+            f"{path} is no Slicer fiducial file: a CoordinateSystem and the columns "
+            f"{_FIDUCIAL_COLUMNS} wanted"
+        )
+    points = []
+    for row in csv.reader(line for line in lines if line.strip() and not line.startswith("#")):
+        try:
+            points.append((row[11], [float(value) for value in row[1:4]]))
+        except (IndexError, ValueError) as error:
+            raise InputError(f"{path}: the row {','.join(row)!r} is no point: {error}") from error
+    return points, axes
 
 
 def _json(path: Path) -> Any:
@@ -88,9 +136,3 @@ def _json(path: Path) -> Any:
         return json.loads(read_small(path, _MAX_BYTES))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not JSON: {error}") from error
-
-
-def _some(landmarks: Mapping[str, FloatArray], path: Path) -> dict[str, FloatArray]:
-    if not landmarks:
-        raise InputError(f"{path} holds no landmark")
-    return dict(landmarks)

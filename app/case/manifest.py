@@ -50,6 +50,21 @@ class MeshEntry:
     units: str
 
 
+@dataclass(frozen=True, slots=True)
+class SegmentationEntry:
+    """A label map file as written and which of its segments; None where it holds only one."""
+
+    path: str
+    segment: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ContourEntry:
+    """A file of points on the tumour's surface, as written."""
+
+    path: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolEntry:
     """The tracked tool. The mesh is given in the tip's frame; None serves tip-only replays."""
@@ -66,11 +81,16 @@ class ToolEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TumorEntry:
-    """The tumour's mesh, rigid to the tracked ``frame``."""
+    """The tumour's shape, rigid to the tracked ``frame``."""
 
     frame: str
-    mesh: MeshEntry
+    shape: MeshEntry | SegmentationEntry | ContourEntry
     frame_from_tumor: Transform
+
+    @property
+    def shape_key(self) -> str:
+        """The key under which the manifest names the shape's file."""
+        return "tumor.contour" if isinstance(self.shape, ContourEntry) else "tumor.mesh"
 
 
 @dataclass(frozen=True, slots=True)

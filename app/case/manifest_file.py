@@ -14,6 +14,7 @@ from app.case.manifest import (
     TUMOR_MESH_FRAME,
     CaseManifest,
     ClockEntry,
+    ContourEntry,
     Dwell,
     MarginEntry,
     MeshEntry,
@@ -21,10 +22,12 @@ from app.case.manifest import (
     RecordingEntry,
     RegistrationEntry,
     RobotEntry,
+    SegmentationEntry,
     ToolEntry,
     TumorEntry,
 )
 from app.case.mesh_file import UNITS_MM
+from app.case.tumor import SEGMENTATION_ENDING
 from app.geometry import (
     NS_PER_MS,
     FrameError,
@@ -127,11 +130,27 @@ def _tool(document: Section) -> ToolEntry:
 
 
 def _tumor(document: Section) -> TumorEntry:
-    block = document.section("tumor", ("frame", "mesh", "pose"))
+    block = document.section("tumor", ("frame", "mesh", "contour", "pose"))
     frame = _frame(block, "frame")
     return TumorEntry(
-        frame, _mesh(block), _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME)
+        frame, _shape(block), _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME)
     )
+
+
+def _shape(tumor: Section) -> MeshEntry | SegmentationEntry | ContourEntry:
+    if tumor.has("contour"):
+        if tumor.has("mesh"):
+            raise InputError(f"{tumor.place('mesh')} and a contour are given: one of them wanted")
+        return ContourEntry(tumor.section("contour", ("path",)).text("path"))
+    mesh = tumor.section("mesh", ("path", "units", "segment"))
+    path = mesh.text("path")
+    if not path.lower().endswith(SEGMENTATION_ENDING):
+        if mesh.has("segment"):
+            raise InputError(f"{mesh.place('segment')} is given: {path} is no segmentation")
+        return MeshEntry(path, mesh.choice("units", tuple(UNITS_MM)))
+    if mesh.has("units"):
+        raise InputError(f"{mesh.place('units')} is given: a segmentation is in mm")
+    return SegmentationEntry(path, mesh.text("segment") if mesh.has("segment") else None)
 
 
 def _robot(document: Section) -> RobotEntry | None:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from app.case import read_landmarks
+from app.case.landmark_file import read_points
 from app.geometry import InputError
 
 
@@ -47,6 +48,59 @@ def test_slicer_reads_the_same_positions(tmp_path: Path) -> None:
     for index, (name, position) in enumerate(read_landmarks(path).items()):
         assert node.GetNthControlPointLabel(index) == name
         np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+
+
+FIDUCIALS = """\
+# Markups fiducial file version = 4.11
+# CoordinateSystem = {axes}
+# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID
+1,-1.0,-2.0,3.0,0.0,0.0,0.0,1.0,1,1,0,F-1,,
+2,10.0,0.0,0.5,0.0,0.0,0.0,1.0,1,1,0,F-2,"a, b",
+"""
+
+
+@pytest.mark.parametrize("axes", ["LPS", "RAS", "0", "1"])
+def test_slicer_reads_the_same_from_a_table(tmp_path: Path, axes: str) -> None:
+    slicer = pytest.importorskip("slicer")
+    path = tmp_path / "points.fcsv"
+    path.write_text(FIDUCIALS.format(axes=axes))
+    scene = slicer.vtkMRMLScene()
+    logic = slicer.vtkSlicerMarkupsLogic()
+    logic.SetMRMLScene(scene)
+    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    storage = slicer.vtkMRMLMarkupsFiducialStorageNode()
+    scene.AddNode(storage)
+    storage.SetFileName(str(path))
+    assert storage.ReadData(node)
+    found = read_landmarks(path)
+    assert list(found) == ["F-1", "F-2"]
+    for index, position in enumerate(found.values()):
+        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+
+
+def test_bad_tables(tmp_path: Path) -> None:
+    path = tmp_path / "points.fcsv"
+    good = FIDUCIALS.format(axes="LPS")
+    for text, message in (
+        (good.replace("LPS", "IJK"), "RAS or LPS wanted"),
+        (good.replace("# CoordinateSystem = LPS\n", ""), "no Slicer fiducial file"),
+        (good.replace("id,x,y,z", "id,z,y,x"), "no Slicer fiducial file"),
+        (good.replace("10.0", "ten"), "is no point: could not convert"),
+        (good.replace("10.0", "nan"), "'F-2' is at .*finite"),
+        (good[: good.index("2,10.0")] + "2,1.0\n", "the row '2,1.0' is no point"),
+        (good[: good.index("1,-1.0")], "no landmark"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=message):
+            read_landmarks(path)
+
+
+def test_names_do_not_matter_where_points_are_wanted(tmp_path: Path) -> None:
+    points = [{"label": "", "position": [1.0, 2.0, 3.0]}] * 2
+    path = markups(tmp_path, controlPoints=points)
+    assert [(name, p.tolist()) for name, p in read_points(path)] == [("", [-1.0, -2.0, 3.0])] * 2
+    with pytest.raises(InputError, match="landmark 0 has no name"):
+        read_landmarks(path)
 
 
 def test_yaml_in_the_order_of_the_file(tmp_path: Path) -> None:
@@ -92,4 +146,4 @@ def test_bad_markups(tmp_path: Path) -> None:
         with pytest.raises(InputError):
             read_landmarks(path)
     with pytest.raises(InputError, match="is no landmark file"):
-        read_landmarks(tmp_path / "points.fcsv")
+        read_landmarks(tmp_path / "points.csv")

@@ -1,0 +1,195 @@
+"""Volumes of whole numbers from NRRD files, as 3D Slicer writes label maps and segmentations.
+
+Sizes are checked before memory is taken, and compressed data are unpacked no further than they
+say. The header is parsed by pynrrd; its axes, LPS in files of Slicer, are turned to RAS here.
+"""
+
+import bz2
+import gzip
+import io
+import re
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import nrrd
+import numpy as np
+from numpy.typing import NDArray
+
+from app.geometry import FloatArray, InputError
+
+MAX_VOXELS = 1 << 27
+"""Values of a file in all its layers: 512 x 512 x 512."""
+
+_MAX_HEADER_BYTES = 4_000_000
+_MAX_VALUE_BYTES = 8
+_HEADER_END = re.compile(rb"\r?\n\r?\n")
+_SMALLEST_MM, _LARGEST_MM = 0.01, 100.0
+"""Sides of a voxel; one of 1 mm that is given in metres measures 0.001."""
+
+_LEAST_SOLID = 1e-3
+"""Least volume of the box of three unit directions; 1 where they are square to each other."""
+
+_RAS_SIGNS = {
+    "right-anterior-superior": (1.0, 1.0, 1.0),
+    "ras": (1.0, 1.0, 1.0),
+    "left-anterior-superior": (-1.0, 1.0, 1.0),
+    "las": (-1.0, 1.0, 1.0),
+    "left-posterior-superior": (-1.0, -1.0, 1.0),
+    "lps": (-1.0, -1.0, 1.0),
+}
+_ELSEWHERE = ("data file", "datafile", "line skip", "lineskip", "byte skip", "byteskip")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NrrdVolume:
+    """The values of one file.
+
+    ``layers`` (n, i, j, k): whole numbers, read-only; n is 1 for a volume of three axes.
+    ``ras_from_index`` (3, 4): the centre in mm of the voxel with an index (i, j, k).
+    ``fields``: the header's own fields and its key/value pairs, as text.
+    """
+
+    layers: NDArray[np.integer[Any]]
+    ras_from_index: FloatArray
+    fields: Mapping[str, str]
+
+
+def read_nrrd(path: Path) -> NrrdVolume:
+    """Read the whole of the ``.nrrd`` file at ``path``.
+
+    Three axes of space, or a list of volumes of them (its direction is ``none``). Raises
+    `InputError` for anything else: other axes than RAS, LAS and LPS, directions that span no
+    space, values that are no whole numbers, data in another file, too few or too many of them.
+    """
+    try:
+        with path.open("rb") as file:
+            header = _header(file, path)
+            shape = _shape(header, path)
+            ras_from_index, list_axis = _geometry(header, path)
+            content = _content(file, header, path, int(np.prod(shape, dtype=np.int64)))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    values = _values(header, content, path)
+    layers = values[None] if list_axis is None else np.moveaxis(values, list_axis, 0)
+    layers.flags.writeable = False
+    fields = {name: value for name, value in header.items() if isinstance(value, str)}
+    return NrrdVolume(layers, ras_from_index, fields)
+
+
+def _header(file: IO[bytes], path: Path) -> dict[str, Any]:
+    """The parsed header; ``file`` is left at the first byte of the data."""
+    start = file.read(_MAX_HEADER_BYTES)
+    end = _HEADER_END.search(start)
+    if not start.startswith(b"NRRD") or end is None:
+        raise InputError(f"{path} is no NRRD file: a header that begins with NRRD wanted")
+    file.seek(end.end())
+    try:
+        lines = start[: end.start()].decode("utf-8").splitlines()
+        header = dict(nrrd.read_header(lines))
+    except Exception as error:  # pynrrd fails with whatever its parsers raise
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(f"{path} has no readable NRRD header: {reason}") from error
+    for name in _ELSEWHERE:
+        if header.get(name, 0) != 0:
+            raise InputError(
+                f"{path}: {name!r} is {str(header[name])!r}: data right after the header, in the "
+                "same file, wanted"
+            )
+    return header
+
+
+def _shape(header: Mapping[str, Any], path: Path) -> list[int]:
+    shape = [int(size) for size in _field(header, "sizes", path)]
+    if len(shape) != _field(header, "dimension", path) or len(shape) not in (3, 4):
+        raise InputError(
+            f"{path}: dimension is {header['dimension']} and sizes {shape}: 3, or 4 with layers, "
+            "wanted"
+        )
+    count = 1
+    for size in shape:
+        count *= size
+    if min(shape) < 1 or count > MAX_VOXELS:
+        raise InputError(f"{path}: sizes are {shape}: 1 to {MAX_VOXELS} values allowed")
+    return shape
+
+
+def _geometry(header: Mapping[str, Any], path: Path) -> tuple[FloatArray, int | None]:
+    """``ras_from_index`` (3, 4), and which axis is the list of layers, if there is one."""
+    space = str(_field(header, "space", path))
+    if space.lower() not in _RAS_SIGNS:
+        raise InputError(f"{path}: space is {space!r}: {', '.join(list(_RAS_SIGNS)[::2])} wanted")
+    for unit in header.get("space units", ()):
+        if unit.lower() not in ("", "mm", "millimeter", "millimeters"):
+            raise InputError(f"{path}: space units are {unit!r}: mm wanted")
+    dimension = int(header["dimension"])
+    directions = np.asarray(_field(header, "space directions", path), dtype=np.float64)
+    origin = np.asarray(_field(header, "space origin", path), dtype=np.float64)
+    list_axis = None
+    if directions.shape == (4, 3):
+        lists = np.flatnonzero(np.isnan(directions).all(axis=1))
+        if len(lists) != 1:
+            raise InputError(f"{path}: {len(lists)} of its 4 axes are lists: one wanted")
+        list_axis = int(lists[0])
+        directions = np.delete(directions, list_axis, axis=0)
+    if dimension != 3 + (list_axis is not None) or directions.shape != (3, 3):
+        raise InputError(
+            f"{path}: space directions have shape {directions.shape}: a vector for each axis wanted"
+        )
+    sides = np.linalg.norm(directions, axis=1)
+    if origin.shape != (3,) or not np.isfinite(origin).all() or not np.isfinite(sides).all():
+        raise InputError(
+            f"{path}: space origin is {origin.tolist()}, space directions are "
+            f"{directions.tolist()}: finite numbers wanted"
+        )
+    if sides.min() < _SMALLEST_MM or sides.max() > _LARGEST_MM:
+        raise InputError(
+            f"{path}: its voxels measure {' x '.join(f'{side:.6g}' for side in sides)} mm: "
+            f"{_SMALLEST_MM:g} to {_LARGEST_MM:g} mm allowed"
+        )
+    if abs(np.linalg.det(directions / sides[:, None])) < _LEAST_SOLID:
+        raise InputError(f"{path}: space directions {directions.tolist()} lie in one plane")
+    signs = np.array(_RAS_SIGNS[space.lower()])
+    return np.column_stack([directions.T, origin]) * signs[:, None], list_axis
+
+
+def _content(file: IO[bytes], header: Mapping[str, Any], path: Path, count: int) -> bytes:
+    """The data unpacked, but no more than a byte above what ``count`` values can take."""
+    encoding = str(_field(header, "encoding", path)).lower()
+    most = count * _MAX_VALUE_BYTES + 1
+    try:
+        if encoding == "raw":
+            return file.read(most)
+        if encoding in ("gzip", "gz"):
+            with gzip.GzipFile(fileobj=file) as unpacked:
+                return unpacked.read(most)
+        if encoding in ("bzip2", "bz2"):
+            with bz2.BZ2File(file) as unpacked_bz2:
+                return unpacked_bz2.read(most)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"{path}: its data are cut or damaged: {error}") from error
+    raise InputError(f"{path}: encoding is {encoding!r}: raw, gzip or bzip2 wanted")
+
+
+def _values(header: Mapping[str, Any], content: bytes, path: Path) -> NDArray[np.integer[Any]]:
+    try:
+        raw = {**header, "encoding": "raw"}
+        values = np.asarray(nrrd.read_data(raw, io.BytesIO(content)))
+    except Exception as error:  # pynrrd fails with whatever numpy and it raise
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(f"{path}: its data do not fit its header: {reason}") from error
+    if values.nbytes != len(content):
+        raise InputError(
+            f"{path}: its data have {len(content)} bytes or more: {values.nbytes} wanted"
+        )
+    if values.dtype.kind not in "iu":
+        raise InputError(f"{path}: type is {header['type']!r}: whole numbers wanted")
+    return values
+
+
+def _field(header: Mapping[str, Any], name: str, path: Path) -> Any:
+    if name not in header:
+        raise InputError(f"{path}: the field {name!r} is missing")
+    return header[name]

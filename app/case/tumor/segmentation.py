@@ -1,0 +1,143 @@
+"""One segment of a label map: of 3D Slicer's ``.seg.nrrd``, or of a plain ``.nrrd``.
+
+A ``.seg.nrrd`` tells its segments by header fields ``Segment0_Name``, ``Segment0_ID``,
+``Segment0_LabelValue`` and ``Segment0_Layer``: segments that do not overlap share a layer with a
+value for each, others have layers of their own. In a plain label map each value is a segment.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.case.tumor.nrrd_file import NrrdVolume, read_nrrd
+from app.geometry import FloatArray, InputError
+
+MAX_LABELS = 256
+"""Different values of a plain label map; with more it is taken for an image."""
+
+_FIELD = re.compile(r"Segment(\d+)_(ID|Name|LabelValue|Layer)")
+_REPRESENTATIONS = ("Segmentation_SourceRepresentation", "Segmentation_MasterRepresentation")
+_BINARY = "Binary labelmap"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelMap:
+    """The voxels of one segment, cut to the box around them.
+
+    ``marked`` (i, j, k), ``ras_from_index`` (3, 4) to the centres of its voxels in mm.
+    ``at_border``: whether the segment reaches the border of the volume.
+    """
+
+    name: str
+    marked: NDArray[np.bool_]
+    ras_from_index: FloatArray
+    at_border: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Segment:
+    identifier: str
+    name: str
+    layer: int
+    label: int
+
+    def __str__(self) -> str:
+        if self.name == self.identifier:
+            return self.name
+        return f"{self.name} ({self.identifier})"
+
+
+def read_segment(path: Path, wanted: str | None) -> LabelMap:
+    """The segment of the file at ``path`` whose name or identifier is ``wanted``.
+
+    In a plain label map that is a value. None serves where there is only one. Raises `InputError`
+    as `read_nrrd` does, for a segment that is not there, and for one without a voxel; the message
+    lists those that there are.
+    """
+    volume = read_nrrd(path)
+    segments = _named_segments(volume, path) or _plain_labels(volume, path)
+    segment = _chosen(segments, wanted, path)
+    marked = volume.layers[segment.layer] == segment.label
+    if not marked.any():
+        raise InputError(f"{path}: segment {segment} has no voxel: one at least wanted")
+    box, at_border = _box(marked)
+    ras_from_index = np.array(volume.ras_from_index)
+    ras_from_index[:, 3] += ras_from_index[:, :3] @ [side.start for side in box]
+    return LabelMap(segment.name, marked[box], ras_from_index, at_border)
+
+
+def _named_segments(volume: NrrdVolume, path: Path) -> list[_Segment]:
+    for key in _REPRESENTATIONS:
+        representation = volume.fields.get(key, _BINARY)
+        if representation != _BINARY:
+            raise InputError(f"{path}: {key} is {representation!r}: {_BINARY!r} wanted")
+    found: dict[int, dict[str, str]] = {}
+    for field, value in volume.fields.items():
+        match = _FIELD.fullmatch(field)
+        if match:
+            found.setdefault(int(match[1]), {})[match[2]] = value
+    return [_segment(found[number], number, volume, path) for number in sorted(found)]
+
+
+def _segment(entry: Mapping[str, str], number: int, volume: NrrdVolume, path: Path) -> _Segment:
+    missing = [key for key in ("ID", "Name", "LabelValue", "Layer") if key not in entry]
+    if missing:
+        raise InputError(
+            f"{path}: Segment{number}_{missing[0]} is missing: Slicer writes it since 4.11, save "
+            "the segmentation again with a newer one"
+        )
+    try:
+        layer, label = int(entry["Layer"]), int(entry["LabelValue"])
+    except ValueError as error:
+        raise InputError(f"{path}: Segment{number} is {dict(entry)}: {error}") from error
+    if not 0 <= layer < len(volume.layers) or label == 0:
+        raise InputError(
+            f"{path}: Segment{number} is value {label} of layer {layer}: not 0, and a layer from 0 "
+            f"to {len(volume.layers) - 1}, wanted"
+        )
+    return _Segment(entry["ID"], entry["Name"], layer, label)
+
+
+def _plain_labels(volume: NrrdVolume, path: Path) -> list[_Segment]:
+    if len(volume.layers) != 1:
+        raise InputError(f"{path} has {len(volume.layers)} layers and no segment names: 1 wanted")
+    (voxels,) = volume.layers
+    labels = np.unique(voxels[voxels != 0])
+    if len(labels) > MAX_LABELS:
+        raise InputError(
+            f"{path} holds {len(labels)} different values: a label map of up to {MAX_LABELS} "
+            "wanted, this looks like an image"
+        )
+    return [_Segment(str(label), str(label), 0, int(label)) for label in labels]
+
+
+def _chosen(segments: list[_Segment], wanted: str | None, path: Path) -> _Segment:
+    there = ", ".join(map(str, segments)) or "none"
+    if wanted is None:
+        if len(segments) != 1:
+            raise InputError(
+                f"{path} holds {len(segments)} segments: {there}; the name of one wanted"
+            )
+        return segments[0]
+    matching = [segment for segment in segments if wanted in (segment.identifier, segment.name)]
+    if len(matching) != 1:
+        raise InputError(
+            f"{path} has {len(matching)} segments of the name {wanted!r}, one wanted; there are: "
+            f"{there}"
+        )
+    return matching[0]
+
+
+def _box(marked: NDArray[np.bool_]) -> tuple[tuple[slice, ...], bool]:
+    """The slices of the box around what is marked, and whether it reaches the border."""
+    box, at_border = [], False
+    for axis in range(3):
+        others = tuple(other for other in range(3) if other != axis)
+        used = np.flatnonzero(marked.any(axis=others))
+        box.append(slice(int(used[0]), int(used[-1]) + 1))
+        at_border |= bool(used[0] == 0 or used[-1] == marked.shape[axis] - 1)
+    return tuple(box), at_border
