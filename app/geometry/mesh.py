@@ -80,8 +80,10 @@ class SurfaceMesh:
         )
         start, end = edges.astype(np.int64).T
         count = len(self.vertices_mm)
-        both_ways = np.concatenate([start * count + end, end * count + start])
-        _, edge_of = np.unique(both_ways, return_inverse=True)
+        there, back = np.sort(start * count + end), np.sort(end * count + start)
+        if np.array_equal(there, back):
+            return 0
+        _, edge_of = np.unique(np.concatenate([there, back]), return_inverse=True)
         signs = np.repeat([1.0, -1.0], len(edges))
         return int(np.abs(np.bincount(edge_of, weights=signs)).sum()) // 2
 
