@@ -2,16 +2,24 @@
 
 import threading
 import time
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    QoSOfferedIncompatibleQoSInfo,
+    QoSRequestedIncompatibleQoSInfo,
+    SubscriptionEventCallbacks,
+)
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import qos_policy_name_from_kind
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from app.bridge.errors import BridgeError
@@ -27,7 +35,11 @@ class RosNode:
 
     Nothing global is touched: no ``rclpy.init``, no signal handlers, no default context; several
     can live in one process, in different domains. One executor in one thread serves parameters,
-    services and discovery events; publishing is done from whatever thread has something to say.
+    services, subscriptions and discovery events; publishing is done from whatever thread has
+    something to say. A callback that raises is said in the log and counted in `failures`: it must
+    not take the others with it. Endpoints that do not hear each other because of their quality of
+    service are said in the log and kept in `incompatible`.
+
     ``ros_args`` are ROS's own (``--ros-args -r old:=new``); ``sys.argv`` is not read.
     """
 
@@ -50,11 +62,12 @@ class RosNode:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._publishers: list[tuple[Topic, Publisher]] = []
+        self.failures = 0
+        self.incompatible: dict[str, str] = {}
         self._matched = threading.Condition()
         self._closing = Future()
         self._thread = threading.Thread(
-            target=self._executor.spin_until_future_complete,
-            args=(self._closing,),
+            target=self._spin,
             name=f"{name} executor",
             daemon=True,
         )
@@ -71,10 +84,27 @@ class RosNode:
             topic.type,
             topic.name,
             topic.qos,
-            event_callbacks=PublisherEventCallbacks(matched=matched),
+            event_callbacks=PublisherEventCallbacks(
+                matched=matched, incompatible_qos=self._said_incompatible(topic)
+            ),
         )
         self._publishers.append((topic, publisher))
         return publisher
+
+    def subscribe(
+        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> Subscription:
+        """Call ``callback(message)`` in the node's thread; with ``raw`` it gets the bytes."""
+        return self.node.create_subscription(
+            topic.type,
+            topic.name,
+            callback,
+            topic.qos,
+            raw=raw,
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._said_incompatible(topic)
+            ),
+        )
 
     def wait_for_subscribers(self, topic: Topic, count: int, timeout_s: float) -> bool:
         """Wait until each publisher of ``topic`` has ``count`` subscribers; False when in vain.
@@ -109,6 +139,26 @@ class RosNode:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+
+    def _spin(self) -> None:
+        while not self._closing.done():
+            try:
+                self._executor.spin_until_future_complete(self._closing)
+            except Exception:  # of a callback, whatever it may be
+                self.failures += 1
+                self.node.get_logger().error(f"a callback failed: {traceback.format_exc()}")
+
+    def _said_incompatible(
+        self, topic: Topic
+    ) -> Callable[[QoSOfferedIncompatibleQoSInfo | QoSRequestedIncompatibleQoSInfo], None]:
+        def said(info: QoSOfferedIncompatibleQoSInfo | QoSRequestedIncompatibleQoSInfo) -> None:
+            policy = qos_policy_name_from_kind(info.last_policy_kind)
+            self.incompatible[topic.name] = policy
+            self.node.get_logger().warning(
+                f"{topic.name}: another endpoint is not heard, its {policy} does not fit ours"
+            )
+
+        return said
 
     def _flush(self) -> None:
         until_ns = time.monotonic_ns() + _FLUSH_NS

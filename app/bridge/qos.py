@@ -1,9 +1,12 @@
-"""The three promises that a publisher of ours makes about delivery.
+"""The promises that a publisher of ours makes about delivery, and what our readers ask for.
 
 * ``STREAM``: reliable, volatile, the last 100. tf's own; whoever joins late gets what follows.
 * ``NEWEST``: reliable, volatile, the last one. For a controller: never an old constraint first,
   and never one from before it joined, which is why this one is *not* latched.
 * ``LATCHED``: reliable, transient-local, the last one. Whoever joins late gets it at once.
+
+Two are for readers. ``STATIC_TF`` hears what every static broadcaster has latched, not the last
+one alone; ``ANY_CLOCK`` hears players that promise nothing, as they mostly do.
 """
 
 from dataclasses import dataclass
@@ -23,6 +26,13 @@ def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
 STREAM = _reliable(100, DurabilityPolicy.VOLATILE)
 NEWEST = _reliable(1, DurabilityPolicy.VOLATILE)
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
+STATIC_TF = _reliable(100, DurabilityPolicy.TRANSIENT_LOCAL)
+ANY_CLOCK = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,  # the last time before a jump is what tells that it was one
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

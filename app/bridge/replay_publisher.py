@@ -1,7 +1,7 @@
 """A replay on the ROS graph: every step of a session as messages with the stamps of its samples."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
@@ -9,7 +9,6 @@ from typing import Self
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, String
-from tf2_msgs.msg import TFMessage
 
 from app.bridge import messages, topics
 from app.bridge.constraint import ConstraintBuilder
@@ -20,8 +19,9 @@ from app.bridge.markers import Markers
 from app.bridge.node import RosNode
 from app.bridge.qos import Topic
 from app.bridge.replay_scene import ReplayScene
+from app.bridge.tf.broadcaster import tf_message
 from app.fixture import FixtureDecision, MarginState
-from app.geometry import Stamp, Transform
+from app.geometry import Stamp
 from app.session import StepResult
 
 NODE_NAME = "marginguard"
@@ -87,7 +87,7 @@ class ReplayPublisher:
     def _publish_frames(self, step: StepResult) -> None:
         edges = self._frame_tree.news(step)
         if edges:
-            self._send(topics.TF, _tf_message(edges))
+            self._send(topics.TF, tf_message(edges))
         for edge, reason in self._frame_tree.left_out.items():
             if edge not in self._edges_left_out:
                 self._edges_left_out.add(edge)
@@ -112,7 +112,7 @@ class ReplayPublisher:
     def _latch(self, scene: ReplayScene) -> None:
         never = Stamp(0)
         self._latched = [self.ros.publisher(topics.TF_STATIC)]
-        self._latched[0].publish(_tf_message((edge, never) for edge in scene.static_edges))
+        self._latched[0].publish(tf_message((edge, never) for edge in scene.static_edges))
         if scene.robot_description is not None:
             self._latched.append(self.ros.publisher(topics.ROBOT_DESCRIPTION))
             self._latched[1].publish(String(data=scene.robot_description))
@@ -135,9 +135,3 @@ class ReplayPublisher:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _tf_message(edges: Iterable[tuple[Transform, Stamp]]) -> TFMessage:
-    return TFMessage(
-        transforms=[messages.transform_message(transform, stamp) for transform, stamp in edges]
-    )

@@ -1,0 +1,168 @@
+"""The listener against rclpy's own publishers, in a process and between processes."""
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+
+from app.bridge import RosNode, topics
+from app.bridge.qos import LATCHED, STREAM, Topic
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf.broadcaster import StaticTfBroadcaster, TfBroadcaster, tf_message
+from app.bridge.tf.listener import TfListener
+from app.bridge.tf.wire import TfSample, write_tf_message
+from app.geometry import Stamp, Transform
+
+DEADLINE_S = 60.0
+SENDER = Path(__file__).parent / "sender.py"
+
+
+@pytest.fixture
+def ros(domain_id):
+    with RosNode("listening", domain_id=domain_id) as node:
+        yield node
+
+
+@pytest.fixture
+def other(domain_id):
+    with RosNode("sending", domain_id=domain_id) as node:
+        yield node
+
+
+def shifted(child, x_mm, parent="world"):
+    return Transform(parent, child, np.eye(3), np.array([x_mm, 0.0, 0.0]))
+
+
+def test_what_is_broadcast_is_looked_up_with_its_own_stamp(ros, other):
+    buffer = TransformBuffer()
+    TfListener(ros, buffer)
+    static = StaticTfBroadcaster(other)
+    static.send([shifted("base", 10.0)])
+    static.send([shifted("tip", 5.0, "tool")])
+    moving = TfBroadcaster(other)
+    assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
+    moving.send([(shifted("tool", 66.0, "base"), Stamp(12_345_678_901))])
+    found = buffer.wait("world", "tip", timeout_s=DEADLINE_S)
+    assert found.stamp_ns == 12_345_678_901
+    assert found.transform.translation_mm == pytest.approx([81.0, 0.0, 0.0])
+
+
+def test_a_listener_that_joins_late_has_every_latched_transform(ros, other):
+    static = StaticTfBroadcaster(other)
+    second = other.publisher(Topic(topics.TF_STATIC.name, topics.TF_STATIC.type, LATCHED))
+    static.send([shifted("a", 1.0), shifted("b", 2.0)])
+    static.send([shifted("a", 3.0)])
+    second.publish(tf_message([(shifted("c", 4.0), Stamp(0))]))
+    buffer = TransformBuffer()
+    TfListener(ros, buffer)
+    for frame, x_mm in (("a", 3.0), ("b", 2.0), ("c", 4.0)):
+        found = buffer.wait("world", frame, timeout_s=DEADLINE_S)
+        assert found.transform.translation_mm[0] == pytest.approx(x_mm)
+
+
+def test_what_cannot_be_is_counted_and_the_rest_taken(ros, other):
+    buffer = TransformBuffer()
+    listener = TfListener(ros, buffer)
+    publisher = other.publisher(topics.TF)
+    assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
+    identity = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    publisher.publish(
+        write_tf_message(
+            [
+                TfSample("world", "nan", 1, (np.nan, *identity[1:])),
+                TfSample("world", "world", 1, identity),
+                TfSample("world", "a", 1, identity),
+                TfSample("a", "world", 1, identity),
+                TfSample("/world", "b", 1, identity),
+                TfSample("world", "long", 1, (*identity[:6], 3.0)),
+                TfSample("world", "good", 1, identity),
+            ]
+        )
+    )
+    buffer.wait("world", "good", timeout_s=DEADLINE_S)
+    assert listener.refused == {"TfInvalidError": 3, "TfConnectivityError": 1, "FrameError": 1}
+    assert "norm 3" in listener.last_refusal
+    assert buffer.frames == {"world", "a", "good"}
+
+
+def test_a_flood_of_names_is_refused_unread(ros, other):
+    buffer = TransformBuffer()
+    listener = TfListener(ros, buffer)
+    publisher = other.publisher(topics.TF)
+    assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
+    identity = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    publisher.publish(write_tf_message([TfSample("w" * 10_000_000, "a", 1, identity)]))
+    publisher.publish(write_tf_message([TfSample("world", "a", 1, identity)]))
+    buffer.wait("world", "a", timeout_s=DEADLINE_S)
+    assert listener.refused == {"TooLong": 1}
+    assert buffer.frames == {"world", "a"}
+
+
+def test_a_clock_that_jumps_back_empties_the_buffer(ros, other):
+    buffer = TransformBuffer()
+    taken = threading.Event()
+    TfListener(ros, buffer, received=taken.set)
+    moving = TfBroadcaster(other)
+    clock_topic = Topic(topics.CLOCK.name, Clock, STREAM)
+    clock = other.publisher(clock_topic)
+    assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
+    assert other.wait_for_subscribers(clock_topic, 1, DEADLINE_S)
+    moving.send([(shifted("a", 1.0), Stamp(50))])
+    assert taken.wait(DEADLINE_S)
+    jumped = threading.Event()
+    set_now = buffer.set_now
+
+    def noticed(now_ns):
+        if set_now(now_ns):
+            jumped.set()
+
+    buffer.set_now = noticed
+    for second in (5, 4):
+        message = Clock()
+        message.clock.sec = second
+        clock.publish(serialize_message(message))
+    assert jumped.wait(DEADLINE_S)
+    assert buffer.parent("a") is None
+
+
+def test_a_sender_that_is_killed_and_started_again_is_heard_again(ros, domain_id):
+    buffer = TransformBuffer()
+    TfListener(ros, buffer)
+    for stamp_ns in (7_000_000_000, 3_000_000_000):
+        process = subprocess.Popen(
+            [sys.executable, str(SENDER), json.dumps(["world", "tool", stamp_ns])],
+            stdin=subprocess.PIPE,
+        )
+        try:
+            found = buffer.wait("world", "tool", stamp_ns, timeout_s=DEADLINE_S)
+            assert found.stamp_ns == stamp_ns
+        finally:
+            process.kill()
+            process.wait()
+            process.stdin.close()
+    assert buffer.restarts == 1
+
+
+def test_a_callback_that_fails_does_not_silence_the_node(ros, other):
+    buffer = TransformBuffer()
+    fails = iter([True])
+    heard = threading.Event()
+
+    def received():
+        if next(fails, False):
+            raise RuntimeError("on purpose")
+        heard.set()
+
+    TfListener(ros, buffer, received=received)
+    moving = TfBroadcaster(other)
+    assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
+    moving.send([(shifted("a", 1.0), Stamp(1))])
+    moving.send([(shifted("a", 2.0), Stamp(2))])
+    assert heard.wait(DEADLINE_S)
+    assert ros.failures == 1
