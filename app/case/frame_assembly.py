@@ -1,5 +1,6 @@
 """Samples in the order of arrival become frames in the order of acquisition."""
 
+from bisect import bisect_right, insort_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -32,7 +33,7 @@ class FrameAssembler:
     def __init__(self, note: Callable[[str], None]) -> None:
         self._note = note
         self._drafts: dict[int, _Draft] = {}
-        self._joints: list[JointSample] = []
+        self._joints: list[JointSample] = []  # in the order of their stamps
         self._joints_dropped = False
         self._contradiction_said = False
         self._newest_ns: int | None = None
@@ -47,9 +48,8 @@ class FrameAssembler:
         draft = self._drafts.setdefault(ns, _Draft())
         edge = (sample.target, sample.source)
         draft.poses[edge] = self._agreed(draft.poses.get(edge), sample)
-        ready = sorted(stamp for stamp in self._drafts if stamp < newest - REORDER_NS)
-        for stamp in ready:
-            yield self._finished(stamp)
+        while (oldest := min(self._drafts)) < newest - REORDER_NS:
+            yield self._finished(oldest)
 
     def _agreed(self, known: TrackedTransform | None, sample: TrackedTransform) -> TrackedTransform:
         if known is None or known.transform is None:
@@ -76,7 +76,7 @@ class FrameAssembler:
 
     def add_joints(self, sample: JointSample) -> None:
         """Take a joint sample, its stamp on the tracker's clock."""
-        self._joints.append(sample)
+        insort_right(self._joints, sample, key=_ns)
         if len(self._joints) > _MAX_PENDING_JOINTS:
             del self._joints[: _MAX_PENDING_JOINTS // 2]
             if not self._joints_dropped:
@@ -94,9 +94,11 @@ class FrameAssembler:
 
     def _finished(self, ns: int, *, last: bool = False) -> TrackingFrame:
         draft = self._drafts.pop(ns)
-        mine = sorted(
-            (sample for sample in self._joints if last or sample.stamp.ns <= ns),
-            key=lambda sample: sample.stamp.ns,
-        )
-        self._joints = [] if last else [sample for sample in self._joints if sample.stamp.ns > ns]
-        return TrackingFrame(Stamp(ns), tuple(draft.poses.values()), tuple(mine), draft.unfiltered)
+        mine = len(self._joints) if last else bisect_right(self._joints, ns, key=_ns)
+        joints = tuple(self._joints[:mine])
+        del self._joints[:mine]
+        return TrackingFrame(Stamp(ns), tuple(draft.poses.values()), joints, draft.unfiltered)
+
+
+def _ns(sample: JointSample) -> int:
+    return sample.stamp.ns

@@ -25,6 +25,16 @@ from rosbags.typesys.store import Typestore
 
 from app.case.frame_assembly import FrameAssembler
 from app.case.mcap_messages import Connection, RawMessage, read_mcap_messages
+from app.case.message_bytes import bytes_reader
+from app.case.message_values import (
+    JointValues,
+    PoseValues,
+    TimeValues,
+    joint_values,
+    tf_values,
+    time_values,
+    tracked_values,
+)
 from app.case.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
@@ -33,11 +43,6 @@ from app.case.ros_messages import (
     TRACKED_TRANSFORM,
     TRACKED_TRANSFORMS_TOPIC,
     UNFILTERED_TIME_TOPIC,
-    read_edge,
-    read_joint_state,
-    read_time_ns,
-    read_tracked_transform,
-    read_transform_stamped,
     ros_types,
 )
 from app.case.samples import TrackingFrame
@@ -92,8 +97,7 @@ class _Reading:
             if message_type != expected_type:
                 raise InputError(f"topic {topic} carries {message_type}: {expected_type} wanted")
             try:
-                message = self._types.message(raw)
-                yield from read(message)
+                yield from read(self._types.values(raw))
             except (SerdeError, MarginGuardError, AttributeError, TypeError) as error:
                 self._skip(topic, error)
         yield from self._assembler.flush()
@@ -106,37 +110,56 @@ class _Reading:
         if self._unreadable[topic] == 1:
             self._note(f"a message on {topic} cannot be used and is skipped: {error}")
 
-    def _tracked(self, message: Any) -> Iterator[TrackingFrame]:
-        self._tracked_edges.add(read_edge(message))
-        yield from self._assembler.add_pose(read_tracked_transform(message))
+    def _tracked(self, values: PoseValues) -> Iterator[TrackingFrame]:
+        self._tracked_edges.add(values.edge)
+        yield from self._assembler.add_pose(values.sample())
 
-    def _tf(self, message: Any) -> Iterator[TrackingFrame]:
-        for stamped in message.transforms:
-            if read_edge(stamped) not in self._tracked_edges:
-                yield from self._assembler.add_pose(read_transform_stamped(stamped))
+    def _tf(self, poses: tuple[PoseValues, ...]) -> Iterator[TrackingFrame]:
+        for values in poses:
+            if values.edge not in self._tracked_edges:
+                yield from self._assembler.add_pose(values.sample())
 
-    def _unfiltered(self, message: Any) -> Iterator[TrackingFrame]:
-        self._assembler.add_unfiltered(
-            Stamp(read_time_ns(message.header.stamp)), Stamp(read_time_ns(message.time_ref))
-        )
+    def _unfiltered(self, values: TimeValues) -> Iterator[TrackingFrame]:
+        self._assembler.add_unfiltered(Stamp(values.ns), Stamp(values.unfiltered_ns))
         return iter(())
 
-    def _joints(self, message: Any) -> Iterator[TrackingFrame]:
-        self._assembler.add_joints(read_joint_state(message, offset_ns=self._offset_ns))
+    def _joints(self, values: JointValues) -> Iterator[TrackingFrame]:
+        self._assembler.add_joints(values.sample(offset_ns=self._offset_ns))
         return iter(())
+
+
+_VALUES_OF: dict[str, Callable[[Any], Any]] = {
+    TRACKED_TRANSFORM: tracked_values,
+    TF_MESSAGE: tf_values,
+    JOINT_STATE: joint_values,
+    TIME_REFERENCE: time_values,
+}
 
 
 class _EmbeddedTypes:
     """Unpacks messages by the definitions that the recording carries."""
 
     def __init__(self) -> None:
-        self._stores: dict[Connection, Typestore] = {}
+        self._readers: dict[Connection, Callable[[bytes], Any]] = {}
 
-    def message(self, raw: RawMessage) -> Any:
-        connection = raw.connection
-        if connection not in self._stores:
-            self._stores[connection] = _typestore(connection)
-        return self._stores[connection].deserialize_cdr(raw.data, connection.message_type)
+    def values(self, raw: RawMessage) -> Any:
+        """What `app.case.message_values` has for the message's type."""
+        read = self._readers.get(raw.connection)
+        if read is None:
+            read = self._readers[raw.connection] = _reader(raw.connection)
+        return read(raw.data)
+
+
+def _reader(connection: Connection) -> Callable[[bytes], Any]:
+    types, message_type = _typestore(connection), connection.message_type
+    values_of = _VALUES_OF[message_type]
+    read_bytes = bytes_reader(types, message_type)
+
+    def read(data: bytes) -> Any:
+        values = None if read_bytes is None else read_bytes(data)
+        return values_of(types.deserialize_cdr(data, message_type)) if values is None else values
+
+    return read
 
 
 def _typestore(connection: Connection) -> Typestore:

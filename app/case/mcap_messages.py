@@ -1,23 +1,24 @@
 """The messages of an MCAP file in the file's order, from a file that may be cut or damaged.
 
 The file is framed here, record by record, so that no length in it is trusted: what is whole is
-yielded, and what is not is told to ``note``. The records are the mcap package's.
+yielded, and what is not is told to ``note``. The records are the mcap package's, but for messages:
+there are hundreds in a second of recording, and all that is wanted of them is their bytes.
 """
 
 import struct
+import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, Chunk, Schema
 
 from app.geometry import InputError
 
@@ -26,6 +27,8 @@ MAX_RECORD_BYTES = 256 * 1024 * 1024
 """No record and no unpacked chunk may be larger."""
 
 _HEAD = struct.Struct("<BQ")
+# Of a message: its channel, sequence, log time and publish time; its data follow.
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
 # What the decoders raise on bytes that are not what they should be.
 _DAMAGED = (
     McapError,
@@ -47,12 +50,19 @@ class Connection:
     definition_encoding: str
 
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
+class RawMessage(NamedTuple):
     """A message as it lies in the recording, in CDR."""
 
     connection: Connection
     data: bytes
+
+
+class _Message(NamedTuple):
+    channel_id: int
+    data: bytes
+
+
+_Record = Schema | Channel | _Message
 
 
 def read_mcap_messages(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
@@ -79,11 +89,11 @@ def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterat
                 channels[record.id] = Connection(
                     record.topic, schema.name, definition, schema.encoding
                 )
-        elif isinstance(record, Message) and record.channel_id in channels:
+        elif record.channel_id in channels:
             yield RawMessage(channels[record.channel_id], record.data)
 
 
-def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[McapRecord]:
+def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[_Record]:
     """Schemas, channels and messages, in chunks or not, up to the end of the data."""
     while True:
         offset = file.tell()
@@ -104,21 +114,34 @@ def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterato
         yield from found
 
 
-def _parsed(opcode: int, body: bytes) -> list[McapRecord]:
-    stream = ReadDataStream(BytesIO(body))
-    if opcode == Opcode.SCHEMA:
-        return [Schema.read(stream)]
-    if opcode == Opcode.CHANNEL:
-        return [Channel.read(stream)]
-    if opcode == Opcode.MESSAGE:
-        return [Message.read(stream, len(body))]
+def _parsed(opcode: int, body: bytes) -> list[_Record]:
     if opcode == Opcode.CHUNK:
-        return breakup_chunk(_unpacked(Chunk.read(stream)), validate_crc=True)
+        return _records_in(_unpacked(Chunk.read(ReadDataStream(BytesIO(body)))))
+    if opcode == Opcode.MESSAGE:
+        channel_id, _, _, _ = _MESSAGE_HEAD.unpack_from(body)
+        return [_Message(channel_id, body[_MESSAGE_HEAD.size :])]
+    if opcode == Opcode.SCHEMA:
+        return [Schema.read(ReadDataStream(BytesIO(body)))]
+    if opcode == Opcode.CHANNEL:
+        return [Channel.read(ReadDataStream(BytesIO(body)))]
     return []
 
 
-def _unpacked(chunk: Chunk) -> Chunk:
-    """The chunk without compression; its size is checked before anything is unpacked."""
+def _records_in(data: bytes) -> list[_Record]:
+    """What an unpacked chunk holds; a last record that is cut is given as far as it goes."""
+    records: list[_Record] = []
+    at = 0
+    while at < len(data):
+        opcode, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        if opcode != Opcode.CHUNK:  # none lies in another
+            records += _parsed(opcode, data[at : at + length])
+        at += length
+    return records
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """The chunk's records; its size is checked before anything is unpacked, its CRC after."""
     size = chunk.uncompressed_size
     if size > MAX_RECORD_BYTES:
         raise ValueError(f"a chunk of {size} bytes, at most {MAX_RECORD_BYTES} allowed")
@@ -134,4 +157,7 @@ def _unpacked(chunk: Chunk) -> Chunk:
         raise ValueError(f"compression {chunk.compression!r}, zstd, lz4 or none allowed")
     if len(data) != size:
         raise ValueError(f"a chunk unpacks to {len(data)} bytes or more, {size} promised")
-    return replace(chunk, compression="", data=data)
+    promised = chunk.uncompressed_crc  # 0: the writer computed none
+    if promised and zlib.crc32(data) != promised:
+        raise ValueError(f"crc of the chunk is {zlib.crc32(data):#010x}, {promised:#010x} promised")
+    return data

@@ -1,4 +1,4 @@
-"""Tracker and joint samples as ROS messages, without ROS: built and read by rosbags.
+"""Tracker and joint samples as ROS messages, without ROS: built by rosbags.
 
 Millimetres inside, metres in the messages. A sample that is not OK carries NaN, so that a program
 that overlooks its status cannot navigate by it.
@@ -14,15 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from app.case.samples import JointSample
-from app.geometry import (
-    NS_PER_S,
-    InputError,
-    Stamp,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-    TransformError,
-)
+from app.geometry import NS_PER_S, InputError, Stamp, TrackedTransform, Transform
 
 TRACKED_TRANSFORMS_TOPIC = "/tracked_transforms"
 TF_TOPIC = "/tf"
@@ -103,67 +95,6 @@ def time_reference_message(stamp: Stamp, unfiltered: Stamp) -> Any:
     return ros_types().types[TIME_REFERENCE](
         header=_header(stamp.ns, ""), time_ref=_time(unfiltered.ns), source="unfiltered"
     )
-
-
-def read_time_ns(time: Any) -> int:
-    """Nanoseconds of a ``builtin_interfaces/Time``."""
-    return int(time.sec) * NS_PER_S + int(time.nanosec)
-
-
-def read_edge(message: Any) -> tuple[str, str]:
-    """Target (parent) and source (child) frame of a stamped transform."""
-    # A leading '/' is what tf had before ROS 2.
-    return message.header.frame_id.removeprefix("/"), message.child_frame_id.removeprefix("/")
-
-
-def read_tracked_transform(message: Any) -> TrackedTransform:
-    """A sample of ``marginguard_msgs/TrackedTransform``.
-
-    A status that is none of ours counts as INVALID. Raises `FrameError` for names that cannot be
-    frames.
-    """
-    try:
-        status = TrackingStatus(int(message.status))
-    except ValueError:
-        status = TrackingStatus.INVALID
-    return _read_sample(message, status)
-
-
-def read_transform_stamped(message: Any) -> TrackedTransform:
-    """A sample of ``geometry_msgs/TransformStamped``, as ``/tf`` carries it: taken for OK."""
-    return _read_sample(message, TrackingStatus.OK)
-
-
-def read_joint_state(message: Any, *, offset_ns: int) -> JointSample:
-    """A joint sample, its stamp moved to the tracker's clock: tracker = robot + offset.
-
-    Raises `InputError` when names and positions do not match or a position is not finite.
-    """
-    stamp = Stamp(read_time_ns(message.header.stamp), "robot").shifted(offset_ns, "tracker")
-    sample = JointSample(tuple(message.name), message.position, stamp)
-    for name, position in sample.as_mapping().items():
-        if not math.isfinite(position):
-            raise InputError(f"joint {name!r} is at {position}: a finite position wanted")
-    return sample
-
-
-def _read_sample(message: Any, status: TrackingStatus) -> TrackedTransform:
-    target, source = read_edge(message)
-    stamp = Stamp(read_time_ns(message.header.stamp))
-    if status is not TrackingStatus.OK:
-        return TrackedTransform.lost(target, source, stamp, status)
-    move, turn = message.transform.translation, message.transform.rotation
-    translation_mm = [_MM_PER_M * value for value in (move.x, move.y, move.z)]
-    quaternion = (turn.x, turn.y, turn.z, turn.w)
-    if not all(map(math.isfinite, (*translation_mm, *quaternion))):
-        return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_FINITE)
-    try:
-        transform = Transform.from_quaternion(
-            quaternion, translation_mm, target=target, source=source
-        )
-    except TransformError:
-        return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_RIGID)
-    return TrackedTransform(transform, stamp, TrackingStatus.OK)
 
 
 def _header(ns: int, frame: str) -> Any:

@@ -53,8 +53,9 @@ class TrackedTransform:
                 if given not in ("", known):
                     raise FrameError(f"{name} {given!r} is not the transform's {known!r}")
                 object.__setattr__(self, name, known)
-        check_frame(self.target)
-        check_frame(self.source)
+        else:
+            check_frame(self.target)
+            check_frame(self.source)
 
     @classmethod
     def lost(

@@ -48,7 +48,21 @@ class Transform:
     @classmethod
     def identity(cls, target: str, source: str) -> "Transform":
         """Two frames that coincide."""
-        return cls(target, source, np.eye(3), np.zeros(3))
+        return cls.by_construction(target, source, np.eye(3), np.zeros(3))
+
+    @classmethod
+    def by_construction(
+        cls, target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
+    ) -> "Transform":
+        """From new arrays that are taken over, (3, 3) and (3,), of which only the names are checked.
+
+        For what is a rotation because of how it was made, out of finite numbers: a product of
+        rotations, a formula of one, an orthonormal basis. It is off by some 1e-16 a factor, so a
+        product of ten thousand is still a thousand million times better than `ROTATION_TOLERANCE`,
+        and at 1 kHz the check would cost more than the product. Whatever was measured, read from a
+        file or sent by somebody goes through the constructor.
+        """
+        return _unchecked(check_frame(target), check_frame(source), rotation, translation_mm)
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike, *, target: str, source: str) -> "Transform":
@@ -76,15 +90,15 @@ class Transform:
         The quaternion is normalised when its norm is within `ROTATION_TOLERANCE` of 1.
         """
         name = f"{target}_from_{source}"
-        quaternion = _checked(xyzw, (4,), f"quaternion of {name}")
-        norm = float(np.linalg.norm(quaternion))
+        quaternion: list[float] = _checked(xyzw, (4,), f"quaternion of {name}").tolist()
+        norm = math.sqrt(sum(part * part for part in quaternion))
         if abs(norm - 1.0) > ROTATION_TOLERANCE:
             raise TransformError(
                 f"quaternion of {name} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted"
             )
         translation = _checked(translation_mm, (3,), f"translation_mm of {name}")
-        rotation = _rotation_of_unit_quaternion(quaternion / norm)
-        return _unchecked(check_frame(target), check_frame(source), rotation, translation)
+        rotation = _rotation_of_unit_quaternion(*(part / norm for part in quaternion))
+        return cls.by_construction(target, source, rotation, translation)
 
     @classmethod
     def from_rotation_vector(
@@ -116,7 +130,7 @@ class Transform:
     def inverse(self) -> "Transform":
         """``source_from_target``."""
         rotation = self.rotation.T.copy()
-        return _unchecked(self.source, self.target, rotation, -(rotation @ self.translation_mm))
+        return _unchecked(self.source, self.target, rotation, -rotation.dot(self.translation_mm))
 
     def __matmul__(self, other: "Transform") -> "Transform":
         if self.source != other.target:
@@ -127,8 +141,8 @@ class Transform:
         return _unchecked(
             self.target,
             other.source,
-            self.rotation @ other.rotation,
-            self.rotation @ other.translation_mm + self.translation_mm,
+            self.rotation.dot(other.rotation),
+            self.rotation.dot(other.translation_mm) + self.translation_mm,
         )
 
     def apply(self, points_mm: ArrayLike) -> FloatArray:
@@ -142,12 +156,12 @@ class Transform:
     def angle_to(self, other: "Transform") -> float:
         """The angle in radians of the rotation between two transforms of the same frames."""
         self._check_same_frames(other)
-        return rotation_angle(self.rotation.T @ other.rotation)
+        return rotation_angle(self.rotation.T.dot(other.rotation))
 
     def distance_mm_to(self, other: "Transform") -> float:
         """The distance in mm between the origins of two transforms of the same frames."""
         self._check_same_frames(other)
-        return float(np.linalg.norm(self.translation_mm - other.translation_mm))
+        return math.dist(self.translation_mm.tolist(), other.translation_mm.tolist())
 
     def interpolate(self, other: "Transform", fraction: float) -> "Transform":
         """Between self (0) and other (1): linear in translation, shortest arc in rotation."""
@@ -161,8 +175,11 @@ class Transform:
 
     def renamed(self, *, target: str | None = None, source: str | None = None) -> "Transform":
         """The same numbers between frames of other names."""
-        return Transform(
-            target or self.target, source or self.source, self.rotation, self.translation_mm
+        return _unchecked(
+            self.target if target is None else check_frame(target),
+            self.source if source is None else check_frame(source),
+            self.rotation,
+            self.translation_mm,
         )
 
     def _check_same_frames(self, other: "Transform") -> None:
@@ -191,9 +208,9 @@ def mean_transform(transforms: Sequence[Transform]) -> Transform:
 
 def rotation_angle(rotation: FloatArray) -> float:
     """The angle in radians of a (3, 3) rotation, exact near 0 and near pi alike."""
-    skew = rotation - rotation.T
-    sine = 0.5 * math.sqrt(skew[2, 1] ** 2 + skew[0, 2] ** 2 + skew[1, 0] ** 2)
-    cosine = 0.5 * (float(np.trace(rotation)) - 1.0)
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    sine = 0.5 * math.sqrt((h - f) ** 2 + (c - g) ** 2 + (d - b) ** 2)
+    cosine = 0.5 * (a + e + i - 1.0)
     return math.atan2(sine, cosine)
 
 
@@ -204,13 +221,13 @@ def _checked(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray
         raise TransformError(f"{what} is not made of numbers: {values!r}") from error
     if array.shape != shape:
         raise TransformError(f"{what} has shape {array.shape}: {shape} wanted")
-    if not np.isfinite(array).all():
+    # In plain numbers, as below: arrays this small cost more to handle than to compute.
+    if not all(map(math.isfinite, array.ravel().tolist())):
         raise TransformError(f"{what} is not finite: {array.tolist()}")
     return array
 
 
 def _nearest_rotation(rotation: FloatArray, name: str) -> FloatArray:
-    # In plain numbers: arrays this small cost more to handle than to compute, at every pose read.
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     deviation = max(
         abs(a * a + d * d + g * g - 1.0),
@@ -233,9 +250,8 @@ def _nearest_rotation(rotation: FloatArray, name: str) -> FloatArray:
     return np.asarray(left @ right, dtype=np.float64)
 
 
-def _rotation_of_unit_quaternion(xyzw: FloatArray) -> FloatArray:
+def _rotation_of_unit_quaternion(x: float, y: float, z: float, w: float) -> FloatArray:
     """The Euler-Rodrigues formula; recordings are read through it, so it is written out."""
-    x, y, z, w = xyzw.tolist()
     return np.array(
         [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
@@ -246,17 +262,20 @@ def _rotation_of_unit_quaternion(xyzw: FloatArray) -> FloatArray:
 
 
 def _read_only(array: FloatArray) -> FloatArray:
-    array.flags.writeable = False
+    array.setflags(write=False)
     return array
 
 
 def _unchecked(
     target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
 ) -> Transform:
-    """Build from values that are products of checked ones, on the hot path of every step."""
+    """As `Transform.by_construction`, with names that were checked before."""
     transform = object.__new__(Transform)
-    object.__setattr__(transform, "target", target)
-    object.__setattr__(transform, "source", source)
-    object.__setattr__(transform, "rotation", _read_only(np.ascontiguousarray(rotation)))
-    object.__setattr__(transform, "translation_mm", _read_only(translation_mm))
+    _set(transform, "target", target)
+    _set(transform, "source", source)
+    _set(transform, "rotation", _read_only(rotation))
+    _set(transform, "translation_mm", _read_only(translation_mm))
     return transform
+
+
+_set = object.__setattr__

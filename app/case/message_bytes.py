@@ -1,0 +1,168 @@
+"""Poses and joints straight from the bytes of their messages, where these are laid out as ours.
+
+A minute of recording holds some ten thousand messages, and rosbags makes an object of every field
+of each. Here the few numbers that are wanted are taken from where the layout has them. Bytes that
+are not exactly such a message (another byte order, a name without its closing zero, a wrong length)
+give None: they go the way through rosbags, which knows whether they are one at all.
+
+Layout: plain CDR (OMG DDS-XTypes 1.3, section 7.4.1): 4 bytes of encapsulation, then every value
+at a multiple of its own size, counted from behind them.
+"""
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
+
+from app.case.message_values import JointValues, PoseValues
+from app.case.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
+from app.geometry import NS_PER_S
+
+Values = PoseValues | tuple[PoseValues, ...] | JointValues
+ReadBytes = Callable[[bytes], Values | None]
+
+_LITTLE_ENDIAN = b"\0\1"
+_ENCAPSULATION = 4
+_COUNT = struct.Struct("<I")
+_TIME = struct.Struct("<iI")
+_POSE = struct.Struct("<7d")
+_PADDING = 3
+"""So many bytes may follow a message, to a multiple of four."""
+
+
+def bytes_reader(types: Typestore, message_type: str) -> ReadBytes | None:
+    """What reads messages of this type; None when ``types`` define it otherwise than we know it."""
+    layout, make_reader = _READERS.get(message_type, ((), None))
+    if make_reader is None or tuple(_fields(types, message_type)) != layout:
+        return None
+    read = make_reader()
+
+    def read_data(data: bytes) -> Values | None:
+        if data[:2] != _LITTLE_ENDIAN:
+            return None
+        body = data[_ENCAPSULATION:]
+        try:
+            values, end = read(body)
+        except (struct.error, IndexError, ValueError):
+            return None
+        return values if end <= len(body) <= end + _PADDING else None
+
+    return read_data
+
+
+def _tracked(body: bytes) -> tuple[PoseValues, int]:
+    pose, end = _pose(body, 0)
+    return pose._replace(status=body[end]), end + 1
+
+
+def _tf(body: bytes) -> tuple[tuple[PoseValues, ...], int]:
+    count, at = _count(body, 0)
+    poses = []
+    for _ in range(count):
+        pose, at = _pose(body, at)
+        poses.append(pose)
+    return tuple(poses), at
+
+
+def _pose(body: bytes, at: int) -> tuple[PoseValues, int]:
+    """What `TrackedTransform` and `TransformStamped` have in common, and where it ends."""
+    at = _aligned(at, 4)
+    sec, nanosec = _TIME.unpack_from(body, at)
+    target, at = _name(body, at + _TIME.size)
+    source, at = _name(body, at)
+    at = _aligned(at, 8)
+    x, y, z, qx, qy, qz, qw = _POSE.unpack_from(body, at)
+    ns = sec * NS_PER_S + nanosec
+    return PoseValues(target, source, ns, (x, y, z), (qx, qy, qz, qw)), at + _POSE.size
+
+
+class _JointReader:
+    """A robot says the same names in every message: parsed once, they are compared as bytes."""
+
+    def __init__(self) -> None:
+        self._known = b""
+        self._names: tuple[str, ...] = ()
+
+    def __call__(self, body: bytes) -> tuple[JointValues, int]:
+        sec, nanosec = _TIME.unpack_from(body, 0)
+        _, at = _name(body, _TIME.size)
+        at = _aligned(at, 4)
+        if not (self._known and body.startswith(self._known, at)):
+            self._names, end = _names(body, at)
+            self._known = body[at:end]
+        positions, at = _floats(body, at + len(self._known))
+        _, at = _floats(body, at)  # velocity
+        _, at = _floats(body, at)  # effort
+        return JointValues(self._names, positions, sec * NS_PER_S + nanosec), at
+
+
+def _names(body: bytes, at: int) -> tuple[tuple[str, ...], int]:
+    count, at = _count(body, at)
+    names = []
+    for _ in range(count):
+        name, at = _name(body, at)
+        names.append(name)
+    return tuple(names), at
+
+
+def _name(body: bytes, at: int) -> tuple[str, int]:
+    count, at = _count(body, at)
+    end = at + count
+    if count == 0 or body[end - 1] != 0:
+        raise ValueError("no zero closes the name")
+    return _decoded(body[at : end - 1]), end
+
+
+@lru_cache(maxsize=1024)  # a recording has few names, and says them over and over
+def _decoded(name: bytes) -> str:
+    return name.decode()
+
+
+def _floats(body: bytes, at: int) -> tuple[tuple[float, ...], int]:
+    count, at = _count(body, at)
+    if not count:
+        return (), at
+    at = _aligned(at, 8)
+    return struct.unpack_from(f"<{count}d", body, at), at + 8 * count
+
+
+def _count(body: bytes, at: int) -> tuple[int, int]:
+    at = (at + 3) & ~3
+    return _COUNT.unpack_from(body, at)[0], at + _COUNT.size
+
+
+def _aligned(at: int, size: int) -> int:
+    return (at + size - 1) & -size
+
+
+def _fields(types: Typestore, message_type: str, prefix: str = "") -> Iterator[str]:
+    """Name and type of every value that a message holds, in their order."""
+    # Each is (kind, what of): a name, (basic type, bound) or, of a sequence, (such a field, bound).
+    fields: list[tuple[str, Any]] = list(types.fielddefs[message_type][1])
+    for name, field in fields:
+        path, (kind, of) = f"{prefix}{name}", field
+        if kind == Nodetype.SEQUENCE:
+            path, (kind, of) = f"{path}[]", of[0]
+        if kind == Nodetype.NAME:
+            yield from _fields(types, str(of), f"{path}.")
+        else:
+            yield f"{path} {of[0]}"
+
+
+_HEADER = ("header.stamp.sec int32", "header.stamp.nanosec uint32", "header.frame_id string")
+_STAMPED = (
+    *_HEADER,
+    "child_frame_id string",
+    *(f"transform.translation.{axis} float64" for axis in "xyz"),
+    *(f"transform.rotation.{axis} float64" for axis in "xyzw"),
+)
+_ARRAYS = ("name[] string", "position[] float64", "velocity[] float64", "effort[] float64")
+_Reader = Callable[[bytes], tuple[Values, int]]
+_READERS: dict[str, tuple[tuple[str, ...], Callable[[], _Reader]]] = {
+    TRACKED_TRANSFORM: ((*_STAMPED, "status uint8"), lambda: _tracked),
+    TF_MESSAGE: (tuple(f"transforms[].{field}" for field in _STAMPED), lambda: _tf),
+    JOINT_STATE: ((*_HEADER, *_ARRAYS), _JointReader),
+}

@@ -1,0 +1,124 @@
+"""What is wanted of a ROS message, in plain numbers, and the samples that it makes."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from app.case.samples import JointSample
+from app.geometry import (
+    NS_PER_S,
+    InputError,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+    TransformError,
+)
+
+_MM_PER_M = 1000.0
+
+
+class PoseValues(NamedTuple):
+    """A stamped transform as its message has it: metres, quaternion as x, y, z, w."""
+
+    target: str
+    source: str
+    ns: int
+    translation_m: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+    status: int = int(TrackingStatus.OK)
+
+    @property
+    def edge(self) -> tuple[str, str]:
+        """Target (parent) and source (child) frame."""
+        # A leading '/' is what tf had before ROS 2.
+        return self.target.removeprefix("/"), self.source.removeprefix("/")
+
+    def sample(self) -> TrackedTransform:
+        """The sample in mm; what is not finite or no rotation is lost, with the reason as status.
+
+        A status that is none of ours counts as INVALID. Raises `FrameError` for names that cannot
+        be frames.
+        """
+        target, source = self.edge
+        stamp = Stamp(self.ns)
+        status = _STATUSES.get(self.status, TrackingStatus.INVALID)
+        if status is not TrackingStatus.OK:
+            return TrackedTransform.lost(target, source, stamp, status)
+        translation_mm = [_MM_PER_M * value for value in self.translation_m]
+        if not all(map(math.isfinite, (*translation_mm, *self.quaternion))):
+            return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_FINITE)
+        try:
+            transform = Transform.from_quaternion(
+                self.quaternion, translation_mm, target=target, source=source
+            )
+        except TransformError:
+            return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_RIGID)
+        return TrackedTransform(transform, stamp, TrackingStatus.OK)
+
+
+_STATUSES = {int(status): status for status in TrackingStatus}
+
+
+class JointValues(NamedTuple):
+    """Joint positions as their message has them, stamped on the robot's clock."""
+
+    names: tuple[str, ...]
+    positions: tuple[float, ...]
+    ns: int
+
+    def sample(self, *, offset_ns: int) -> JointSample:
+        """The sample, its stamp moved to the tracker's clock: tracker = robot + offset.
+
+        Raises `InputError` when names and positions do not match or a position is not finite.
+        """
+        stamp = Stamp(self.ns + offset_ns)
+        sample = JointSample(self.names, np.array(self.positions), stamp)
+        for name, position in zip(self.names, self.positions, strict=True):
+            if not math.isfinite(position):
+                raise InputError(f"joint {name!r} is at {position}: a finite position wanted")
+        return sample
+
+
+class TimeValues(NamedTuple):
+    """Two readings of one moment, in ns: of the frame's clock and of the unfiltered one."""
+
+    ns: int
+    unfiltered_ns: int
+
+
+def tracked_values(message: Any) -> PoseValues:
+    """Of a ``marginguard_msgs/TrackedTransform``."""
+    return _pose(message)._replace(status=int(message.status))
+
+
+def tf_values(message: Any) -> tuple[PoseValues, ...]:
+    """Of a ``tf2_msgs/TFMessage``; its transforms are taken for OK."""
+    return tuple(_pose(stamped) for stamped in message.transforms)
+
+
+def joint_values(message: Any) -> JointValues:
+    """Of a ``sensor_msgs/JointState``."""
+    positions = tuple(float(position) for position in message.position)
+    return JointValues(tuple(message.name), positions, _ns(message.header.stamp))
+
+
+def time_values(message: Any) -> TimeValues:
+    """Of a ``sensor_msgs/TimeReference``."""
+    return TimeValues(_ns(message.header.stamp), _ns(message.time_ref))
+
+
+def _pose(message: Any) -> PoseValues:
+    move, turn = message.transform.translation, message.transform.rotation
+    return PoseValues(
+        message.header.frame_id,
+        message.child_frame_id,
+        _ns(message.header.stamp),
+        (move.x, move.y, move.z),
+        (turn.x, turn.y, turn.z, turn.w),
+    )
+
+
+def _ns(time: Any) -> int:
+    return int(time.sec) * NS_PER_S + int(time.nanosec)

@@ -1,0 +1,164 @@
+"""Against rosbags, which reads every message through its definition."""
+
+import math
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from app.case.message_bytes import bytes_reader
+from app.case.message_values import joint_values, tf_values, tracked_values
+from app.case.ros_messages import (
+    JOINT_STATE,
+    TF_MESSAGE,
+    TIME_REFERENCE,
+    TRACKED_TRANSFORM,
+    TRACKED_TRANSFORM_DEFINITION,
+    ros_types,
+)
+
+VALUES_OF = {TRACKED_TRANSFORM: tracked_values, TF_MESSAGE: tf_values, JOINT_STATE: joint_values}
+TYPES = ros_types().types
+
+names = st.text(max_size=9).filter(lambda text: "\0" not in text)
+doubles = st.floats()
+stamps = st.builds(
+    TYPES["builtin_interfaces/msg/Time"],
+    sec=st.integers(-(2**31), 2**31 - 1),
+    nanosec=st.integers(0, 2**32 - 1),
+)
+headers = st.builds(TYPES["std_msgs/msg/Header"], stamp=stamps, frame_id=names)
+transforms = st.builds(
+    TYPES["geometry_msgs/msg/Transform"],
+    translation=st.builds(TYPES["geometry_msgs/msg/Vector3"], x=doubles, y=doubles, z=doubles),
+    rotation=st.builds(
+        TYPES["geometry_msgs/msg/Quaternion"], x=doubles, y=doubles, z=doubles, w=doubles
+    ),
+)
+stamped = {"header": headers, "child_frame_id": names, "transform": transforms}
+arrays = st.lists(doubles, max_size=7).map(np.array)
+messages = st.one_of(
+    st.builds(TYPES[TRACKED_TRANSFORM], **stamped, status=st.integers(0, 255)),
+    st.builds(
+        TYPES[TF_MESSAGE],
+        transforms=st.lists(
+            st.builds(TYPES["geometry_msgs/msg/TransformStamped"], **stamped), max_size=3
+        ),
+    ),
+    st.builds(
+        TYPES[JOINT_STATE],
+        header=headers,
+        name=st.lists(names, max_size=4),
+        position=arrays,
+        velocity=arrays,
+        effort=arrays,
+    ),
+)
+
+
+def kind_of(message: Any) -> str:
+    return next(kind for kind in VALUES_OF if isinstance(message, TYPES[kind]))
+
+
+def by_rosbags(data: bytes, kind: str) -> Any:
+    return VALUES_OF[kind](ros_types().deserialize_cdr(data, kind))
+
+
+def cdr(message: Any, **options: Any) -> bytes:
+    return bytes(ros_types().serialize_cdr(message, kind_of(message), **options))
+
+
+def test_every_message_reads_as_rosbags_reads_it() -> None:
+    readers = {kind: bytes_reader(ros_types(), kind) for kind in VALUES_OF}
+    seen = set()
+
+    @settings(max_examples=300, deadline=None)
+    @given(message=messages)
+    def compare(message: Any) -> None:
+        kind, data = kind_of(message), cdr(message)
+        seen.add(kind)
+        # repr, for NaN is not equal to itself; one reader for all, for it remembers names.
+        assert repr(readers[kind](data)) == repr(by_rosbags(data, kind))
+
+    compare()
+    assert seen == set(VALUES_OF)
+
+
+@settings(max_examples=200, deadline=None)
+@given(message=messages, cut=st.integers(1, 60))
+def test_a_cut_message_is_left_to_rosbags(message: Any, cut: int) -> None:
+    read, data = bytes_reader(ros_types(), kind_of(message)), cdr(message)
+    assert read(data[: max(len(data) - cut, 0)]) is None
+
+
+@settings(max_examples=200, deadline=None)
+@given(message=messages, noise=st.binary(min_size=1, max_size=4), at=st.floats(0.0, 1.0))
+def test_changed_bytes_are_read_as_by_rosbags_or_left_to_it(
+    message: Any, noise: bytes, at: float
+) -> None:
+    kind, data = kind_of(message), bytearray(cdr(message))
+    start = round(at * (len(data) - 1))
+    data[start : start + len(noise)] = noise[: len(data) - start]
+    found = bytes_reader(ros_types(), kind)(bytes(data))
+    if found is not None:
+        assert repr(found) == repr(by_rosbags(bytes(data), kind))
+
+
+@given(message=messages)
+def test_another_byte_order_and_a_longer_message_are_left_to_rosbags(message: Any) -> None:
+    read = bytes_reader(ros_types(), kind_of(message))
+    assert read(cdr(message, little_endian=False)) is None
+    assert read(cdr(message) + b"\0" * 4) is None
+
+
+def store_of(definition: str, kind: str) -> Typestore:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(definition, kind))
+    return store
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [
+        TRACKED_TRANSFORM_DEFINITION.replace("uint8 status", "uint16 status"),
+        TRACKED_TRANSFORM_DEFINITION.replace("uint8 status", "uint8 quality"),
+        TRACKED_TRANSFORM_DEFINITION.replace("child_frame_id", "other_id"),
+        TRACKED_TRANSFORM_DEFINITION + "float64 extra\n",
+    ],
+)
+def test_another_definition_is_left_to_rosbags(definition: str) -> None:
+    assert bytes_reader(store_of(definition, TRACKED_TRANSFORM), TRACKED_TRANSFORM) is None
+
+
+def test_comments_and_constants_of_a_definition_do_not_matter() -> None:
+    store = store_of("# ours\nuint8 NEW=9\n" + TRACKED_TRANSFORM_DEFINITION, TRACKED_TRANSFORM)
+    assert bytes_reader(store, TRACKED_TRANSFORM) is not None
+    assert bytes_reader(store, TIME_REFERENCE) is None
+
+
+def test_robots_that_take_turns_keep_their_names() -> None:
+    def joints(*of: str) -> bytes:
+        header = TYPES["std_msgs/msg/Header"](
+            stamp=TYPES["builtin_interfaces/msg/Time"](sec=1, nanosec=2), frame_id=""
+        )
+        none = np.empty(0)
+        message = TYPES[JOINT_STATE](
+            header=header, name=list(of), position=np.arange(2.0), velocity=none, effort=none
+        )
+        return cdr(message)
+
+    read = bytes_reader(ros_types(), JOINT_STATE)
+    for names in (("a", "b"), ("a", "b"), ("c", "d"), ("a", "bc")):
+        assert read(joints(*names)).names == names
+
+
+def test_a_name_without_its_closing_zero_is_left_to_rosbags() -> None:
+    header = struct.pack("<iI", 1, 2) + struct.pack("<I", 4) + b"worl"
+    child = struct.pack("<I", 4) + b"arm\0"
+    body = header + child + struct.pack("<7dB", *(math.nan,) * 7, 0)
+    assert bytes_reader(ros_types(), TRACKED_TRANSFORM)(b"\0\1\0\0" + body) is None
