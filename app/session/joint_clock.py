@@ -39,7 +39,7 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
     if manifest.robot is None or not case.has_joints:
         raise InputError(f"{case.folder} has no joints: a case with robot.joint_states wanted")
     margins, tool, tool_link = manifest.margins, manifest.tool, manifest.robot.tool_link
-    poses = PoseTree(margins.stale_after_ns, margins.frozen_after_ns, tool.frame)
+    poses = PoseTree(margins.stale_after_ns, margins.frozen_after_ns, (tool.frame,))
     robot = load_robot(case.robot_urdf(), package_dirs=case.package_dirs)
     joint_times: list[int] = []
     joint_tips: list[FloatArray] = []

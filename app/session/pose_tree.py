@@ -3,8 +3,6 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from app.case import TrackingFrame
 from app.fixture import Reason
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
@@ -27,6 +25,10 @@ REASON_OF_STATUS = {
 }
 
 
+_NOTHING: frozenset[Reason] = frozenset()
+_TOO_FAR = frozenset({Reason.INVALID})
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPose:
     """``transform`` from the latest samples on the way, or the reasons why there is none.
@@ -46,6 +48,8 @@ class _EdgeState:
     latest: TrackedTransform
     latest_good: Transform | None = None
     unchanged_since: Stamp | None = None
+    bad: frozenset[Reason] = _NOTHING
+    """What is wrong with the latest sample, whatever the time is."""
 
     def take(self, sample: TrackedTransform) -> bool:
         """Make ``sample`` the latest; tell whether the pose has changed by it.
@@ -54,7 +58,10 @@ class _EdgeState:
         """
         self.latest = sample
         if sample.transform is None:
+            self.bad = frozenset({REASON_OF_STATUS[sample.status]})
             return False
+        far = max(map(abs, sample.transform.translation_mm.tolist())) > FARTHEST_MM
+        self.bad = _TOO_FAR if far else _NOTHING
         known, self.latest_good = self.latest_good, sample.transform
         if known is not None and _same_numbers(known, sample.transform):
             return False
@@ -72,15 +79,18 @@ class _EdgeState:
 class PoseTree:
     """Holds the latest sample an edge; everything is dropped when the source's clock jumps back.
 
+    The latest is the one that was acquired last: a sample that arrives after a newer one says
+    nothing of the present and is not taken in.
+
     A pose that repeats itself digit for digit for longer than ``frozen_after_ns`` is frozen: a
     sensor that measures never does that. An edge that has *never* changed, not before a jump of
     the clock either, is taken for a fixed transform (recordings carry calibrations among the
-    measured ones), except the edge by which ``moving_frame``, the tool, is reached.
+    measured ones), except the edges by which ``moving_frames``, tool and tumour, are reached.
     """
 
     stale_after_ns: int
     frozen_after_ns: int
-    moving_frame: str
+    moving_frames: tuple[str, ...]
     _edges: dict[Edge, _EdgeState] = field(default_factory=dict)
     _changed: set[Edge] = field(default_factory=set)
     _paths: dict[Edge, tuple[Edge, ...] | None] = field(default_factory=dict)
@@ -106,15 +116,23 @@ class PoseTree:
         path = self._path(target, source)
         if path is None or self._now is None:
             return MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
-        states = [self._edges[edge] for edge in path]
-        unchanged = [self._unchanged_ns(edge) for edge in path]
+        oldest: Stamp | None = None
+        unchanged_ns = 0
         problems: set[Reason] = set()
-        for state, unchanged_ns in zip(states, unchanged, strict=True):
-            problems |= self._problems(state.latest, unchanged_ns, self._now)
+        samples = []
+        for edge in path:
+            state = self._edges[edge]
+            latest = state.latest
+            samples.append(latest)
+            if oldest is None or latest.stamp.ns < oldest.ns:
+                oldest = latest.stamp
+            edge_unchanged_ns = self._unchanged_ns(edge, state)
+            unchanged_ns = max(unchanged_ns, edge_unchanged_ns)
+            problems |= state.bad or self._aged(latest.stamp.age_ns(self._now), edge_unchanged_ns)
         return MeasuredPose(
-            transform=None if problems else _along(target, [state.latest for state in states]),
-            oldest=min((state.latest.stamp for state in states), key=_ns, default=None),
-            unchanged_ns=max(unchanged, default=0),
+            transform=None if problems else _along(target, samples),
+            oldest=oldest,
+            unchanged_ns=unchanged_ns,
             problems=frozenset(problems),
         )
 
@@ -128,31 +146,35 @@ class PoseTree:
 
     def _insert_sample(self, sample: TrackedTransform) -> None:
         edge = (sample.target, sample.source)
-        if edge not in self._edges:
-            self._edges[edge] = _EdgeState(sample)
+        state = self._edges.get(edge)
+        if state is None:
+            state = self._edges[edge] = _EdgeState(sample)
             self._paths.clear()
-        if self._edges[edge].take(sample):
+        elif sample.stamp < state.latest.stamp and not self._is_future(state.latest.stamp):
+            return
+        if state.take(sample):
             self._changed.add(edge)
 
-    def _unchanged_ns(self, edge: Edge) -> int:
-        state = self._edges[edge]
-        has_to_move = edge in self._changed or self.moving_frame in edge
+    def _is_future(self, stamp: Stamp) -> bool:
+        return self._now is not None and stamp > self._now
+
+    def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
+        target, source = edge
+        frames = self.moving_frames
+        has_to_move = edge in self._changed or target in frames or source in frames
         return state.unchanged_ns() if has_to_move else 0
 
-    def _problems(self, sample: TrackedTransform, unchanged_ns: int, now: Stamp) -> set[Reason]:
-        if sample.transform is None:
-            return {REASON_OF_STATUS[sample.status]}
-        if np.abs(sample.transform.translation_mm).max() > FARTHEST_MM:
-            return {Reason.INVALID}
+    def _aged(self, age_ns: int, unchanged_ns: int) -> frozenset[Reason]:
+        if 0 <= age_ns <= self.stale_after_ns and unchanged_ns <= self.frozen_after_ns:
+            return _NOTHING
         problems = set()
-        age_ns = sample.stamp.age_ns(now)
         if age_ns > self.stale_after_ns:
             problems.add(Reason.STALE)
         if age_ns < 0:
             problems.add(Reason.FUTURE_STAMP)
         if unchanged_ns > self.frozen_after_ns:
             problems.add(Reason.FROZEN)
-        return problems
+        return frozenset(problems)
 
     def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
         wanted = (target, source)
@@ -179,19 +201,19 @@ def _shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge
 
 def _along(start: str, samples: list[TrackedTransform]) -> Transform:
     """The product of good samples from ``start`` on, each turned the way that the walk goes."""
-    product = Transform.identity(start, start)
+    product: Transform | None = None
     for sample in samples:
-        if sample.transform is not None:
-            forward = sample.target == product.source
-            product = product @ (sample.transform if forward else sample.transform.inverse())
-    return product
-
-
-def _ns(stamp: Stamp) -> int:
-    return stamp.ns
+        pose = sample.transform
+        if pose is not None:
+            at = start if product is None else product.source
+            step = pose if pose.target == at else pose.inverse()
+            product = step if product is None else product @ step
+    return Transform.identity(start, start) if product is None else product
 
 
 def _same_numbers(first: Transform, second: Transform) -> bool:
-    return np.array_equal(first.translation_mm, second.translation_mm) and np.array_equal(
-        first.rotation, second.rotation
+    # The positions alone tell it nearly always, and as lists they are compared fastest.
+    return bool(
+        first.translation_mm.tolist() == second.translation_mm.tolist()
+        and first.rotation.tolist() == second.rotation.tolist()
     )

@@ -59,7 +59,7 @@ class Session:
         self._poses = PoseTree(
             stale_after_ns=setup.margins.stale_after_ns,
             frozen_after_ns=setup.margins.frozen_after_ns,
-            moving_frame=setup.tool_from_tip.target,
+            moving_frames=(setup.tool_from_tip.target, setup.frame_from_tumor.target),
         )
         self._monitor = MarginMonitor(setup.margins)
         self._joints: JointSample | None = None
@@ -91,14 +91,16 @@ class Session:
         # A drift that was seen is not over because the robot has fallen silent.
         if self._drifted:
             problems |= {Reason.REGISTRATION_DRIFT}
+        # The constraint reaches the robot through the reference frame.
+        used = (tool,) if self.setup.robot is None else (tool, in_reference)
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,
-                stamp=tool.oldest,
+                stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
                 proximity=self._proximity(tumor_from_tip, tool.oldest, frame.stamp),
                 problems=problems | tool.problems | registration_problems,
                 sigma_tre_mm=sigma_tre_mm,
-                unchanged_ns=tool.unchanged_ns,
+                unchanged_ns=max(pose.unchanged_ns for pose in used),
             )
         )
         if decision.constraint is not None:
@@ -114,6 +116,10 @@ class Session:
             robot_problem=robot_problem,
             drift=drift,
         )
+
+    def rearm(self) -> None:
+        """End the hold of an earlier fault; `NotRearmableError` while the state is UNKNOWN."""
+        self._monitor.rearm()
 
     @property
     def never_changed(self) -> tuple[tuple[str, str], ...]:

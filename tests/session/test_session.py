@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from app.fixture import MarginState, Reason
+from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
@@ -117,28 +115,17 @@ def test_a_single_missing_frame_is_bridged_and_the_margin_grows_with_age():
     assert step.decision.margin.age_mm == pytest.approx(50.0 * 0.020)
 
 
-DISTURBANCES = ["lost", "silent", "future", "back", "absent"]
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.lists(st.sampled_from(["good", *DISTURBANCES]), min_size=1, max_size=25))
-def test_nothing_is_ever_green_while_an_input_is_bad(story):
-    session, now = Session(make_setup()), 0.0
-    story = ["good", *story]
-    for index, event in enumerate(story):
-        now += {"silent": 500.0, "back": -1000.0}.get(event, 20.0)
-        distance = 40.0 + 0.01 * index
-        poses = {
-            "lost": (needle(now), lost("tracker", "cautery", now, TrackingStatus.MISSING)),
-            "future": (needle(now), cautery_at(distance, now + 1.0)),
-            "absent": (needle(now),),
-            "silent": (),
-        }.get(event, (needle(now), cautery_at(distance, now)))
-        decision = session.step(frame(now, *poses)).decision
-        if event in ("lost", "silent", "future", "back"):
-            assert decision.state is MarginState.UNKNOWN, (index, event)
-        if event == "good" and all(past == "good" for past in story[:index]):
-            assert decision.state is MarginState.NEGATIVE
+def test_a_latch_is_opened_by_hand_and_not_while_its_cause_lasts():
+    session = Session(make_setup())
+    steps(session, [30.0, 30.1])
+    session.step(frame(40, needle(40), lost("tracker", "cautery", 40, TrackingStatus.MISSING)))
+    with pytest.raises(NotRearmableError):
+        session.rearm()
+    *_, known = steps(session, [30.2, 30.3, 30.4], start_ms=60.0)
+    assert (known.decision.state, known.decision.hold) == (MarginState.NEGATIVE, True)
+    session.rearm()
+    (free,) = steps(session, [30.5], start_ms=120.0)
+    assert not free.decision.hold
 
 
 @pytest.fixture(scope="module")
@@ -186,6 +173,18 @@ def test_a_robot_needs_the_reference_through_which_it_is_registered(touch):
     step = session.step(frame(0, needle(0), cautery_at(40.0, 0)))
     assert step.decision.state is MarginState.UNKNOWN
     assert Reason.MISSING in step.decision.reasons
+
+
+def test_the_reference_is_as_old_as_any_other_input_of_a_robot(touch):
+    session = Session(make_setup(registered(touch, found_registration(0.0))))
+    session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    step = session.step(frame(100, needle(100), cautery_at(40.1, 100)))
+    assert step.decision.stamp == Stamp(0)
+    assert step.decision.margin.age_mm == pytest.approx(50.0 * 0.1)
+    by_hand = Session(make_setup())
+    by_hand.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
+    step = by_hand.step(frame(100, needle(100), cautery_at(40.1, 100)))
+    assert step.decision.margin.age_mm == 0.0
 
 
 def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong(touch):

@@ -119,7 +119,7 @@ def follow_tool(
     _check_known(tool, recording, "--tool")
     reference = reference or _default_reference(recording, tool)
     _check_known(reference, recording, "--reference")
-    tree = PoseTree(round(max_age_ms * NS_PER_MS), FROZEN_AFTER_NS, tool)
+    tree = PoseTree(round(max_age_ms * NS_PER_MS), FROZEN_AFTER_NS, (tool,))
     samples: list[TrackedTransform] = []
     lost: Counter[str] = Counter()
     for frame in recording.frames:
