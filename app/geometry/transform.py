@@ -54,7 +54,7 @@ class Transform:
     def by_construction(
         cls, target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
     ) -> "Transform":
-        """From new arrays that are taken over, (3, 3) and (3,), of which only the names are checked.
+        """From new arrays (3, 3) and (3,), which are taken over; the names alone are checked.
 
         For what is a rotation because of how it was made, out of finite numbers: a product of
         rotations, a formula of one, an orthonormal basis. It is off by some 1e-16 a factor, so a

@@ -19,6 +19,8 @@ from app.registration.inputs import as_covariances, as_points
 from app.registration.motion import move_origin, point_jacobian
 from app.registration.result import RegistrationResult
 
+_IDENTITY = np.eye(3)
+
 
 def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     """Sigma in mm, (m,), at points (m, 3) in mm in the fixed frame.
@@ -27,19 +29,20 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     deviation along any single direction. Raises `CovarianceError` for a registration whose
     uncertainty is not known (a given one).
     """
-    covariances = tre_covariances(result, points_mm)
-    return np.asarray(np.sqrt(np.trace(covariances, axis1=1, axis2=2)))
+    covariance = _known_covariance(result)
+    points = as_points(points_mm, "points_mm of a target error")
+    # The trace of J C J^T alone, written out in p: this is asked at every step of a session.
+    turn, mixed, shift = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
+    lever = [mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]]
+    spread = np.trace(turn) * _IDENTITY - turn
+    variance = (points.dot(spread) * points).sum(axis=1) - 2.0 * points.dot(lever) + np.trace(shift)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def tre_covariances(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     """Covariance in mm2, (m, 3, 3), of the error at points (m, 3) in the fixed frame."""
-    if result.covariance is None:
-        raise CovarianceError(
-            f"the uncertainty of a {result.method!r} registration is not known: "
-            "no target error can be predicted from it"
-        )
-    points = as_points(points_mm, "points_mm of a target error")
-    return _at_points(result.covariance, points)
+    covariance = _known_covariance(result)
+    return _at_points(covariance, as_points(points_mm, "points_mm of a target error"))
 
 
 def tre_upper_bound(
@@ -86,6 +89,15 @@ def predict_layout_tre(
     about_centre = np.einsum("ink,nkl,jnl->ij", gains, covariances, gains)
     covariance = _at_points(move_origin(about_centre, -centre), targets)
     return np.asarray(np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
+
+
+def _known_covariance(result: RegistrationResult) -> FloatArray:
+    if result.covariance is None:
+        raise CovarianceError(
+            f"the uncertainty of a {result.method!r} registration is not known: "
+            "no target error can be predicted from it"
+        )
+    return result.covariance
 
 
 def _at_points(covariance: FloatArray, points_mm: FloatArray) -> FloatArray:

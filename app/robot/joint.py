@@ -11,6 +11,8 @@ from app.robot.errors import UrdfError
 
 MM_PER_M = 1000.0
 
+_LAST = (0.0, 0.0, 0.0, 1.0)
+
 
 class JointType(StrEnum):
     """The joint types that have kinematics here: at most one degree of freedom each.
@@ -101,23 +103,20 @@ class Joint:
 
     def motion(self, position: float) -> FloatArray:
         """The (4, 4) motion of the child at ``position`` (rad or m) from its place at 0, in mm."""
-        matrix = np.eye(4)
+        if not self.moves:
+            return np.eye(4)
+        x, y, z = self.axis.tolist()
         if self.slides:
-            matrix[:3, 3] = self.axis * (position * MM_PER_M)
-        elif self.moves:
-            matrix[:3, :3] = _rotation(self.axis, position)
-        return matrix
-
-
-def _rotation(axis: FloatArray, angle: float) -> FloatArray:
-    """Rodrigues' formula, (3, 3), for a unit axis."""
-    x, y, z = axis.tolist()
-    cosine, sine = math.cos(angle), math.sin(angle)
-    rest = 1.0 - cosine
-    return np.array(
-        [
-            [cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y],
-            [rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x],
-            [rest * x * z - sine * y, rest * y * z + sine * x, cosine + rest * z * z],
-        ]
-    )
+            way = position * MM_PER_M
+            return np.array([[1, 0, 0, way * x], [0, 1, 0, way * y], [0, 0, 1, way * z], _LAST])
+        # Rodrigues' formula for a unit axis.
+        cosine, sine = math.cos(position), math.sin(position)
+        rest = 1.0 - cosine
+        return np.array(
+            [
+                [cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y, 0.0],
+                [rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x, 0.0],
+                [rest * x * z - sine * y, rest * y * z + sine * x, cosine + rest * z * z, 0.0],
+                _LAST,
+            ]
+        )

@@ -1,9 +1,11 @@
 """A robot: links with their shapes, joints, and where the links are."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from app.geometry import FrameError, Transform
+from app.robot.errors import JointError
 from app.robot.inverse import IkOptions, inverse_kinematics
 from app.robot.joint import Joint
 from app.robot.shapes import Link
@@ -42,16 +44,25 @@ class Robot:
 
         A joint that is not given is at 0, a mimic joint where its leader puts it unless it is
         given itself. Limits are not applied: a measured position is shown where it was measured.
-        Raises `JointError` for a name that is no moving joint and for a position that is not
-        finite.
+        Raises `JointError` for a name that is no moving joint, for a position that is not finite
+        and for one that puts a link beyond all numbers.
         """
         matrices = self._tree.link_matrices(self._tree.all_positions(positions))
-        return {
-            link.name: Transform(
-                self.root_link, link.name, matrices[link.name][:3, :3], matrices[link.name][:3, 3]
+        links = {}
+        for link in self.links:
+            matrix = matrices[link.name]
+            translation_mm = matrix[:3, 3].copy()
+            if not all(map(math.isfinite, translation_mm.tolist())):
+                raise JointError(
+                    f"link {link.name!r} is at {translation_mm.tolist()} mm with the joints at "
+                    f"{dict(positions)}: finite numbers wanted"
+                )
+            # Origins were checked when the robot was read, and a joint's motion is a rotation by
+            # its formula: so is their product, which needs no checking at every step.
+            links[link.name] = Transform.by_construction(
+                self.root_link, link.name, matrix[:3, :3].copy(), translation_mm
             )
-            for link in self.links
-        }
+        return links
 
     def inverse_kinematics(
         self,

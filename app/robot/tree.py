@@ -62,9 +62,9 @@ class KinematicTree:
         """``root_from_link`` as (4, 4) in mm for every link, from `all_positions`."""
         matrices = {self.root: np.eye(4)}
         for joint, origin in zip(self.joints, self._origins, strict=True):
-            placed = matrices[joint.parent] @ origin
+            placed = matrices[joint.parent].dot(origin)
             if joint.moves:
-                placed = placed @ joint.motion(positions[joint.name])
+                placed = placed.dot(joint.motion(positions[joint.name]))
             matrices[joint.child] = placed
         return matrices
 

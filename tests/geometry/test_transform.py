@@ -177,3 +177,32 @@ def test_what_has_no_mean_is_refused():
         mean_transform([])
     with pytest.raises(FrameError, match="different frames"):
         mean_transform([Transform.identity("a", "b"), Transform.identity("a", "c")])
+
+
+def test_a_product_of_ten_thousand_is_still_a_rotation():
+    """Products are not projected again: what that costs stays far below every tolerance."""
+    rng = np.random.default_rng(3)
+    turns = Rotation.random(10_000, random_state=rng)
+    product = Transform.identity("a", "a")
+    for turn in turns.as_matrix():
+        product = product @ Transform("a", "a", turn, rng.normal(size=3))
+    assert np.abs(product.rotation.T @ product.rotation - np.eye(3)).max() < 1e-11
+    assert np.linalg.det(product.rotation) == pytest.approx(1.0, abs=1e-11)
+
+
+def test_what_is_a_rotation_by_construction_is_taken_over_under_checked_names():
+    rotation, translation = np.eye(3), np.array([1.0, 2.0, 3.0])
+    built = Transform.by_construction("a", "b", rotation, translation)
+    assert built.rotation is rotation
+    np.testing.assert_array_equal(built.matrix, Transform("a", "b", rotation, translation).matrix)
+    with pytest.raises(ValueError, match="read-only"):
+        translation[0] = 2.0
+    with pytest.raises(FrameError, match="' b'"):
+        Transform.by_construction("a", " b", np.eye(3), np.zeros(3))
+
+
+def test_a_name_that_is_none_is_no_new_name():
+    pose = Transform.identity("a", "b")
+    assert (pose.renamed(source="c").target, pose.renamed(source="c").source) == ("a", "c")
+    with pytest.raises(FrameError, match="''"):
+        pose.renamed(target="")

@@ -9,6 +9,7 @@ from app.registration import (
     predict_layout_tre,
     predict_tre,
     register_points,
+    tre_covariances,
     tre_upper_bound,
 )
 from app.registration.rigid_fit import PairNoise, fit_rigid
@@ -44,6 +45,18 @@ def test_equal_isotropic_noise_is_fitzpatricks_formula() -> None:
         for matched in (True, False):
             planned = predict_layout_tre(landmarks, targets, noise, matched_weights=matched)
             np.testing.assert_allclose(planned, expected, rtol=1e-9)
+
+
+def test_sigma_is_the_root_of_the_covariances_trace() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        landmarks = random_layout(rng, 6)
+        moving = random_transform(rng).inverse().apply(landmarks)
+        noise = random_covariances(rng, 6)
+        result = register_points(landmarks, moving, covariances_mm2=noise, **FRAMES)
+        targets = rng.normal(scale=200.0, size=(7, 3))
+        traces = np.trace(tre_covariances(result, targets), axis1=1, axis2=2)
+        np.testing.assert_allclose(predict_tre(result, targets), np.sqrt(traces), rtol=1e-9)
 
 
 @pytest.mark.parametrize("matched", [True, False])

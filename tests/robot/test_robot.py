@@ -112,6 +112,19 @@ def test_positions_that_are_no_numbers_are_refused_by_name(touch, position):
         touch.forward_kinematics({"elbow": position})
 
 
+def test_a_position_that_puts_a_link_beyond_all_numbers_is_refused(panda):
+    with pytest.raises(JointError, match=r"'panda_leftfinger' is at .*finite numbers wanted"):
+        panda.forward_kinematics({"panda_finger_joint1": 1e306})
+
+
+def test_links_are_turned_by_rotations_at_any_angle(touch, rng):
+    for scale in (1.0, 1e3, 1e9):
+        positions = dict(zip(touch.actuated_joint_names, scale * rng.normal(size=6), strict=True))
+        for pose in touch.forward_kinematics(positions).values():
+            gram = pose.rotation.T @ pose.rotation
+            np.testing.assert_allclose(gram, np.eye(3), atol=1e-14)
+
+
 def test_unknown_joints_are_refused_by_name(touch):
     with pytest.raises(JointError, match=r"'knee'.*unknown.*waist"):
         touch.forward_kinematics({"knee": 0.0})
