@@ -34,8 +34,8 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     # The trace of J C J^T alone, written out in p: this is asked at every step of a session.
     turn, mixed, shift = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
     lever = [mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]]
-    spread = np.trace(turn) * _IDENTITY - turn
-    variance = (points.dot(spread) * points).sum(axis=1) - 2.0 * points.dot(lever) + np.trace(shift)
+    spread = turn.trace() * _IDENTITY - turn
+    variance = (points.dot(spread) * points).sum(axis=1) - 2.0 * points.dot(lever) + shift.trace()
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
