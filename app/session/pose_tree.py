@@ -60,8 +60,10 @@ class _EdgeState:
         if sample.transform is None:
             self.bad = frozenset({REASON_OF_STATUS[sample.status]})
             return False
-        far = max(map(abs, sample.transform.translation_mm.tolist())) > FARTHEST_MM
-        self.bad = _TOO_FAR if far else _NOTHING
+        if max(map(abs, sample.transform.translation_mm.tolist())) > FARTHEST_MM:
+            self.bad = _TOO_FAR
+            return False
+        self.bad = _NOTHING
         known, self.latest_good = self.latest_good, sample.transform
         if known is not None and _same_numbers(known, sample.transform):
             return False
@@ -138,7 +140,7 @@ class PoseTree:
 
     def never_changed(self) -> tuple[Edge, ...]:
         """The edges that are taken for fixed transforms so far."""
-        return tuple(edge for edge in self._edges if edge not in self._changed)
+        return tuple(edge for edge in self._edges if not self._has_to_move(edge))
 
     def known_frames(self) -> tuple[str, ...]:
         """Every frame that a measured edge has named, in alphabetical order."""
@@ -159,10 +161,12 @@ class PoseTree:
         return self._now is not None and stamp > self._now
 
     def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
+        return state.unchanged_ns() if self._has_to_move(edge) else 0
+
+    def _has_to_move(self, edge: Edge) -> bool:
         target, source = edge
         frames = self.moving_frames
-        has_to_move = edge in self._changed or target in frames or source in frames
-        return state.unchanged_ns() if has_to_move else 0
+        return edge in self._changed or target in frames or source in frames
 
     def _aged(self, age_ns: int, unchanged_ns: int) -> frozenset[Reason]:
         if 0 <= age_ns <= self.stale_after_ns and unchanged_ns <= self.frozen_after_ns:

@@ -197,10 +197,13 @@ def test_an_edge_that_never_moved_is_a_fixed_transform_and_is_listed(tree):
     assert tree.never_changed() == (("tracker", "reference"),)
 
 
-def test_lost_samples_in_between_do_not_thaw_a_frozen_pose(tree):
+@pytest.mark.parametrize("how", ["status", "number"])
+def test_lost_samples_in_between_do_not_thaw_a_frozen_pose(tree, how):
     edge = ("tracker", "cautery")
     for at_ms in range(0, 1101, 50):
         status = lost(*edge, at_ms, TrackingStatus.INVALID)
+        if how == "number":
+            status = sample(*edge, (0, 0, -3.7e28), at_ms)
         pose = sample(*edge, (0, 0, 0), at_ms)
         tree.insert(frame(at_ms, status if at_ms % 100 else pose))
     assert tree.pose(*edge).problems == {Reason.FROZEN}
