@@ -15,6 +15,7 @@ from app.case.igsio import read_igsio
 from app.case.inventory import EdgeCount, RecordingInventory
 from app.case.landmark_file import read_landmarks
 from app.case.manifest import (
+    TUMOR_MESH_FRAME,
     CaseManifest,
     ClockEntry,
     ContourEntry,
@@ -55,6 +56,7 @@ __all__ = [
     "MESH_ENDINGS",
     "SEGMENTATION_ENDING",
     "TRANSFORM_ENDINGS",
+    "TUMOR_MESH_FRAME",
     "UNITS_MM",
     "BuiltTumor",
     "Case",

@@ -10,7 +10,17 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from app import __version__
-from app.cli.commands import bench, calibrate, convert, doctor, info, make_case, register, replay
+from app.cli.commands import (
+    bench,
+    calibrate,
+    convert,
+    doctor,
+    info,
+    make_case,
+    register,
+    replay,
+    tumor,
+)
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
@@ -18,6 +28,7 @@ COMMANDS: dict[str, ModuleType] = {
     "calibrate": calibrate,
     "info": info,
     "convert": convert,
+    "tumor": tumor,
     "make-case": make_case,
     "bench": bench,
     "doctor": doctor,

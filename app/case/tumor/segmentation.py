@@ -23,13 +23,16 @@ _FIELD = re.compile(r"Segment(\d+)_(ID|Name|LabelValue|Layer)")
 _REPRESENTATIONS = ("Segmentation_SourceRepresentation", "Segmentation_MasterRepresentation")
 _BINARY = "Binary labelmap"
 
+_CUT_OUT = "Segmentation_ReferenceImageExtentOffset"
+"""Slicer saves the box around the segments and says by this field where in the image it lay."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelMap:
     """The voxels of one segment, cut to the box around them.
 
     ``marked`` (i, j, k), ``ras_from_index`` (3, 4) to the centres of its voxels in mm.
-    ``at_border``: whether the segment reaches the border of the volume.
+    ``at_border``: whether the segment reaches the border of a volume that was not cut to it.
     """
 
     name: str
@@ -67,6 +70,7 @@ def read_segment(path: Path, wanted: str | None) -> LabelMap:
     box, at_border = _box(marked)
     ras_from_index = np.array(volume.ras_from_index)
     ras_from_index[:, 3] += ras_from_index[:, :3] @ [side.start for side in box]
+    at_border &= _CUT_OUT not in volume.fields
     return LabelMap(segment.name, marked[box], ras_from_index, at_border)
 
 

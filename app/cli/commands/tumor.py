@@ -1,0 +1,124 @@
+"""Make a tumour's mesh from contoured points or a segmentation, or look at one that is there.
+
+Contoured points (.mrk.json, .fcsv, .yaml) become the rounded convex hull around them, a segment of
+a label map (.seg.nrrd, .nrrd) the smooth surface of its voxels. Coordinates are those of the file,
+in RAS axes. Exit status: 0; 1 when the mesh bounds no solid: the reason is said and nothing is
+written; 2 on bad input.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.cli.options import add_json
+
+if TYPE_CHECKING:
+    from app.case import BuiltTumor
+
+SUMMARY = "make a tumour's mesh from contoured points or a segmentation, or check one"
+UNITS = ("mm", "cm", "m")
+NOT_SOUND = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard tumor``."""
+    parser.add_argument(
+        "source", type=Path, metavar="SOURCE",
+        help="points (.mrk.json, .fcsv, .yaml), segmentation (.nrrd) or mesh (.stl, .ply, .obj)",
+    )  # fmt: skip
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="write the mesh, in mm (.stl, .ply)"
+    )
+    parser.add_argument(
+        "--segment", metavar="NAME",
+        help="which segment of a segmentation: its name, its ID, or a label's value; "
+        "not needed where there is only one",
+    )  # fmt: skip
+    parser.add_argument(
+        "--units", choices=UNITS, help="the unit of a mesh file, which does not say itself"
+    )
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Build or read, check, say, write."""
+    from app.case import check_mesh_place, write_mesh
+
+    if options.output is not None:
+        check_mesh_place(options.output)
+    tumor = _tumor(options)
+    found = _described(options.source, tumor)
+    print(json.dumps(found, indent=2) if options.json else _as_text(found))
+    if not found["sound"]:
+        return NOT_SOUND
+    if options.output is not None:
+        write_mesh(options.output, tumor.mesh)
+        if not options.json:
+            print(f"wrote {options.output}")
+    return 0
+
+
+def _tumor(options: argparse.Namespace) -> "BuiltTumor":
+    from app.case import (
+        MESH_ENDINGS,
+        SEGMENTATION_ENDING,
+        TUMOR_MESH_FRAME,
+        BuiltTumor,
+        load_mesh,
+        tumor_from_contour,
+        tumor_from_segmentation,
+    )
+    from app.geometry import InputError
+
+    source, frame = options.source, TUMOR_MESH_FRAME
+    name = source.name.lower()
+    is_mesh, is_labels = name.endswith(MESH_ENDINGS), name.endswith(SEGMENTATION_ENDING)
+    if options.segment is not None and not is_labels:
+        raise InputError(f"--segment is given: {source} is no segmentation")
+    if is_mesh != (options.units is not None):
+        problem = "missing: a mesh file" if is_mesh else f"given: {source} is in mm, a mesh file"
+        raise InputError(f"--units is {problem} does not say its unit")
+    if is_mesh:
+        return BuiltTumor(load_mesh(source, units=options.units, frame=frame), ())
+    if is_labels:
+        return tumor_from_segmentation(source, frame=frame, segment=options.segment)
+    return tumor_from_contour(source, frame=frame)
+
+
+def _described(source: Path, tumor: "BuiltTumor") -> dict[str, Any]:
+    from app.fixture.bodies import part_meshes
+    from app.fixture.mesh_checks import require_sound
+    from app.geometry import MeshError
+
+    mesh = tumor.mesh
+    low, high = mesh.bounds_mm
+    unsound = None
+    try:
+        require_sound(mesh, str(source))
+    except MeshError as error:
+        unsound = str(error)
+    return {
+        "source": str(source),
+        "notes": list(tumor.notes),
+        "triangles": len(mesh.faces),
+        "parts": len(part_meshes(mesh)),
+        "size_mm": (high - low).round(3).tolist(),
+        "middle_mm": ((low + high) / 2.0).round(3).tolist(),
+        "volume_mm3": round(mesh.signed_volume_mm3, 3),
+        "sound": unsound is None,
+        "reason": unsound,
+    }
+
+
+def _as_text(found: dict[str, Any]) -> str:
+    size = " x ".join(f"{length:.1f}" for length in found["size_mm"])
+    middle = ", ".join(f"{value:.1f}" for value in found["middle_mm"])
+    rows = {
+        "triangles": f"{found['triangles']} in {found['parts']} part(s)",
+        "size": f"{size} mm, around ({middle}) mm",
+        "volume": f"{found['volume_mm3']:.0f} mm3",
+        "sound": "yes" if found["sound"] else f"no: {found['reason']}",
+    }
+    lines = [found["source"], *(f"  {name:<12} {row}" for name, row in rows.items())]
+    return "\n".join([*lines, *(f"  {'note':<12} {note}" for note in found["notes"])])

@@ -1,0 +1,103 @@
+import igl
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.ndimage import binary_fill_holes
+from scipy.spatial.transform import Rotation
+
+from app.case.tumor import label_surface, surface_of_labels
+from app.fixture.mesh_checks import require_sound
+from app.geometry import FloatArray, MeshError
+
+TURNED = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
+
+
+def grid(sides: tuple[float, float, float], *, mirrored: bool = False) -> FloatArray:
+    """``frame_from_index`` (3, 4) of oblique voxels."""
+    signs = [-1.0 if mirrored else 1.0, 1.0, 1.0]
+    return np.column_stack([TURNED * sides * signs, [30.0, -40.0, 70.0]])
+
+
+def centres_mm(shape: tuple[int, ...], frame_from_index: FloatArray) -> FloatArray:
+    return (
+        np.moveaxis(np.indices(shape), 0, -1) @ frame_from_index[:, :3].T + frame_from_index[:, 3]
+    )
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize(
+    ("sides", "radius"),
+    [
+        ((1.0, 1.0, 1.0), 10.0),
+        ((0.5, 0.5, 2.0), 10.0),
+        ((1.0, 1.0, 3.0), 15.0),
+        ((0.8, 0.9, 1.4), 7.0),
+    ],
+)
+def test_a_ball_is_found_within_part_of_a_voxel(
+    sides: tuple[float, float, float], radius: float, mirrored: bool
+) -> None:
+    frame_from_index = grid(sides, mirrored=mirrored)
+    shape = tuple(int(2.0 * radius / side) + 5 for side in sides)
+    places = centres_mm(shape, frame_from_index)
+    middle = places.reshape(-1, 3).mean(axis=0) + np.array([0.13, -0.21, 0.32])
+    marked = np.linalg.norm(places - middle, axis=-1) < radius
+    mesh = require_sound(surface_of_labels(marked, frame_from_index, "tumor"), "the tumour")
+    off = np.linalg.norm(mesh.vertices_mm - middle, axis=1) - radius
+    longest = max(sides)
+    assert np.sqrt(np.mean(off**2)) < 0.2 * longest
+    assert np.abs(off).max() < 0.6 * longest
+    assert abs(off.mean()) < 0.05 * longest
+    assert mesh.signed_volume_mm3 == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=0.02)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.tuples(*[st.integers(1, 7)] * 3),
+    share=st.floats(0.05, 0.95),
+    seed=st.integers(0, 10_000),
+)
+def test_any_marks_make_a_sound_surface_between_them_and_the_others(
+    shape: tuple[int, int, int], share: float, seed: int
+) -> None:
+    marked = np.random.default_rng(seed).random(shape) < share
+    if not marked.any():
+        return
+    marked = binary_fill_holes(marked)
+    frame_from_index = grid((0.8, 0.9, 1.6))
+    mesh = require_sound(surface_of_labels(marked, frame_from_index, "tumor"), "the tumour")
+    # All that is not in the array is outside as well.
+    around = np.pad(marked, 1)
+    places = centres_mm(around.shape, frame_from_index) - frame_from_index[:, :3].sum(axis=1)
+    vertices, faces = np.array(mesh.vertices_mm), np.array(mesh.faces)
+    winding = igl.winding_number(vertices, faces, places.reshape(-1, 3))
+    np.testing.assert_array_equal(winding > 0.5, around.ravel())
+
+
+def test_at_the_border_it_runs_along_the_voxels_faces() -> None:
+    frame_from_index = np.column_stack([np.diag([0.5, 1.0, 2.0]), [0.0, 0.0, 0.0]])
+    mesh = surface_of_labels(np.ones((20, 20, 20), dtype=bool), frame_from_index, "tumor")
+    low, high = mesh.bounds_mm
+    np.testing.assert_allclose(low / [0.5, 1.0, 2.0], -0.5, atol=0.1)
+    np.testing.assert_allclose(high / [0.5, 1.0, 2.0], 19.5, atol=0.1)
+    assert mesh.signed_volume_mm3 == pytest.approx(8000.0, rel=0.005)
+
+
+def test_a_sheet_of_one_voxel_stays() -> None:
+    marked: NDArray[np.bool_] = np.zeros((12, 12, 5), dtype=bool)
+    marked[1:-1, 1:-1, 2] = True
+    mesh = require_sound(surface_of_labels(marked, grid((1.0, 1.0, 1.0)), "tumor"), "the sheet")
+    assert mesh.signed_volume_mm3 == pytest.approx(100.0, rel=0.05)
+
+
+def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(label_surface, "MAX_VOXELS", 100)
+    with pytest.raises(MeshError, match=r"span 4 x 3 x 2: 100 with their border allowed"):
+        surface_of_labels(np.ones((4, 3, 2), dtype=bool), grid((1.0, 1.0, 1.0)), "tumor")
+
+
+def test_nothing_marked() -> None:
+    with pytest.raises(MeshError, match="no voxel is marked"):
+        surface_of_labels(np.zeros((3, 3, 3), dtype=bool), grid((1.0, 1.0, 1.0)), "tumor")
