@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +41,15 @@ def check_writable(folder: Path) -> None:
 
 
 def write_report(
-    folder: Path, record: ReplayRecord, *, scene_png: bytes | None, version: str
+    folder: Path, record: ReplayRecord, *, scene_png: Callable[[], bytes | None], version: str
 ) -> dict[str, Any]:
     """Write the files of `REPORT_FILES` into ``folder`` and return the summary.
 
-    ``scene_png`` is the picture of the deepest moment, None where it cannot be drawn: then there
-    is no ``scene.png``, and one of an earlier replay is removed. Earlier report files are
-    replaced once every new one is whole; other files in the folder are left alone. A folder that
-    cannot be written and a replay without frames raise `ReportError`.
+    ``scene_png`` gives the picture of the deepest moment, and is asked when all else is ready, as
+    it may still be drawn; None where it cannot be: then there is no ``scene.png``, and one of an
+    earlier replay is removed. Earlier report files are replaced once every new one is whole; other
+    files in the folder are left alone. A folder that cannot be written and a replay without frames
+    raise `ReportError`.
     """
     if not record.rows:
         raise ReportError(f"case {record.case!r} gave no frame: at least 1 wanted for a report")
@@ -62,21 +63,21 @@ def write_report(
 
 
 def _contents(
-    record: ReplayRecord, scene_png: bytes | None, version: str
+    record: ReplayRecord, scene_png: Callable[[], bytes | None], version: str
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
     summary = summarise(record)
     breaches = find_breaches(record.rows, record.margins.stale_after_ns)
     plot = margin_png(record.rows, breaches, record.margins, record.case)
-    page = report_html(summary, count_reasons(record.rows), plot, scene_png, version)
     contents = {
         "summary.json": (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode(),
         "margin.csv": margin_csv(record.rows).encode(),
         "margin.png": plot,
-        "report.html": page.encode(),
     }
-    if scene_png is not None:
-        contents["scene.png"] = scene_png
-    return summary, contents
+    scene = scene_png()
+    if scene is not None:
+        contents["scene.png"] = scene
+    page = report_html(summary, count_reasons(record.rows), plot, scene, version)
+    return summary, {**contents, "report.html": page.encode()}
 
 
 def _put_in_place(folder: Path, contents: Mapping[str, bytes]) -> None:

@@ -18,7 +18,7 @@ def names(folder: Path) -> set[str]:
 
 def test_writes_every_file(tmp_path: Path, record_of: Record) -> None:
     folder = tmp_path / "new" / "report"
-    summary = write_report(folder, record_of([6.0, -1.0]), scene_png=SCENE, version="1")
+    summary = write_report(folder, record_of([6.0, -1.0]), scene_png=lambda: SCENE, version="1")
     assert names(folder) == set(REPORT_FILES)
     assert json.loads((folder / "summary.json").read_text()) == summary
     assert (folder / "scene.png").read_bytes() == SCENE
@@ -31,7 +31,7 @@ def test_timing_changes_nothing_but_the_summary_and_the_page(
 ) -> None:
     for name, durations in (("slow", (9000, 9000)), ("fast", (1, 2))):
         record = record_of([6.0, -1.0], durations_ns=durations)
-        write_report(tmp_path / name, record, scene_png=None, version="1")
+        write_report(tmp_path / name, record, scene_png=lambda: None, version="1")
     for file in ("margin.csv", "margin.png"):
         assert (tmp_path / "slow" / file).read_bytes() == (tmp_path / "fast" / file).read_bytes()
     slow, fast = (
@@ -43,8 +43,8 @@ def test_timing_changes_nothing_but_the_summary_and_the_page(
 
 def test_replaces_its_own_files_and_leaves_others(tmp_path: Path, record_of: Record) -> None:
     (tmp_path / "notes.txt").write_text("mine")
-    write_report(tmp_path, record_of([6.0]), scene_png=SCENE, version="1")
-    write_report(tmp_path, record_of([6.0, 7.0]), scene_png=None, version="1")
+    write_report(tmp_path, record_of([6.0]), scene_png=lambda: SCENE, version="1")
+    write_report(tmp_path, record_of([6.0, 7.0]), scene_png=lambda: None, version="1")
     # The picture of the first replay does not stay beside the numbers of the second.
     assert names(tmp_path) == {"notes.txt", *REPORT_FILES} - {"scene.png"}
     assert json.loads((tmp_path / "summary.json").read_text())["frames"] == 2
@@ -54,7 +54,7 @@ def test_replaces_its_own_files_and_leaves_others(tmp_path: Path, record_of: Rec
 def test_failure_leaves_the_earlier_report(
     tmp_path: Path, record_of: Record, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_report(tmp_path, record_of([6.0]), scene_png=SCENE, version="1")
+    write_report(tmp_path, record_of([6.0]), scene_png=lambda: SCENE, version="1")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 
     def disk_full(self: Path, data: bytes) -> int:
@@ -65,13 +65,13 @@ def test_failure_leaves_the_earlier_report(
     original = Path.write_bytes
     monkeypatch.setattr(write_module.Path, "write_bytes", disk_full)
     with pytest.raises(ReportError, match="No space left on device"):
-        write_report(tmp_path, record_of([6.0, 7.0]), scene_png=None, version="1")
+        write_report(tmp_path, record_of([6.0, 7.0]), scene_png=lambda: None, version="1")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_no_frames_are_no_report(tmp_path: Path, record_of: Record) -> None:
     with pytest.raises(ReportError, match="'three frames' gave no frame"):
-        write_report(tmp_path / "report", record_of([]), scene_png=None, version="1")
+        write_report(tmp_path / "report", record_of([]), scene_png=lambda: None, version="1")
     assert names(tmp_path) == set()
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import add_case, add_json, folder_path
 from app.cli.progress import with_progress
 from app.cli.publishing import publishing
-from app.cli.scene_picture import scene_picture
+from app.cli.scene_picture import ScenePainter
 from app.cli.signals import Received, note_signals
 from app.cli.summary_text import as_text
 
@@ -55,6 +55,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace, received: Received) -> int:
+    if options.report is None:
+        return _played(options, received, None)
+    with ScenePainter() as painter:
+        return _played(options, received, painter)
+
+
+def _played(options: argparse.Namespace, received: Received, painter: ScenePainter | None) -> int:
     from app import __version__
     from app.case import Player, open_case
     from app.geometry import InputError
@@ -75,11 +82,14 @@ def _replay(options: argparse.Namespace, received: Received) -> int:
     if clock is not None:
         notes = (f"offset of the joints' clock: {clock.reason}", *record.notes)
         record = replace(record, notes=notes)
-    if options.report is None:
+    if painter is None:
         summary = summarise(record)
     else:
-        picture = scene_picture(case, setup, deepest, with_tool=not options.tip_only)
-        summary = write_report(options.report, record, scene_png=picture, version=__version__)
+        if deepest is not None:
+            painter.begin(case, setup, deepest, with_tool=not options.tip_only)
+        summary = write_report(
+            options.report, record, scene_png=painter.picture, version=__version__
+        )
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
     return 0 if all_passed(summary) else 1
 
