@@ -14,6 +14,7 @@ BENCHMARKS = {
     "registration": "benchmarks.registration",
     "fixture": "benchmarks.fixture",
     "fixture-agreement": "benchmarks.fixture_agreement",
+    "session": "benchmarks.session",
 }
 
 

@@ -1,0 +1,126 @@
+"""The benchmark of a step: what it feeds, what it counts, and that a step leaves nothing behind."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.fixture import MarginState
+from app.geometry import Stamp, TrackingStatus, Transform
+from app.registration import DriftBound, given_registration
+from app.robot import load_robot
+from app.session import RobotSetup, Session, SessionSetup
+from benchmarks.session import failures, measure
+from benchmarks.session_trajectory import Trajectory
+from tests.session.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
+
+RATE_HZ = 1000
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """A second at 50 Hz: the tool comes near; one sample is lost."""
+    frames = []
+    for k in range(51):
+        at_ms = 20.0 * k
+        tool = sample("tracker", "cautery", (40.0 - 0.5 * k, 0.1 * k, 0.0), at_ms)
+        if k == 10:
+            tool = lost("tracker", "cautery", at_ms, TrackingStatus.INVALID)
+        frames.append(
+            frame(
+                at_ms,
+                tool,
+                sample("tracker", "needle", (0.0, 0.0, 0.01 * k), at_ms),
+                sample("tracker", "reference", (0.01 * k, 0.0, 0.0), at_ms),
+                joints=(joint_sample({"waist": 0.01 * k, "elbow": -0.02 * k}, at_ms),),
+            )
+        )
+    return frames
+
+
+@pytest.fixture(scope="module")
+def setup(project_root):
+    robot = load_robot(project_root / "data" / "robots" / "touch" / "touch.urdf")
+    return SessionSetup(
+        tool_from_tip=Transform.identity("cautery", "cautery_tip"),
+        frame_from_tumor=Transform.identity("needle", "tumor"),
+        proximity=AnalyticSphere(10.0),
+        margins=PARAMETERS,
+        robot=RobotSetup(
+            robot=robot,
+            base_frame="robot_base",
+            tool_link="stylus",
+            registration=given_registration(Transform.identity("reference", "robot_base")),
+            max_drift=DriftBound(1e4, 4.0),
+        ),
+    )
+
+
+def test_the_recording_is_interpolated_and_the_lost_sample_left_out(recorded):
+    frames = list(Trajectory(recorded, RATE_HZ).frames(1001))
+    assert [made.stamp.ns for made in frames] == [k * 1_000_000 for k in range(1001)]
+    for at_ms, x_mm in ((0, 40.0), (30, 39.25), (200, 35.0), (1000, 15.0)):
+        tool, needle, _ = (pose.transform for pose in frames[at_ms].poses)
+        assert tool.translation_mm[0] == pytest.approx(x_mm)
+        assert needle.translation_mm[2] == pytest.approx(0.01 * at_ms / 20.0)
+        assert frames[at_ms].joints[0].positions == pytest.approx(np.array([5e-4, -1e-3]) * at_ms)
+
+
+def test_at_its_end_it_turns_and_time_goes_on(recorded):
+    frames = list(Trajectory(recorded, RATE_HZ).frames(2500))
+    assert frames[1101].poses[0].transform.translation_mm == pytest.approx(
+        frames[900].poses[0].transform.translation_mm
+    )
+    assert frames[2499].stamp == Stamp(2_499_000_000)
+
+
+def test_turns_are_along_the_shortest_arc():
+    turned = Transform.from_rotation_vector(
+        [0.0, 0.0, 0.4], [0.0, 0.0, 0.0], target="tracker", source="cautery"
+    )
+    last = replace(sample("tracker", "cautery", (0.0, 0.0, 0.0), 20.0), transform=turned)
+    source = [frame(0.0, sample("tracker", "cautery", (0.0, 0.0, 0.0), 0.0)), frame(20.0, last)]
+    made = list(Trajectory(source, RATE_HZ).frames(21))
+    for k, at in enumerate(made):
+        assert at.poses[0].transform.rotation_vector == pytest.approx([0.0, 0.0, 0.02 * k])
+
+
+def test_every_step_is_counted_and_timed(recorded, setup):
+    figures = measure(Session(setup), Trajectory(recorded, RATE_HZ), 600)
+    assert figures.steps == sum(figures.states.values()) == 600
+    assert figures.states[MarginState.UNKNOWN.name] == 0
+    for spread in (figures.step_cpu, figures.step_wall, figures.late, figures.bare_late):
+        assert 0.0 <= spread.p50_ms <= spread.p99_ms <= spread.max_ms
+    assert figures.step_cpu.p50_ms > 0.0
+    assert figures.memory.start_mb > 10.0
+
+
+def test_a_slow_step_and_a_growing_memory_are_named(recorded, setup):
+    figures = measure(Session(setup), Trajectory(recorded, RATE_HZ), 2)
+    still = replace(figures.memory, warm_mb=100.0, end_mb=100.0)
+    good = replace(figures, step_cpu=replace(figures.step_cpu, p99_ms=0.9), memory=still)
+    assert failures(good) == []
+    slow = replace(good, step_cpu=replace(good.step_cpu, p99_ms=1.2))
+    assert failures(slow) == ["step p99 is 1.200 ms, 1.0 ms wanted"]
+    grown = replace(good, memory=replace(still, end_mb=103.5))
+    assert failures(grown) == ["memory grew by 3.50 MB, 2.0 MB allowed"]
+
+
+def test_thousands_of_steps_leave_nothing_behind(recorded, setup):
+    session = Session(setup)
+    frames = Trajectory(recorded, RATE_HZ).frames(2700)
+    for _ in range(500):
+        session.step(next(frames))
+    tracemalloc.start()
+    try:
+        for _ in range(200):
+            session.step(next(frames))
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(2000):
+            session.step(next(frames))
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # One kept reference of 8 bytes a step would be 16 kB.
+    assert after - before < 8_000
