@@ -168,7 +168,7 @@ def _content(file: IO[bytes], header: Mapping[str, Any], path: Path, count: int)
         if encoding in ("bzip2", "bz2"):
             with bz2.BZ2File(file) as unpacked_bz2:
                 return unpacked_bz2.read(most)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+    except (EOFError, zlib.error, OSError) as error:  # the last of data that were never packed
         raise InputError(f"{path}: its data are cut or damaged: {error}") from error
     raise InputError(f"{path}: encoding is {encoding!r}: raw, gzip or bzip2 wanted")
 

@@ -1,0 +1,185 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import nrrd
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app.case.tumor import nrrd_file, read_nrrd
+from app.geometry import InputError
+
+WriteNrrd = Callable[..., Path]
+Volume = NDArray[Any]
+
+
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2"])
+@pytest.mark.parametrize("kind", ["u1", "i2", ">i4", "u8"])
+def test_encodings_and_types(
+    write_nrrd: WriteNrrd, block: Volume, encoding: str, kind: str
+) -> None:
+    path = write_nrrd(block.astype(kind), encoding=encoding)
+    volume = read_nrrd(path)
+    np.testing.assert_array_equal(volume.layers, block[None])
+    assert not volume.layers.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("space", "signs"),
+    [
+        ("left-posterior-superior", [-1.0, -1.0, 1.0]),
+        ("LPS", [-1.0, -1.0, 1.0]),
+        ("right-anterior-superior", [1.0, 1.0, 1.0]),
+        ("left-anterior-superior", [-1.0, 1.0, 1.0]),
+    ],
+)
+def test_positions_are_in_ras(
+    write_nrrd: WriteNrrd, block: Volume, space: str, signs: list[float]
+) -> None:
+    turned = np.array([[0.8, 0.6, 0.0], [-1.2, 1.6, 0.0], [0.0, 0.0, 3.0]])
+    volume = read_nrrd(write_nrrd(block, space=space, **{"space directions": turned}))
+    # One step along j, from the file's own words.
+    expected = np.add([10.0, 20.0, 30.0], [-1.2, 1.6, 0.0]) * signs
+    np.testing.assert_allclose(volume.ras_from_index @ [0.0, 1.0, 0.0, 1.0], expected)
+
+
+@pytest.mark.parametrize("axis", [0, 3])
+def test_layers_come_first_wherever_the_file_has_them(
+    write_nrrd: WriteNrrd, block: Volume, axis: int
+) -> None:
+    both = np.stack([block, 1 - np.minimum(block, 1)], axis=axis)
+    directions = np.insert(np.diag([1.0, 2.0, 3.0]), axis, np.nan, axis=0)
+    volume = read_nrrd(write_nrrd(both, **{"space directions": directions}))
+    np.testing.assert_array_equal(volume.layers[0], block)
+    assert volume.layers.shape == (2, 6, 7, 8)
+    np.testing.assert_array_equal(volume.ras_from_index[:, 3], [-10.0, -20.0, 30.0])
+
+
+def test_texts_of_the_header_are_kept(write_nrrd: WriteNrrd, block: Volume) -> None:
+    path = write_nrrd(block, Note="Groesse: 3")
+    path.write_bytes(path.read_bytes().replace(b"Groesse", "Größe".encode()))
+    assert read_nrrd(path).fields["Note"] == "Größe: 3"
+
+
+NAN = np.diag([1.0, 2.0, np.nan])
+FLAT = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"space": None}, "the field 'space' is missing"),
+        ({"space": "scanner-xyz"}, "space is 'scanner-xyz': right-anterior-superior, left-ant"),
+        ({"space origin": None}, "'space origin' is missing"),
+        ({"space origin": np.array([np.nan, 0.0, 0.0])}, "finite numbers wanted"),
+        ({"space directions": None, "spacings": [1, 1, 1]}, "'space directions' is missing"),
+        ({"space directions": NAN}, "finite numbers wanted"),
+        ({"space directions": FLAT}, "lie in one plane"),
+        ({"space directions": np.eye(3) * 0.001}, "measure 0.001 x 0.001 x 0.001 mm: 0.01 to 100"),
+        ({"space directions": np.zeros((3, 3))}, "measure 0 x 0 x 0 mm"),
+        ({"space units": ["m", "m", "m"]}, "space units are 'm': mm wanted"),
+    ],
+)
+def test_geometry_that_is_none(
+    write_nrrd: WriteNrrd, block: Volume, changes: dict[str, object], message: str
+) -> None:
+    path = write_nrrd(block, **changes)
+    with pytest.raises(InputError, match=message) as caught:
+        read_nrrd(path)
+    assert "\n" not in str(caught.value)
+    assert path.name in str(caught.value)
+
+
+def test_four_axes_without_a_list(write_nrrd: WriteNrrd, block: Volume) -> None:
+    path = write_nrrd(block[None], **{"space directions": np.ones((4, 3))})
+    with pytest.raises(InputError, match="0 of its 4 axes are lists: one wanted"):
+        read_nrrd(path)
+    path = write_nrrd(block[0], **{"space directions": np.eye(3)[:2]})
+    with pytest.raises(InputError, match=r"dimension is 2 and sizes \[7, 8\]"):
+        read_nrrd(path)
+
+
+def test_an_image_of_fractions(write_nrrd: WriteNrrd, block: Volume) -> None:
+    with pytest.raises(InputError, match="type is 'float': whole numbers wanted"):
+        read_nrrd(write_nrrd(block.astype(np.float32)))
+
+
+def _replaced(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
+    def edit(content: bytes) -> bytes:
+        assert old in content
+        return content.replace(old, new)
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda content: content[:-5], "data (are cut or damaged|do not fit)"),
+        (lambda content: content[: content.index(b"\n\n") + 2], "data (are cut|do not fit)"),
+        (lambda content: content[:100], "is no NRRD file"),
+        (lambda content: b"", "is no NRRD file"),
+        (lambda content: b"GIF89a" + content, "is no NRRD file"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: 6 7 9"), "do not fit its header"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: 6 7 7"), "336 bytes or more: 294 wanted"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: 6 -7 8"), r"sizes are \[6, -7, 8\]"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: 6 0 8"), r"sizes are \[6, 0, 8\]"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: 6 7"), r"dimension is 3 and sizes \[6, 7\]"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: 60000 70000 80000"), "134217728 values allowed"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: six"), "no readable NRRD header"),
+        (_replaced(b"dimension: 3", b"dimension: three"), "no readable NRRD header"),
+        (_replaced(b"NRRD0005", b"NRRD0099"), "no readable NRRD header: Unsupported"),
+        (_replaced(b"encoding: raw", b"encoding: zip"), "encoding is 'zip': raw, gzip or bzip2"),
+        (_replaced(b"encoding: raw", b"encoding: gzip"), "data are cut or damaged"),
+        (_replaced(b"encoding: raw", b"encoding: bzip2"), "data are cut or damaged"),
+        (_replaced(b"encoding: raw\n", b""), "the field 'encoding' is missing"),
+        (_replaced(b"type: uint8", b"type: quaternion"), "do not fit its header"),
+        (
+            _replaced(b"encoding", b"data file: ../../etc/passwd\nencoding"),
+            "'data file' is '.*same",
+        ),
+        (_replaced(b"encoding", b"datafile: LIST\nencoding"), "'datafile' is 'LIST'"),
+        (_replaced(b"encoding", b"byte skip: -1\nencoding"), "'byte skip' is '-1'"),
+        (_replaced(b"space origin: (10", b"space origin: (ten"), "no readable NRRD header"),
+    ],
+)
+def test_files_that_are_damaged(
+    write_nrrd: WriteNrrd, block: Volume, edit: Callable[[bytes], bytes], message: str
+) -> None:
+    path = write_nrrd(block, encoding="raw")
+    path.write_bytes(edit(path.read_bytes()))
+    with pytest.raises(InputError, match=message) as caught:
+        read_nrrd(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "bzip2"])
+def test_packed_data_that_are_cut(write_nrrd: WriteNrrd, block: Volume, encoding: str) -> None:
+    path = write_nrrd(block, encoding=encoding)
+    path.write_bytes(path.read_bytes()[:-12])
+    with pytest.raises(InputError, match=r"data (are cut or damaged|do not fit)"):
+        read_nrrd(path)
+
+
+def test_packed_data_are_unpacked_no_further_than_they_say(
+    write_nrrd: WriteNrrd, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_nrrd(np.zeros((200, 200, 200), dtype=np.uint8))
+    path.write_bytes(path.read_bytes().replace(b"sizes: 200 200 200", b"sizes: 2 2 2"))
+    taken = []
+    read_data = nrrd.read_data
+
+    def watched(header: Any, content: Any) -> Any:
+        taken.append(len(content.getvalue()))
+        return read_data(header, content)
+
+    monkeypatch.setattr(nrrd_file.nrrd, "read_data", watched)
+    with pytest.raises(InputError, match="65 bytes or more: 8 wanted"):
+        read_nrrd(path)
+    assert taken == [65]
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        read_nrrd(tmp_path / "no.nrrd")
