@@ -11,10 +11,10 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from app.geometry import FloatArray
 from app.registration.errors import NoConsensusError
+from app.registration.quantiles import chi_square_quantile
 
 State = TypeVar("State")
 
@@ -43,7 +43,7 @@ def agreeing(
     ``freedom`` numbers each; with noise not known their scale is taken from their median at first.
     Raises `NoConsensusError` unless more than half of the observations agree.
     """
-    bound = float(chi2.ppf(1.0 - WRONG_RATE / count, freedom))
+    bound = chi_square_quantile(1.0 - WRONG_RATE / count, freedom)
     least = max(draw, count // 2 + 1)
     state = min(
         (start(mask) for mask in _draws(count, draw)),
@@ -52,7 +52,7 @@ def agreeing(
     squared = squared_sigmas(state)
     middle = float(np.median(squared))
     if not noise_known and middle > 0.0:
-        squared = squared * (float(chi2.median(freedom)) / middle)
+        squared = squared * (chi_square_quantile(0.5, freedom) / middle)
     # The start is rough, even where the noise is known: its better half is taken in any case.
     good = squared <= max(bound, float(np.median(squared)))
     for _ in range(MAX_REFITS):

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.optimize import minimize_scalar
-from scipy.stats import t as student
 
 from app.geometry import NS_PER_MS, NS_PER_S, FloatArray
 from app.registration.errors import FlatSignalError, ShapeError, TooFewError
+from app.registration.quantiles import student_quantile
 from app.registration.timed_signal import TimedSignal
 
 MIN_SAMPLES = 40
@@ -216,7 +216,7 @@ class _Alignment:
         beside = self.loss(offset - CURVATURE_S) + self.loss(offset + CURVATURE_S)
         curvature = (beside - 2.0 * self.loss(offset)) / (2.0 * CURVATURE_S**2)
         sigma = scatter / curvature if curvature > 0.0 else math.inf
-        return float(student.ppf(0.975, BLOCKS - 1)) * sigma
+        return student_quantile(0.975, BLOCKS - 1) * sigma
 
     def _fit(self, offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Orthonormal basis of a's columns at this offset, their weights in b, and the misfit."""

@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
 
 from app.geometry import FloatArray
 from app.registration.errors import CovarianceError, ShapeError
 from app.registration.inputs import as_covariances, as_points
 from app.registration.motion import move_origin, point_jacobian
+from app.registration.quantiles import chi_square_quantile
 from app.registration.result import RegistrationResult
 
 _IDENTITY = np.eye(3)
@@ -60,7 +60,7 @@ def tre_upper_bound(
     dof = result.degrees_of_freedom
     if dof is None:
         return sigma
-    return np.asarray(sigma * math.sqrt(dof / float(chi2.ppf(1.0 - confidence, dof))))
+    return np.asarray(sigma * math.sqrt(dof / chi_square_quantile(1.0 - confidence, dof)))
 
 
 def predict_layout_tre(

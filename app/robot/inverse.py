@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from app.geometry import FloatArray, Transform
 from app.robot.errors import JointError, UnreachableError
@@ -134,6 +133,8 @@ class _Problem:
         )
         starts = [np.clip(first, self.lower, self.upper)]
         if restarts and self.names:
+            from scipy.stats import qmc  # slow to load, and only restarts need it
+
             spread = qmc.Halton(len(self.names), scramble=False).random(restarts)
             starts.extend(low + (high - low) * spread)
         return starts
