@@ -87,7 +87,7 @@ class PoseTree:
     A pose that repeats itself digit for digit for longer than ``frozen_after_ns`` is frozen: a
     sensor that measures never does that. An edge that has *never* changed, not before a jump of
     the clock either, is taken for a fixed transform (recordings carry calibrations among the
-    measured ones), except the edges by which ``moving_frames``, tool and tumour, are reached.
+    measured ones), except the edges by which ``moving_frames`` are reached: each has a sensor.
     """
 
     stale_after_ns: int

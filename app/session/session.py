@@ -56,10 +56,11 @@ class Session:
     def __init__(self, setup: SessionSetup) -> None:
         self.setup = setup
         self._tumor_from_frame = setup.frame_from_tumor.inverse()
+        moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
         self._poses = PoseTree(
             stale_after_ns=setup.margins.stale_after_ns,
             frozen_after_ns=setup.margins.frozen_after_ns,
-            moving_frames=(setup.tool_from_tip.target, setup.frame_from_tumor.target),
+            moving_frames=moving if setup.robot is None else (*moving, REFERENCE),
         )
         self._monitor = MarginMonitor(setup.margins)
         self._joints: JointSample | None = None

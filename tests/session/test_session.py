@@ -187,6 +187,23 @@ def test_the_reference_is_as_old_as_any_other_input_of_a_robot(touch):
     assert step.decision.margin.age_mm == 0.0
 
 
+@pytest.mark.parametrize("stuck", ["needle", "reference"])
+def test_a_sensor_that_is_stuck_from_the_first_frame_on_is_not_taken_for_a_calibration(
+    touch, stuck
+):
+    session = Session(make_setup(registered(touch, found_registration(0.0))))
+    for at_ms in range(0, 1101, 100):
+        poses = {"needle": needle(at_ms), "reference": reference(at_ms)}
+        moving = "reference" if stuck == "needle" else "needle"
+        away = Transform(moving, moving, np.eye(3), [0.0, 0.0, 1e-3 * at_ms])
+        pose = poses[moving].transform @ away
+        poses[moving] = TrackedTransform(pose, poses[moving].stamp, TrackingStatus.OK)
+        tool = cautery_at(40.0 + 1e-3 * at_ms, at_ms)
+        step = session.step(frame(at_ms, *poses.values(), tool))
+    assert step.decision.state is MarginState.UNKNOWN
+    assert step.decision.reasons[0] is Reason.FROZEN
+
+
 def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong(touch):
     given = given_registration(Transform.identity("reference", "robot_base"))
     session = Session(make_setup(registered(touch, given)))
