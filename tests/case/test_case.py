@@ -4,12 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import nrrd
 import numpy as np
 import pytest
 import trimesh
 import yaml
 
-from app.case import open_case
+from app.case import convert_case, open_case
 from app.geometry import InputError, MarginGuardError, MeshError
 
 Manifest = dict[str, Any]
@@ -188,6 +189,46 @@ def test_open_and_broken_meshes(manifest: Manifest, write_case: WriteCase, name:
         load()
 
 
+def test_a_tumour_from_a_contour(manifest: Manifest, write_case: WriteCase) -> None:
+    del manifest["tumor"]["mesh"]
+    manifest["tumor"]["contour"] = {"path": "contour.yaml"}
+    folder = write_case(manifest, count=3)
+    points = np.array(trimesh.creation.icosphere(subdivisions=1, radius=10.0).vertices)
+    entries = [{"name": "T", "position_mm": point} for point in points.tolist()]
+    with pytest.raises(InputError, match=r"tumor\.contour\.path is 'contour\.yaml': no such file"):
+        open_case(folder)
+    (folder / "contour.yaml").write_text(yaml.safe_dump({"landmarks": entries}))
+    case = open_case(folder)
+    mesh = case.tumor_mesh()
+    assert mesh is case.tumor_mesh()
+    assert mesh.frame == "tumor"
+    assert mesh.signed_volume_mm3 == pytest.approx(4000.0 / 3.0 * np.pi, rel=0.01)
+    note = "the tumour is the rounded convex hull of 42 points"
+    for _ in range(2):
+        assert len(list(case.frames())) == 3
+        assert case.notes() == (note,)
+
+
+def test_a_tumour_from_a_segmentation_is_converted_with_its_case(
+    manifest: Manifest, write_case: WriteCase, tmp_path: Path
+) -> None:
+    manifest["tumor"]["mesh"] = {"path": "tumor.seg.nrrd", "segment": "2"}
+    folder = write_case(manifest, count=3)
+    marks = np.zeros((9, 9, 9), dtype=np.uint8)
+    marks[2:7, 2:7, 2:7] = 2
+    header = {
+        "space": "left-posterior-superior",
+        "space directions": np.eye(3),
+        "space origin": np.zeros(3),
+    }
+    nrrd.write(str(folder / "tumor.seg.nrrd"), marks, header)
+    convert_case(open_case(folder), tmp_path / "converted")
+    case = open_case(tmp_path / "converted")
+    low, high = case.tumor_mesh().bounds_mm
+    np.testing.assert_allclose((low + high) / 2.0, [-4.0, -4.0, 4.0], atol=1e-3)
+    assert case.notes() == ("the tumour is segment '2' of tumor.seg.nrrd, 125 voxels",)
+
+
 def test_a_tool_without_mesh_serves_until_it_is_asked_for(
     manifest: Manifest, write_case: WriteCase
 ) -> None:
@@ -200,3 +241,35 @@ def test_a_tool_without_mesh_serves_until_it_is_asked_for(
 def test_no_folder(tmp_path: Path) -> None:
     with pytest.raises(MarginGuardError, match="no such folder"):
         open_case(tmp_path / "nowhere")
+
+
+def test_a_tumour_to_be_repaired_has_no_use_before(
+    manifest: Manifest, write_case: WriteCase
+) -> None:
+    manifest["tumor"]["mesh"]["repair"] = True
+    case = open_case(write_case(manifest))
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=10.0)
+    trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(case.folder / "tumor.stl")
+    with pytest.raises(InputError, match=r"tumor.mesh.repair is true: the mesh has no use before"):
+        case.tumor_mesh()
+    faulty = case.faulty_tumor_mesh()
+    assert faulty.open_edges() == 3
+    done = case.with_tumor_mesh(faulty, ["what was done"])
+    assert done.tumor_mesh() is faulty
+    assert len(list(done.frames())) == 50
+    assert done.notes() == ("what was done",)
+    with pytest.raises(InputError, match=r"tumor.mesh.repair is not true"):
+        done.faulty_tumor_mesh()
+
+
+def test_the_tool_is_never_repaired(manifest: Manifest, write_case: WriteCase) -> None:
+    manifest["tool"]["mesh"]["repair"] = True
+    with pytest.raises(InputError, match=r"tool.mesh.*repair"):
+        open_case(write_case(manifest))
+
+
+@pytest.mark.parametrize("wrong", ["yes please", 1])
+def test_repair_is_true_or_false(manifest: Manifest, write_case: WriteCase, wrong: object) -> None:
+    manifest["tumor"]["mesh"]["repair"] = wrong
+    with pytest.raises(InputError, match=r"tumor.mesh.repair"):
+        open_case(write_case(manifest))

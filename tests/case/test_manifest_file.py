@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from app.case import load_manifest
+from app.case import ContourEntry, SegmentationEntry, load_manifest
 from app.geometry import InputError
 
 ROBOT = {
@@ -56,6 +56,23 @@ def test_what_may_be_left_out(tmp_path: Path, manifest: dict[str, Any]) -> None:
     assert case.clock.offset_robot_to_tracker_ns == 0
 
 
+def test_a_tumour_from_a_segmentation_or_a_contour(
+    tmp_path: Path, manifest: dict[str, Any]
+) -> None:
+    tumor = manifest["tumor"]
+    tumor["mesh"] = {"path": "t.seg.nrrd", "segment": "Tumor"}
+    case = load(tmp_path, manifest)
+    assert case.tumor.shape == SegmentationEntry("t.seg.nrrd", "Tumor")
+    assert case.tumor.shape_key == "tumor.mesh"
+    tumor["mesh"] = {"path": "t.NRRD"}
+    assert load(tmp_path, manifest).tumor.shape == SegmentationEntry("t.NRRD", None)
+    del tumor["mesh"]
+    tumor["contour"] = {"path": "t.mrk.json"}
+    case = load(tmp_path, manifest)
+    assert case.tumor.shape == ContourEntry("t.mrk.json")
+    assert case.tumor.shape_key == "tumor.contour"
+
+
 @pytest.mark.parametrize("method", ["paired_points", "robot_world"])
 def test_dwells(tmp_path: Path, manifest: dict[str, Any], method: str) -> None:
     dwells = [{"start_s": 0.5, "end_s": 1.5}, {"start_s": 2.0, "end_s": 3.0}]
@@ -86,6 +103,19 @@ def _set(*keys: str, to: object) -> Edit:
         (_set("colour", to=1), r"case\.yaml: colour is not known: allowed here are schema, name"),
         (_set("tool", "mesh", "unit", to="mm"), r"tool\.mesh\.unit is not known: .* path, units"),
         (_set("tool", "mesh", "units", to="furlong"), r"tool\.mesh\.units is 'furlong': one of mm"),
+        (_set("tumor", "contour", to={"path": "t.fcsv"}), r"tumor\.mesh and a contour are given"),
+        (_set("tumor", "mesh", "segment", to="T"), r"mesh\.segment is given: tumor\.stl is no seg"),
+        (
+            _set("tumor", "mesh", "label", to=1),
+            r"mesh\.label is not known: .* path, units, .*segment",
+        ),
+        (_set("tumor", "mesh", "path", to="t.nrrd"), r"mesh\.units is given: a segmentation is in"),
+        (_set("tumor", "mesh", to={"path": "t.stl"}), r"tumor\.mesh\.units is missing"),
+        (
+            _set("tumor", "mesh", to={"path": "t.nrrd", "segment": 1}),
+            r"tumor\.mesh\.segment is 1: a text wanted",
+        ),
+        (_set("tool", "mesh", "segment", to="T"), r"tool\.mesh\.segment is not known"),
         (_set("tool", to=[]), r"tool is \[\]: a mapping wanted"),
         (_set("tool", "frame", to="a b"), r"tool\.frame: frame name 'a b'"),
         (_set("tumor", "pose", "matrix", to=MATRIX[:12]), r"tumor\.pose\.matrix is 12 values"),

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from app.case import load_mesh
-from app.geometry import MeshError
+from app.case import load_mesh, write_mesh
+from app.geometry import InputError, MeshError, SurfaceMesh
 
 
 @pytest.mark.parametrize("suffix", ["stl", "STL", "ply", "obj"])
@@ -73,6 +73,62 @@ def test_files_that_hold_no_surface(tmp_path: Path, name: str, content: bytes) -
     with pytest.raises(MeshError, match=name.replace(".", r"\.")) as caught:
         load_mesh(tmp_path / name, units="mm", frame="tumor")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])
+def test_slicer_has_its_own_models_where_they_are_read(tmp_path: Path, suffix: str) -> None:
+    slicer = pytest.importorskip("slicer")
+    vtk = pytest.importorskip("vtk")
+    scene = slicer.vtkMRMLScene()
+    ball = vtk.vtkSphereSource()
+    ball.SetCenter(10.0, 20.0, 30.0)
+    ball.Update()
+    node = scene.AddNewNodeByClass("vtkMRMLModelNode")
+    node.SetAndObservePolyData(ball.GetOutput())
+    storage = scene.AddNewNodeByClass("vtkMRMLModelStorageNode")
+    path = tmp_path / f"ball.{suffix}"
+    storage.SetFileName(str(path))
+    assert storage.WriteData(node)
+    assert b"SPACE=LPS" in path.read_bytes()[:200]
+    mesh = load_mesh(path, units="mm", frame="tumor").require_closed("the ball")
+    np.testing.assert_allclose(mesh.vertices_mm.mean(axis=0), [10.0, 20.0, 30.0], atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply"])
+def test_slicer_has_what_is_written_where_it_was(tmp_path: Path, suffix: str) -> None:
+    slicer = pytest.importorskip("slicer")
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=5.0)
+    mesh = SurfaceMesh("tumor", np.add(ball.vertices, [10.0, 20.0, 30.0]), ball.faces)
+    path = tmp_path / f"ball.{suffix}"
+    write_mesh(path, mesh)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+    scene = slicer.vtkMRMLScene()
+    node = scene.AddNewNodeByClass("vtkMRMLModelNode")
+    storage = scene.AddNewNodeByClass("vtkMRMLModelStorageNode")
+    storage.SetFileName(str(path))
+    assert storage.ReadData(node)
+    bounds = np.zeros(6)
+    node.GetBounds(bounds)
+    np.testing.assert_allclose(bounds, [5.0, 15.0, 15.0, 25.0, 25.0, 35.0], atol=1e-5)
+    again = load_mesh(path, units="mm", frame="tumor")
+    assert len(again.faces) == len(mesh.faces)
+    assert again.signed_volume_mm3 == pytest.approx(mesh.signed_volume_mm3, rel=1e-6)
+
+
+def test_places_that_hold_no_mesh(tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    mesh = SurfaceMesh("tumor", ball.vertices, ball.faces)
+    for name, message in (
+        ("ball.obj", r"ball\.obj: a mesh is written as \.stl or \.ply"),
+        ("no/ball.stl", "a file in a folder that is there wanted"),
+    ):
+        with pytest.raises(InputError, match=message):
+            write_mesh(tmp_path / name, mesh)
+    trimesh.Trimesh(ball.vertices, ball.faces).export(tmp_path / "ball.stl")
+    content = (tmp_path / "ball.stl").read_bytes()
+    (tmp_path / "ball.stl").write_bytes(b"SPACE=IJK".ljust(80) + content[80:])
+    with pytest.raises(MeshError, match="says SPACE=IJK: RAS or LPS wanted"):
+        load_mesh(tmp_path / "ball.stl", units="mm", frame="tumor")
 
 
 def test_missing_file_and_unknown_units(tmp_path: Path) -> None:

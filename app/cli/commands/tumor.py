@@ -2,12 +2,13 @@
 
 Contoured points (.mrk.json, .fcsv, .yaml) become the rounded convex hull around them, a segment of
 a label map (.seg.nrrd, .nrrd) the smooth surface of its voxels. Coordinates are those of the file,
-in RAS axes. Exit status: 0; 1 when the mesh bounds no solid: the reason is said and nothing is
-written; 2 on bad input.
+in RAS axes. Exit status: 0; 1 when the mesh bounds no solid and is not, or cannot be, repaired: the
+reason is said and nothing is written; 2 on bad input.
 """
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--units", choices=UNITS, help="the unit of a mesh file, which does not say itself"
     )
+    parser.add_argument(
+        "--repair", action="store_true",
+        help="repair what can be repaired safely, and say what was done",
+    )  # fmt: skip
     add_json(parser)
 
 
@@ -47,8 +52,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.output is not None:
         check_mesh_place(options.output)
-    tumor = _tumor(options)
-    found = _described(options.source, tumor)
+    tumor, reason = _checked(_tumor(options), str(options.source), repair=options.repair)
+    found = _described(options.source, tumor, reason)
     print(json.dumps(found, indent=2) if options.json else _as_text(found))
     if not found["sound"]:
         return NOT_SOUND
@@ -86,18 +91,26 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
     return tumor_from_contour(source, frame=frame)
 
 
-def _described(source: Path, tumor: "BuiltTumor") -> dict[str, Any]:
-    from app.fixture.bodies import part_meshes
+def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTumor", str | None]:
+    """The tumour, repaired if asked for, and why it bounds no solid where it does not."""
+    from app.fixture import repaired
     from app.fixture.mesh_checks import require_sound
     from app.geometry import MeshError
 
+    try:
+        if repair:
+            mesh, done = repaired(tumor.mesh, what)
+            return replace(tumor, mesh=mesh, notes=(*tumor.notes, *done)), None
+        return replace(tumor, mesh=require_sound(tumor.mesh, what)), None
+    except MeshError as error:
+        return tumor, str(error)
+
+
+def _described(source: Path, tumor: "BuiltTumor", reason: str | None) -> dict[str, Any]:
+    from app.fixture.bodies import part_meshes
+
     mesh = tumor.mesh
     low, high = mesh.bounds_mm
-    unsound = None
-    try:
-        require_sound(mesh, str(source))
-    except MeshError as error:
-        unsound = str(error)
     return {
         "source": str(source),
         "notes": list(tumor.notes),
@@ -106,8 +119,8 @@ def _described(source: Path, tumor: "BuiltTumor") -> dict[str, Any]:
         "size_mm": (high - low).round(3).tolist(),
         "middle_mm": ((low + high) / 2.0).round(3).tolist(),
         "volume_mm3": round(mesh.signed_volume_mm3, 3),
-        "sound": unsound is None,
-        "reason": unsound,
+        "sound": reason is None,
+        "reason": reason,
     }
 
 

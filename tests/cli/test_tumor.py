@@ -1,0 +1,109 @@
+import json
+from pathlib import Path
+
+import nrrd
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from app.cli.main import main
+
+
+@pytest.fixture
+def contour(tmp_path: Path) -> Path:
+    """Points on a ball of 10 mm around (20, 30, 40)."""
+    points = np.add(trimesh.creation.icosphere(subdivisions=1, radius=10.0).vertices, [20, 30, 40])
+    entries = [{"name": "T", "position_mm": point} for point in points.tolist()]
+    path = tmp_path / "contour.yaml"
+    path.write_text(yaml.safe_dump({"landmarks": entries}))
+    return path
+
+
+@pytest.fixture
+def segmentation(tmp_path: Path) -> Path:
+    """Two blocks, of 10 x 10 x 10 and of 4 x 4 x 4 mm."""
+    marks = np.zeros((20, 20, 20), dtype=np.uint8)
+    marks[2:12, 2:12, 2:12] = 1
+    marks[14:18, 14:18, 14:18] = 2
+    header = {
+        "space": "right-anterior-superior",
+        "space directions": np.eye(3),
+        "space origin": np.zeros(3),
+        **{f"Segment{i}_{key}": text for i, name in enumerate(("Tumor", "Node"))
+           for key, text in (("ID", f"S{i}"), ("Name", name), ("Layer", "0"),
+                             ("LabelValue", str(i + 1)))},
+    }  # fmt: skip
+    path = tmp_path / "labels.seg.nrrd"
+    nrrd.write(str(path), marks, header)
+    return path
+
+
+@pytest.mark.parametrize("ending", ["stl", "ply"])
+def test_a_contour_becomes_a_mesh_that_other_programs_read(
+    contour: Path, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"tumor.{ending}"
+    assert main(["tumor", str(contour), "-o", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "20.0 x 20.0 x 20.0 mm, around (20.0, 30.0, 40.0) mm" in out
+    assert "rounded convex hull of 42 points" in out
+    assert f"wrote {path}" in out
+    theirs = trimesh.load_mesh(path)
+    assert theirs.is_watertight
+    assert theirs.volume == pytest.approx(4000.0 / 3.0 * np.pi, rel=0.01)
+    assert main(["tumor", str(path), "--units", "mm", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["sound"]
+    assert found["parts"] == 1
+    assert found["volume_mm3"] == pytest.approx(theirs.volume, rel=1e-5)
+
+
+def test_a_segment_by_its_name(segmentation: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tumor", str(segmentation), "--segment", "Node", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["middle_mm"] == pytest.approx([15.5] * 3, abs=1e-3)
+    assert found["volume_mm3"] == pytest.approx(64.0, rel=0.02)
+    assert found["notes"] == ["the tumour is segment 'Node' of labels.seg.nrrd, 64 voxels"]
+    assert main(["tumor", str(segmentation)]) == 2
+    assert "holds 2 segments: Tumor (S0), Node (S1)" in capsys.readouterr().err
+
+
+def test_a_mesh_that_bounds_no_solid_is_not_written_unless_repaired(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
+    trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(tmp_path / "open.stl")
+    arguments = ["tumor", str(tmp_path / "open.stl"), "--units", "mm"]
+    assert main([*arguments, "-o", str(tmp_path / "out.stl")]) == 1
+    assert "no: " in capsys.readouterr().out
+    assert not (tmp_path / "out.stl").exists()
+    assert main([*arguments, "--repair", "-o", str(tmp_path / "out.stl")]) == 0
+    assert "was repaired" in capsys.readouterr().out
+    assert trimesh.load_mesh(tmp_path / "out.stl").volume == pytest.approx(ball.volume)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["tumor.stl"], "--units is missing"),
+        (["contour.yaml", "--units", "mm"], "--units is given: "),
+        (["contour.yaml", "--segment", "1"], "--segment is given: "),
+        (["contour.yaml", "-o", "tumor.vtk"], "written as .stl or .ply"),
+        (["contour.yaml", "-o", "no/tumor.stl"], "a folder that is there wanted"),
+        (["contour.txt"], "contour.txt is no landmark file: .yaml, .yml, .mrk.json, .fcsv allowed"),
+        (["no.nrrd"], "no.nrrd cannot be read"),
+    ],
+)
+def test_bad_input(
+    contour: Path,
+    arguments: list[str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(contour.parent)
+    assert main(["tumor", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
