@@ -100,6 +100,28 @@ class Case:
             self._mesh_notes.extend(built.notes)
         return self._meshes[tumor.shape_key]
 
+    def faulty_tumor_mesh(self) -> SurfaceMesh:
+        """The tumour's surface as its file has it, for who repairs it (`with_tumor_mesh`)."""
+        tumor = self.manifest.tumor
+        if not (isinstance(tumor.shape, MeshEntry) and tumor.shape.repair):
+            raise InputError("case.yaml: tumor.mesh.repair is not true: its mesh is used as it is")
+        path = self._file(tumor.shape.path, f"{tumor.shape_key}.path")
+        return load_mesh(path, units=tumor.shape.units, frame=TUMOR_MESH_FRAME)
+
+    def with_tumor_mesh(self, mesh: SurfaceMesh, notes: Sequence[str]) -> "Case":
+        """The same case with its tumour's mesh repaired; ``notes`` say what was done to it."""
+        tumor = self.manifest.tumor
+        if not isinstance(tumor.shape, MeshEntry):
+            raise InputError("case.yaml: tumor.mesh is no mesh file: there is nothing to repair")
+        tumor_done = replace(tumor, shape=replace(tumor.shape, repair=False))
+        return replace(
+            self,
+            manifest=replace(self.manifest, tumor=tumor_done),
+            _notes=[],
+            _meshes={**self._meshes, tumor.shape_key: mesh},
+            _mesh_notes=list(notes),
+        )
+
     def robot_urdf(self) -> Path:
         """The robot's URDF file; `InputError` when the case has no robot."""
         robot = self.manifest.robot
@@ -120,6 +142,11 @@ class Case:
 
     def _mesh(self, entry: MeshEntry, frame: str, key: str) -> SurfaceMesh:
         if key not in self._meshes:
+            if entry.repair:
+                raise InputError(
+                    f"case.yaml: {key}.repair is true: the mesh has no use before it is repaired "
+                    "(Case.with_tumor_mesh)"
+                )
             path = self._file(entry.path, f"{key}.path")
             mesh = load_mesh(path, units=entry.units, frame=frame)
             self._meshes[key] = mesh.require_closed(f"the mesh {path} (case.yaml: {key})")

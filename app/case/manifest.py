@@ -44,10 +44,14 @@ class ClockEntry:
 
 @dataclass(frozen=True, slots=True)
 class MeshEntry:
-    """A mesh file as written and the unit of its numbers."""
+    """A mesh file as written and the unit of its numbers.
+
+    ``repair``: whether its faults may be repaired, where that is safe, rather than refused.
+    """
 
     path: str
     units: str
+    repair: bool = False
 
 
 @dataclass(frozen=True, slots=True)

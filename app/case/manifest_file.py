@@ -142,12 +142,18 @@ def _shape(tumor: Section) -> MeshEntry | SegmentationEntry | ContourEntry:
         if tumor.has("mesh"):
             raise InputError(f"{tumor.place('mesh')} and a contour are given: one of them wanted")
         return ContourEntry(tumor.section("contour", ("path",)).text("path"))
-    mesh = tumor.section("mesh", ("path", "units", "segment"))
+    mesh = tumor.section("mesh", ("path", "units", "repair", "segment"))
     path = mesh.text("path")
     if not path.lower().endswith(SEGMENTATION_ENDING):
         if mesh.has("segment"):
             raise InputError(f"{mesh.place('segment')} is given: {path} is no segmentation")
-        return MeshEntry(path, mesh.choice("units", tuple(UNITS_MM)))
+        return MeshEntry(
+            path,
+            mesh.choice("units", tuple(UNITS_MM)),
+            repair=mesh.has("repair") and mesh.boolean("repair"),
+        )
+    if mesh.has("repair"):
+        raise InputError(f"{mesh.place('repair')} is given: a mesh file alone is repaired")
     if mesh.has("units"):
         raise InputError(f"{mesh.place('units')} is given: a segmentation is in mm")
     return SegmentationEntry(path, mesh.text("segment") if mesh.has("segment") else None)

@@ -10,6 +10,7 @@ from app.session.joint_clock import tip_signals, with_estimated_clock
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.session import Session, StepResult
 from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
+from app.session.tumor_repair import with_repaired_tumor
 
 __all__ = [
     "REFERENCE",
@@ -24,4 +25,5 @@ __all__ = [
     "setup_from_case",
     "tip_signals",
     "with_estimated_clock",
+    "with_repaired_tumor",
 ]

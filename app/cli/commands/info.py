@@ -19,8 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Read the whole recording and describe it."""
     from app.case import open_case
+    from app.session import with_repaired_tumor
 
-    case = open_case(options.case, package_dirs=options.package_dirs)
+    case = with_repaired_tumor(open_case(options.case, package_dirs=options.package_dirs))
     found = describe(case)
     print(json.dumps(found, indent=2) if options.json else as_text(found))
     return 0

@@ -66,13 +66,14 @@ def _played(options: argparse.Namespace, received: Received, painter: ScenePaint
     from app.case import Player, open_case
     from app.geometry import InputError
     from app.report import all_passed, check_writable, summarise, write_report
-    from app.session import setup_from_case, with_estimated_clock
+    from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
     if options.loop and (options.rate is None or options.report is not None):
         raise InputError("--loop is for watching: it takes --rate and no --report")
     if options.report is not None:
         check_writable(options.report)
-    case, clock = with_estimated_clock(open_case(options.case, package_dirs=options.package_dirs))
+    opened = open_case(options.case, package_dirs=options.package_dirs)
+    case, clock = with_estimated_clock(with_repaired_tumor(opened))
     setup = setup_from_case(case, tip_only=options.tip_only)
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     received.stops(player.stop)

@@ -1,0 +1,79 @@
+"""A case's tumour is repaired where the case asks for it, and said; never otherwise."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from app.case import Case, open_case
+from app.cli.main import main
+from app.geometry import MeshError
+from app.session import with_repaired_tumor
+from tests.cli.small_case import write_small_case
+
+OpenCase = Callable[..., Case]
+
+
+@pytest.fixture
+def broken(project_root: Path, tmp_path: Path) -> OpenCase:
+    """The recorded case with some faces of its tumour turned or left out."""
+
+    def write(*, repair: bool | None, missing: int = 1) -> Case:
+        folder = tmp_path / "case"
+        shutil.copytree(project_root / "data" / "recorded_case", folder)
+        manifest = yaml.safe_load((folder / "case.yaml").read_text())
+        mesh = manifest["tumor"]["mesh"]
+        shape = trimesh.load_mesh(folder / mesh["path"])
+        faces = np.array(shape.faces[missing:])
+        faces[40:50] = faces[40:50, ::-1]
+        trimesh.Trimesh(shape.vertices, faces, process=False).export(folder / mesh["path"])
+        if repair is not None:
+            mesh["repair"] = repair
+        (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
+        return open_case(folder)
+
+    return write
+
+
+@pytest.mark.parametrize("repair", [None, False])
+def test_nothing_is_repaired_without_being_asked_for(broken: OpenCase, repair: bool | None) -> None:
+    case = broken(repair=repair)
+    assert with_repaired_tumor(case) is case
+    with pytest.raises(MeshError, match="is not closed"):
+        case.tumor_mesh()
+
+
+def test_a_repaired_tumour_is_that_of_the_sound_case(broken: OpenCase, project_root: Path) -> None:
+    case = with_repaired_tumor(broken(repair=True))
+    sound = open_case(project_root / "data" / "recorded_case").tumor_mesh()
+    assert case.tumor_mesh().signed_volume_mm3 == pytest.approx(sound.signed_volume_mm3, rel=1e-4)
+    turned, closed = case.notes()
+    assert "was repaired: 10 faces turned to run as their neighbours do" in turned
+    assert "1 holes closed with plane patches" in closed
+
+
+def test_what_cannot_be_repaired_is_refused(broken: OpenCase) -> None:
+    with pytest.raises(MeshError, match=r"the tumour's mesh tumor.stl has holes that touch"):
+        with_repaired_tumor(broken(repair=True, missing=2000))
+
+
+@pytest.mark.parametrize("command", ["info", "replay"])
+def test_the_commands_tell_of_the_repair(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    def repair(manifest: dict[str, Any]) -> None:
+        manifest["tumor"]["mesh"]["repair"] = True
+
+    folder = write_small_case(tmp_path / "case", repair)
+    ball = trimesh.load_mesh(folder / "tumor.stl")
+    ball.invert()
+    ball.export(folder / "tumor.stl")
+    assert main([command, str(folder), "--json"]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert "the tumour's mesh tumor.stl was repaired: 1 of 1 parts turned inside out" in notes
