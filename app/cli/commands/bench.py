@@ -14,7 +14,9 @@ BENCHMARKS = {
     "registration": "benchmarks.registration",
     "fixture": "benchmarks.fixture",
     "fixture-agreement": "benchmarks.fixture_agreement",
+    "push": "benchmarks.fixture_push",
     "session": "benchmarks.session",
+    "replay": "benchmarks.replay",
 }
 
 

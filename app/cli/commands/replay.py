@@ -17,6 +17,7 @@ from app.cli.progress import with_progress
 from app.cli.publishing import publishing
 from app.cli.scene_picture import ScenePainter
 from app.cli.signals import Received, note_signals
+from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
 
 if TYPE_CHECKING:
@@ -45,6 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
+    parser.add_argument(
+        "--timing", action="store_true", help="say on standard error where the time went"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -62,22 +66,27 @@ def _replay(options: argparse.Namespace, received: Received) -> int:
 
 
 def _played(options: argparse.Namespace, received: Received, painter: ScenePainter | None) -> int:
+    watch = Stopwatch()
     from app import __version__
     from app.case import Player, open_case
     from app.geometry import InputError
     from app.report import all_passed, check_writable, summarise, write_report
     from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
+    watch.lap("load the program")
     if options.loop and (options.rate is None or options.report is not None):
         raise InputError("--loop is for watching: it takes --rate and no --report")
     if options.report is not None:
         check_writable(options.report)
     opened = open_case(options.case, package_dirs=options.package_dirs)
     case, clock = with_estimated_clock(with_repaired_tumor(opened))
+    watch.lap("open the case")
     setup = setup_from_case(case, tip_only=options.tip_only)
+    watch.lap("meshes, robot, registration")
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     received.stops(player.stop)
     record, deepest = _play(case, setup, player, options)
+    watch.lap("read the frames and step")
     if received.number is not None:
         return received.exit_status
     if clock is not None:
@@ -91,6 +100,9 @@ def _played(options: argparse.Namespace, received: Received, painter: ScenePaint
         summary = write_report(
             options.report, record, scene_png=painter.picture, version=__version__
         )
+    watch.lap("write the report")
+    if options.timing:
+        watch.tell()
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
     return 0 if all_passed(summary) else 1
 
