@@ -32,7 +32,23 @@ def best_direction(
     views, where ``along`` (3,) is least foreshortened; without it, where the whole spreads widest
     over the picture, since things that are spread out do not hide each other.
     """
-    return max(_directions(up), key=lambda towards: _score(towards, subject, others, up, along))
+    center = subject.mean(axis=0)
+    offset = others - center
+    radius = float(np.linalg.norm(subject - center, axis=1).max())
+    everything = np.concatenate([subject, others])
+    size = float(np.linalg.norm(np.ptp(everything, axis=0))) ** 2
+
+    def score(towards: FloatArray) -> float:
+        right, over = _axes(towards, up)
+        hidden = _hidden(offset, radius, right, over, towards)
+        shown = (
+            float(np.hypot(along @ right, along @ over) / np.linalg.norm(along))
+            if along is not None
+            else float(np.ptp(everything @ right) * np.ptp(everything @ over)) / size
+        )
+        return shown - _HIDING_COSTS * hidden
+
+    return max(_directions(up), key=score)
 
 
 def fit(
@@ -71,26 +87,14 @@ def _directions(up: FloatArray) -> Iterator[FloatArray]:
             yield np.cos(elevation) * level + np.sin(elevation) * up
 
 
-def _score(
-    towards: FloatArray,
-    subject: FloatArray,
-    others: FloatArray,
-    up: FloatArray,
-    along: FloatArray | None,
+def _hidden(
+    offset: FloatArray, radius: float, right: FloatArray, over: FloatArray, towards: FloatArray
 ) -> float:
-    right, over = _axes(towards, up)
-    center = subject.mean(axis=0)
-    radius = float(np.linalg.norm(subject - center, axis=1).max())
-    offset = others - center
+    """The part of the points ``offset`` (m, 3) from a ball's centre that stand in front of it."""
+    if not len(offset):
+        return 0.0
     near = np.hypot(offset @ right, offset @ over) < radius
-    hidden = float((near & (offset @ towards > 0.0)).mean()) if len(others) else 0.0
-    if along is not None:
-        shown = float(np.hypot(along @ right, along @ over) / np.linalg.norm(along))
-    else:
-        everything = np.concatenate([subject, others])
-        size = float(np.linalg.norm(np.ptp(everything, axis=0))) ** 2
-        shown = float(np.ptp(everything @ right) * np.ptp(everything @ over)) / size
-    return shown - _HIDING_COSTS * hidden
+    return float((near & (offset @ towards > 0.0)).mean())
 
 
 def _axes(towards: FloatArray, up: FloatArray) -> tuple[FloatArray, FloatArray]:
