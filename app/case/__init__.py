@@ -13,7 +13,7 @@ from app.case.expected import (
 )
 from app.case.igsio import read_igsio
 from app.case.inventory import EdgeCount, RecordingInventory
-from app.case.landmark_file import read_landmarks
+from app.case.landmark_file import POINT_ENDINGS, read_landmarks
 from app.case.manifest import (
     TUMOR_MESH_FRAME,
     CaseManifest,
@@ -54,6 +54,7 @@ from app.case.watchdog import with_watchdog
 
 __all__ = [
     "MESH_ENDINGS",
+    "POINT_ENDINGS",
     "SEGMENTATION_ENDING",
     "TRANSFORM_ENDINGS",
     "TUMOR_MESH_FRAME",

@@ -23,8 +23,10 @@ _AXES = {
     "LPS": (-1.0, -1.0, 1.0),
     "1": (-1.0, -1.0, 1.0),
 }
-_MARKUPS = ".mrk.json"
-_FIDUCIALS = ".fcsv"
+_MARKUPS, _FIDUCIALS, _YAML = ".mrk.json", ".fcsv", (".yaml", ".yml")
+POINT_ENDINGS = (_MARKUPS, _FIDUCIALS, *_YAML)
+"""Files that points are read from."""
+
 _FIDUCIAL_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label"
 
 
@@ -46,14 +48,12 @@ def read_points(path: Path) -> list[tuple[str, FloatArray]]:
         found, axes = _markups(path)
     elif name.endswith(_FIDUCIALS):
         found, axes = _fiducials(path)
-    elif name.endswith((".yaml", ".yml")):
+    elif name.endswith(_YAML):
         entries = Section.load(path, ("landmarks",)).sections("landmarks", ("name", "position_mm"))
         found = [(entry.text("name"), entry.numbers("position_mm", 3)) for entry in entries]
         axes = "RAS"
     else:
-        raise InputError(
-            f"{path} is no landmark file: .yaml, .yml, {_MARKUPS}, {_FIDUCIALS} allowed"
-        )
+        raise InputError(f"{path} is no landmark file: {', '.join(POINT_ENDINGS)} allowed")
     if axes not in _AXES:
         raise InputError(f"{path}: its coordinate system is {axes!r}: RAS or LPS wanted")
     points = [(label, _position(label, numbers, path) * _AXES[axes]) for label, numbers in found]

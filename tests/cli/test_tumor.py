@@ -91,7 +91,10 @@ def test_a_mesh_that_bounds_no_solid_is_not_written_unless_repaired(
         (["contour.yaml", "--segment", "1"], "--segment is given: "),
         (["contour.yaml", "-o", "tumor.vtk"], "written as .stl or .ply"),
         (["contour.yaml", "-o", "no/tumor.stl"], "a folder that is there wanted"),
-        (["contour.txt"], "contour.txt is no landmark file: .yaml, .yml, .mrk.json, .fcsv allowed"),
+        (
+            ["contour.txt"],
+            "contour.txt can be read as no tumour: .mrk.json, .fcsv, .yaml, .yml, .nrrd",
+        ),
         (["no.nrrd"], "no.nrrd cannot be read"),
     ],
 )

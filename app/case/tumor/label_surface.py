@@ -9,7 +9,8 @@ thin, so
 - the level is chosen such that the surface encloses the volume of the marked voxels, as far as
   the first rule leaves room.
 
-So no place of the surface is further off than the distance of two neighbouring voxel centres.
+So every place of the surface lies among eight neighbouring voxel centres of which some are marked
+and some are not: it is off by less than the diagonal of a voxel, and by far less where it is round.
 """
 
 import numpy as np

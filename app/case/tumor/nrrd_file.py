@@ -7,6 +7,7 @@ say. The header is parsed by pynrrd; its axes, LPS in files of Slicer, are turne
 import bz2
 import gzip
 import io
+import math
 import re
 import zlib
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from app.geometry import FloatArray, InputError
 
 MAX_VOXELS = 1 << 27
-"""Values of a file in all its layers: 512 x 512 x 512."""
+"""Values of a file in all its layers: 512 x 512 x 512, 1 GiB where each takes 8 bytes."""
 
 _MAX_HEADER_BYTES = 4_000_000
 _MAX_VALUE_BYTES = 8
@@ -69,7 +70,7 @@ def read_nrrd(path: Path) -> NrrdVolume:
             header = _header(file, path)
             shape = _shape(header, path)
             ras_from_index, list_axis = _geometry(header, path)
-            content = _content(file, header, path, int(np.prod(shape, dtype=np.int64)))
+            content = _content(file, header, path, math.prod(shape))
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
     values = _values(header, content, path)
@@ -87,7 +88,7 @@ def _header(file: IO[bytes], path: Path) -> dict[str, Any]:
         raise InputError(f"{path} is no NRRD file: a header that begins with NRRD wanted")
     file.seek(end.end())
     try:
-        lines = start[: end.start()].decode("utf-8").splitlines()
+        lines = start[: end.start()].decode("utf-8").split("\n")
         header = dict(nrrd.read_header(lines))
     except Exception as error:  # pynrrd fails with whatever its parsers raise
         reason = (str(error) or type(error).__name__).splitlines()[0]
@@ -108,10 +109,7 @@ def _shape(header: Mapping[str, Any], path: Path) -> list[int]:
             f"{path}: dimension is {header['dimension']} and sizes {shape}: 3, or 4 with layers, "
             "wanted"
         )
-    count = 1
-    for size in shape:
-        count *= size
-    if min(shape) < 1 or count > MAX_VOXELS:
+    if min(shape) < 1 or math.prod(shape) > MAX_VOXELS:
         raise InputError(f"{path}: sizes are {shape}: 1 to {MAX_VOXELS} values allowed")
     return shape
 

@@ -67,6 +67,7 @@ def run(options: argparse.Namespace) -> int:
 def _tumor(options: argparse.Namespace) -> "BuiltTumor":
     from app.case import (
         MESH_ENDINGS,
+        POINT_ENDINGS,
         SEGMENTATION_ENDING,
         TUMOR_MESH_FRAME,
         BuiltTumor,
@@ -79,6 +80,9 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
     source, frame = options.source, TUMOR_MESH_FRAME
     name = source.name.lower()
     is_mesh, is_labels = name.endswith(MESH_ENDINGS), name.endswith(SEGMENTATION_ENDING)
+    endings = (*POINT_ENDINGS, SEGMENTATION_ENDING, *MESH_ENDINGS)
+    if not name.endswith(endings):
+        raise InputError(f"{source} can be read as no tumour: {', '.join(endings)} allowed")
     if options.segment is not None and not is_labels:
         raise InputError(f"--segment is given: {source} is no segmentation")
     if is_mesh != (options.units is not None):
