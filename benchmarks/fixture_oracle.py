@@ -1,48 +1,73 @@
 """An independent judge of signed proximity: libigl's winding number and distances, and FCL.
 
-Nothing here uses `app.fixture`. Slow and simple.
+Nothing here uses `app.fixture`.
 """
 
 from dataclasses import dataclass
+from enum import Enum
 
 import fcl
 import igl
 import numpy as np
-import trimesh
-from scipy.spatial import cKDTree
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 
 
-@dataclass(frozen=True)
-class Oracle:
-    """A tumour, a tool, and a dense sample of the tool's surface, its corners included."""
+class Relation(Enum):
+    """How a tool and a tumour lie, in the order in which it is asked."""
 
-    tumor: SurfaceMesh
-    tool: SurfaceMesh
-    samples_mm: FloatArray
-    coarse_mm: FloatArray
-    coarse_of_sample: np.ndarray
-    covering_mm: float
+    MEETING = "surfaces meet"
+    TOOL_INSIDE = "tool in tumour"
+    TUMOR_INSIDE = "tumour in tool"
+    APART = "apart"
+
+
+class _Solid:
+    """A closed mesh that is asked about points; what libigl builds for it is kept."""
+
+    def __init__(self, mesh: SurfaceMesh) -> None:
+        self._vertices = np.array(mesh.vertices_mm)
+        self._faces = mesh.faces.astype(np.int64)
+        self._low, self._high = self._vertices.min(axis=0), self._vertices.max(axis=0)
+        self._tree, self._winding = igl.AABB(), igl.FastWindingNumberBVH()
+        self._tree.init(self._vertices, self._faces)
+        self._winding.init(self._vertices, self._faces)
+
+    def holds_any(self, points_mm: FloatArray) -> bool:
+        """Whether one of so few points is inside, by the winding number in full."""
+        boxed = ((points_mm >= self._low) & (points_mm <= self._high)).all(axis=1)
+        if not boxed.any():
+            return False
+        points = np.ascontiguousarray(points_mm[boxed])
+        winding = igl.winding_number(self._vertices, self._faces, points)
+        return bool((np.atleast_1d(winding) > 0.5).any())
+
+    def signed(self, points_mm: FloatArray) -> FloatArray:
+        """The signed distances of points, negative inside."""
+        points = np.ascontiguousarray(points_mm)
+        squared, _, _ = self._tree.squared_distance(self._vertices, self._faces, points)
+        inside = self._winding.winding_number(points) > 0.5
+        return np.where(inside, -1.0, 1.0) * np.sqrt(squared)
+
+
+@dataclass(frozen=True, eq=False)
+class Oracle:
+    """A tumour and a tool; points of their parts, and the corners (n, 3, 3) of the tool's faces."""
+
     tumor_points_mm: FloatArray
     tool_points_mm: FloatArray
+    tool_faces_mm: FloatArray
+    _solids: tuple[_Solid, _Solid]
     _objects: tuple[fcl.CollisionObject, fcl.CollisionObject]
 
     @classmethod
-    def of(cls, tumor: SurfaceMesh, tool: SurfaceMesh, samples: int = 20_000) -> "Oracle":
-        """Sample the tool at about so many points, its corners and edges included."""
-        fine = _samples(tool, samples)
-        coarse = _samples(tool, max(10, samples // 100))
-        to_coarse, coarse_of_sample = cKDTree(coarse).query(fine)
+    def of(cls, tumor: SurfaceMesh, tool: SurfaceMesh) -> "Oracle":
+        """Make both ready for libigl and for FCL."""
         return cls(
-            tumor,
-            tool,
-            fine,
-            coarse,
-            coarse_of_sample,
-            float(to_coarse.max()),
             _part_points(tumor),
             _part_points(tool),
+            tool.vertices_mm[tool.faces],
+            (_Solid(tumor), _Solid(tool)),
             (_collision_object(tumor), _collision_object(tool)),
         )
 
@@ -54,35 +79,40 @@ class Oracle:
         request, result = fcl.CollisionRequest(num_max_contacts=1), fcl.CollisionResult()
         return bool(fcl.collide(*self._objects, request, result))
 
-    def overlaps(self, tumor_from_tool: Transform) -> bool:
-        """Whether tool and tumour share a point: they meet, or a part of one is in the other."""
+    def relation(self, tumor_from_tool: Transform) -> Relation:
+        """Whether they meet, or a part of one is in the other, or neither."""
         if self.touches(tumor_from_tool):
-            return True
-        moved = tumor_from_tool.apply(self.tool_points_mm)
-        return bool(_inside(self.tumor, moved).any()) or self.tool_holds_tumor(tumor_from_tool)
+            return Relation.MEETING
+        if self._solids[0].holds_any(tumor_from_tool.apply(self.tool_points_mm)):
+            return Relation.TOOL_INSIDE
+        return Relation.TUMOR_INSIDE if self.tool_holds_tumor(tumor_from_tool) else Relation.APART
+
+    def overlaps(self, tumor_from_tool: Transform) -> bool:
+        """Whether tool and tumour share a point."""
+        return self.relation(tumor_from_tool) is not Relation.APART
 
     def tool_holds_tumor(self, tumor_from_tool: Transform) -> bool:
         """Whether a point of some part of the tumour is inside the tool."""
-        back = tumor_from_tool.inverse().apply(self.tumor_points_mm)
-        return bool(_inside(self.tool, back).any())
+        back = tumor_from_tool.inverse()
+        return self._solids[1].holds_any(back.apply(self.tumor_points_mm))
 
-    def signed_distance_mm(self, tumor_from_tool: Transform) -> float:
-        """The smallest signed distance of the sampled tool: never below the true one.
+    def signed_distance_mm(self, tumor_from_tool: Transform, resolution_mm: float = 0.04) -> float:
+        """The smallest signed distance over samples of the tool's surface.
 
-        The signed distance changes by no more than the way that is gone: a coarse sample tells
-        which of the fine samples around it can be lowest.
+        Never below the true one, and above it by ``resolution_mm`` at most: a face is cut into
+        four, and sampled at its middle, as long as it can hold a point so much lower than the
+        lowest sample, the distance changing by no more than the way that is gone.
         """
-        coarse = self._signed(tumor_from_tool.apply(self.coarse_mm))
-        wanted = coarse <= coarse.min() + self.covering_mm
-        fine = np.flatnonzero(wanted[self.coarse_of_sample])
-        return float(self._signed(tumor_from_tool.apply(self.samples_mm[fine])).min())
-
-    def _signed(self, points_mm: FloatArray) -> FloatArray:
-        vertices, faces = np.asarray(self.tumor.vertices_mm), self.tumor.faces.astype(np.int64)
-        points = np.ascontiguousarray(points_mm)
-        squared, _, _ = igl.point_mesh_squared_distance(points, vertices, faces)
-        inside = igl.fast_winding_number(vertices, faces, points) > 0.5
-        return np.where(inside, -1.0, 1.0) * np.sqrt(squared)
+        tumor = self._solids[0]
+        faces = tumor_from_tool.apply(self.tool_faces_mm.reshape(-1, 3)).reshape(-1, 3, 3)
+        lowest = float(tumor.signed(faces.reshape(-1, 3)).min())
+        while len(faces):
+            middles = faces.mean(axis=1)
+            reach = np.linalg.norm(faces - middles[:, None], axis=2).max(axis=1)
+            distances = tumor.signed(middles)
+            lowest = min(lowest, float(distances.min()))
+            faces = _quartered(faces[distances - reach < lowest - resolution_mm])
+        return lowest
 
 
 def random_pose(
@@ -98,20 +128,12 @@ def random_pose(
     )
 
 
-def _inside(mesh: SurfaceMesh, points_mm: FloatArray) -> np.ndarray:
-    winding = igl.winding_number(
-        np.asarray(mesh.vertices_mm), mesh.faces.astype(np.int64), np.ascontiguousarray(points_mm)
-    )
-    return np.atleast_1d(winding) > 0.5
-
-
-def _samples(mesh: SurfaceMesh, count: int) -> FloatArray:
-    shape = trimesh.Trimesh(mesh.vertices_mm, mesh.faces, process=False)
-    points, _ = trimesh.sample.sample_surface(shape, count, seed=0)
-    start, end = mesh.vertices_mm[shape.edges_unique].transpose(1, 0, 2)
-    share = np.linspace(0.0, 1.0, 2 + count // len(start))[1:-1, None, None]
-    edges = (start + share * (end - start)).reshape(-1, 3)
-    return np.vstack([mesh.vertices_mm, edges, points])
+def _quartered(faces: FloatArray) -> FloatArray:
+    """(4 n, 3, 3): each of the triangles (n, 3, 3) cut at the middles of its edges."""
+    a, b, c = faces.transpose(1, 0, 2)
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    return np.concatenate([np.stack(each, axis=1) for each in corners])
 
 
 def _part_points(mesh: SurfaceMesh) -> FloatArray:

@@ -1,0 +1,1 @@
+"""The fixture's signs, distances and sweeps against an independent judge."""
