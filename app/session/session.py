@@ -10,6 +10,7 @@ from app.fixture import (
     MarginObservation,
     Proximity,
     Reason,
+    RecentWitnesses,
     path_mm,
 )
 from app.geometry import Stamp, Transform
@@ -62,6 +63,7 @@ class Session:
             frozen_after_ns=setup.margins.frozen_after_ns,
             moving_frames=moving if setup.robot is None else (*moving, REFERENCE),
         )
+        self._recent = RecentWitnesses()
         self._monitor = MarginMonitor(setup.margins)
         self._joints: JointSample | None = None
         self._drifted = False
@@ -140,7 +142,7 @@ class Session:
         if tumor_from_tip is None or stamp is None:
             return None
         model = self.setup.proximity
-        here = model.evaluate(tumor_from_tip, stamp)
+        here = self._recent.joined(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
         self._last = _Place(now, tumor_from_tip, here)
         if last is None or not 0 <= last.stamp.age_ns(now) <= self.setup.margins.stale_after_ns:
             return here

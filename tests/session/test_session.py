@@ -56,6 +56,23 @@ def test_the_fixture_stands_at_the_stop_margin_facing_the_tool():
     np.testing.assert_allclose(fixture.rotation[:, 2], [1.0, 0, 0], atol=1e-9)
 
 
+def test_the_constraint_keeps_the_planes_that_governed_a_moment_ago():
+    session = Session(make_setup())
+    (first,) = steps(session, [12.0])
+    aside, offset_mm = cautery_at(12.0, 20).transform, np.array([0.0, 1.5, 0.0])
+    aside = Transform("tracker", "cautery", aside.rotation, aside.translation_mm + offset_mm)
+    second = session.step(
+        frame(20, needle(20), TrackedTransform(aside, Stamp(20_000_000), TrackingStatus.OK))
+    )
+    tip_mm = second.tumor_from_tip.translation_mm
+    apart_mm = tip_mm - first.decision.proximity.on_tumor_mm
+    planes = second.decision.constraint
+    assert len(planes) == 2
+    np.testing.assert_allclose(planes.normals[1], apart_mm / np.linalg.norm(apart_mm))
+    stop_mm = second.decision.margin.total_mm
+    assert planes.clearances_mm[1] == pytest.approx(np.linalg.norm(apart_mm) - stop_mm)
+
+
 def test_states_follow_the_distance():
     session = Session(make_setup())
     found = [step.decision.state.name for step in steps(session, [30.0, 14.0, 9.0, 14.0, 30.0])]
