@@ -15,15 +15,15 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from app.case import TrackingFrame, open_case
-from app.fixture import MarginState
-from app.geometry import FloatArray
-from app.session import Session, setup_from_case
+from app.fixture import MarginState, Proximity, SweptProximity
+from app.geometry import FloatArray, Stamp, Transform
+from app.session import ProximityModel, Session, SessionSetup, setup_from_case
 from benchmarks.session_trajectory import Trajectory
 
 RATE_HZ = 1000
@@ -63,10 +63,16 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What one run showed; ``late`` is how long after its time a cycle began."""
+    """What one run showed.
+
+    ``model_cpu`` is the proximity model's part of a step, ``rest_cpu`` everything else. ``late`` is
+    how long after its time a cycle began.
+    """
 
     steps: int
     step_cpu: Spread
+    model_cpu: Spread
+    rest_cpu: Spread
     step_wall: Spread
     late: Spread
     bare_late: Spread
@@ -91,24 +97,53 @@ def paced(count: int, cycle: Callable[[int], None]) -> FloatArray:
     return late
 
 
-class Stepping:
-    """One step of ``session`` a cycle, timed; its frame is made outside of what is timed."""
+class TimedModel:
+    """A proximity model that adds up the CPU time of its evaluations and sweeps."""
 
-    def __init__(self, session: Session, frames: Iterator[TrackingFrame], count: int) -> None:
-        self.session = session
+    def __init__(self, model: ProximityModel) -> None:
+        self._model = model
+        self.radius_mm = model.radius_mm
+        self.cpu_ns = 0
+
+    def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
+        """What the model finds at this pose."""
+        begin = time.thread_time_ns()
+        found = self._model.evaluate(tumor_from_tool, stamp)
+        self.cpu_ns += time.thread_time_ns() - begin
+        return found
+
+    def sweep(
+        self, previous: Transform, current: Transform, stamp: Stamp | None = None
+    ) -> SweptProximity:
+        """What the model finds on the way."""
+        begin = time.thread_time_ns()
+        found = self._model.sweep(previous, current, stamp)
+        self.cpu_ns += time.thread_time_ns() - begin
+        return found
+
+
+class Stepping:
+    """One step of a session a cycle, timed; its frame is made outside of what is timed."""
+
+    def __init__(self, setup: SessionSetup, frames: Iterator[TrackingFrame], count: int) -> None:
+        self._model = TimedModel(setup.proximity)
+        self._session = Session(replace(setup, proximity=self._model))
         self._frames = frames
         # Written to here, so that the operating system gives the pages before the run.
         self.cpu_ns, self.wall_ns = np.full(count, -1.0), np.full(count, -1.0)
+        self.model_ns = np.full(count, -1.0)
         self.rss_mb = np.full(-(-count // _MEMORY_EVERY), -1.0)
         self.states = dict.fromkeys(MarginState, 0)
 
     def cycle(self, k: int) -> None:
         """The ``k``-th cycle: the next frame is made, then the step taken and timed."""
         frame = next(self._frames)
+        self._model.cpu_ns = 0
         wall, cpu = time.perf_counter_ns(), time.thread_time_ns()
-        step = self.session.step(frame)
+        step = self._session.step(frame)
         self.cpu_ns[k] = time.thread_time_ns() - cpu
         self.wall_ns[k] = time.perf_counter_ns() - wall
+        self.model_ns[k] = self._model.cpu_ns
         self.states[step.decision.state] += 1
         if k % _MEMORY_EVERY == 0:
             self.rss_mb[k // _MEMORY_EVERY] = resident_mb()
@@ -120,9 +155,9 @@ def resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def measure(session: Session, source: Trajectory, count: int) -> Figures:
-    """Run the bare loop, then ``count`` steps of ``session``."""
-    stepping = Stepping(session, source.frames(count), count)
+def measure(setup: SessionSetup, source: Trajectory, count: int) -> Figures:
+    """Run the bare loop, then ``count`` steps of a session."""
+    stepping = Stepping(setup, source.frames(count), count)
     start_mb = resident_mb()
     bare_late = paced(min(count, int(_BARE_S * RATE_HZ)), lambda k: None)
     late = paced(count, stepping.cycle)
@@ -133,6 +168,8 @@ def measure(session: Session, source: Trajectory, count: int) -> Figures:
     return Figures(
         steps=count,
         step_cpu=Spread.of(stepping.cpu_ns),
+        model_cpu=Spread.of(stepping.model_ns),
+        rest_cpu=Spread.of(stepping.cpu_ns - stepping.model_ns),
         step_wall=Spread.of(stepping.wall_ns),
         late=Spread.of(late),
         bare_late=Spread.of(bare_late),
@@ -159,12 +196,14 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     case = open_case(options.case)
-    session = Session(setup_from_case(case))
+    setup = setup_from_case(case)
     source = Trajectory(list(case.frames()), RATE_HZ)
-    figures = measure(session, source, max(1, round(options.seconds * RATE_HZ)))
+    figures = measure(setup, source, max(1, round(options.seconds * RATE_HZ)))
     print(f"{figures.steps} steps at {RATE_HZ} Hz      p50 ms   p99 ms   max ms")
     for name, spread in (
         ("step, thread CPU time", figures.step_cpu),
+        ("  of it proximity", figures.model_cpu),
+        ("  of it the rest", figures.rest_cpu),
         ("step, wall time", figures.step_wall),
         ("cycle begins late by", figures.late),
         ("bare loop late by", figures.bare_late),

@@ -87,17 +87,18 @@ def test_turns_are_along_the_shortest_arc():
 
 
 def test_every_step_is_counted_and_timed(recorded, setup):
-    figures = measure(Session(setup), Trajectory(recorded, RATE_HZ), 600)
+    figures = measure(setup, Trajectory(recorded, RATE_HZ), 600)
     assert figures.steps == sum(figures.states.values()) == 600
     assert figures.states[MarginState.UNKNOWN.name] == 0
-    for spread in (figures.step_cpu, figures.step_wall, figures.late, figures.bare_late):
+    step = (figures.step_cpu, figures.model_cpu, figures.rest_cpu, figures.step_wall)
+    for spread in (*step, figures.late, figures.bare_late):
         assert 0.0 <= spread.p50_ms <= spread.p99_ms <= spread.max_ms
-    assert figures.step_cpu.p50_ms > 0.0
+    assert figures.step_cpu.p50_ms > figures.model_cpu.p50_ms > 0.0
     assert figures.memory.start_mb > 10.0
 
 
 def test_a_slow_step_and_a_growing_memory_are_named(recorded, setup):
-    figures = measure(Session(setup), Trajectory(recorded, RATE_HZ), 2)
+    figures = measure(setup, Trajectory(recorded, RATE_HZ), 2)
     still = replace(figures.memory, warm_mb=100.0, end_mb=100.0)
     good = replace(figures, step_cpu=replace(figures.step_cpu, p99_ms=0.9), memory=still)
     assert failures(good) == []
