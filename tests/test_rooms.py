@@ -89,3 +89,15 @@ def test_the_session_needs_neither_ros_nor_vtk():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=APP.parent
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_what_is_slow_to_load_waits_until_it_is_needed():
+    code = (
+        "import sys, app.cli.main, app.session, app.report\n"
+        "slow = {'matplotlib', 'scipy.stats', 'rich', 'slicer'}\n"
+        "print(sorted(slow & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=APP.parent
+    )
+    assert done.stdout.strip() == "[]"

@@ -10,7 +10,6 @@ from app.report.breaches import find_breaches
 from app.report.errors import ReportError
 from app.report.html import report_html
 from app.report.margin_csv import margin_csv
-from app.report.margin_plot import margin_png
 from app.report.reasons import count_reasons
 from app.report.record import ReplayRecord
 from app.report.summary import summarise
@@ -65,6 +64,9 @@ def write_report(
 def _contents(
     record: ReplayRecord, scene_png: Callable[[], bytes | None], version: str
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
+    # Matplotlib takes its time to load: now, while scene.png may still be drawn elsewhere.
+    from app.report.margin_plot import margin_png
+
     summary = summarise(record)
     breaches = find_breaches(record.rows, record.margins.stale_after_ns)
     plot = margin_png(record.rows, breaches, record.margins, record.case)

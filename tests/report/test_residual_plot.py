@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from app.report import ReportError, residual_png
+from app.report import ReportError
+from app.report.residual_plot import residual_png
 
 VALUES = np.array([0.2, 0.4, 9.0, 0.1])
 

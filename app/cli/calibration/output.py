@@ -66,7 +66,7 @@ def _draw(finding: Finding, path: Path) -> None:
     if residuals is None or not len(residuals.values):
         print(f"{path} is not written: there are no residuals", file=sys.stderr)
         return
-    from app.report import residual_png
+    from app.report.residual_plot import residual_png
 
     verdict = "accepted" if finding.accepted else "not accepted"
     picture = residual_png(
