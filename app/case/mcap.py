@@ -7,11 +7,13 @@ is not read, for it holds nothing measured. Message types come from the recordin
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Connection as BagConnection
 from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import (
@@ -151,33 +153,49 @@ class _EmbeddedTypes:
 
 
 def _reader(connection: Connection) -> Callable[[bytes], Any]:
-    types, message_type = _typestore(connection), connection.message_type
+    message_type = connection.message_type
+    definitions = _definitions(connection)
+    read_bytes = bytes_reader(definitions, message_type)
     values_of = _VALUES_OF[message_type]
-    read_bytes = bytes_reader(types, message_type)
+
+    @cache  # it takes its time: not before there is a message that needs it
+    def types() -> Typestore:
+        return _typestore(definitions, message_type) if connection.definition else ros_types()
+
+    if read_bytes is None:
+        types()  # raises where the definition is of no use
 
     def read(data: bytes) -> Any:
         values = None if read_bytes is None else read_bytes(data)
-        return values_of(types.deserialize_cdr(data, message_type)) if values is None else values
+        return values_of(types().deserialize_cdr(data, message_type)) if values is None else values
 
     return read
 
 
-def _typestore(connection: Connection) -> Typestore:
+def _definitions(connection: Connection) -> Typesdict:
     if not connection.definition:  # a bag from before Iron has none
-        return ros_types()
-    store = get_typestore(Stores.EMPTY)
+        return ros_types().fielddefs
     try:
         if connection.definition_encoding == "ros2idl":
-            store.register(get_types_from_idl(connection.definition))
-        else:
-            store.register(get_types_from_msg(connection.definition, connection.message_type))
-        store.get_msgdef(connection.message_type)
+            return get_types_from_idl(connection.definition)
+        return get_types_from_msg(connection.definition, connection.message_type)
     except (TypesysError, KeyError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            f"the definition of {connection.message_type} in the recording cannot be used: {reason}"
-        ) from error
+        raise _useless(connection.message_type, error) from error
+
+
+def _typestore(definitions: Typesdict, message_type: str) -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(definitions)
+        store.get_msgdef(message_type)
+    except (TypesysError, KeyError) as error:
+        raise _useless(message_type, error) from error
     return store
+
+
+def _useless(message_type: str, error: Exception) -> InputError:
+    reason = str(error).splitlines()[0]
+    return InputError(f"the definition of {message_type} in the recording cannot be used: {reason}")
 
 
 def _messages(path: Path, note: Note) -> Iterator[RawMessage]:

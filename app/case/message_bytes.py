@@ -15,7 +15,7 @@ from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys.store import Typestore
+from rosbags.interfaces.typing import Typesdict
 
 from app.case.message_values import JointValues, PoseValues
 from app.case.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
@@ -33,10 +33,14 @@ _PADDING = 3
 """So many bytes may follow a message, to a multiple of four."""
 
 
-def bytes_reader(types: Typestore, message_type: str) -> ReadBytes | None:
-    """What reads messages of this type; None when ``types`` define it otherwise than we know it."""
+def bytes_reader(definitions: Typesdict, message_type: str) -> ReadBytes | None:
+    """What reads messages of this type; None when it is not defined as we know it."""
     layout, make_reader = _READERS.get(message_type, ((), None))
-    if make_reader is None or tuple(_fields(types, message_type)) != layout:
+    try:
+        known = tuple(_fields(definitions, message_type)) == layout
+    except (KeyError, RecursionError):
+        known = False
+    if make_reader is None or not known:
         return None
     read = make_reader()
 
@@ -138,16 +142,16 @@ def _aligned(at: int, size: int) -> int:
     return (at + size - 1) & -size
 
 
-def _fields(types: Typestore, message_type: str, prefix: str = "") -> Iterator[str]:
+def _fields(definitions: Typesdict, message_type: str, prefix: str = "") -> Iterator[str]:
     """Name and type of every value that a message holds, in their order."""
     # Each is (kind, what of): a name, (basic type, bound) or, of a sequence, (such a field, bound).
-    fields: list[tuple[str, Any]] = list(types.fielddefs[message_type][1])
+    fields: list[tuple[str, Any]] = list(definitions[message_type][1])
     for name, field in fields:
         path, (kind, of) = f"{prefix}{name}", field
         if kind == Nodetype.SEQUENCE:
             path, (kind, of) = f"{path}[]", of[0]
         if kind == Nodetype.NAME:
-            yield from _fields(types, str(of), f"{path}.")
+            yield from _fields(definitions, str(of), f"{path}.")
         else:
             yield f"{path} {of[0]}"
 

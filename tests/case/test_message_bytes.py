@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import get_types_from_msg
 
 from app.case.message_bytes import bytes_reader
 from app.case.message_values import joint_values, tf_values, tracked_values
@@ -74,7 +74,7 @@ def cdr(message: Any, **options: Any) -> bytes:
 
 
 def test_every_message_reads_as_rosbags_reads_it() -> None:
-    readers = {kind: bytes_reader(ros_types(), kind) for kind in VALUES_OF}
+    readers = {kind: bytes_reader(ros_types().fielddefs, kind) for kind in VALUES_OF}
     seen = set()
 
     @settings(max_examples=300, deadline=None)
@@ -92,7 +92,7 @@ def test_every_message_reads_as_rosbags_reads_it() -> None:
 @settings(max_examples=200, deadline=None)
 @given(message=messages, cut=st.integers(1, 60))
 def test_a_cut_message_is_left_to_rosbags(message: Any, cut: int) -> None:
-    read, data = bytes_reader(ros_types(), kind_of(message)), cdr(message)
+    read, data = bytes_reader(ros_types().fielddefs, kind_of(message)), cdr(message)
     assert read(data[: max(len(data) - cut, 0)]) is None
 
 
@@ -104,22 +104,20 @@ def test_changed_bytes_are_read_as_by_rosbags_or_left_to_it(
     kind, data = kind_of(message), bytearray(cdr(message))
     start = round(at * (len(data) - 1))
     data[start : start + len(noise)] = noise[: len(data) - start]
-    found = bytes_reader(ros_types(), kind)(bytes(data))
+    found = bytes_reader(ros_types().fielddefs, kind)(bytes(data))
     if found is not None:
         assert repr(found) == repr(by_rosbags(bytes(data), kind))
 
 
 @given(message=messages)
 def test_another_byte_order_and_a_longer_message_are_left_to_rosbags(message: Any) -> None:
-    read = bytes_reader(ros_types(), kind_of(message))
+    read = bytes_reader(ros_types().fielddefs, kind_of(message))
     assert read(cdr(message, little_endian=False)) is None
     assert read(cdr(message) + b"\0" * 4) is None
 
 
-def store_of(definition: str, kind: str) -> Typestore:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(definition, kind))
-    return store
+def defined(definition: str) -> Typesdict:
+    return {**ros_types().fielddefs, **get_types_from_msg(definition, TRACKED_TRANSFORM)}
 
 
 @pytest.mark.parametrize(
@@ -132,13 +130,19 @@ def store_of(definition: str, kind: str) -> Typestore:
     ],
 )
 def test_another_definition_is_left_to_rosbags(definition: str) -> None:
-    assert bytes_reader(store_of(definition, TRACKED_TRANSFORM), TRACKED_TRANSFORM) is None
+    assert bytes_reader(defined(definition), TRACKED_TRANSFORM) is None
 
 
 def test_comments_and_constants_of_a_definition_do_not_matter() -> None:
-    store = store_of("# ours\nuint8 NEW=9\n" + TRACKED_TRANSFORM_DEFINITION, TRACKED_TRANSFORM)
-    assert bytes_reader(store, TRACKED_TRANSFORM) is not None
-    assert bytes_reader(store, TIME_REFERENCE) is None
+    definitions = defined("# ours\nuint8 NEW=9\n" + TRACKED_TRANSFORM_DEFINITION)
+    assert bytes_reader(definitions, TRACKED_TRANSFORM) is not None
+    assert bytes_reader(definitions, TIME_REFERENCE) is None
+
+
+@pytest.mark.parametrize("field", ["a/msg/Unknown x", f"{TRACKED_TRANSFORM} itself"])
+def test_a_definition_without_end_or_sense_is_left_to_rosbags(field: str) -> None:
+    definitions = get_types_from_msg(f"{field}\n", TRACKED_TRANSFORM)
+    assert bytes_reader(definitions, TRACKED_TRANSFORM) is None
 
 
 def test_robots_that_take_turns_keep_their_names() -> None:
@@ -152,7 +156,7 @@ def test_robots_that_take_turns_keep_their_names() -> None:
         )
         return cdr(message)
 
-    read = bytes_reader(ros_types(), JOINT_STATE)
+    read = bytes_reader(ros_types().fielddefs, JOINT_STATE)
     for names in (("a", "b"), ("a", "b"), ("c", "d"), ("a", "bc")):
         assert read(joints(*names)).names == names
 
@@ -161,4 +165,4 @@ def test_a_name_without_its_closing_zero_is_left_to_rosbags() -> None:
     header = struct.pack("<iI", 1, 2) + struct.pack("<I", 4) + b"worl"
     child = struct.pack("<I", 4) + b"arm\0"
     body = header + child + struct.pack("<7dB", *(math.nan,) * 7, 0)
-    assert bytes_reader(ros_types(), TRACKED_TRANSFORM)(b"\0\1\0\0" + body) is None
+    assert bytes_reader(ros_types().fielddefs, TRACKED_TRANSFORM)(b"\0\1\0\0" + body) is None
