@@ -1,0 +1,21 @@
+from typing import Any
+
+import pytest
+
+from benchmarks.replay import summary
+
+
+def a_run(wall_s: float) -> dict[str, Any]:
+    phases = {
+        "start and end": 0.5, "load the program": 1.0, "open the case": 0.25,
+        "read the frames and step": wall_s - 2.0, "write the report": 0.25,
+    }  # fmt: skip
+    return {"wall_s": wall_s, "cpu_s": 2.0 * wall_s, "phases_s": phases}
+
+
+def test_the_fastest_run_counts_and_loading_is_not_inside() -> None:
+    found = summary([a_run(5.0), a_run(3.0), a_run(4.0)], duration_s=60.0)
+    assert (found["wall_s"], found["walls_s"]) == (3.0, [5.0, 3.0, 4.0])
+    assert found["times_real_time"] == pytest.approx(20.0)
+    assert found["inside_s"] == pytest.approx(1.25)
+    assert found["times_real_time_inside"] == pytest.approx(48.0)
