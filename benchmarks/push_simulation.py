@@ -121,7 +121,7 @@ class Pushed:
     ``lowest``: ``tumor_from_tool`` at the lowest of them. ``retreats``: steps in which the hand
     wanted to approach nowhere; ``slowed_mm_s``: how much slower such a step was made, at any
     witness. ``pull_lag_mm``: how far the tool was behind its twin without a fixture while the hand
-    pulled both out.
+    pulled both out; more than nothing where the pull brought another part of the tool nearer.
     """
 
     seconds: list[float] = field(default_factory=list)
