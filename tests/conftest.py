@@ -1,10 +1,19 @@
 """Fixtures that every room shares."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_field_cache() -> Iterator[None]:
+    """Tests neither read nor fill the user's cache of fields."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MARGINGUARD_FIELD_CACHE", "off")
+        yield
 
 
 @pytest.fixture(scope="session")
