@@ -31,11 +31,14 @@ _READABLE = ".mcap, a rosbag2 folder, .igs.mha or .igs.nrrd"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """A case whose manifest holds and whose files are there; made by `open_case`."""
+    """A case whose manifest holds and whose files are there: by `open_case` or `open_live`.
+
+    ``recording_path`` is None where the case is live.
+    """
 
     folder: Path
     manifest: CaseManifest
-    recording_path: Path
+    recording_path: Path | None
     package_dirs: tuple[Path, ...] = ()
     _notes: list[str] = field(default_factory=list)
     _meshes: dict[str, SurfaceMesh] = field(default_factory=dict)
@@ -58,13 +61,15 @@ class Case:
         # A second reading says the same again.
         self._notes.clear()
         path = self.recording_path
+        if path is None:
+            raise InputError(f"{self.manifest.file}: a live case has no recording to be read")
         if path.name.lower().endswith(_IGSIO_ENDINGS):
             return read_igsio(path, self._notes.append)
         robot, clock = self.manifest.robot, self.manifest.clock
         if self.has_joints and clock.estimate:
             raise InputError(
-                "case.yaml: clock.estimate is true: the joints have no time before the offset of "
-                "their clock is estimated (Case.with_joint_offset)"
+                f"{self.manifest.file}: clock.estimate is true: the joints have no time before the "
+                "offset of their clock is estimated (Case.with_joint_offset)"
             )
         return read_mcap(
             path,
@@ -86,7 +91,9 @@ class Case:
         """The tool's closed surface in the frame of its tip."""
         tool = self.manifest.tool
         if tool.mesh is None:
-            raise MeshError("case.yaml: tool.mesh is missing: only a tip-only replay goes without")
+            raise MeshError(
+                f"{self.manifest.file}: tool.mesh is missing: only a tip-only replay goes without"
+            )
         return self._mesh(tool.mesh, tool.tip_frame, "tool.mesh")
 
     def tumor_mesh(self) -> SurfaceMesh:
@@ -104,7 +111,9 @@ class Case:
         """The tumour's surface as its file has it, for who repairs it (`with_tumor_mesh`)."""
         tumor = self.manifest.tumor
         if not (isinstance(tumor.shape, MeshEntry) and tumor.shape.repair):
-            raise InputError("case.yaml: tumor.mesh.repair is not true: its mesh is used as it is")
+            raise InputError(
+                f"{self.manifest.file}: tumor.mesh.repair is not true: its mesh is used as it is"
+            )
         path = self._file(tumor.shape.path, f"{tumor.shape_key}.path")
         return load_mesh(path, units=tumor.shape.units, frame=TUMOR_MESH_FRAME)
 
@@ -112,7 +121,9 @@ class Case:
         """The same case with its tumour's mesh repaired; ``notes`` say what was done to it."""
         tumor = self.manifest.tumor
         if not isinstance(tumor.shape, MeshEntry):
-            raise InputError("case.yaml: tumor.mesh is no mesh file: there is nothing to repair")
+            raise InputError(
+                f"{self.manifest.file}: tumor.mesh is no mesh file: there is nothing to repair"
+            )
         tumor_done = replace(tumor, shape=replace(tumor.shape, repair=False))
         return replace(
             self,
@@ -126,8 +137,17 @@ class Case:
         """The robot's URDF file; `InputError` when the case has no robot."""
         robot = self.manifest.robot
         if robot is None:
-            raise InputError("case.yaml: robot is missing: the case has none")
+            raise InputError(f"{self.manifest.file}: robot is missing: the case has none")
         return self._file(robot.urdf, "robot.urdf")
+
+    def check_files(self) -> None:
+        """`InputError` unless the files of tumour, tool and robot are there."""
+        tumor, tool = self.manifest.tumor, self.manifest.tool
+        self._file(tumor.shape.path, f"{tumor.shape_key}.path")
+        if tool.mesh is not None:
+            self._file(tool.mesh.path, "tool.mesh.path")
+        if self.manifest.robot is not None:
+            self.robot_urdf()
 
     def expected(self) -> Expected | None:
         """What a correct replay must show, where the case says so."""
@@ -144,12 +164,14 @@ class Case:
         if key not in self._meshes:
             if entry.repair:
                 raise InputError(
-                    f"case.yaml: {key}.repair is true: the mesh has no use before it is repaired "
-                    "(Case.with_tumor_mesh)"
+                    f"{self.manifest.file}: {key}.repair is true: the mesh has no use before it "
+                    "is repaired (Case.with_tumor_mesh)"
                 )
             path = self._file(entry.path, f"{key}.path")
             mesh = load_mesh(path, units=entry.units, frame=frame)
-            self._meshes[key] = mesh.require_closed(f"the mesh {path} (case.yaml: {key})")
+            self._meshes[key] = mesh.require_closed(
+                f"the mesh {path} ({self.manifest.file}: {key})"
+            )
         return self._meshes[key]
 
     def _built(self, entry: SegmentationEntry | ContourEntry, key: str) -> BuiltTumor:
@@ -159,7 +181,8 @@ class Case:
         return tumor_from_segmentation(path, frame=TUMOR_MESH_FRAME, segment=entry.segment)
 
     def _file(self, name: str, key: str) -> Path:
-        return resolve_file(self.folder, name, f"case.yaml: {key}", package_dirs=self.package_dirs)
+        where = f"{self.manifest.file}: {key}"
+        return resolve_file(self.folder, name, where, package_dirs=self.package_dirs)
 
 
 def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
@@ -170,14 +193,11 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     if not folder.is_dir():
         raise InputError(f"{folder} is no case: no such folder")
     manifest = load_manifest(folder)
-    recording = resolve_inside(folder, manifest.recording.path, "case.yaml: recording.path")
+    entry = manifest.recorded()
+    recording = resolve_inside(folder, entry.path, "case.yaml: recording.path")
     case = Case(folder, manifest, recording, tuple(package_dirs))
-    _check_recording(recording, manifest.recording.sha256)
-    case._file(manifest.tumor.shape.path, f"{manifest.tumor.shape_key}.path")
-    if manifest.tool.mesh is not None:
-        case._file(manifest.tool.mesh.path, "tool.mesh.path")
-    if manifest.robot is not None:
-        case.robot_urdf()
+    _check_recording(recording, entry.sha256)
+    case.check_files()
     if case.has_joints and recording.name.lower().endswith(_IGSIO_ENDINGS):
         raise InputError(
             f"case.yaml: robot.joint_states is given: {recording.name} cannot hold joints"

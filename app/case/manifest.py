@@ -1,14 +1,14 @@
-"""What a recorded case consists of: the values of a ``case.yaml``, in our units.
+"""What a case consists of: the values of a ``case.yaml`` or ``live.yaml``, in our units.
 
-Every matrix is a `Transform` in mm, every duration integer nanoseconds. `load_manifest` of
-``manifest_file`` reads and checks them.
+Every matrix is a `Transform` in mm, every duration integer nanoseconds. ``manifest_file`` and
+``live_file`` read and check them.
 """
 
 import math
 from dataclasses import dataclass
 from typing import Literal
 
-from app.geometry import NS_PER_MS, Transform
+from app.geometry import NS_PER_MS, InputError, Transform
 
 REFERENCE_FRAME = "reference"
 TUMOR_MESH_FRAME = "tumor"
@@ -152,11 +152,15 @@ class MarginEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CaseManifest:
-    """A whole ``case.yaml``."""
+    """A whole ``case.yaml``, or what a ``live.yaml`` has in common with it.
 
+    ``file`` is the name of the file, for messages. A live case has no ``recording``.
+    """
+
+    file: str
     name: str
     provenance: Provenance
-    recording: RecordingEntry
+    recording: RecordingEntry | None
     clock: ClockEntry
     tool: ToolEntry
     tumor: TumorEntry
@@ -164,3 +168,9 @@ class CaseManifest:
     registration: RegistrationEntry | None
     margins: MarginEntry
     expected: str | None
+
+    def recorded(self) -> RecordingEntry:
+        """The recording; `InputError` where the case is live and has none."""
+        if self.recording is None:
+            raise InputError(f"{self.file}: a live case has no recording")
+        return self.recording

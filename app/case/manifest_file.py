@@ -1,46 +1,22 @@
-"""``case.yaml`` read and checked before anything is replayed.
+"""``case.yaml`` read and checked before anything is replayed."""
 
-Distances are in mm, matrices row by row, times as their keys say.
-"""
-
-import math
-from dataclasses import replace
 from pathlib import Path
 
 from app.case.document import Section
-from app.case.manifest import (
-    DEFAULT_BASE_FRAME,
-    REFERENCE_FRAME,
-    TUMOR_MESH_FRAME,
-    CaseManifest,
-    ClockEntry,
-    ContourEntry,
-    Dwell,
-    MarginEntry,
-    MeshEntry,
-    Provenance,
-    RecordingEntry,
-    RegistrationEntry,
-    RobotEntry,
-    SegmentationEntry,
-    ToolEntry,
-    TumorEntry,
+from app.case.manifest import CaseManifest, RecordingEntry
+from app.case.manifest_sections import (
+    check_schema,
+    read_clock,
+    read_margins,
+    read_provenance,
+    read_registration,
+    read_robot,
+    read_tool,
+    read_tumor,
 )
-from app.case.mesh_file import UNITS_MM
-from app.case.tumor import SEGMENTATION_ENDING
-from app.geometry import (
-    NS_PER_MS,
-    FrameError,
-    InputError,
-    MarginGuardError,
-    Transform,
-    check_frame,
-)
+from app.geometry import InputError
 
 MANIFEST_NAME = "case.yaml"
-
-MIN_DRIFT = 0.1
-"""Least drift bound, in mm and in degrees: below it the noise of any tracker would be drift."""
 
 
 def load_manifest(folder: Path) -> CaseManifest:
@@ -64,36 +40,20 @@ def load_manifest(folder: Path) -> CaseManifest:
             "expected",
         ),
     )
-    schema = document.integer("schema", minimum=1)
-    if schema != 1:
-        raise InputError(f"{document.place('schema')} is {schema}: 1 wanted")
-    robot, tool, tumor = _robot(document), _tool(document), _tumor(document)
-    if tool.frame == tumor.frame:
-        raise InputError(
-            f"{document.place('tumor')}.frame is {tumor.frame!r}, as is the tool's: "
-            "a tumour that moves with the tool is no target"
-        )
+    check_schema(document)
+    robot, tool = read_robot(document), read_tool(document)
     return CaseManifest(
+        file=MANIFEST_NAME,
         name=document.text("name"),
-        provenance=_provenance(document),
+        provenance=read_provenance(document),
         recording=_recording(document),
-        clock=_clock(document),
+        clock=read_clock(document),
         tool=tool,
-        tumor=tumor,
+        tumor=read_tumor(document, tool),
         robot=robot,
-        registration=_registration(document, robot),
-        margins=_margins(document),
+        registration=read_registration(document, robot),
+        margins=read_margins(document),
         expected=document.text("expected") if document.has("expected") else None,
-    )
-
-
-def _provenance(document: Section) -> Provenance:
-    block = document.section("provenance", ("kind", "source", "licence"))
-    kind = block.choice("kind", ("simulated", "recorded"))
-    return Provenance(
-        "simulated" if kind == "simulated" else "recorded",
-        block.text("source"),
-        block.text("licence"),
     )
 
 
@@ -105,210 +65,3 @@ def _recording(document: Section) -> RecordingEntry:
         if len(sha256) != 64 or not set(sha256) <= set("0123456789abcdef"):
             raise InputError(f"{block.place('sha256')} is {sha256!r}: 64 hexadecimal digits wanted")
     return RecordingEntry(block.text("path"), sha256)
-
-
-def _clock(document: Section) -> ClockEntry:
-    if not document.has("clock"):
-        return ClockEntry(0, estimate=False)
-    block = document.section("clock", ("offset_robot_to_tracker_ms", "estimate"))
-    estimate = block.boolean("estimate") if block.has("estimate") else False
-    if estimate and block.has("offset_robot_to_tracker_ms"):
-        raise InputError(f"{block.place('estimate')} and an offset are given: one of them wanted")
-    if estimate:
-        return ClockEntry(0, estimate=True)
-    return ClockEntry(_ns(block, "offset_robot_to_tracker_ms", signed=True), estimate=False)
-
-
-def _tool(document: Section) -> ToolEntry:
-    block = document.section("tool", ("frame", "mesh", "tip_from"))
-    frame = _frame(block, "frame")
-    return ToolEntry(
-        frame,
-        _mesh(block) if block.has("mesh") else None,
-        _pose(block, "tip_from", target=frame, source=f"{frame}_tip"),
-    )
-
-
-def _tumor(document: Section) -> TumorEntry:
-    block = document.section("tumor", ("frame", "mesh", "contour", "pose"))
-    frame = _frame(block, "frame")
-    return TumorEntry(
-        frame, _shape(block), _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME)
-    )
-
-
-def _shape(tumor: Section) -> MeshEntry | SegmentationEntry | ContourEntry:
-    if tumor.has("contour"):
-        if tumor.has("mesh"):
-            raise InputError(f"{tumor.place('mesh')} and a contour are given: one of them wanted")
-        return ContourEntry(tumor.section("contour", ("path",)).text("path"))
-    mesh = tumor.section("mesh", ("path", "units", "repair", "segment"))
-    path = mesh.text("path")
-    if not path.lower().endswith(SEGMENTATION_ENDING):
-        if mesh.has("segment"):
-            raise InputError(f"{mesh.place('segment')} is given: {path} is no segmentation")
-        return MeshEntry(
-            path,
-            mesh.choice("units", tuple(UNITS_MM)),
-            repair=mesh.has("repair") and mesh.boolean("repair"),
-        )
-    if mesh.has("repair"):
-        raise InputError(f"{mesh.place('repair')} is given: a mesh file alone is repaired")
-    if mesh.has("units"):
-        raise InputError(f"{mesh.place('units')} is given: a segmentation is in mm")
-    return SegmentationEntry(path, mesh.text("segment") if mesh.has("segment") else None)
-
-
-def _robot(document: Section) -> RobotEntry | None:
-    if not document.has("robot"):
-        return None
-    block = document.section("robot", ("urdf", "base_frame", "tool_link", "joint_states"))
-    joint_states = None
-    if block.has("joint_states"):
-        joint_states = block.text("joint_states")
-        if not joint_states.startswith("/"):
-            raise InputError(
-                f"{block.place('joint_states')} is {joint_states!r}: a topic from '/' on wanted"
-            )
-    return RobotEntry(
-        block.text("urdf"), _frame(block, "base_frame"), block.text("tool_link"), joint_states
-    )
-
-
-def _registration(document: Section, robot: RobotEntry | None) -> RegistrationEntry | None:
-    if not document.has("registration"):
-        if robot is not None:
-            raise InputError(f"{document.place('registration')} is missing: a robot needs one")
-        return None
-    drift = ("max_drift_mm", "max_drift_deg")
-    block = document.section(
-        "registration", ("method", "matrix", "fixed_mm", "moving_mm", "dwells", *drift)
-    )
-    entry = _registration_method(block, robot)
-    if block.has("max_drift_mm"):
-        entry = replace(entry, max_drift_mm=block.number("max_drift_mm", minimum=MIN_DRIFT))
-    if block.has("max_drift_deg"):
-        bound_deg = block.number("max_drift_deg", minimum=MIN_DRIFT)
-        entry = replace(entry, max_drift_rad=math.radians(bound_deg))
-    return entry
-
-
-def _registration_method(block: Section, robot: RobotEntry | None) -> RegistrationEntry:
-    method = block.choice("method", ("given", "paired_points", "robot_world"))
-    if method == "given":
-        _allow_only(block, method, ("matrix",))
-        base = robot.base_frame if robot else DEFAULT_BASE_FRAME
-        pose = _matrix(block, target=REFERENCE_FRAME, source=base)
-        return RegistrationEntry("given", reference_from_base=pose)
-    if method == "robot_world":
-        _allow_only(block, method, ("dwells",))
-        return RegistrationEntry("robot_world", dwells=_dwells(block))
-    if block.has("dwells"):
-        _allow_only(block, "paired_points by dwells", ("dwells",))
-        return RegistrationEntry("paired_points", dwells=_dwells(block))
-    _allow_only(block, method, ("fixed_mm", "moving_mm"))
-    fixed, moving = block.points("fixed_mm"), block.points("moving_mm")
-    if len(fixed) != len(moving):
-        raise InputError(
-            f"{block.place('moving_mm')} has {len(moving)} points: "
-            f"as many as fixed_mm ({len(fixed)}) wanted"
-        )
-    return RegistrationEntry("paired_points", fixed_mm=fixed, moving_mm=moving)
-
-
-def _dwells(block: Section) -> tuple[Dwell, ...]:
-    dwells = []
-    for entry in block.sections("dwells", ("start_s", "end_s")):
-        dwell = Dwell(entry.number("start_s", minimum=0.0), entry.number("end_s"))
-        if dwell.end_s <= dwell.start_s:
-            raise InputError(
-                f"{entry.place('end_s')} is {dwell.end_s:g}: "
-                f"later than start_s ({dwell.start_s:g}) wanted"
-            )
-        dwells.append(dwell)
-    return tuple(dwells)
-
-
-def _margins(document: Section) -> MarginEntry:
-    block = document.section(
-        "margins",
-        (
-            "stop_mm",
-            "warn_mm",
-            "k_tre",
-            "v_max_mm_s",
-            "stale_after_ms",
-            "release_samples",
-            "release_band_mm",
-            "frozen_after_ms",
-        ),
-    )
-    stop_mm, warn_mm = (block.number(key, minimum=0.0) for key in ("stop_mm", "warn_mm"))
-    if warn_mm <= stop_mm:
-        raise InputError(
-            f"{block.place('warn_mm')} is {warn_mm:g}: more than stop_mm ({stop_mm:g}) wanted"
-        )
-    entry = MarginEntry(
-        stop_mm,
-        warn_mm,
-        block.number("k_tre", minimum=0.0),
-        block.number("v_max_mm_s", minimum=0.0),
-        _ns(block, "stale_after_ms"),
-    )
-    return MarginEntry(
-        entry.stop_mm,
-        entry.warn_mm,
-        entry.k_tre,
-        entry.v_max_mm_s,
-        entry.stale_after_ns,
-        block.integer("release_samples", minimum=1)
-        if block.has("release_samples")
-        else entry.release_samples,
-        block.number("release_band_mm", minimum=0.0)
-        if block.has("release_band_mm")
-        else entry.release_band_mm,
-        _ns(block, "frozen_after_ms") if block.has("frozen_after_ms") else entry.frozen_after_ns,
-    )
-
-
-def _mesh(block: Section) -> MeshEntry:
-    mesh = block.section("mesh", ("path", "units"))
-    return MeshEntry(mesh.text("path"), mesh.choice("units", tuple(UNITS_MM)))
-
-
-def _pose(block: Section, key: str, *, target: str, source: str) -> Transform:
-    return _matrix(block.section(key, ("matrix",)), target=target, source=source)
-
-
-def _matrix(block: Section, *, target: str, source: str) -> Transform:
-    numbers = block.numbers("matrix", 16)
-    try:
-        return Transform.from_matrix(numbers, target=target, source=source)
-    except MarginGuardError as error:
-        raise InputError(f"{block.place('matrix')}: {error}") from error
-
-
-def _frame(block: Section, key: str) -> str:
-    name = block.text(key)
-    try:
-        return check_frame(name)
-    except FrameError as error:
-        raise InputError(f"{block.place(key)}: {error}") from error
-
-
-def _ns(block: Section, key: str, *, signed: bool = False) -> int:
-    """Milliseconds to nanoseconds; positive unless ``signed``, and within a year."""
-    milliseconds = block.number(key)
-    year_ms = 365 * 86_400_000
-    if abs(milliseconds) > year_ms or (milliseconds <= 0.0 and not signed):
-        lowest = f"{-year_ms}" if signed else "more than 0"
-        raise InputError(f"{block.place(key)} is {milliseconds:g}: {lowest} to {year_ms} ms wanted")
-    return round(milliseconds * NS_PER_MS)
-
-
-def _allow_only(block: Section, method: str, allowed: tuple[str, ...]) -> None:
-    for key in ("matrix", "fixed_mm", "moving_mm", "dwells"):
-        if block.has(key) and key not in allowed:
-            raise InputError(
-                f"{block.place(key)} does not belong to {method}: {', '.join(allowed)} wanted"
-            )

@@ -46,7 +46,7 @@ def describe(case: Any) -> dict[str, Any]:
             "source": manifest.provenance.source,
             "licence": manifest.provenance.licence,
         },
-        "recording": manifest.recording.path,
+        "recording": manifest.recorded().path,
         "frames": inventory.frames,
         "silences": inventory.silences,
         "duration_s": inventory.duration_s,
