@@ -11,6 +11,10 @@ class UrdfError(RobotError, InputError):
     """A robot description that cannot be used: unsafe, malformed, or not one tree of links."""
 
 
+class AdfError(RobotError, InputError):
+    """An AMBF description file that cannot be used: malformed, or not trees of bodies."""
+
+
 class RobotMeshError(RobotError, InputError):
     """A mesh of a robot that is missing, outside its package, of no known format, or broken."""
 

@@ -1,7 +1,7 @@
 """Joints as a URDF tells them: how a child link moves in its parent."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -49,8 +49,9 @@ class Joint:
     """``child`` hangs on ``parent``: origin, then the motion about or along ``axis``.
 
     ``origin`` is ``parent_from_child`` at position 0. ``axis`` is (3,), a unit vector in the
-    child's frame. ``lower`` and ``upper`` are rad, m for sliding joints, and infinite for
-    continuous ones; kinematics does not clip to them, inverse kinematics stays within them.
+    child's frame, and ``pivot_mm`` (3,) a point of it, there as well: the origin in URDF, anywhere
+    in AMBF. ``lower`` and ``upper`` are rad, m for sliding joints, and infinite for continuous
+    ones; kinematics does not clip to them, inverse kinematics stays within them.
     """
 
     name: str
@@ -60,6 +61,8 @@ class Joint:
     lower: float = -math.inf
     upper: float = math.inf
     mimic: Mimic | None = None
+    pivot_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
+    _turns_off_origin: bool = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         axis = np.array(self.axis, dtype=np.float64)
@@ -78,8 +81,15 @@ class Joint:
                 f"limits of joint {self.name!r} are {self.lower} to {self.upper}: "
                 "lower <= upper wanted"
             )
-        axis.flags.writeable = False
+        pivot_mm = np.array(self.pivot_mm, dtype=np.float64)
+        if pivot_mm.shape != (3,) or not np.isfinite(pivot_mm).all():
+            raise UrdfError(
+                f"pivot of joint {self.name!r} is {pivot_mm.tolist()} mm: 3 numbers wanted"
+            )
+        axis.flags.writeable = pivot_mm.flags.writeable = False
         object.__setattr__(self, "axis", axis)
+        object.__setattr__(self, "pivot_mm", pivot_mm)
+        object.__setattr__(self, "_turns_off_origin", bool(pivot_mm.any()))
 
     @property
     def parent(self) -> str:
@@ -112,7 +122,7 @@ class Joint:
         # Rodrigues' formula for a unit axis.
         cosine, sine = math.cos(position), math.sin(position)
         rest = 1.0 - cosine
-        return np.array(
+        motion = np.array(
             [
                 [cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y, 0.0],
                 [rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x, 0.0],
@@ -120,3 +130,6 @@ class Joint:
                 _LAST,
             ]
         )
+        if self._turns_off_origin:
+            motion[:3, 3] = self.pivot_mm - motion[:3, :3] @ self.pivot_mm
+        return motion

@@ -1,4 +1,4 @@
-"""From a URDF file to a `Robot`: links with their surfaces in mm, joints with their origins."""
+"""From a description to a `Robot`: links with their surfaces in mm, joints with their origins."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,34 +9,80 @@ import numpy as np
 
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
 from app.robot import primitives
+from app.robot.ambf import load_adf
 from app.robot.errors import RobotMeshError, UrdfError
 from app.robot.joint import MM_PER_M, Joint, JointType, Mimic
 from app.robot.mesh_file import FileMesh, read_mesh_file
 from app.robot.packages import MeshLocator
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Rgba, Shape
-from app.robot.urdf import read_urdf
+from app.robot.urdf import parse_urdf, read_urdf
+from app.robot.xacro_file import expand_xacro
+
+ADF_SUFFIXES = (".yaml", ".yml", ".adf")
+MAX_TEXT_BYTES = 8 * 1024 * 1024
+"""Of a description from the network; the longest of real robots have a few hundred kB."""
 
 
-def load_robot(urdf: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Robot:
-    """Load a URDF file with every visual and every collision of every link.
+def load_robot(
+    path: str | Path,
+    *,
+    package_dirs: Sequence[str | Path] = (),
+    xacro_args: Mapping[str, str] | None = None,
+) -> Robot:
+    """Load a robot file: URDF, ``.xacro`` (see `app.robot.xacro_file`) or AMBF's ADF (``.yaml``).
 
-    ``package_dirs`` says where ``package://`` names lead (see `app.robot.packages`; other places
-    are tried too). A mesh that is missing or broken raises `RobotMeshError` where it is for
-    collision, and is left out with a sentence in `Robot.warnings` where it is for display. A name
-    that leaves its package or needs a network is refused in both. Raises `UrdfError` for a
-    description that is unsafe, malformed or not one tree of links.
+    Every visual and every collision of every link is read. ``package_dirs`` says where
+    ``package://`` names lead (see `app.robot.packages`; other places are tried too). A mesh that is
+    missing or broken raises `RobotMeshError` where it is for collision, and is left out with a
+    sentence in `Robot.warnings` where it is for display. A name that leaves its package or needs a
+    network is refused in both. Raises `UrdfError` or `AdfError` for a description that is unsafe,
+    malformed or not one tree of links, and for ``xacro_args`` to a file that is not xacro.
     """
-    path = Path(urdf)
-    model = read_urdf(path)
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if xacro_args and suffix != ".xacro":
+        raise UrdfError(f"{path} takes no xacro arguments ({', '.join(xacro_args)}): not a .xacro")
+    if suffix in ADF_SUFFIXES:
+        return load_adf(path, package_dirs=package_dirs)
     locator = MeshLocator(path, package_dirs)
+    if suffix == ".xacro":
+        data = expand_xacro(path, xacro_args or {}, locator.package_folder)
+        return _robot(parse_urdf(data, path), locator, path)
+    return _robot(read_urdf(path), locator, path)
+
+
+def robot_from_text(
+    text: str,
+    *,
+    name: str = "robot_description",
+    package_dirs: Sequence[str | Path] = (),
+    allowed_dirs: Sequence[str | Path] = (),
+) -> Robot:
+    """A robot from the text of a URDF that a stranger may have sent; ``name`` is for messages.
+
+    As `load_robot`, but nothing is read outside the folders of ``package_dirs``, ``allowed_dirs``,
+    installed ROS packages and the project's data (`RobotMeshError`), the text has at most
+    `MAX_TEXT_BYTES`, and it is never expanded by xacro.
+    """
+    if len(text) > MAX_TEXT_BYTES:  # before its bytes are copied
+        raise UrdfError(f"{name} has {len(text)} characters: {MAX_TEXT_BYTES} bytes are allowed")
     try:
-        return _robot(model, locator)
+        data = text.encode()
+    except UnicodeEncodeError as problem:
+        raise UrdfError(f"{name} is no text: {problem.reason}") from problem
+    model = parse_urdf(data, name, max_bytes=MAX_TEXT_BYTES)
+    return _robot(model, MeshLocator(None, package_dirs, allowed_dirs=allowed_dirs), name)
+
+
+def _robot(model: Any, locator: MeshLocator, name: Path | str) -> Robot:
+    try:
+        return _assembled(model, locator)
     except (UrdfError, TransformError, FrameError) as problem:
-        raise UrdfError(f"{path}: {problem}") from problem
+        raise UrdfError(f"{name}: {problem}") from problem
 
 
-def _robot(model: Any, locator: MeshLocator) -> Robot:
+def _assembled(model: Any, locator: MeshLocator) -> Robot:
     joints = tuple(_joint(each) for each in model.joints)
     shapes = _ShapeReader(locator, _named_colors(model))
     links = tuple(
@@ -82,12 +128,7 @@ class _ShapeReader:
         vertices, faces, colors, source = self._surface(element.geometry)
         origin = _transform(element.origin, link, link)
         mesh = SurfaceMesh(link, origin.apply(vertices * MM_PER_M), faces)
-        if colors is None:
-            return Shape(mesh, None, source)
-        distinct, counts = np.unique(colors, axis=0, return_counts=True)
-        red, green, blue, alpha = distinct[np.argmax(counts)].tolist()
-        several = colors if len(distinct) > 1 else None
-        return Shape(mesh, (red, green, blue, alpha), source, several)
+        return Shape.of(mesh, colors, source)
 
     def _surface(self, geometry: Any) -> tuple[FloatArray, Any, FloatArray | None, str]:
         """Vertices in m, scale applied, with faces, colours and the name of where they are from."""

@@ -1,6 +1,9 @@
 """What a link looks like and what it can touch."""
 
 from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
 
 from app.geometry import FloatArray, SurfaceMesh
 
@@ -20,6 +23,16 @@ class Shape:
     color: Rgba | None
     source: str
     face_colors: FloatArray | None = None
+
+    @classmethod
+    def of(cls, mesh: SurfaceMesh, face_colors: FloatArray | None, source: str) -> Self:
+        """``mesh`` in the colours of its file: (m, 4), or None where it has none."""
+        if face_colors is None:
+            return cls(mesh, None, source)
+        distinct, counts = np.unique(face_colors, axis=0, return_counts=True)
+        red, green, blue, alpha = distinct[np.argmax(counts)].tolist()
+        several = face_colors if len(distinct) > 1 else None
+        return cls(mesh, (red, green, blue, alpha), source, several)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

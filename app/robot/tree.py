@@ -108,12 +108,13 @@ class KinematicTree:
             column = column_of.get(driver)
             if column is None:
                 continue
-            # A motion leaves its own axis where it is, so the child's frame serves for the axis.
-            axis = matrices[joint.child][:3, :3] @ joint.axis
+            # A motion leaves its own axis where it is, so the child's frame serves for it.
+            child = matrices[joint.child]
+            axis = child[:3, :3] @ joint.axis
             if joint.slides:
                 jacobian[:3, column] += gain * MM_PER_M * axis
             else:
-                lever = origin - matrices[joint.child][:3, 3]
+                lever = origin - (child[:3, :3] @ joint.pivot_mm + child[:3, 3])
                 jacobian[:3, column] += gain * np.cross(axis, lever)
                 jacobian[3:, column] += gain * axis
         return jacobian

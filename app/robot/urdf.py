@@ -13,7 +13,7 @@ import yourdfpy
 from lxml import etree
 
 from app.robot.errors import UrdfError
-from app.robot.xml_guard import parse_xml, read_xml
+from app.robot.xml_guard import check_xml, parse_xml, read_xml
 
 MAX_URDF_BYTES = 16 * 1024 * 1024
 GEOMETRIES = ("mesh", "box", "cylinder", "sphere")
@@ -21,12 +21,24 @@ _XACRO = "http://www.ros.org/wiki/xacro"
 
 
 def read_urdf(path: Path) -> Any:
-    """The ``yourdfpy.Robot`` of the file at ``path``; raise `UrdfError` for what it cannot be.
+    """The ``yourdfpy.Robot`` of the file at ``path``: see `parse_urdf`."""
+    return _parse(read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES), path)
+
+
+def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES) -> Any:
+    """The ``yourdfpy.Robot`` of a text; raise `UrdfError` with ``name`` for what it cannot be.
 
     Every moving joint has a type, a parent and a child; revolute and sliding ones have limits
     (``lower`` and ``upper`` are 0 where the tag leaves them out, as in urdfdom).
     """
-    root = parse_xml(read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES), path, UrdfError)
+    if len(data) > max_bytes:
+        raise UrdfError(f"{name} has {len(data)} bytes: {max_bytes} are allowed")
+    check_xml(data, name, UrdfError)
+    return _parse(data, name)
+
+
+def _parse(data: bytes, path: Path | str) -> Any:
+    root = parse_xml(data, path, UrdfError)
     _check_root(root, path)
     for kind in ("link", "joint"):
         _check_names(root, kind, path)
@@ -46,7 +58,7 @@ def read_urdf(path: Path) -> Any:
     return model.robot
 
 
-def _check_root(root: etree._Element, path: Path) -> None:
+def _check_root(root: etree._Element, path: Path | str) -> None:
     if root.tag != "robot":
         raise UrdfError(f"{path} holds <{root.tag}> in line {root.sourceline}: <robot> wanted")
     if not root.get("name"):
@@ -61,7 +73,7 @@ def _check_root(root: etree._Element, path: Path) -> None:
         raise UrdfError(f"{path} has no link: one at least wanted")
 
 
-def _check_names(root: etree._Element, kind: str, path: Path) -> None:
+def _check_names(root: etree._Element, kind: str, path: Path | str) -> None:
     lines: dict[str, int] = {}
     for element in root.iterfind(kind):
         name, line = element.get("name"), element.sourceline or 0
@@ -74,7 +86,7 @@ def _check_names(root: etree._Element, kind: str, path: Path) -> None:
         lines[name] = line
 
 
-def _check_geometry(shape: etree._Element, path: Path) -> None:
+def _check_geometry(shape: etree._Element, path: Path | str) -> None:
     place = f"{path}: <{shape.tag}> in line {shape.sourceline}"
     geometry = shape.find("geometry")
     tags = [] if geometry is None else [child.tag for child in geometry]
@@ -85,7 +97,7 @@ def _check_geometry(shape: etree._Element, path: Path) -> None:
         raise UrdfError(f"{place} has a mesh without filename")
 
 
-def _check_joint(joint: etree._Element, path: Path) -> None:
+def _check_joint(joint: etree._Element, path: Path | str) -> None:
     place = f"{path}: joint {joint.get('name')!r} in line {joint.sourceline}"
     for role in ("parent", "child"):
         element = joint.find(role)

@@ -21,6 +21,13 @@ class _DoctypeFoundError(Exception):
 
 def read_xml(path: Path, error: type[RobotError], *, max_bytes: int = MAX_XML_BYTES) -> bytes:
     """The bytes of a well-formed XML file without document type; raise ``error`` otherwise."""
+    data = read_file(path, error, max_bytes=max_bytes)
+    check_xml(data, path, error)
+    return data
+
+
+def read_file(path: Path, error: type[RobotError], *, max_bytes: int) -> bytes:
+    """The bytes of a file of at most ``max_bytes``; raise ``error`` otherwise."""
     try:
         with path.open("rb") as file:
             data = file.read(max_bytes + 1)
@@ -28,12 +35,11 @@ def read_xml(path: Path, error: type[RobotError], *, max_bytes: int = MAX_XML_BY
         raise error(f"{path} cannot be read: {problem.strerror or problem}") from problem
     if len(data) > max_bytes:
         raise error(f"{path} has more than the {max_bytes} bytes that are allowed")
-    _check(data, path, error)
     return data
 
 
-def parse_xml(data: bytes, path: Path, error: type[RobotError]) -> etree._Element:
-    """The root element of bytes that `read_xml` has passed; ``path`` is for the message."""
+def parse_xml(data: bytes, path: Path | str, error: type[RobotError]) -> etree._Element:
+    """The root element of bytes that were checked; ``path`` is for the message."""
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True,
         remove_pis=True, huge_tree=len(data) > 8 * 1024 * 1024,
@@ -44,8 +50,11 @@ def parse_xml(data: bytes, path: Path, error: type[RobotError]) -> etree._Elemen
         raise error(f"{path} is not well-formed XML: {problem.msg}") from problem
 
 
-def _check(data: bytes, path: Path, error: type[RobotError]) -> None:
-    """Let expat walk the file: it stops at a document type, before any entity is declared."""
+def check_xml(data: bytes, path: Path | str, error: type[RobotError]) -> None:
+    """Raise ``error`` for bytes that are not well-formed XML, or have a document type.
+
+    expat walks through them: it stops at a document type, before any entity is declared.
+    """
 
     def refuse(*_: object) -> None:
         raise _DoctypeFoundError

@@ -1,0 +1,251 @@
+"""AMBF files against the numbers that stand in them, read here by plain yaml and scipy."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from app.robot import (
+    AdfError,
+    JointType,
+    RobotMeshError,
+    bodies_from_mesh_map,
+    load_adf,
+    load_robot,
+    parse_mesh_map,
+)
+
+
+def world_from(location):
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler(
+        "xyz", [location["orientation"][axis] for axis in "rpy"]
+    ).as_matrix()
+    matrix[:3, 3] = [1000.0 * location["position"][axis] for axis in "xyz"]
+    return matrix
+
+
+@pytest.fixture(scope="module")
+def kuka_file(shared_data):
+    return shared_data / "ambf_kuka" / "blender-kuka.yaml"
+
+
+@pytest.fixture(scope="module")
+def kuka(kuka_file):
+    return load_robot(kuka_file)
+
+
+def test_the_bodies_of_the_kuka_are_where_the_file_says(kuka, kuka_file):
+    said = yaml.safe_load(kuka_file.read_text())
+    links = kuka.forward_kinematics({})
+    assert set(links) == {"world", *(said[key]["name"] for key in said["bodies"])}
+    for key in said["bodies"]:
+        pose = links[said[key]["name"]].matrix
+        np.testing.assert_allclose(pose, world_from(said[key]["location"]), rtol=0, atol=1e-9)
+
+
+def test_the_kuka_turns_about_the_parents_axes_through_the_parents_pivots(kuka, kuka_file):
+    """We turn about the child's axis and pivot: the parent's say the same in the other frame."""
+    said = yaml.safe_load(kuka_file.read_text())
+    angle = 0.7
+    at_zero = kuka.forward_kinematics({})
+    for key in said["joints"]:
+        joint = said[key]
+        parent, child = said[joint["parent"]]["name"], said[joint["child"]]["name"]
+        moved = kuka.forward_kinematics({joint["name"]: angle})
+        turned = (moved[parent].inverse() @ moved[child]).matrix @ np.linalg.inv(
+            (at_zero[parent].inverse() @ at_zero[child]).matrix
+        )
+        axis = np.array([joint["parent axis"][each] for each in "xyz"])
+        pivot = np.array([1000.0 * joint["parent pivot"][each] for each in "xyz"])
+        # Angles stand in the file with three decimals.
+        np.testing.assert_allclose(
+            Rotation.from_matrix(turned[:3, :3]).as_rotvec(), angle * axis, atol=2e-4
+        )
+        np.testing.assert_allclose(turned[:3, :3] @ pivot + turned[:3, 3], pivot, atol=0.1)
+
+
+def test_the_kuka_has_limits_colours_and_meshes(kuka, kuka_file):
+    import trimesh
+
+    said = yaml.safe_load(kuka_file.read_text())
+    joint = kuka.joints[-1]
+    assert (joint.type, joint.lower, joint.upper) == (JointType.REVOLUTE, -3.054, 3.054)
+    for link in kuka.links[1:]:
+        peer = trimesh.load_mesh(kuka_file.parent / "meshes" / "low_res" / f"{link.name}.STL")
+        (visual,), (collision,) = link.visuals, link.collisions
+        diffuse = said[f"BODY {link.name}"]["color components"]["diffuse"]
+        assert visual.color == (diffuse["r"], diffuse["g"], diffuse["b"], 1.0)
+        for shape in (visual, collision):
+            np.testing.assert_allclose(shape.mesh.bounds_mm, 1000.0 * peer.bounds, atol=1e-3)
+
+
+def test_a_mesh_that_was_found_elsewhere_is_said(kuka):
+    about_link7 = [warning for warning in kuka.warnings if "link7" in warning]
+    for warning, resolution in zip(about_link7, ("high", "low"), strict=True):
+        assert f"kuka_lwr/{resolution}_res/link7.STL' of body 'link7' not found" in warning
+        assert warning.endswith("ambf_kuka/meshes/low_res/link7.STL' taken")
+
+
+def test_the_map_of_meshes_gives_the_bodies_of_the_kuka(kuka, kuka_file):
+    folder = kuka_file.parent / "meshes" / "low_res"
+    names = [link.name for link in kuka.links[1:]]
+    text = "".join(f"{name}:{folder / name}.STL;" for name in names)
+    robot = bodies_from_mesh_map(text, allowed_dirs=[folder])
+    assert [link.name for link in robot.links] == ["world", *names]
+    for link, peer in zip(robot.links[1:], kuka.links[1:], strict=True):
+        mesh, other = link.visuals[0].mesh, peer.visuals[0].mesh
+        np.testing.assert_array_equal(mesh.vertices_mm, other.vertices_mm)
+    with pytest.raises(RobotMeshError, match="outside the allowed mesh folders"):
+        bodies_from_mesh_map(text)
+
+
+BODY = {"name": "x", "location": {"position": {"x": 0, "y": 0, "z": 0}}}
+
+
+@pytest.fixture
+def write_adf(tmp_path):
+    def write(bodies, joints=(), **settings):
+        def key(kind, section):
+            return f"{kind} {section['name']}"
+
+        document = {
+            "bodies": [key("BODY", body) for body in bodies],
+            "joints": [key("JOINT", joint) for joint in joints],
+            **settings,
+            **{key("BODY", body): body for body in bodies},
+            **{key("JOINT", joint): joint for joint in joints},
+        }
+        path = tmp_path / "model.yaml"
+        path.write_text(yaml.safe_dump(document))
+        return path
+
+    return write
+
+
+def at(x, y, z, r=0.0, p=0.0, yaw=0.0):
+    return {
+        "position": {"x": x, "y": y, "z": z},
+        "orientation": {"r": r, "p": p, "y": yaw},
+    }
+
+
+def joint(kind="revolute", parent="BODY left arm", child="BODY hand", **more):
+    return {
+        "name": "wrist roll", "parent": parent, "child": child, "type": kind,
+        "parent axis": {"x": 0, "y": 0, "z": 1}, "parent pivot": {"x": 0.3, "y": 0, "z": 0},
+        "child axis": {"x": 0, "y": 0, "z": 1}, "child pivot": {"x": -0.1, "y": 0, "z": 0},
+        **more,
+    }  # fmt: skip
+
+
+ARM = {"name": "left arm", "location": at(1, 2, 3, yaw=math.pi / 2)}
+HAND = {"name": "hand", "location": at(1, 2.4, 3, yaw=math.pi / 2)}
+
+
+def test_a_joint_turns_about_its_pivot_and_names_lose_their_spaces(write_adf):
+    robot = load_adf(write_adf([ARM, HAND], [joint()]))
+    assert robot.warnings == ()
+    assert robot.actuated_joint_names == ("wristroll",)
+    assert robot.joints[-1].type is JointType.CONTINUOUS
+    turned = robot.forward_kinematics({"wristroll": math.pi})
+    # The pivot is at (1, 2.3, 3); the hand, 0.1 m behind it, comes to the other side.
+    np.testing.assert_allclose(turned["leftarm"].translation_mm, [1000, 2000, 3000], atol=1e-9)
+    np.testing.assert_allclose(turned["hand"].translation_mm, [1000, 2200, 3000], atol=1e-9)
+    wanted = turned["hand"]
+    found = robot.inverse_kinematics("hand", wanted, seed={"wristroll": 2.0})
+    assert found["wristroll"] == pytest.approx(math.pi)
+
+
+def test_a_sliding_joint_slides_and_keeps_its_limits(write_adf):
+    slide = joint("prismatic", **{"joint limits": {"low": -0.1, "high": 0.2}})
+    robot = load_adf(write_adf([ARM, HAND], [slide]))
+    assert (robot.joints[-1].lower, robot.joints[-1].upper) == (-0.1, 0.2)
+    moved = robot.forward_kinematics({"wristroll": 0.05})["hand"]
+    np.testing.assert_allclose(moved.translation_mm, [1000, 2400, 3050], atol=1e-9)
+
+
+def test_primitives_scale_offsets_and_colours(write_adf):
+    body = {
+        "name": "tool", "location": at(0, 0, 0), "scale": 2.0,
+        "shape": "Cylinder", "geometry": {"radius": 0.01, "height": 0.1, "axis": "x"},
+        "collision shape": "BOX", "collision geometry": {"x": 0.1, "y": 0.2, "z": 0.3},
+        "inertial offset": at(0.5, 0, 0, r=math.pi / 2), "color rgba": {"r": 1, "g": 0, "b": 0},
+    }  # fmt: skip
+    tool = load_adf(write_adf([body])).links[1]
+    np.testing.assert_allclose(tool.visuals[0].mesh.bounds_mm[1], [100, 20, 20], atol=0.1)
+    assert tool.visuals[0].color == (1, 0, 0, 1)
+    lower, upper = tool.collisions[0].mesh.bounds_mm
+    np.testing.assert_allclose(lower, [400, -300, -200], atol=1e-9)
+    np.testing.assert_allclose(upper, [600, 300, 200], atol=1e-9)
+
+
+def test_places_that_contradict_the_pivots_are_said(write_adf):
+    robot = load_adf(write_adf([ARM, {**HAND, "location": at(1, 2.5, 3)}], [joint()]))
+    assert "the pivots are 224 mm" in robot.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("bodies", "joints", "message"),
+    [
+        ([ARM, HAND], [joint("p2p")], "type 'p2p': one of hinge"),
+        ([ARM], [joint()], "child 'BODY hand' is no body: BODY left arm are"),
+        ([ARM, HAND], [joint(), {**joint(), "name": "again"}], "child of the joints"),
+        (
+            [ARM, HAND],
+            [joint(), {**joint(parent="BODY hand", child="BODY left arm"), "name": "back"}],
+            "loop",
+        ),
+        ([ARM, {**ARM, "name": "leftarm"}], [], "two bodies of one name"),
+        ([{**ARM, "scale": 0}], [], "'scale' is 0"),
+        ([{**ARM, "scale": [1, 2]}], [], "'scale' is"),
+        ([{**ARM, "location": {"position": {"x": 1, "y": 2}}}], [], "'z' is None: a finite"),
+        ([{**ARM, "location": at(math.nan, 0, 0)}], [], "'x' is nan"),
+        ([ARM, HAND], [joint(**{"child axis": {"x": 0, "y": 0, "z": 0}})], "a direction wanted"),
+        ([{**ARM, "color rgba": {"r": 2, "g": 0, "b": 0}}], [], "0 to 1 wanted"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(write_adf, bodies, joints, message):
+    with pytest.raises(AdfError, match=message) as refused:
+        load_adf(write_adf(bodies, joints))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[]", "is no ADF"),
+        ("bodies: [a]", "has no such section"),
+        ("bodies: [a]\na: {}\na: {}", "a key twice"),
+        ("bodies: [a, a]\na: {name: a}", "twice in 'bodies'"),
+        ("bodies: [a]\nb: &b {name: a}\na: {<<: *b}", "merge key"),
+        ("bodies: !!python/object/apply:os.system [ls]", "not YAML that can be read"),
+        ("a: " + "[" * 100, "nested deeper"),
+    ],
+)
+def test_yaml_of_strangers_is_refused(tmp_path, text, message):
+    path = tmp_path / "model.yaml"
+    path.write_text(text)
+    with pytest.raises(AdfError, match=message):
+        load_adf(path)
+
+
+def test_a_mesh_for_collision_that_is_missing_is_an_error(write_adf):
+    path = write_adf([{**ARM, "mesh": "arm.STL"}], **{"high resolution path": "high/"})
+    with pytest.raises(RobotMeshError, match=r"'high/arm.STL' of body 'leftarm' not found"):
+        load_adf(path)
+
+
+def test_parse_mesh_map():
+    assert parse_mesh_map("a:/x/a.stl; b :/y:z/b.stl;") == {"a": "/x/a.stl", "b": "/y:z/b.stl"}
+    for text, message in (
+        ("", "is empty"),
+        ("a", "entry 'a'"),
+        (":/x", "entry ':/x'"),
+        ("a:/x;a:/y", "'a' twice"),
+        ("x" * 2_000_000, "2000000 characters"),
+    ):
+        with pytest.raises(AdfError, match=message):
+            parse_mesh_map(text)

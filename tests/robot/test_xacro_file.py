@@ -1,0 +1,110 @@
+"""Expanded xacro files, and what they may not read."""
+
+import pytest
+
+from app.robot import UrdfError, load_robot, parse_xacro_args, robot_from_text
+
+HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(name, body):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"{HEAD}{body}</robot>" if name.endswith("xacro") else body)
+        return path
+
+    return write
+
+
+CHAIN = """
+<xacro:arg name="length" default="0.5"/>
+<xacro:include filename="parts/part.xacro"/>
+<link name="l0"/>
+<xacro:part n="1"/><xacro:part n="2"/>
+"""
+PART = """
+<xacro:macro name="part" params="n">
+  <link name="l${n}"/>
+  <joint name="j${n}" type="fixed"><parent link="l${n - 1}"/><child link="l${n}"/>
+    <origin xyz="0 0 ${2 * $(arg length)}"/></joint>
+</xacro:macro>
+"""
+
+
+@pytest.mark.parametrize(("arguments", "height_mm"), [({}, 2000.0), ({"length": "0.1"}, 400.0)])
+def test_macros_includes_and_arguments(write, arguments, height_mm):
+    path = write("arm.urdf.xacro", CHAIN)
+    write("parts/part.xacro", PART)
+    robot = load_robot(path, xacro_args=arguments)
+    assert robot.forward_kinematics({})["l2"].translation_mm[2] == pytest.approx(height_mm)
+
+
+def test_find_leads_to_the_packages_folder(write, tmp_path):
+    path = write("robots/arm.xacro", '<xacro:include filename="$(find far)/a.xacro"/>')
+    write("packages/far/a.xacro", '<link name="found"/>')
+    robot = load_robot(path, package_dirs=[tmp_path / "packages"])
+    assert robot.root_link == "found"
+    with pytest.raises(UrdfError, match=r"\$\(find far\): no such package"):
+        load_robot(path)
+
+
+def test_an_optional_include_may_be_missing(write):
+    body = '<link name="l"/><xacro:include filename="none.xacro" optional="true"/>'
+    assert load_robot(write("a.xacro", body)).root_link == "l"
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<xacro:include filename="../secret.xacro"/>', "secret.xacro is outside the allowed"),
+        ('<xacro:include filename="/etc/hostname"/>', "/etc/hostname is outside the allowed"),
+        ("<link name=\"${xacro.load_yaml('/etc/hostname')}\"/>", "outside the allowed"),
+        ('<xacro:include filename="link.xacro"/>', "link.xacro is outside the allowed"),
+        ('<xacro:include filename="missing.xacro"/>', "No such file"),
+        ("<link name=\"${open('/etc/hostname')}\"/>", "cannot be expanded"),
+        ('<link name="${1 / 0}"/>', "cannot be expanded.*division"),
+        ("<xacro:unknown_macro/>", "cannot be expanded.*unknown"),
+        ('<link name="$(arg nothing)"/>', "cannot be expanded.*nothing"),
+    ],
+)
+def test_what_is_refused(write, tmp_path, body, message):
+    write("secret.xacro", '<link name="secret"/>')
+    path = write("inside/a.xacro", body)
+    (path.parent / "link.xacro").symlink_to(tmp_path / "secret.xacro")
+    with pytest.raises(UrdfError, match=message) as refused:
+        load_robot(path)
+    assert "\n" not in str(refused.value)
+
+
+def test_entities_are_refused_in_included_files_too(write, tmp_path):
+    path = write("a.xacro", '<xacro:include filename="bomb.xacro"/>')
+    (tmp_path / "bomb.xacro").write_text('<!DOCTYPE r [<!ENTITY a "b">]><robot name="&a;"/>')
+    with pytest.raises(UrdfError, match="document type"):
+        load_robot(path)
+
+
+def test_nothing_of_ours_is_left_in_xacro(write):
+    import xacro
+    import xacro.substitution_args
+
+    find = xacro.substitution_args._eval_find
+    with pytest.raises(UrdfError):
+        load_robot(write("a.xacro", "<xacro:x/>"))
+    assert xacro.substitution_args._eval_find is find
+    assert not hasattr(xacro, "open")
+
+
+def test_arguments(write, write_urdf):
+    assert parse_xacro_args(["a:=1", "b:=x:=y", "c:="]) == {"a": "1", "b": "x:=y", "c": ""}
+    for entry in ("a=1", ":=1", ""):
+        with pytest.raises(UrdfError, match="name:=value wanted"):
+            parse_xacro_args([entry])
+    with pytest.raises(UrdfError, match="takes no xacro arguments"):
+        load_robot(write_urdf('<link name="a"/>'), xacro_args={"a": "1"})
+
+
+def test_a_text_from_the_network_is_never_expanded():
+    with pytest.raises(UrdfError, match="xacro element"):
+        robot_from_text(f'{HEAD}<link name="a"/><xacro:arg name="x"/></robot>')
