@@ -8,15 +8,15 @@ from app.bridge.environment import prepare_environment
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
-from app.bridge.replay_publisher import ReplayPublisher
 from app.bridge.replay_scene import ReplayScene, root_edges
+from app.bridge.session_publisher import SessionPublisher
 
 __all__ = [
     "BridgeError",
     "PlayerServices",
-    "ReplayPublisher",
     "ReplayScene",
     "RosNode",
+    "SessionPublisher",
     "prepare_environment",
     "root_edges",
 ]

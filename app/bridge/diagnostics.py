@@ -1,5 +1,7 @@
 """What an engineer asks first, as ``diagnostic_msgs``: state, reasons, ages, what is lost."""
 
+from collections.abc import Callable, Mapping
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from app.bridge.markers import margin_text
@@ -18,9 +20,13 @@ PERIOD_NS = NS_PER_S
 
 
 class Diagnostics:
-    """Speaks once a second of the player's time, and whenever the state or a reason changes."""
+    """Speaks once a second of the session's time, and whenever the state or a reason changes.
 
-    def __init__(self) -> None:
+    ``counts`` are those of a live source: what it has received, and what was left out and why.
+    """
+
+    def __init__(self, counts: Callable[[], Mapping[str, int]] | None = None) -> None:
+        self._counts = counts
         self._samples: dict[tuple[str, str], TrackedTransform] = {}
         self._lost: dict[tuple[str, str], int] = {}
         self._joints_stamp: Stamp | None = None
@@ -45,6 +51,9 @@ class Diagnostics:
         status = [_margin_status(step), self._tracking_status(now)]
         if self._joints_stamp is not None:
             status.append(_joints_status(now, self._joints_stamp))
+        if self._counts is not None:
+            counts = {name: str(count) for name, count in self._counts().items()}
+            status.append(_status("source", DiagnosticStatus.OK, "live", counts))
         return DiagnosticArray(header=header_message("", now), status=status)
 
     def _tracking_status(self, now: Stamp) -> DiagnosticStatus:

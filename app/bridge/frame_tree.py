@@ -1,13 +1,30 @@
 """Which frames a step moves: the edges of ``/tf``, each with the stamp of its own sample."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 from app.session import StepResult
 
 
-def moving_edges(step: StepResult) -> Iterator[tuple[Transform, Stamp]]:
+@dataclass(frozen=True, slots=True)
+class Voice:
+    """What is said of that which others may say too. A replay is alone and says all of it.
+
+    ``clock``: the session's time is the time of the graph; ``measured``: the tracker's edges;
+    ``robot``: its joints and its links.
+    """
+
+    clock: bool = True
+    measured: bool = True
+    robot: bool = True
+
+
+ALONE = Voice()
+
+
+def moving_edges(step: StepResult, voice: Voice = ALONE) -> Iterator[tuple[Transform, Stamp]]:
     """Every transform that ``step`` knows, with the time at which it was true.
 
     Measured edges are as they were measured, lost ones left out: tf has no word for "lost", its
@@ -15,10 +32,10 @@ def moving_edges(step: StepResult) -> Iterator[tuple[Transform, Stamp]]:
     joint is needed to place them. The fixture has the stamp of the oldest sample that went in;
     while the margin is UNKNOWN the last plane still holds, but nothing newer is known to send.
     """
-    for sample in step.frame.poses:
+    for sample in step.frame.poses if voice.measured else ():
         if sample.transform is not None:
             yield sample.transform, sample.stamp
-    if step.joints is not None:
+    if step.joints is not None and voice.robot:
         for link, root_from_link in step.links.items():
             if link != root_from_link.target:
                 yield root_from_link, step.joints.stamp
@@ -41,7 +58,8 @@ class FrameTree:
     the robot. When the player seeks back, all samples are new again.
     """
 
-    def __init__(self, static_edges: Iterable[Transform] = ()) -> None:
+    def __init__(self, static_edges: Iterable[Transform] = (), voice: Voice = ALONE) -> None:
+        self._voice = voice
         self._parents = {edge.source: edge.target for edge in static_edges}
         self._static = frozenset(self._parents)
         self._newest_ns: dict[str, int] = {}
@@ -55,7 +73,7 @@ class FrameTree:
             self._newest_ns.clear()
         self._now_ns = step.frame.stamp.ns
         found = []
-        for transform, stamp in moving_edges(step):
+        for transform, stamp in moving_edges(step, self._voice):
             newest_ns = self._newest_ns.get(transform.source)
             if self._fits(transform) and (newest_ns is None or stamp.ns > newest_ns):
                 self._newest_ns[transform.source] = stamp.ns

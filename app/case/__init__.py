@@ -11,9 +11,17 @@ from app.case.expected import (
     load_expected,
     write_expected,
 )
+from app.case.frame_assembly import agreed_sample
 from app.case.igsio import read_igsio
 from app.case.inventory import EdgeCount, RecordingInventory
 from app.case.landmark_file import POINT_ENDINGS, read_landmarks
+from app.case.live_file import (
+    LiveCase,
+    LiveSourceEntry,
+    TfSourceEntry,
+    TopicSourceEntry,
+    open_live,
+)
 from app.case.manifest import (
     TUMOR_MESH_FRAME,
     CaseManifest,
@@ -72,6 +80,8 @@ __all__ = [
     "ExpectedDropout",
     "ExpectedRegistration",
     "JointSample",
+    "LiveCase",
+    "LiveSourceEntry",
     "MarginEntry",
     "MeshEntry",
     "Player",
@@ -83,9 +93,12 @@ __all__ = [
     "RegistrationEntry",
     "RobotEntry",
     "SegmentationEntry",
+    "TfSourceEntry",
     "ToolEntry",
+    "TopicSourceEntry",
     "TrackingFrame",
     "TumorEntry",
+    "agreed_sample",
     "check_mesh_place",
     "check_place",
     "check_transform_path",
@@ -94,6 +107,7 @@ __all__ = [
     "load_manifest",
     "load_mesh",
     "open_case",
+    "open_live",
     "read_igsio",
     "read_landmarks",
     "read_mcap",

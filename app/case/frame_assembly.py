@@ -52,21 +52,17 @@ class FrameAssembler:
             yield self._finished(oldest)
 
     def _agreed(self, known: TrackedTransform | None, sample: TrackedTransform) -> TrackedTransform:
-        if known is None or known.transform is None:
-            return known or sample
-        if sample.transform is None:
+        if known is None:
             return sample
-        if np.array_equal(known.transform.matrix, sample.transform.matrix):
-            return known
-        if not self._contradiction_said:
+        agreed = agreed_sample(known, sample)
+        contradicts = known.transform is not None and sample.transform is not None
+        if contradicts and agreed is not known and not self._contradiction_said:
             self._note(
                 f"{sample.target} -> {sample.source} comes with two poses at {sample.stamp.ns} ns: "
                 "such samples are INVALID"
             )
-        self._contradiction_said = True
-        return TrackedTransform.lost(
-            sample.target, sample.source, sample.stamp, TrackingStatus.INVALID
-        )
+            self._contradiction_said = True
+        return agreed
 
     def add_unfiltered(self, stamp: Stamp, unfiltered: Stamp) -> None:
         """Take the second clock's reading; it goes with the samples acquired at ``stamp``."""
@@ -98,6 +94,17 @@ class FrameAssembler:
         joints = tuple(self._joints[:mine])
         del self._joints[:mine]
         return TrackingFrame(Stamp(ns), tuple(draft.poses.values()), joints, draft.unfiltered)
+
+
+def agreed_sample(known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:
+    """What two samples of one edge at one stamp say together: ``known``, a lost one, or INVALID."""
+    if known.transform is None:
+        return known
+    if sample.transform is None:
+        return sample
+    if np.array_equal(known.transform.matrix, sample.transform.matrix):
+        return known
+    return TrackedTransform.lost(sample.target, sample.source, sample.stamp, TrackingStatus.INVALID)
 
 
 def _ns(sample: JointSample) -> int:

@@ -4,6 +4,7 @@ Distances are in mm, matrices row by row, times as their keys say.
 """
 
 import math
+import re
 from dataclasses import replace
 
 from app.case.document import Section
@@ -33,6 +34,8 @@ from app.geometry import (
     Transform,
     check_frame,
 )
+
+_TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 MIN_DRIFT = 0.1
 """Least drift bound, in mm and in degrees: below it the noise of any tracker would be drift."""
@@ -121,16 +124,21 @@ def read_robot(document: Section) -> RobotEntry | None:
     if not document.has("robot"):
         return None
     block = document.section("robot", ("urdf", "base_frame", "tool_link", "joint_states"))
-    joint_states = None
-    if block.has("joint_states"):
-        joint_states = block.text("joint_states")
-        if not joint_states.startswith("/"):
-            raise InputError(
-                f"{block.place('joint_states')} is {joint_states!r}: a topic from '/' on wanted"
-            )
+    joint_states = read_topic(block, "joint_states") if block.has("joint_states") else None
     return RobotEntry(
         block.text("urdf"), read_frame(block, "base_frame"), block.text("tool_link"), joint_states
     )
+
+
+def read_topic(block: Section, key: str) -> str:
+    """The full name of a ROS topic."""
+    topic = block.text(key)
+    if not _TOPIC.fullmatch(topic):
+        raise InputError(
+            f"{block.place(key)} is {topic!r}: a topic from '/' on wanted, "
+            "of letters, digits and underscores"
+        )
+    return topic
 
 
 def read_registration(document: Section, robot: RobotEntry | None) -> RegistrationEntry | None:

@@ -28,7 +28,7 @@ def publishing(
     try:
         from app.bridge import (
             PlayerServices,
-            ReplayPublisher,
+            SessionPublisher,
             ReplayScene,
             prepare_environment,
             root_edges,
@@ -54,6 +54,6 @@ def publishing(
         registration=robot.registration.transform if robot and robot.registration else None,
     )
     heartbeat_hz = HEARTBEAT_HZ if options.rate is not None else None
-    with ReplayPublisher(scene, heartbeat_hz=heartbeat_hz) as publisher:
+    with SessionPublisher(scene, heartbeat_hz=heartbeat_hz) as publisher:
         PlayerServices(publisher.ros, player)
         yield publisher.publish

@@ -7,6 +7,7 @@ Reads no clock and knows neither ROS nor VTK.
 
 from app.session.from_case import margin_parameters, setup_from_case
 from app.session.joint_clock import tip_signals, with_estimated_clock
+from app.session.live import LiveSession
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.session import Session, StepResult
 from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
@@ -14,6 +15,7 @@ from app.session.tumor_repair import with_repaired_tumor
 
 __all__ = [
     "REFERENCE",
+    "LiveSession",
     "MeasuredPose",
     "PoseTree",
     "ProximityModel",

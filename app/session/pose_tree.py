@@ -183,11 +183,12 @@ class PoseTree:
     def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
         wanted = (target, source)
         if wanted not in self._paths:
-            self._paths[wanted] = _shortest_path(tuple(self._edges), target, source)
+            self._paths[wanted] = shortest_path(tuple(self._edges), target, source)
         return self._paths[wanted]
 
 
-def _shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge, ...] | None:
+def shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge, ...] | None:
+    """The edges from ``start`` to ``goal``, walked either way; None when nothing leads there."""
     paths: dict[str, tuple[Edge, ...]] = {start: ()}
     queue = deque([start])
     while queue:

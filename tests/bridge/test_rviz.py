@@ -9,7 +9,7 @@ from rclpy.qos import DurabilityPolicy
 
 from app.bridge import topics
 from app.bridge.qos import Topic
-from app.bridge.replay_publisher import NODE_NAME
+from app.bridge.session_publisher import NODE_NAME
 from app.cli.main import build_parser
 
 PUBLISHED = {

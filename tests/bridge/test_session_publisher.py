@@ -6,7 +6,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from app.bridge import topics
-from app.bridge.replay_publisher import ReplayPublisher
+from app.bridge.session_publisher import SessionPublisher
 from app.fixture import MarginState
 
 TF = "/tf:tf2_msgs/msg/TFMessage"
@@ -50,7 +50,7 @@ MESSAGES_A_CHANGE = 2  # surfaces, diagnostics
 @pytest.fixture
 def heard(domain_id, scene, make_step, start_receiver):
     """Messages by topic: five steps, of which the third has lost the tool."""
-    with ReplayPublisher(scene, domain_id=domain_id) as ros:
+    with SessionPublisher(scene, domain_id=domain_id) as ros:
         receiver = start_receiver(*EVERYTHING)
         wait_for_one_subscriber(ros, *topics.EVERY_STEP)
         lines = receiver.take(MESSAGES_AT_START)
@@ -157,7 +157,7 @@ def check_markers(messages):
 
 
 def test_a_late_joiner_gets_all_that_is_latched(domain_id, scene, make_step, start_receiver):
-    with ReplayPublisher(scene, domain_id=domain_id) as ros:
+    with SessionPublisher(scene, domain_id=domain_id) as ros:
         for index in range(3):
             ros.publish(make_step(index, state=MarginState.WARNING))
         received = start_receiver(
@@ -178,7 +178,7 @@ def test_a_late_joiner_gets_all_that_is_latched(domain_id, scene, make_step, sta
 
 
 def test_the_constraint_beats_between_steps(domain_id, scene, make_step, start_receiver):
-    with ReplayPublisher(scene, domain_id=domain_id, heartbeat_hz=200.0) as ros:
+    with SessionPublisher(scene, domain_id=domain_id, heartbeat_hz=200.0) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:20")
         wait_for_one_subscriber(ros, topics.CONSTRAINT)
         step = make_step(0)
@@ -200,7 +200,7 @@ def test_the_constraint_beats_between_steps(domain_id, scene, make_step, start_r
     ],
 )
 def test_the_quality_of_service_is_what_the_graph_sees(domain_id, scene, topic, durability, depth):
-    with ReplayPublisher(scene, domain_id=domain_id) as ros:
+    with SessionPublisher(scene, domain_id=domain_id) as ros:
         name = topic.name.replace("~", "/marginguard")
         seen = ros.ros.node.get_publishers_info_by_topic(name)
         assert seen
@@ -212,7 +212,7 @@ def test_the_quality_of_service_is_what_the_graph_sees(domain_id, scene, topic, 
 
 def test_a_case_without_robot_has_no_description(domain_id, scene, make_step):
     freehand = replace(scene, robot_description=None, registration=None)
-    with ReplayPublisher(freehand, domain_id=domain_id) as ros:
+    with SessionPublisher(freehand, domain_id=domain_id) as ros:
         ros.publish(replace(make_step(0), joints=None, links={}))
         names = dict(ros.ros.node.get_topic_names_and_types())
     assert "/robot_description" not in names
@@ -220,7 +220,7 @@ def test_a_case_without_robot_has_no_description(domain_id, scene, make_step):
 
 
 def test_closing_twice_is_closing_once(domain_id, scene):
-    ros = ReplayPublisher(scene, domain_id=domain_id, heartbeat_hz=100.0)
+    ros = SessionPublisher(scene, domain_id=domain_id, heartbeat_hz=100.0)
     ros.close()
     ros.close()
     assert not ros.ros.is_open

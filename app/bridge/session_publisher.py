@@ -1,7 +1,7 @@
-"""A replay on the ROS graph: every step of a session as messages with the stamps of its samples."""
+"""A session on the ROS graph: each step as messages with the stamps of its samples."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
@@ -13,7 +13,7 @@ from std_msgs.msg import Float64, String
 from app.bridge import messages, topics
 from app.bridge.constraint import ConstraintBuilder
 from app.bridge.diagnostics import Diagnostics
-from app.bridge.frame_tree import FrameTree
+from app.bridge.frame_tree import ALONE, FrameTree, Voice
 from app.bridge.heartbeat import Heartbeat
 from app.bridge.markers import Markers
 from app.bridge.node import RosNode
@@ -27,12 +27,13 @@ from app.session import StepResult
 NODE_NAME = "marginguard"
 
 
-class ReplayPublisher:
-    """``with ReplayPublisher(scene) as ros: ... ros.publish(session.step(frame))``.
+class SessionPublisher:
+    """``with SessionPublisher(scene) as ros: ... ros.publish(session.step(frame))``.
 
     What does not change (static frames, the robot's description, grey surfaces) is latched on
-    construction. ``heartbeat_hz`` repeats the constraint in a thread between steps, for a replay
-    that follows real time; None sends one constraint a step. `publish` is for one thread.
+    construction. ``heartbeat_hz`` repeats the constraint in a thread between steps, for a session
+    that follows real time; None sends one constraint a step. ``voice`` tells what is left to
+    others, ``counts`` what diagnostics say of a live source. `publish` is for one thread.
     """
 
     def __init__(
@@ -44,18 +45,23 @@ class ReplayPublisher:
         ros_args: Sequence[str] = (),
         domain_id: int | None = None,
         heartbeat_hz: float | None = None,
+        voice: Voice = ALONE,
+        counts: Callable[[], Mapping[str, int]] | None = None,
     ) -> None:
+        self._voice = voice
         with ExitStack() as opening:
             self.ros = opening.enter_context(
                 RosNode(name, namespace=namespace, ros_args=ros_args, domain_id=domain_id)
             )
             self._publishers = {
-                topic.name: self.ros.publisher(topic) for topic in topics.EVERY_STEP
+                topic.name: self.ros.publisher(topic)
+                for topic in topics.EVERY_STEP
+                if self._speaks_on(topic)
             }
             self._surfaces_publisher = self.ros.publisher(topics.MARKERS)
-            self._frame_tree = FrameTree(scene.static_edges)
+            self._frame_tree = FrameTree(scene.static_edges, voice)
             self._edges_left_out: set[tuple[str, str]] = set()
-            self._diagnostics = Diagnostics()
+            self._diagnostics = Diagnostics(counts)
             self._markers = Markers(scene)
             # Serialised once a state: a tumour of 80k triangles takes long to convert.
             self._surfaces = {
@@ -63,6 +69,8 @@ class ReplayPublisher:
             }
             self._surfaces_state: MarginState | None = None
             self._constraint_builder = ConstraintBuilder(scene)
+            self._last_state: int | None = None
+            self._fault_seq = 0
             self._latch(scene)
             self._heartbeat = Heartbeat(self._send_constraint, heartbeat_hz)
             self._open = opening.pop_all()
@@ -70,9 +78,10 @@ class ReplayPublisher:
 
     def publish(self, step: StepResult) -> None:
         """Send everything that ``step`` found; the clock first, so that no sample is from later."""
-        self._send(topics.CLOCK, messages.clock_message(step.frame.stamp))
+        if self._voice.clock:
+            self._send(topics.CLOCK, messages.clock_message(step.frame.stamp))
         self._publish_frames(step)
-        for sample in step.frame.joints:
+        for sample in step.frame.joints if self._voice.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
         self._heartbeat.newest(self._constraint_builder.message(step.decision))
         self._publish_margin(step.decision)
@@ -80,9 +89,19 @@ class ReplayPublisher:
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
 
+    @property
+    def fault_seq(self) -> int:
+        """``seq`` of the constraint with which the state last became UNKNOWN."""
+        return self._fault_seq
+
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. A second call does nothing."""
         self._open.close()
+
+    def _speaks_on(self, topic: Topic) -> bool:
+        if topic is topics.CLOCK:
+            return self._voice.clock
+        return self._voice.robot or topic is not topics.JOINT_STATES
 
     def _publish_frames(self, step: StepResult) -> None:
         edges = self._frame_tree.news(step)
@@ -123,6 +142,9 @@ class ReplayPublisher:
 
     def _send_constraint(self, message: FixtureConstraint, seq: int) -> None:
         message.seq = seq
+        if message.state != self._last_state and message.state == int(MarginState.UNKNOWN):
+            self._fault_seq = seq
+        self._last_state = message.state
         self._send(topics.CONSTRAINT, message)
 
     def __enter__(self) -> Self:

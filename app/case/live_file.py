@@ -1,0 +1,146 @@
+"""``live.yaml``: the words of ``case.yaml`` with a live ``source`` in the place of a recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.case.case import Case
+from app.case.document import Section
+from app.case.manifest import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
+from app.case.manifest_sections import (
+    check_schema,
+    read_clock,
+    read_frame,
+    read_margins,
+    read_provenance,
+    read_registration,
+    read_robot,
+    read_tool,
+    read_topic,
+    read_tumor,
+)
+from app.case.ros_messages import TRACKED_TRANSFORMS_TOPIC
+from app.geometry import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class TfSourceEntry:
+    """The tracker's poses are on ``/tf``: ``edges`` (parent, child), or whatever leads there."""
+
+    edges: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSourceEntry:
+    """The tracker's poses are on ``topic``, as ``marginguard_msgs/TrackedTransform``."""
+
+    topic: str
+
+
+LiveSourceEntry = TfSourceEntry | TopicSourceEntry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveCase:
+    """What a live session needs. ``case`` has everything but a recording.
+
+    ``stamps_of_host``: the source stamps by the clock of this machine; otherwise the offset of
+    its clock is estimated as samples arrive.
+    """
+
+    case: Case
+    source: LiveSourceEntry
+    stamps_of_host: bool
+
+
+def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
+    """Read ``live.yaml``, and find the files that it names beside it.
+
+    Raises `InputError` for the first thing that is wrong.
+    """
+    if not path.is_file():
+        raise InputError(f"{path} is no live configuration: no such file")
+    document = Section.load(
+        path,
+        (
+            "schema",
+            "name",
+            "provenance",
+            "source",
+            "clock",
+            "tool",
+            "tumor",
+            "robot",
+            "registration",
+            "margins",
+        ),
+    )
+    check_schema(document)
+    robot, tool = read_robot(document), read_tool(document)
+    source, stamps_of_host = _source(document)
+    case = Case(
+        path.parent,
+        CaseManifest(
+            file=path.name,
+            name=document.text("name"),
+            provenance=read_provenance(document),
+            recording=None,
+            clock=_clock(document),
+            tool=tool,
+            tumor=read_tumor(document, tool),
+            robot=robot,
+            registration=_registration(document, robot),
+            margins=read_margins(document),
+            expected=None,
+        ),
+        None,
+        tuple(package_dirs),
+    )
+    case.check_files()
+    return LiveCase(case, source, stamps_of_host)
+
+
+def _source(document: Section) -> tuple[LiveSourceEntry, bool]:
+    block = document.section("source", ("tf", "tracked_transforms", "clock"))
+    if block.has("tf") == block.has("tracked_transforms"):
+        raise InputError(
+            f"{document.place('source')} has {'both' if block.has('tf') else 'none'} of tf and "
+            "tracked_transforms: one of them wanted"
+        )
+    of_host = block.choice("clock", ("host", "estimate")) == "host"
+    if block.has("tf"):
+        return TfSourceEntry(_edges(block.section("tf", ("edges",)))), of_host
+    topic_block = block.section("tracked_transforms", ("topic",))
+    topic = TRACKED_TRANSFORMS_TOPIC
+    if topic_block.has("topic"):
+        topic = read_topic(topic_block, "topic")
+    return TopicSourceEntry(topic), of_host
+
+
+def _edges(tf: Section) -> tuple[tuple[str, str], ...]:
+    if not tf.has("edges"):
+        return ()
+    edges = tf.sections("edges", ("parent", "child"))
+    if not edges:
+        raise InputError(f"{tf.place('edges')} is empty: leave it out to have them found")
+    return tuple((read_frame(edge, "parent"), read_frame(edge, "child")) for edge in edges)
+
+
+def _clock(document: Section) -> ClockEntry:
+    clock = read_clock(document)
+    if clock.estimate:
+        raise InputError(
+            f"{document.place('clock')}.estimate needs a recording: estimate the offset with "
+            "'marginguard calibrate time' and give it as offset_robot_to_tracker_ms"
+        )
+    return clock
+
+
+def _registration(document: Section, robot: RobotEntry | None) -> RegistrationEntry | None:
+    entry = read_registration(document, robot)
+    if entry is not None and entry.dwells:
+        raise InputError(
+            f"{document.place('registration')}.dwells needs a recording: register one with "
+            "'marginguard register' and give the result as method: given"
+        )
+    return entry

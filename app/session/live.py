@@ -1,0 +1,122 @@
+"""A session that follows a live source: one step a frame, and one whenever a pose becomes stale."""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+
+from app.case import JointSample, TrackingFrame
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform
+from app.session.live_clock import SourceClock
+from app.session.live_frames import LiveFrames
+from app.session.pose_tree import Edge
+from app.session.session import Session, StepResult
+
+TICK_NS = 100 * NS_PER_MS
+"""How often a session steps while its source is silent."""
+
+Wait = Callable[[threading.Condition, float], object]
+"""Waits on a condition that is held, at most so many seconds."""
+
+
+class LiveSession:
+    """``for step in live.steps(): publish(step)``, while other threads `add` what arrives.
+
+    A frame is stepped as soon as it is ready, not at a rate. When the oldest pose that the last
+    decision rests on becomes stale, a frame without poses follows at once, and others every
+    `TICK_NS`: the margin is never better than what is known now. ``host_ns`` reads the host's
+    clock, ``wait`` waits on it.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        host_ns: Callable[[], int],
+        stamps_of_host: bool,
+        edges: Sequence[Edge] = (),
+        wait: Wait = threading.Condition.wait,
+    ) -> None:
+        self._session = session
+        self._host_ns = host_ns
+        self._wait = wait
+        self._clock = SourceClock(stamps_of_host=stamps_of_host)
+        self._frames = LiveFrames(session.setup, self._clock, edges)
+        self._changed = threading.Condition()
+        self._stepping = threading.Lock()
+        self._stopped = False
+        self._watch_ns = host_ns()
+        self._longest_ns = max(session.setup.margins.stale_after_ns + 1, TICK_NS)
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges (parent, child) that lead from the tumour to the tool, as far as known."""
+        with self._changed:
+            return self._frames.edges
+
+    def left_out(self) -> dict[str, int]:
+        """How many samples were not used, by reason."""
+        with self._changed:
+            return dict(self._frames.left_out)
+
+    def add(self, samples: Sequence[TrackedTransform]) -> None:
+        """Take samples that have just arrived."""
+        with self._changed:
+            self._frames.add(samples, self._host_ns())
+            self._changed.notify()
+
+    def add_joints(self, sample: JointSample) -> None:
+        """Take joints, stamped by the host's clock; before the first pose there is no use for them.
+
+        They make no step of their own: the margin is measured by the tracker.
+        """
+        with self._changed:
+            offset_ns = self._clock.offset_ns(self._host_ns())
+            if offset_ns is not None:
+                stamp = sample.stamp.shifted(-offset_ns, sample.stamp.clock)
+                self._frames.add_joints(JointSample(sample.names, sample.positions, stamp))
+
+    def rearm(self) -> None:
+        """End the hold of an earlier fault; `NotRearmableError` while the state is UNKNOWN."""
+        with self._stepping:
+            self._session.rearm()
+
+    def stop(self) -> None:
+        """End `steps`, also while it waits."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+
+    def steps(self) -> Iterator[StepResult]:
+        """Yield the steps as they happen, for ever; ends with `stop`."""
+        while (frame := self._next()) is not None:
+            with self._stepping:
+                step = self._session.step(frame)
+            self._watch_ns = self._next_watch_ns(step)
+            yield step
+
+    def _next(self) -> TrackingFrame | None:
+        with self._changed:
+            while not self._stopped:
+                host_ns = self._host_ns()
+                frame = self._frames.take(host_ns)
+                if frame is not None:
+                    return frame
+                remaining_ns = self._watch_ns - host_ns
+                # Too long a wait: the host's clock was set back.
+                if not 0 < remaining_ns <= self._longest_ns:
+                    # Without a sample the source's time is not known: it is before all others.
+                    return TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
+                ready_ns = self._frames.ready_in_ns(host_ns)
+                if ready_ns is not None:
+                    remaining_ns = min(remaining_ns, ready_ns)
+                self._wait(self._changed, min(remaining_ns, TICK_NS) / NS_PER_S)
+        return None
+
+    def _next_watch_ns(self, step: StepResult) -> int:
+        """When the oldest pose of ``step`` will be stale, or a tick from now if it is already."""
+        host_ns = self._host_ns()
+        oldest, now = step.decision.stamp, self._clock.now(host_ns)
+        if oldest is not None and now is not None:
+            left_ns = self._session.setup.margins.stale_after_ns + 1 - oldest.age_ns(now)
+            if 0 < left_ns <= self._longest_ns:
+                return host_ns + left_ns
+        return host_ns + TICK_NS
