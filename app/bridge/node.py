@@ -20,7 +20,6 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 
 from app.bridge.errors import BridgeError
 from app.bridge.qos import Topic
@@ -65,7 +64,9 @@ class RosNode:
         self.failures = 0
         self.incompatible: dict[str, str] = {}
         self._matched = threading.Condition()
-        self._closing = Future()
+        self._at_close: list[Callable[[], None]] = []
+        self._closing = threading.Event()
+        self._wake = self.node.create_guard_condition(lambda: None)
         self._thread = threading.Thread(
             target=self._spin,
             name=f"{name} executor",
@@ -118,6 +119,15 @@ class RosNode:
                 timeout_s,
             )
 
+    def on_close(self, end: Callable[[], None]) -> None:
+        """Call ``end()`` when `close` begins, while everything is still served; the last first."""
+        self._at_close.append(end)
+
+    @property
+    def in_own_thread(self) -> bool:
+        """Whether the caller is a callback of this node: waiting for another would never end."""
+        return threading.current_thread() is self._thread
+
     @property
     def is_open(self) -> bool:
         """False after `close`."""
@@ -130,20 +140,31 @@ class RosNode:
         """
         if not self._context.ok():
             return
+        while self._at_close:
+            self._at_close.pop()()
         self._flush()
         # The thread first: an executor that is shut down under its own feet destroys the guard
         # condition that it waits for.
-        self._closing.set_result(None)
-        self._executor.wake()
+        self._closing.set()
+        self._wake.trigger()
         self._thread.join(_JOIN_S)
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
 
+    def call_soon(self, callback: Callable[[], None]) -> None:
+        """Call ``callback()`` in the node's thread, after what it is at."""
+        self._executor.create_task(callback)
+
+    def wake(self) -> None:
+        """Let the node's thread look again at what its callbacks wait for."""
+        self._executor.wake()
+
     def _spin(self) -> None:
-        while not self._closing.done():
+        # Not `spin_until_future_complete`: it hangs a callback on the future for every message.
+        while self._context.ok() and not self._closing.is_set():
             try:
-                self._executor.spin_until_future_complete(self._closing)
+                self._executor.spin_once()
             except Exception:  # of a callback, whatever it may be
                 self.failures += 1
                 self.node.get_logger().error(f"a callback failed: {traceback.format_exc()}")

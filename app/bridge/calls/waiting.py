@@ -1,0 +1,57 @@
+"""Waiting with an end: a time and a way out for every call that blocks."""
+
+import threading
+import time
+from collections.abc import Callable
+
+from app.bridge.calls.errors import CallCancelledError, CallError, NotThereError
+from app.bridge.node import RosNode
+
+SLICE_S = 0.02
+"""rclpy tells nobody that a server came or went: it has to be asked, this often."""
+
+DEFAULT_TIMEOUT_S = 5.0
+
+
+class Limit:
+    """Until when a call may take: ``timeout_s`` from now, or until ``cancel`` is set."""
+
+    def __init__(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
+        if not 0.0 <= timeout_s <= 1e6:
+            raise CallError(f"timeout of {timeout_s} s: 0 to 1e6 s wanted")
+        self.timeout_s = timeout_s
+        self._cancel = cancel
+        self._until = time.monotonic() + timeout_s
+
+    @property
+    def remaining_s(self) -> float:
+        """0 when the time is over."""
+        return max(0.0, self._until - time.monotonic())
+
+    def check(self, what: str) -> None:
+        """Raise `CallCancelledError` once ``cancel`` is set."""
+        if self._cancel is not None and self._cancel.is_set():
+            raise CallCancelledError(f"{what} was cancelled by the caller")
+
+
+def check_may_wait(ros: RosNode, what: str) -> None:
+    """Raise `CallError` where waiting could never end: on a closed node, in its own thread."""
+    if ros.in_own_thread:
+        raise CallError(
+            f"{what} would wait in the node's own thread, which alone can take the reply: "
+            "start it and take the reply in a callback"
+        )
+    if not ros.is_open:
+        raise CallError(f"{what}: the node is closed")
+
+
+def wait_until_there(ros: RosNode, ready: Callable[[], bool], limit: Limit, what: str) -> None:
+    """Return once ``ready()``; raises `NotThereError` when the time is over before."""
+    check_may_wait(ros, what)
+    pause = threading.Event()
+    while not ready():
+        limit.check(what)
+        check_may_wait(ros, what)
+        if limit.remaining_s == 0.0:
+            raise NotThereError(f"{what}: nobody serves it, waited {limit.timeout_s:g} s")
+        pause.wait(min(SLICE_S, limit.remaining_s))

@@ -1,0 +1,77 @@
+"""An independent ROS process that sends goals to an action by rclpy alone, one after the other.
+
+    goal_sender.py NAME TYPE JSON ...
+
+Each JSON is an object with the goal's fields; "cancel_after" in it is the number of feedback
+messages after which the goal is cancelled. Prints ``ready``, then a line of JSON for each goal:
+{"status", "feedback" (count), "first", "last" (feedback), "result"}, or {"status": "rejected"}.
+"""
+
+import json
+import sys
+from importlib import import_module
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+
+STATUS = {
+    GoalStatus.STATUS_SUCCEEDED: "succeeded",
+    GoalStatus.STATUS_ABORTED: "aborted",
+    GoalStatus.STATUS_CANCELED: "cancelled",
+}
+
+
+def as_plain(value):
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: as_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    return value
+
+
+def main() -> int:
+    rclpy.init()
+    node = rclpy.create_node("goal_sender")
+    package, folder, name = sys.argv[2].split("/")
+    kind = getattr(import_module(f"{package}.{folder}"), name)
+    client = ActionClient(node, kind, sys.argv[1])
+    print("ready", flush=True)
+    if not client.wait_for_server(30.0):
+        return 1
+
+    def wait(future):
+        rclpy.spin_until_future_complete(node, future, timeout_sec=60.0)
+        return future.result()
+
+    def send(fields):
+        cancel_after = fields.pop("cancel_after", None)
+        heard, accepted = [], []
+
+        def cancel_when_due():
+            if accepted and cancel_after is not None and len(heard) >= cancel_after:
+                accepted.pop().cancel_goal_async()
+
+        def hear(message):
+            heard.append(as_plain(message.feedback))
+            cancel_when_due()
+
+        handle = wait(client.send_goal_async(kind.Goal(**fields), feedback_callback=hear))
+        if not handle.accepted:
+            return {"status": "rejected"}
+        accepted.append(handle)
+        cancel_when_due()
+        reply = wait(handle.get_result_async())
+        return {
+            "status": STATUS.get(reply.status, reply.status),
+            "feedback": len(heard),
+            "first": heard[0] if heard else None,
+            "last": heard[-1] if heard else None,
+            "result": as_plain(reply.result),
+        }
+
+    for argument in sys.argv[3:]:
+        print(json.dumps(send(json.loads(argument))), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""Goals for another process, each ending in a way that has a name."""
+
+import threading
+
+import pytest
+from std_srvs.srv import Trigger
+from tf2_msgs.action import LookupTransform
+
+from app.bridge.calls import (
+    ActionClient,
+    CallCancelledError,
+    CallError,
+    CallTimeoutError,
+    GoalAbortedError,
+    GoalCancelledError,
+    GoalRejectedError,
+    NotThereError,
+    RefusedError,
+    ServiceClient,
+)
+from app.bridge.convert import UnknownTypeError
+
+LOOKUP = "tf2_msgs/action/LookupTransform"
+
+
+@pytest.fixture
+def lookup(ros, peer):
+    client = ActionClient(ros, LOOKUP, "/peer/lookup")
+    client.wait(30.0)
+    return client
+
+
+def goal(how):
+    return LookupTransform.Goal(source_frame=how)
+
+
+def test_result_and_feedback(lookup):
+    heard = []
+    result = lookup.call(goal("fine"), 30.0, feedback=heard.append)
+    assert result.transform.child_frame_id == "fine"
+    assert all(isinstance(each, LookupTransform.Feedback) for each in heard)
+
+
+def test_rejected_aborted_and_cancelled(lookup, peer):
+    with pytest.raises(GoalRejectedError, match="/peer/lookup"):
+        lookup.start(goal("reject"), 30.0)
+    with pytest.raises(GoalAbortedError) as aborted:
+        lookup.call(goal("abort"), 30.0)
+    assert aborted.value.result.transform.child_frame_id == "abort"
+    started = lookup.start(goal("cancel"), 30.0)
+    assert peer.take(1) == [{"goal": "waits"}]
+    assert not started.is_done
+    started.cancel(30.0)
+    with pytest.raises(GoalCancelledError) as cancelled:
+        started.result(30.0)
+    assert cancelled.value.result.transform.child_frame_id == "cancel"
+    assert peer.take(1) == [{"goal": "cancelled"}]
+
+
+def test_a_caller_that_gives_up_takes_its_goal_back(lookup, peer):
+    with pytest.raises(CallTimeoutError):
+        lookup.call(goal("cancel"), 0.5)
+    assert peer.take(2) == [{"goal": "waits"}, {"goal": "cancelled"}]
+
+
+def test_a_wait_is_cancelled_from_another_thread(lookup, peer):
+    cancel, ended = threading.Event(), []
+
+    def call():
+        try:
+            lookup.call(goal("cancel"), 60.0, cancel)
+        except CallCancelledError as error:
+            ended.append(error)
+
+    caller = threading.Thread(target=call)
+    caller.start()
+    assert peer.take(1) == [{"goal": "waits"}]
+    cancel.set()
+    caller.join(30.0)
+    assert len(ended) == 1
+    assert peer.take(1) == [{"goal": "cancelled"}]
+
+
+def test_a_server_may_refuse_to_stop(lookup, ros):
+    started = lookup.start(goal("stubborn"), 30.0)
+    with pytest.raises(RefusedError, match="does not let its goal be cancelled"):
+        started.cancel(30.0)
+    ServiceClient(ros, Trigger, "/peer/go").call(Trigger.Request(), timeout_s=30.0)
+    assert started.result(30.0).transform.child_frame_id == "stubborn"
+    started.cancel()  # over already
+
+
+def test_nobody_there_and_names_that_are_none(ros):
+    with pytest.raises(NotThereError, match="action /nobody"):
+        ActionClient(ros, LOOKUP, "/nobody").call(goal("x"), 0.05)
+    with pytest.raises(UnknownTypeError, match="NoAction"):
+        ActionClient(ros, "tf2_msgs/action/NoAction", "/x")
+    with pytest.raises(CallError, match="no client for an action"):
+        ActionClient(ros, LOOKUP, "two words")
+    with pytest.raises(CallError, match="no goal of LookupTransform"):
+        ActionClient(ros, LOOKUP, "/x").start(LookupTransform.Result())

@@ -1,0 +1,105 @@
+"""The parameters of a process that knows nothing of us."""
+
+import queue
+
+import numpy as np
+import pytest
+
+from app.bridge.calls import (
+    CallError,
+    NotThereError,
+    ParameterClient,
+    ParameterUnsetError,
+    RefusedError,
+)
+from app.bridge.convert import ConversionError
+
+
+@pytest.fixture
+def client(ros, peer):
+    return ParameterClient(ros, "/peer")
+
+
+def test_list_read_and_describe(client):
+    assert {"gain", "names", "table", "arm.reach", "level"} <= set(client.names(timeout_s=30.0))
+    assert client.names("arm") == ("arm.reach",)
+    assert client.get_many(("gain", "names", "table", "level")) == {
+        "gain": 1.5,
+        "names": ("a", "b"),
+        "table": (1, 2, 3),
+        "level": 3,
+    }
+    gain = client.describe("gain")
+    assert (gain.type, gain.text, gain.lowest, gain.highest) == ("double", "of the loop", 0.0, 10.0)
+    assert client.describe("level").read_only
+    assert client.type_of("table") == "integer[]"
+
+
+def test_what_is_not_set_is_no_value(client):
+    for name in ("nothing", "blank"):
+        with pytest.raises(ParameterUnsetError, match=f"/peer .*'{name}'"):
+            client.get(name, timeout_s=30.0)
+        assert not client.is_set(name)
+    assert client.is_set("gain")
+    with pytest.raises(ParameterUnsetError, match="'gain', 'nothing'"):
+        client.get_many(("gain", "nothing"))
+    with pytest.raises(ParameterUnsetError, match="nothing"):
+        client.describe("nothing")
+
+
+def test_values_are_set_and_refused_with_the_nodes_reason(client):
+    client.set({"gain": 2.5, "names": ["x"], "table": np.array([], dtype=np.int64)}, timeout_s=30.0)
+    assert client.get("gain") == 2.5
+    assert client.get("names") == ("x",)
+    assert client.get("table") == ()
+    with pytest.raises(RefusedError, match="gain: six is too loud; level: "):
+        client.set({"gain": 6.0, "names": ["set"], "level": 4})
+    assert client.get_many(("gain", "names", "level")) == {
+        "gain": 2.5,
+        "names": ("set",),
+        "level": 3,
+    }
+
+
+def test_all_or_none(client):
+    with pytest.raises(RefusedError, match=r"'names', 'gain': .*out of range"):
+        client.set_atomically({"names": ["y"], "gain": 11.0}, timeout_s=30.0)
+    assert client.get("names") == ("a", "b")
+    client.set_atomically({"names": ["y"], "gain": 3.0})
+    assert client.get_many(("names", "gain")) == {"names": ("y",), "gain": 3.0}
+
+
+def test_changes_are_heard(client, ros):
+    changes = queue.Queue()
+    client.watch(changes.put)
+    client.get("gain", timeout_s=30.0)
+    # The subscription is found by the other node in its own time.
+    for value in range(1000):
+        client.set({"arm.reach": float(value)})
+        try:
+            change = changes.get(timeout=0.05)
+            break
+        except queue.Empty:
+            continue
+    assert set(change.values) == {"arm.reach"}
+    assert change.deleted == ()
+
+
+def test_a_node_that_is_not_there(ros):
+    with pytest.raises(NotThereError, match="/nobody/get_parameters"):
+        ParameterClient(ros, "/nobody").get("x", timeout_s=0.05)
+    with pytest.raises(CallError, match="empty"):
+        ParameterClient(ros, "/")
+
+
+def test_values_that_no_parameter_can_hold(ros):
+    client = ParameterClient(ros, "/nobody")
+    for value, words in (
+        ([], "no type"),
+        ([1, "a"], "mixes types"),
+        ({"a": 1}, "dict"),
+        (2**63, "64 bit"),
+        (np.zeros((2, 2)), "one dimension"),
+    ):
+        with pytest.raises(ConversionError, match=words):
+            client.set({"x": value})

@@ -1,0 +1,93 @@
+"""Our parameters, set by another process: taken whole or refused whole, with the reason."""
+
+from pathlib import Path
+
+import pytest
+
+from app.bridge.calls import CallError, ParameterDeclaration, ParameterServer
+from app.bridge.node import RosNode
+from app.geometry import InputError
+
+SETTER = Path(__file__).resolve().parent / "parameter_setter.py"
+DECLARED = (
+    ParameterDeclaration("stop_mm", 1.0, "where motion stops", "mm", 0.0, 50.0),
+    ParameterDeclaration("warn_mm", 5.0, "where the colour turns", "mm", 0.0, 100.0),
+    ParameterDeclaration("count", 3, "samples", lowest=1, highest=100),
+    ParameterDeclaration("name", "touch", "of the robot"),
+)
+
+
+def in_order(values):
+    if not values["stop_mm"] < values["warn_mm"]:
+        raise InputError(
+            f"stop {values['stop_mm']:g} mm, warn {values['warn_mm']:g} mm: stop < warn"
+        )
+
+
+def test_set_from_another_process(ros, start_receiver):
+    server = ParameterServer(ros, DECLARED, in_order)
+    replies = start_receiver(
+        "/marginguard",
+        '"stop_mm"',
+        '"count"',
+        '{"stop_mm": 2.0, "warn_mm": 8.0, "name": "arm"}',
+        '{"stop_mm": 9.0, "count": 4}',
+        '{"name": "other", "count": 0}',
+        '{"stop_mm": NaN}',
+        '{"stop_mm": "near"}',
+        '{"nothing": 1}',
+        script=SETTER,
+    ).messages()
+    assert replies[0] == {
+        "value": 1.0,
+        "text": "where motion stops",
+        "unit": "unit: mm",
+        "range": [[0.0, 50.0]],
+    }
+    assert replies[1]["range"] == [[1, 100]]
+    assert replies[2] == {"ok": True, "reason": ""}
+    assert replies[3] == {"ok": False, "reason": "stop 9 mm, warn 8 mm: stop < warn"}
+    assert [reply["ok"] for reply in replies[4:]] == [False] * 4
+    assert all(reply["reason"] for reply in replies[4:])
+    assert server.values == {"stop_mm": 2.0, "warn_mm": 8.0, "count": 3, "name": "arm"}
+    # What ROS itself holds is the same.
+    assert ros.node.get_parameter("stop_mm").value == 2.0
+    assert ros.node.get_parameter("count").value == 3
+
+
+def test_a_check_that_fails_is_a_refusal(ros, start_receiver):
+    def accept(values):
+        if values["stop_mm"] != 1.0:
+            raise ZeroDivisionError("of mine")
+
+    server = ParameterServer(ros, DECLARED, accept)
+    (reply,) = start_receiver("/marginguard", '{"stop_mm": 2.0}', script=SETTER).messages()
+    assert reply == {"ok": False, "reason": "the server failed: ZeroDivisionError: of mine"}
+    assert server.values["stop_mm"] == 1.0
+    assert server.refused == 1
+
+
+def test_values_given_at_the_start(domain_id):
+    given = ("--ros-args", "-p", "stop_mm:=3.0")
+    with RosNode("marginguard", domain_id=domain_id, ros_args=given) as ros:
+        assert ParameterServer(ros, DECLARED, in_order).values["stop_mm"] == 3.0
+
+
+@pytest.mark.parametrize("given", ["stop_mm:=30.0", "stop_mm:=51.0", "stop_mm:=text"])
+def test_values_refused_at_the_start(domain_id, given):
+    arguments = ("--ros-args", "-p", given)
+    with (
+        RosNode("marginguard", domain_id=domain_id, ros_args=arguments) as ros,
+        pytest.raises(CallError, match="stop") as caught,
+    ):
+        ParameterServer(ros, DECLARED, in_order)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_declaration_that_refuses_its_own_value():
+    with pytest.raises(CallError, match="stop_mm is 60: 0 to 50 mm wanted"):
+        ParameterDeclaration("stop_mm", 60.0, "", "mm", 0.0, 50.0)
+    with pytest.raises(CallError, match="two ends"):
+        ParameterDeclaration("stop_mm", 1.0, "", "mm", lowest=0.0)
+    with pytest.raises(CallError, match="finite"):
+        ParameterDeclaration("stop_mm", float("nan"), "")

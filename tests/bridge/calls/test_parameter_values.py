@@ -1,0 +1,50 @@
+"""Plain values through rclpy's own parameters and back."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.parameter import Parameter
+
+from app.bridge.calls.parameter_values import parameter_value, plain_value
+
+INTEGERS = st.integers(-(2**63), 2**63 - 1)
+SCALARS = (st.booleans(), INTEGERS, st.floats(allow_nan=False), st.text())
+VALUES = st.one_of(
+    st.none(),
+    st.binary(),
+    *SCALARS,
+    *(st.lists(scalar, min_size=1).map(tuple) for scalar in SCALARS),
+)
+
+
+@given(VALUES)
+def test_there_and_back(value):
+    back = plain_value(parameter_value(value))
+    assert back == value
+    assert type(back) is type(value)
+
+
+@given(VALUES)
+def test_rclpy_reads_the_same(value):
+    from rcl_interfaces.msg import Parameter as Message
+
+    read = Parameter.from_parameter_msg(Message(name="x", value=parameter_value(value))).value
+    if isinstance(value, bytes):
+        read = b"".join(read)
+    elif isinstance(value, tuple):
+        read = tuple(read)
+    assert read == value
+
+
+def test_whole_numbers_among_floats_are_floats():
+    assert plain_value(parameter_value([1, 2.5])) == (1.0, 2.5)
+
+
+@pytest.mark.parametrize("kind", [10, 255])
+def test_a_type_that_does_not_exist(kind):
+    from rcl_interfaces.msg import ParameterValue
+
+    from app.bridge.convert import ConversionError
+
+    with pytest.raises(ConversionError, match=str(kind)):
+        plain_value(ParameterValue(type=kind))
