@@ -1,0 +1,33 @@
+"""A robot that follows tf: one lookup for all of its links at one stamp."""
+
+from app.bridge.robots.settings import RobotSettings
+from app.bridge.robots.state import RobotState, problem_of_age
+from app.bridge.tf import TfError, TransformBuffer
+from app.geometry import FloatArray
+from app.robot import Robot
+
+
+class TfFollower:
+    """Reads the links' poses from ``buffer``, which a `TfListener` fills; for one thread."""
+
+    def __init__(self, robot: Robot, settings: RobotSettings, buffer: TransformBuffer) -> None:
+        self._settings = settings
+        self._buffer = buffer
+        self._root = settings.root_frame(robot)
+        self._links = tuple(link.name for link in robot.links)
+        self._frames = tuple(settings.frame(name) for name in self._links)
+        self._last: tuple[FloatArray, int | None] | None = None
+
+    def state(self, now_ns: int) -> RobotState:
+        """The newest poses that all links have in common; stale, with the last ones, without."""
+        problem = ""
+        try:
+            found = self._buffer.poses(self._root, self._frames)
+            found.matrices.flags.writeable = False
+            self._last = (found.matrices, found.stamp_ns)
+        except TfError as error:
+            problem = str(error)
+        poses, stamp_ns = self._last or (None, None)
+        old = problem_of_age(stamp_ns, now_ns, self._settings.stale_after_ns)
+        problems = tuple(filter(None, (problem, old)))
+        return RobotState(self._root, self._links, poses, stamp_ns, bool(problems), problems)

@@ -1,0 +1,64 @@
+"""A robot of its own process, by rclpy alone: description, joint states, the tf of one joint.
+
+The joint turns at a given rate: its position is ``rate * (stamp - start)``, so that whoever follows
+can tell from a stamp where it has to be. A line on stdin is a new description.
+"""
+
+import contextlib
+import json
+import math
+import sys
+import threading
+
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.executors import ExternalShutdownException
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+settings = json.loads(sys.argv[1])
+rclpy.init()
+node = rclpy.create_node("robot_state_publisher", namespace=settings["namespace"])
+description = String(data=settings["urdf"])
+if settings["by"] == "parameter":
+    node.declare_parameter("robot_description", description.data, ParameterDescriptor())
+else:
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    describe = node.create_publisher(String, "robot_description", latched)
+    describe.publish(description)
+joints = node.create_publisher(JointState, "joint_states", QoSProfile(depth=10))
+tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+
+
+def move():
+    now = node.get_clock().now()
+    angle = settings["rate"] * (now.nanoseconds - settings["start_ns"]) * 1e-9
+    message = JointState(name=["turn"], position=[angle])
+    message.header.stamp = now.to_msg()
+    joints.publish(message)
+    edge = TransformStamped(child_frame_id=settings["prefix"] + "arm")
+    edge.header.frame_id = settings["prefix"] + "base"
+    edge.header.stamp = message.header.stamp
+    edge.transform.translation.x = 0.25
+    edge.transform.rotation.z = math.sin(angle / 2)
+    edge.transform.rotation.w = math.cos(angle / 2)
+    tf.publish(TFMessage(transforms=[edge]))
+
+
+def redescribe():
+    for line in sys.stdin:
+        text = json.loads(line)
+        if settings["by"] == "parameter":
+            node.set_parameters([Parameter("robot_description", value=text)])
+        else:
+            describe.publish(String(data=text))
+
+
+threading.Thread(target=redescribe, daemon=True).start()
+node.create_timer(0.01, move)
+with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+    rclpy.spin(node)
