@@ -6,6 +6,7 @@ Call `prepare_environment` before the first node: it keeps discovery on this mac
 
 from app.bridge.environment import prepare_environment
 from app.bridge.errors import BridgeError
+from app.bridge.frame_tree import Voice
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.replay_scene import ReplayScene, root_edges
@@ -17,6 +18,7 @@ __all__ = [
     "ReplayScene",
     "RosNode",
     "SessionPublisher",
+    "Voice",
     "prepare_environment",
     "root_edges",
 ]

@@ -39,7 +39,7 @@ from app.case.manifest import (
     TumorEntry,
 )
 from app.case.manifest_file import load_manifest
-from app.case.mcap import read_mcap
+from app.case.mcap import read_mcap, values_reader
 from app.case.mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
 from app.case.player import Player
 from app.case.plus_config import PlusConfiguration, read_plus_config
@@ -115,6 +115,7 @@ __all__ = [
     "read_transform",
     "tumor_from_contour",
     "tumor_from_segmentation",
+    "values_reader",
     "with_watchdog",
     "write_expected",
     "write_mesh",

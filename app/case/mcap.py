@@ -5,6 +5,7 @@ not on it: an edge belongs to ``/tracked_transforms`` from its first sample ther
 is not read, for it holds nothing measured. Message types come from the recording itself.
 """
 
+import struct
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -150,6 +151,25 @@ class _EmbeddedTypes:
         if read is None:
             read = self._readers[raw.connection] = _reader(raw.connection)
         return read(raw.data)
+
+
+def values_reader(message_type: str) -> Callable[[bytes], Any]:
+    """What reads messages of this type as they come from a live topic, in CDR.
+
+    It gives what `app.case.message_values` has for the type, and raises `InputError` for bytes
+    that are no such message.
+    """
+    read = _reader(Connection("", message_type, "", ""))
+
+    def read_data(data: bytes) -> Any:
+        try:
+            return read(data)
+        # What rosbags raises on bytes that are not what they should be.
+        except (SerdeError, ValueError, IndexError, struct.error, MemoryError) as error:
+            reason = (str(error) or type(error).__name__).splitlines()[0]
+            raise InputError(f"{len(data)} bytes are no {message_type}: {reason}") from error
+
+    return read_data
 
 
 def _reader(connection: Connection) -> Callable[[bytes], Any]:

@@ -16,14 +16,18 @@ from app.cli.commands import (
     convert,
     doctor,
     info,
+    live,
     make_case,
     register,
     replay,
+    serve,
     tumor,
 )
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
+    "serve": serve,
+    "live": live,
     "register": register,
     "calibrate": calibrate,
     "info": info,

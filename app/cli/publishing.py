@@ -1,4 +1,4 @@
-"""Where the steps of a replay go: to the ROS graph, or nowhere."""
+"""Where the steps of a session go: to the ROS graph, or nowhere."""
 
 import argparse
 import sys
@@ -7,11 +7,48 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from app.bridge import ReplayScene
     from app.case import Case, Player
     from app.session import SessionSetup, StepResult
 
 HEARTBEAT_HZ = 100.0
-"""How often the constraint is repeated while a replay follows real time."""
+"""How often the constraint is repeated while a session follows real time."""
+
+
+def bridge_loaded(otherwise: str) -> None:
+    """Load ROS and say how far it is heard; `InputError` without ROS, ``otherwise`` in its text."""
+    try:
+        from app.bridge import prepare_environment
+    except ImportError as error:
+        from app.geometry import InputError
+
+        raise InputError(
+            f"ROS 2 cannot be loaded ({error}): "
+            f"'marginguard doctor' says what to install, {otherwise}"
+        ) from error
+    print(prepare_environment(), file=sys.stderr)
+
+
+def scene_of(
+    case: "Case", setup: "SessionSetup", *, tip_only: bool, with_robot: bool = True
+) -> "ReplayScene":
+    """What of a session stays the same; ``with_robot``: its description is ours to publish."""
+    from app.bridge import ReplayScene, root_edges
+
+    robot = setup.robot
+    return ReplayScene(
+        static_edges=(
+            *setup.static_edges,
+            *(root_edges(robot.base_frame, robot.robot.root_link) if robot else ()),
+        ),
+        tumor=case.tumor_mesh(),
+        tool=None if tip_only else case.tool_mesh(),
+        margins=setup.margins,
+        robot_description=(
+            case.robot_urdf().read_text(encoding="utf-8") if robot and with_robot else None
+        ),
+        registration=robot.registration.transform if robot and robot.registration else None,
+    )
 
 
 @contextmanager
@@ -25,35 +62,11 @@ def publishing(
     if options.no_ros:
         yield lambda step: None
         return
-    try:
-        from app.bridge import (
-            PlayerServices,
-            SessionPublisher,
-            ReplayScene,
-            prepare_environment,
-            root_edges,
-        )
-    except ImportError as error:
-        from app.geometry import InputError
+    bridge_loaded("--no-ros replays without it")
+    from app.bridge import PlayerServices, SessionPublisher
 
-        raise InputError(
-            f"ROS 2 cannot be loaded ({error}): "
-            "'marginguard doctor' says what to install, --no-ros replays without it"
-        ) from error
-    print(prepare_environment(), file=sys.stderr)
-    robot = setup.robot
-    scene = ReplayScene(
-        static_edges=(
-            *setup.static_edges,
-            *(root_edges(robot.base_frame, robot.robot.root_link) if robot else ()),
-        ),
-        tumor=case.tumor_mesh(),
-        tool=None if options.tip_only else case.tool_mesh(),
-        margins=setup.margins,
-        robot_description=case.robot_urdf().read_text(encoding="utf-8") if robot else None,
-        registration=robot.registration.transform if robot and robot.registration else None,
-    )
     heartbeat_hz = HEARTBEAT_HZ if options.rate is not None else None
+    scene = scene_of(case, setup, tip_only=options.tip_only)
     with SessionPublisher(scene, heartbeat_hz=heartbeat_hz) as publisher:
         PlayerServices(publisher.ros, player)
         yield publisher.publish

@@ -1,0 +1,14 @@
+"""A live session on the ROS graph: where its samples come from, what an operator may do to it."""
+
+from app.bridge.live.joints import listen_to_joints
+from app.bridge.live.rearming import RearmService
+from app.bridge.live.source import Source, TfSource, TrackedTransformSource, ros_source
+
+__all__ = [
+    "RearmService",
+    "Source",
+    "TfSource",
+    "TrackedTransformSource",
+    "listen_to_joints",
+    "ros_source",
+]

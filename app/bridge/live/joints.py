@@ -1,0 +1,23 @@
+"""The robot's joints as a live session takes them."""
+
+from collections.abc import Callable
+
+from sensor_msgs.msg import JointState
+
+from app.bridge.live.subscription import CountedSubscription
+from app.bridge.node import RosNode
+from app.bridge.qos import STREAM, Topic
+from app.case import JointSample
+from app.case.message_values import JointValues
+from app.case.ros_messages import JOINT_STATE
+
+
+def listen_to_joints(
+    ros: RosNode, topic: str, offset_ns: int, deliver: Callable[[JointSample], None]
+) -> CountedSubscription:
+    """Deliver each joint state of ``topic``, ``offset_ns`` added to the robot's stamps."""
+
+    def take(values: JointValues) -> None:
+        deliver(values.sample(offset_ns=offset_ns))
+
+    return CountedSubscription(ros, Topic(topic, JointState, STREAM), JOINT_STATE, take)

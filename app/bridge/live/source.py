@@ -1,0 +1,87 @@
+"""Where a live session's tracked transforms come from."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
+
+from app.bridge import topics
+from app.bridge.live.subscription import CountedSubscription
+from app.bridge.node import RosNode
+from app.bridge.qos import STREAM, Topic
+from app.case import LiveSourceEntry, TfSourceEntry
+from app.case.message_values import PoseValues
+from app.case.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
+from app.geometry import MarginGuardError, TrackedTransform
+
+Deliver = Callable[[Sequence[TrackedTransform]], None]
+"""Takes samples that arrived together, from any thread, and does not wait."""
+
+
+class Source(Protocol):
+    """Anything that tracks: a ROS topic, a socket. It delivers from its construction to `close`.
+
+    Stamps are the source's own. A lost pose is delivered too, with its status. What cannot be
+    used is left out and counted.
+    """
+
+    def counts(self) -> Mapping[str, int]:
+        """What came and what was left out, for diagnostics."""
+
+    def close(self) -> None:
+        """Deliver nothing more; a second call does nothing."""
+
+
+class TfSource:
+    """The transforms of ``/tf``; tf has no word for a lost pose, so all of them are OK."""
+
+    def __init__(self, ros: RosNode, deliver: Deliver) -> None:
+        self._deliver: Deliver | None = deliver
+        self._subscription = CountedSubscription(ros, topics.TF, TF_MESSAGE, self._take)
+
+    def counts(self) -> Mapping[str, int]:
+        """Messages, and transforms that cannot be used."""
+        return self._subscription.counts()
+
+    def close(self) -> None:
+        """Deliver nothing more."""
+        self._deliver = None
+
+    def _take(self, poses: tuple[PoseValues, ...]) -> None:
+        samples = []
+        for values in poses:
+            try:
+                samples.append(values.sample())
+            except MarginGuardError as error:  # the others of the message are as good as ever
+                self._subscription.refuse(error)
+        if samples and self._deliver is not None:
+            self._deliver(samples)
+
+
+class TrackedTransformSource:
+    """A topic of ``marginguard_msgs/TrackedTransform``: one sample a message, with its status."""
+
+    def __init__(self, ros: RosNode, topic: str, deliver: Deliver) -> None:
+        self._deliver: Deliver | None = deliver
+        self._subscription = CountedSubscription(
+            ros, Topic(topic, TrackedTransformMessage, STREAM), TRACKED_TRANSFORM, self._take
+        )
+
+    def counts(self) -> Mapping[str, int]:
+        """Messages, and those that cannot be used."""
+        return self._subscription.counts()
+
+    def close(self) -> None:
+        """Deliver nothing more."""
+        self._deliver = None
+
+    def _take(self, values: PoseValues) -> None:
+        if self._deliver is not None:
+            self._deliver([values.sample()])
+
+
+def ros_source(ros: RosNode, entry: LiveSourceEntry, deliver: Deliver) -> Source:
+    """The source that a ``live.yaml`` names."""
+    if isinstance(entry, TfSourceEntry):
+        return TfSource(ros, deliver)
+    return TrackedTransformSource(ros, entry.topic, deliver)

@@ -1,0 +1,81 @@
+"""A tracker and a robot in a process of their own. It imports nothing of the project.
+
+    sender.py FRAMES.json tf|tracked [again]
+
+Waits until somebody listens, then sends the frames at the pace of their stamps, moved to the
+present; with ``again`` from the first on when they end. Prints ``shift NANOSECONDS`` (present less
+recorded time) when it begins and ``sent`` at the end, and stays until standard input ends.
+"""
+
+import json
+import sys
+import threading
+import time
+from pathlib import Path
+
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from marginguard_msgs.msg import TrackedTransform
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
+
+
+def fill(message, edge, ns):
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(ns, 10**9)
+    message.header.frame_id, message.child_frame_id = edge["parent"], edge["child"]
+    move, turn = message.transform.translation, message.transform.rotation
+    move.x, move.y, move.z = edge["translation_m"]
+    turn.x, turn.y, turn.z, turn.w = edge["quaternion"]
+    return message
+
+
+def main() -> None:
+    frames = json.loads(Path(sys.argv[1]).read_text())
+    kind = sys.argv[2]
+    again = sys.argv[3:] == ["again"]
+    rclpy.init()
+    node = rclpy.create_node("sender")
+    heard = threading.Event()
+    topic, message_type = {
+        "tf": ("/tf", TFMessage),
+        "tracked": ("/tracked_transforms", TrackedTransform),
+    }[kind]
+    # On /tf the session speaks too, but it does not listen to itself here.
+    poses = node.create_publisher(
+        message_type,
+        topic,
+        QoSProfile(depth=100),
+        event_callbacks=PublisherEventCallbacks(matched=lambda _: heard.set()),
+    )
+    joints = node.create_publisher(JointState, "/joint_states", QoSProfile(depth=100))
+    while not heard.is_set():
+        rclpy.spin_once(node)
+    shift_ns = time.time_ns() - frames[0]["ns"]
+    print(f"shift {shift_ns}", flush=True)
+    while True:
+        for frame in frames:
+            ns = frame["ns"] + shift_ns
+            time.sleep(max(0, ns - time.time_ns()) / 1e9)
+            for sample in frame["joints"]:
+                message = JointState(name=sample["names"], position=sample["positions"])
+                sec, nanosec = divmod(sample["ns"] + shift_ns, 10**9)
+                message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+                joints.publish(message)
+            edges = frame["edges"]
+            if kind == "tf":
+                good = [edge for edge in edges if edge["status"] == 0]
+                poses.publish(TFMessage(transforms=[fill(TransformStamped(), e, ns) for e in good]))
+            else:
+                for edge in edges:
+                    poses.publish(fill(TrackedTransform(status=edge["status"]), edge, ns))
+        if not again:
+            break
+        shift_ns += frames[-1]["ns"] - frames[0]["ns"] + 20_000_000
+    print("sent", flush=True)
+    sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main()
