@@ -83,8 +83,16 @@ def _robot(model: Any, locator: MeshLocator, name: Path | str) -> Robot:
 
 
 def _assembled(model: Any, locator: MeshLocator) -> Robot:
-    joints = tuple(_joint(each) for each in model.joints)
     shapes = _ShapeReader(locator, _named_colors(model))
+    names = {joint.name for joint in model.joints}
+    for joint in model.joints:
+        if joint.mimic is not None and joint.mimic.joint not in names:
+            shapes.warnings.append(
+                f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is no joint: it takes a "
+                "position of its own"
+            )
+            joint.mimic = None
+    joints = tuple(_joint(each) for each in model.joints)
     links = tuple(
         Link(
             link.name,

@@ -1,0 +1,175 @@
+"""Forward kinematics of every URDF of example-robot-data beside Pinocchio's.
+
+``marginguard bench kinematics``: each URDF that Pinocchio loads, at random configurations within
+its limits, joints that follow others (mimic) included: the largest distance in m and the largest
+difference of a rotation's entries between the two for any link. Exit status 1 when one is above
+1e-9, or when a robot that Pinocchio loads is not loaded here.
+
+The shapes are left out: kinematics does not need them. Both sides read the same bytes otherwise.
+"""
+
+import argparse
+import importlib.metadata
+import json
+import math
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from app.geometry import FloatArray, MarginGuardError
+from app.robot import Robot, robot_from_text
+
+BOUND = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How far a robot's links are apart; ``problem`` where it was not compared."""
+
+    name: str
+    links: int = 0
+    mimic_joints: int = 0
+    worst_m: float = 0.0
+    worst_rotation: float = 0.0
+    problem: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether it was compared and agrees."""
+        return not self.problem and max(self.worst_m, self.worst_rotation) <= BOUND
+
+
+def example_urdfs() -> list[Path]:
+    """Every URDF file of the installed example-robot-data, sorted."""
+    files = importlib.metadata.files("example-robot-data") or []
+    return sorted(Path(str(f.locate())) for f in files if f.name.endswith(".urdf"))
+
+
+def bare_text(urdf: Path) -> str:
+    """The URDF without shapes, transmissions and the like."""
+    parser = etree.XMLParser(remove_comments=True, resolve_entities=False)
+    root = etree.fromstring(urdf.read_bytes(), parser)
+    for element in list(root):
+        if element.tag not in ("link", "joint"):
+            root.remove(element)
+        elif element.tag == "link":
+            for part in list(element):
+                element.remove(part)
+    text: str = etree.tostring(root, encoding="unicode")
+    return text
+
+
+def compare(urdf: Path, samples: int, rng: np.random.Generator) -> Agreement | None:
+    """One robot; None when Pinocchio does not load it."""
+    import pinocchio as pin
+
+    name = "/".join(urdf.parts[-3:])
+    text = bare_text(urdf)
+    model = _model(pin, text, mimic=True) or _model(pin, text, mimic=False)
+    if model is None:
+        return None
+    try:
+        robot = robot_from_text(text, name=name)
+    except MarginGuardError as error:
+        return Agreement(name, problem=str(error))
+    data = model.createData()
+    # Pinocchio keeps a frame a link; the root is the one that no joint moves.
+    frames = {link.name: model.getFrameId(link.name, pin.FrameType.BODY) for link in robot.links}
+    worst = np.zeros(2)
+    for _ in range(samples):
+        given, every = _random_positions(robot, rng)
+        pin.framesForwardKinematics(model, data, _configuration(model, pin, every))
+        peer_root = data.oMf[frames[robot.root_link]]
+        for link, ours in robot.forward_kinematics(given).items():
+            peer = peer_root.actInv(data.oMf[frames[link]])
+            apart_m = float(np.linalg.norm(ours.translation_mm / 1000.0 - peer.translation))
+            turned = float(np.abs(ours.rotation - peer.rotation).max())
+            worst = np.maximum(worst, (apart_m, turned))
+    mimics = sum(joint.mimic is not None for joint in robot.joints)
+    return Agreement(name, len(robot.links), mimics, float(worst[0]), float(worst[1]))
+
+
+def _model(pin: Any, text: str, *, mimic: bool) -> Any:
+    """Pinocchio's, joints that follow others tied to them by itself (``mimic``) or free.
+
+    It ties only those whose leader is above them in the tree. None when it does not load the text.
+    """
+    try:
+        return pin.buildModelFromXML(text, mimic=mimic)
+    except (ValueError, RuntimeError):
+        return None
+
+
+def _random_positions(
+    robot: Robot, rng: np.random.Generator
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Of the joints that lead, and of those with their followers by the formula of URDF."""
+    given = {}
+    for joint in robot.joints:
+        if joint.moves and joint.mimic is None:
+            low, high = np.nan_to_num((joint.lower, joint.upper), neginf=-math.pi, posinf=math.pi)
+            given[joint.name] = float(rng.uniform(low, high))
+    every = dict(given)
+    waiting = {joint.name: joint.mimic for joint in robot.joints if joint.moves and joint.mimic}
+    while waiting:
+        known = {name: mimic for name, mimic in waiting.items() if mimic.leader in every}
+        for name, mimic in known.items():
+            every[name] = mimic.multiplier * every[mimic.leader] + mimic.offset
+            del waiting[name]
+    return given, every
+
+
+def _configuration(model: Any, pin: Any, positions: dict[str, float]) -> FloatArray:
+    configuration: FloatArray = pin.neutral(model)
+    for name, position in positions.items():
+        joint = model.joints[model.getJointId(name)]
+        if joint.shortname() == "JointModelMimic":
+            continue  # Pinocchio's own formula places it
+        value = [position] if joint.nq == 1 else [math.cos(position), math.sin(position)]
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = value
+    return configuration
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compare all, print a line a robot."""
+    parser = argparse.ArgumentParser(prog="marginguard bench kinematics", description=__doc__)
+    parser.add_argument("--samples", type=int, default=100, help="configurations of each robot")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path, help="write the figures there as well")
+    options = parser.parse_args(arguments)
+    rng = np.random.default_rng(options.seed)
+    started = time.perf_counter()
+    results, not_loaded = [], []
+    for urdf in example_urdfs():
+        agreement = compare(urdf, options.samples, rng)
+        if agreement is None:
+            not_loaded.append("/".join(urdf.parts[-3:]))
+            continue
+        results.append(agreement)
+        said = agreement.problem or (
+            f"{agreement.worst_m:.1e} m  {agreement.worst_rotation:.1e}  "
+            f"{agreement.links} links, {agreement.mimic_joints} mimic"
+        )
+        print(f"{'ok' if agreement.holds else 'NO':3}{agreement.name:70}{said}")
+    failed = [each for each in results if not each.holds]
+    print(
+        f"{len(results) - len(failed)} of {len(results)} robots within {BOUND:g} at "
+        f"{options.samples} configurations each, worst {max(r.worst_m for r in results):.1e} m, "
+        f"{sum(r.mimic_joints for r in results)} mimic joints, "
+        f"{time.perf_counter() - started:.1f} s; not loaded by Pinocchio: "
+        f"{', '.join(not_loaded) or 'none'}"
+    )
+    if options.json is not None:
+        figures = [{name: getattr(r, name) for name in Agreement.__slots__} for r in results]
+        options.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
