@@ -1,0 +1,60 @@
+"""Wait for other processes: replay cases and calibrate tools as ROS 2 actions, until a signal.
+
+The node is marginguard_server, with the actions ~/replay and ~/calibrate and the service
+~/load_case. While a case is played the node marginguard is there as in 'marginguard replay', with
+the player's services.
+"""
+
+import argparse
+import sys
+import threading
+from pathlib import Path
+
+from app.cli.options import add_package_dirs
+from app.cli.signals import note_signals
+
+SUMMARY = "replay and calibrate for other processes, as ROS 2 actions"
+NODE_NAME = "marginguard_server"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard serve``."""
+    parser.add_argument(
+        "--cases",
+        type=Path,
+        default=Path(),
+        metavar="DIR",
+        help="cases may be opened below this folder alone; default: the current one",
+    )
+    parser.add_argument(
+        "--load", metavar="CASE", help="open this case at once, its folder below DIR"
+    )
+    add_package_dirs(parser)
+    parser.add_argument(
+        "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve until SIGINT or SIGTERM, which is the way to end it: exit status 0."""
+    from app.bridge import RosNode, prepare_environment
+    from app.bridge.calls.calibrate_server import CalibrateServer
+    from app.bridge.calls.replay_server import ReplayServer
+    from app.bridge.tf import TransformBuffer
+    from app.bridge.tf.listener import TfListener
+    from app.cli.served_cases import ServedCases
+
+    cases = ServedCases(options.cases, package_dirs=options.package_dirs, tip_only=options.tip_only)
+    if options.load:
+        cases.load(options.load)
+    print(prepare_environment(), file=sys.stderr)
+    ended = threading.Event()
+    with note_signals() as received, RosNode(NODE_NAME) as ros:
+        received.stops(ended.set)
+        buffer = TransformBuffer()
+        TfListener(ros, buffer)
+        ReplayServer(ros, cases)
+        CalibrateServer(ros, buffer)
+        print(f"/{NODE_NAME} serves cases below {options.cases.resolve()}", file=sys.stderr)
+        ended.wait()
+    return 0

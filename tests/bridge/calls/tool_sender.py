@@ -1,0 +1,71 @@
+"""A process of its own whose tool turns about a fixed tip: tf at 200 Hz by rclpy alone.
+
+    tool_sender.py MOTION
+
+``pivot``: about the tip in all directions; ``spin``: about the shaft; ``still``: not at all, with
+the tip known. The tip is at (5, 12.6, 103.3) mm of the frame ``stylus``, the shaft its z-axis
+through the tip, the fixed point at (100, -50, 20) mm of ``reference``. Prints ``ready``; ends when
+it is killed.
+"""
+
+import random
+import sys
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+TIP = np.array([5.0, 12.6, 103.3])
+FIXED = np.array([100.0, -50.0, 20.0])
+
+
+def turned(axis, angle):
+    """The quaternion (x, y, z, w) and the matrix of a turn about ``axis``."""
+    x, y, z = axis = np.asarray(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    matrix = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return (*(np.sin(angle / 2) * axis), np.cos(angle / 2)), matrix
+
+
+def message(parent, child, stamp, quaternion, translation_mm):
+    transform = TransformStamped(child_frame_id=child)
+    transform.header.frame_id = parent
+    transform.header.stamp = stamp
+    vector, rotation = transform.transform.translation, transform.transform.rotation
+    vector.x, vector.y, vector.z = (float(value) / 1000.0 for value in translation_mm)
+    rotation.x, rotation.y, rotation.z, rotation.w = map(float, quaternion)
+    return TFMessage(transforms=[transform])
+
+
+def main(motion):
+    rclpy.init()
+    node = rclpy.create_node("tool_sender")
+    publisher = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    static = node.create_publisher(TFMessage, "/tf_static", latched)
+    now = node.get_clock().now
+    if motion != "pivot":
+        static.publish(message("stylus", "stylus_tip", now().to_msg(), (0, 0, 0, 1), TIP))
+    chance = random.Random(7)
+
+    def send():
+        if motion == "pivot":
+            around = chance.uniform(0, 2 * np.pi)
+            quaternion, matrix = turned([np.cos(around), np.sin(around), 0.1], chance.uniform(0, 1))
+        elif motion == "spin":
+            quaternion, matrix = turned([0, 0, 1], chance.uniform(-1.5, 1.5))
+        else:
+            quaternion, matrix = turned([0, 0, 1], 0.0)
+        noise = [chance.gauss(0, 0.05) for _ in range(3)]
+        place = FIXED - matrix @ TIP + noise
+        publisher.publish(message("reference", "stylus", now().to_msg(), quaternion, place))
+
+    node.create_timer(0.005, send)
+    print("ready", flush=True)
+    rclpy.spin(node)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,88 @@
+"""``marginguard serve`` as two processes see it: the command, and one that knows rclpy alone."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.bridge.conftest import domain_id as domain_id
+from tests.bridge.conftest import start_receiver as start_receiver
+from tests.cli.small_case import FRAMES, write_small_case
+
+BRIDGE = Path(__file__).resolve().parents[1] / "bridge"
+SENDER, CALLER = BRIDGE / "calls" / "goal_sender.py", BRIDGE / "caller.py"
+REPLAY = "marginguard_msgs/action/Replay"
+LOAD_CASE = "marginguard_msgs/srv/LoadCase"
+
+
+@pytest.fixture
+def served(domain_id, tmp_path):
+    write_small_case(tmp_path / "small")
+    command = [sys.executable, "-m", "app.cli", "serve", "--cases", str(tmp_path)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        for line in process.stderr:
+            if "serves cases below" in line:
+                break
+        yield process
+        process.kill()
+
+
+def send(start_receiver, *goals):
+    goals = [json.dumps({"rate": math.inf, "end": math.inf, **goal}) for goal in goals]
+    receiver = start_receiver("/marginguard_server/replay", REPLAY, *goals, script=SENDER)
+    return receiver.messages()
+
+
+def test_replay_for_another_process(served, start_receiver):
+    whole, part, again = send(
+        start_receiver,
+        {"case_folder": "small"},
+        {"case_folder": "small", "start": 0.5, "end": 1.0},
+        {"rate": 0.0},
+    )
+    assert whole["status"] == "succeeded"
+    assert whole["result"]["frames"] == FRAMES
+    assert whole["result"]["breaches"] == 1
+    # The rod's side passes the ball 3 mm deep.
+    assert whole["result"]["min_signed_distance"] == pytest.approx(-0.003, abs=0.0003)
+    assert whole["last"]["frames"] == FRAMES
+    assert whole["last"]["time"] == pytest.approx(whole["last"]["duration"])
+    assert part["result"]["frames"] == 11
+    # The case stays open; a rate of 0 is refused with the player's reason.
+    assert again["status"] == "aborted"
+    assert "rate 0" in again["result"]["message"]
+
+
+def test_a_replay_in_real_time_is_cancelled(served, start_receiver):
+    (reply,) = send(start_receiver, {"case_folder": "small", "rate": 0.01, "cancel_after": 1})
+    assert reply["status"] == "cancelled"
+    assert not reply["result"]["success"]
+    # At 0.05 frames a second the second frame was not waited for.
+    assert reply["result"]["frames"] == 1
+
+
+def test_cases_outside_the_folder_are_refused(served, start_receiver):
+    asked = ["/etc", "../small", "nowhere", "", "small"]
+    requests = [
+        f"/marginguard_server/load_case:{LOAD_CASE}:{json.dumps({'case_folder': name})}"
+        for name in asked
+    ]
+    replies = start_receiver(*requests, script=CALLER).messages()
+    assert [reply["success"] for reply in replies] == [False] * 4 + [True]
+    assert all(reply["message"] for reply in replies[:4])
+    assert (replies[4]["name"], replies[4]["frames"]) == ("small", FRAMES)
+    assert replies[4]["duration"] == pytest.approx(0.05 * (FRAMES - 1))
+    (outside,) = send(start_receiver, {"case_folder": "../small"})
+    assert outside["status"] == "aborted"
+    assert "'../small'" in outside["result"]["message"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it(served, number):
+    os.kill(served.pid, number)
+    assert served.wait(30.0) == 0
