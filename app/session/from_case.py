@@ -55,6 +55,7 @@ def _robot_setup(case: Case, margins: MarginParameters) -> RobotSetup | None:
         tool_link=robot.tool_link,
         registration=None,
         max_drift=DriftBound(registration.max_drift_mm, registration.max_drift_rad),
+        follows_tool=robot.joint_states is None,
     )
     result, link_from_tip = register_robot(case, unregistered, margins)
     return replace(unregistered, registration=result, link_from_tip=link_from_tip)

@@ -15,7 +15,8 @@ from app.fixture import (
 )
 from app.geometry import Stamp, Transform
 from app.registration import RegistrationDrift, check_drift, predict_tre
-from app.robot import JointError
+from app.robot import JointError, UnreachableError
+from app.session.following import IkFollower
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.setup import REFERENCE, SessionSetup
 
@@ -57,14 +58,15 @@ class Session:
     def __init__(self, setup: SessionSetup) -> None:
         self.setup = setup
         self._tumor_from_frame = setup.frame_from_tumor.inverse()
-        moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
         self._poses = PoseTree(
             stale_after_ns=setup.margins.stale_after_ns,
             frozen_after_ns=setup.margins.frozen_after_ns,
-            moving_frames=moving if setup.robot is None else (*moving, REFERENCE),
+            moving_frames=_moving_frames(setup),
         )
         self._recent = RecentWitnesses()
         self._monitor = MarginMonitor(setup.margins)
+        robot = setup.robot
+        self._follower = IkFollower(robot) if robot is not None and robot.follows_tool else None
         self._joints: JointSample | None = None
         self._drifted = False
         self._last: _Place | None = None
@@ -85,8 +87,8 @@ class Session:
         tumor_from_tip = None
         if tool.transform is not None:
             tumor_from_tip = self._tumor_from_frame @ tool.transform @ self.setup.tool_from_tip
-        links, robot_problem = self._links(frame)
         in_reference = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
+        links, robot_problem = self._links(frame, in_reference.transform)
         sigma_tre_mm, registration_problems = self._registration_at_tip(in_reference)
         drift = self._drift(links, in_reference.transform)
         if drift is not None:
@@ -123,6 +125,30 @@ class Session:
     def rearm(self) -> None:
         """End the hold of an earlier fault; `NotRearmableError` while the state is UNKNOWN."""
         self._monitor.rearm()
+
+    def use(self, setup: SessionSetup) -> None:
+        """Go on with ``setup`` from the next step on; not to be called during a step.
+
+        With another tumour, tool or place of one of them nothing is known of the margin any more:
+        the state is UNKNOWN up to the next full evaluation. A hold that is latched stays so.
+        """
+        before, self.setup = self.setup, setup
+        self._poses.stale_after_ns = setup.margins.stale_after_ns
+        self._poses.frozen_after_ns = setup.margins.frozen_after_ns
+        self._poses.moving_frames = _moving_frames(setup)
+        self._monitor.parameters = setup.margins
+        if setup.robot is not before.robot:
+            self._drifted = False
+        if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
+            before.proximity,
+            before.tool_from_tip,
+            before.frame_from_tumor,
+        ):
+            self._tumor_from_frame = setup.frame_from_tumor.inverse()
+            self._recent = RecentWitnesses()
+            self._last = None
+            self._virtual_fixture = None
+            self._monitor.restart()
 
     @property
     def never_changed(self) -> tuple[tuple[str, str], ...]:
@@ -182,7 +208,13 @@ class Session:
     ) -> RegistrationDrift | None:
         """How far the tool is from where the robot's joints and the registration put it."""
         robot = self.setup.robot
-        if robot is None or robot.registration is None or not links or seen is None:
+        if (
+            robot is None
+            or robot.follows_tool
+            or robot.registration is None
+            or not links
+            or seen is None
+        ):
             return None
         measured = seen @ self.setup.tool_from_tip
         link = robot.registration.transform @ links[robot.tool_link].renamed(
@@ -196,13 +228,20 @@ class Session:
         )
         return check_drift(predicted, measured, robot.max_drift)
 
-    def _links(self, frame: TrackingFrame) -> tuple[Mapping[str, Transform], str]:
-        """``root_from_link`` from the latest joints, or nothing and what is wrong with them."""
+    def _links(
+        self, frame: TrackingFrame, seen: Transform | None
+    ) -> tuple[Mapping[str, Transform], str]:
+        """``root_from_link`` from the latest joints, or nothing and what is wrong with them.
+
+        Without recorded joints: from the tool where it is ``seen`` in the reference frame.
+        """
         if frame.joints:
             self._joints = frame.joints[-1]
         robot = self.setup.robot
         if robot is None:
             return {}, ""
+        if robot.follows_tool:
+            return self._followed(seen)
         if self._joints is None:
             return {}, "no joint positions yet"
         age_ns = self._joints.stamp.age_ns(frame.stamp)
@@ -212,3 +251,16 @@ class Session:
             return robot.robot.forward_kinematics(self._joints.as_mapping()), ""
         except JointError as error:
             return {}, str(error)
+
+    def _followed(self, seen: Transform | None) -> tuple[Mapping[str, Transform], str]:
+        if self._follower is None or seen is None:
+            return {}, "the tool is not seen in the reference frame: the robot cannot follow it"
+        try:
+            return self._follower.links(seen @ self.setup.tool_from_tip), ""
+        except UnreachableError as error:
+            return {}, str(error)
+
+
+def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
+    moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
+    return moving if setup.robot is None else (*moving, REFERENCE)

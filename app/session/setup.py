@@ -36,7 +36,8 @@ class RobotSetup:
     The tip of the tool is the origin of ``tool_link``. ``registration`` gives
     ``reference_from_<base_frame>``; None says that it has not been found yet. ``link_from_tip``
     tells how the tool is turned in the link; None where only its position is known. ``max_drift``:
-    how far the tool may be from where the registration puts it.
+    how far the tool may be from where the registration puts it. ``follows_tool``: no joints were
+    recorded, and the robot is shown where inverse kinematics puts it.
     """
 
     robot: Robot
@@ -45,6 +46,7 @@ class RobotSetup:
     registration: RegistrationResult | None
     max_drift: DriftBound
     link_from_tip: Transform | None = None
+    follows_tool: bool = False
 
     def __post_init__(self) -> None:
         links = {link.name for link in self.robot.links}
