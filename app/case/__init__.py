@@ -1,5 +1,6 @@
 """Recorded cases: manifest, readers of IGSIO and MCAP recordings, recorder, player."""
 
+from app.case.bag_writer import BagTopic, BagWriter
 from app.case.case import Case, open_case
 from app.case.convert import convert_case
 from app.case.expected import (
@@ -22,6 +23,7 @@ from app.case.live_file import (
     TopicSourceEntry,
     open_live,
 )
+from app.case.live_recording import RECORDING_FOLDER, begin_case
 from app.case.manifest import (
     TUMOR_MESH_FRAME,
     CaseManifest,
@@ -41,6 +43,7 @@ from app.case.manifest import (
 from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap, values_reader
 from app.case.mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
+from app.case.message_definition import message_definition
 from app.case.player import Player
 from app.case.plus_config import PlusConfiguration, read_plus_config
 from app.case.recorder import Recorder, write_recording
@@ -63,10 +66,13 @@ from app.case.watchdog import with_watchdog
 __all__ = [
     "MESH_ENDINGS",
     "POINT_ENDINGS",
+    "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
     "TRANSFORM_ENDINGS",
     "TUMOR_MESH_FRAME",
     "UNITS_MM",
+    "BagTopic",
+    "BagWriter",
     "BuiltTumor",
     "Case",
     "CaseManifest",
@@ -99,6 +105,7 @@ __all__ = [
     "TrackingFrame",
     "TumorEntry",
     "agreed_sample",
+    "begin_case",
     "check_mesh_place",
     "check_place",
     "check_transform_path",
@@ -106,6 +113,7 @@ __all__ = [
     "load_expected",
     "load_manifest",
     "load_mesh",
+    "message_definition",
     "open_case",
     "open_live",
     "read_igsio",

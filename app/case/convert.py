@@ -39,14 +39,7 @@ def convert_case(case: Case, folder: Path) -> tuple[str, ...]:
 
 
 def _write(case: Case, folder: Path) -> None:
-    for name in _named_files(case):
-        target = folder / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        source = resolve_inside(case.folder, name, name)
-        if source.is_dir():
-            shutil.copytree(source, target, dirs_exist_ok=True)
-        else:
-            shutil.copyfile(source, target)
+    copy_named_files(case, folder)
     recording = folder / RECORDING_NAME
     robot = case.manifest.robot
     write_recording(
@@ -60,6 +53,18 @@ def _write(case: Case, folder: Path) -> None:
     manifest["recording"] = {"path": RECORDING_NAME, "sha256": sha256_of(recording)}
     text = yaml.safe_dump(manifest, sort_keys=False, allow_unicode=True)
     (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")
+
+
+def copy_named_files(case: Case, folder: Path) -> None:
+    """Copy the files that the manifest names to ``folder``, but for the recording."""
+    for name in _named_files(case):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source = resolve_inside(case.folder, name, name)
+        if source.is_dir():
+            shutil.copytree(source, target, dirs_exist_ok=True)
+        else:
+            shutil.copyfile(source, target)
 
 
 def _named_files(case: Case) -> list[str]:

@@ -2,10 +2,12 @@
 
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.rearming import RearmService
+from app.bridge.live.recorder import RosRecorder
 from app.bridge.live.source import Source, TfSource, TrackedTransformSource, ros_source
 
 __all__ = [
     "RearmService",
+    "RosRecorder",
     "Source",
     "TfSource",
     "TrackedTransformSource",

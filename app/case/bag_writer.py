@@ -1,0 +1,180 @@
+"""A rosbag2 folder in the making: MCAP, readable up to its last flush whenever the writer dies."""
+
+import os
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from app.geometry import InputError
+
+_CHUNK_BYTES = 256 * 1024
+_METADATA_VERSION = 9
+
+
+@dataclass(frozen=True, slots=True)
+class BagTopic:
+    """A topic as a bag describes it.
+
+    ``definition`` is a ``ros2msg`` schema; ``offered_qos`` what each publisher promised, in the
+    words of rosbag2; ``type_hash`` the type's hash, empty when it is not known.
+    """
+
+    name: str
+    message_type: str
+    definition: str
+    offered_qos: tuple[dict[str, Any], ...] = ()
+    type_hash: str = ""
+
+
+class BagWriter:
+    """``writer.add_topic(topic)``, ``writer.write(...)``, `flush` now and then, `close`.
+
+    ``folder`` is made, and must not be there before. Messages lie in ``NAME_0.mcap``; what was
+    flushed outlives the process, and what was synced outlives the machine. `close` adds the index
+    and ``metadata.yaml``; without it players of MCAP files read the file from its beginning.
+
+    Raises `InputError` when something cannot be written, a full disk for one. What was written
+    before stays, and nothing can be written after that.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._path = folder / f"{folder.name}_0.mcap"
+        try:
+            folder.mkdir(parents=True)
+            self._file = self._path.open("xb")
+        except FileExistsError as error:
+            raise InputError(f"{folder} is there already: it is not written over") from error
+        except OSError as error:
+            raise InputError(f"{folder} cannot be written: {error.strerror}") from error
+        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._topics: dict[str, tuple[BagTopic, int]] = {}
+        self._schemas: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._failed = False
+        self._guarded(lambda: self._writer.start(profile="ros2", library="marginguard"))
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages written so far, by topic."""
+        return {name: self._counts[name] for name in self._topics}
+
+    def add_topic(self, topic: BagTopic) -> None:
+        """Say what ``topic`` is; once, before its first message."""
+        schema = self._schemas.get(topic.message_type)
+        if schema is None:
+            schema = self._schemas[topic.message_type] = self._writer.register_schema(
+                topic.message_type, "ros2msg", topic.definition.encode()
+            )
+        metadata = {
+            "offered_qos_profiles": yaml.safe_dump(list(topic.offered_qos), sort_keys=False),
+            "topic_type_hash": topic.type_hash,
+        }
+        channel = self._writer.register_channel(topic.name, "cdr", schema, metadata)
+        self._topics[topic.name] = (topic, channel)
+
+    def write(self, name: str, data: bytes, *, received_ns: int, published_ns: int) -> None:
+        """Append a message of the topic ``name``, in CDR; both times in ns since 1970."""
+        _, channel = self._topics[name]
+        sequence = self._counts[name]
+        self._guarded(
+            lambda: self._writer.add_message(
+                channel, received_ns, data, publish_time=published_ns, sequence=sequence
+            )
+        )
+        self._counts[name] += 1
+        self._first_ns = received_ns if self._first_ns is None else min(self._first_ns, received_ns)
+        self._last_ns = max(self._last_ns, received_ns)
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system: it outlives this process from now on."""
+        self._guarded(self._writer.flush)
+
+    def sync(self) -> None:
+        """Have what was flushed on the disk; takes its time, and may be called beside `write`."""
+        self._guarded(lambda: os.fsync(self._file.fileno()))
+
+    def close(self) -> None:
+        """End the file with its index and write ``metadata.yaml``; a second call does nothing."""
+        if self._file.closed:
+            return
+        try:
+            if not self._failed:
+                self._guarded(self._writer.finish)
+                self._guarded(self._file.flush)
+                self.sync()
+                self._write_metadata()
+        finally:
+            try:
+                self._file.close()
+            except OSError:  # what could not be written before; said when it was tried
+                self._failed = True
+
+    def _guarded(self, act: Callable[[], object]) -> None:
+        if self._failed:
+            raise InputError(f"{self._path} cannot be written any more")
+        try:
+            act()
+        except OSError as error:
+            self._failed = True
+            raise InputError(
+                f"{self._path} cannot be written any more: {error.strerror}; "
+                f"what was written before ({sum(self._counts.values())} messages at most) stays"
+            ) from error
+
+    def _write_metadata(self) -> None:
+        first_ns = self._first_ns or 0
+        start = {"nanoseconds_since_epoch": first_ns}
+        duration = {"nanoseconds": max(0, self._last_ns - first_ns)}
+        count = sum(self._counts.values())
+        information = {
+            "version": _METADATA_VERSION,
+            "storage_identifier": "mcap",
+            "duration": duration,
+            "starting_time": start,
+            "message_count": count,
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": topic.name,
+                        "type": topic.message_type,
+                        "serialization_format": "cdr",
+                        "offered_qos_profiles": list(topic.offered_qos),
+                        "type_description_hash": topic.type_hash,
+                    },
+                    "message_count": self._counts[topic.name],
+                }
+                for topic, _ in self._topics.values()
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [self._path.name],
+            "files": [
+                {
+                    "path": self._path.name,
+                    "starting_time": start,
+                    "duration": duration,
+                    "message_count": count,
+                }
+            ],
+            "custom_data": None,
+            "ros_distro": "jazzy",
+        }
+        document = {"rosbag2_bagfile_information": information}
+        partial = self._folder / ".metadata.yaml.partial"
+        # Without aliases: rosbag2's reader need not know them.
+        text = yaml.dump(document, Dumper=_PlainDumper, sort_keys=False)
+        self._guarded(lambda: partial.write_text(text, encoding="utf-8"))
+        partial.replace(self._folder / "metadata.yaml")
+
+
+class _PlainDumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True

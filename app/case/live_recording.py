@@ -1,0 +1,41 @@
+"""A case folder around a live recording: all of a case but the recording, there from the start."""
+
+from pathlib import Path
+
+import yaml
+
+from app.case.convert import copy_named_files
+from app.case.live_file import LiveCase, TopicSourceEntry
+from app.case.manifest_file import MANIFEST_NAME
+from app.case.ros_messages import TRACKED_TRANSFORMS_TOPIC
+from app.geometry import InputError
+
+RECORDING_FOLDER = "tracking"
+
+
+def begin_case(live: LiveCase, folder: Path) -> None:
+    """Write ``case.yaml`` and the files that it names to ``folder``; the recording is to follow.
+
+    ``folder`` is made and must not be there. The recording is named as ``tracking``, a rosbag2
+    folder.
+    """
+    source = live.source
+    if isinstance(source, TopicSourceEntry) and source.topic != TRACKED_TRANSFORMS_TOPIC:
+        raise InputError(
+            f"{live.case.manifest.file}: source.tracked_transforms.topic is {source.topic!r}: "
+            f"a case holds {TRACKED_TRANSFORMS_TOPIC}, so only that can be recorded as one"
+        )
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError as error:
+        raise InputError(f"{folder} is there already: it is not written over") from error
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written: {error.strerror}") from error
+    copy_named_files(live.case, folder)
+    # It was validated when it was opened; all but the source stays as written.
+    path = live.case.folder / live.case.manifest.file
+    values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    del values["source"]
+    values["recording"] = {"path": RECORDING_FOLDER}
+    text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")

@@ -1,0 +1,120 @@
+"""Record topics of ROS 2 into a case: MCAP that 'replay' and 'ros2 bag play' read.
+
+Whenever it ends, also by SIGKILL or a full disk, what was written stays readable. Runs until
+SIGINT (exit status 130) or SIGTERM (143); exit status 2 on bad input.
+"""
+
+import argparse
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.cli.options import add_package_dirs, folder_path
+from app.cli.publishing import bridge_loaded
+from app.cli.signals import note_signals
+
+if TYPE_CHECKING:
+    from app.case import BagWriter
+
+SUMMARY = "record a live case over ROS 2"
+
+TOPICS = (
+    "/tf",
+    "/tf_static",
+    "/tracked_transforms",
+    "/joint_states",
+    "/marginguard/constraint",
+    "/marginguard/margin_mm",
+)
+FLUSH_S = 0.1
+"""What a crash of the process can cost."""
+
+SYNC_S = 1.0
+"""What a power cut can cost."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard record``."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=folder_path,
+        required=True,
+        metavar="CASE",
+        help="folder to make; the recording is CASE/tracking, a rosbag2 folder",
+    )
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="live.yaml: a case.yaml and the meshes are written too, ready for 'replay CASE'",
+    )
+    add_package_dirs(parser)
+    parser.add_argument(
+        "--topics",
+        nargs="+",
+        metavar="TOPIC",
+        help=f"record these instead of {', '.join(TOPICS)}; full names",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Record until a signal comes."""
+    from app.case import RECORDING_FOLDER, BagWriter
+
+    with note_signals() as received:
+        stop = threading.Event()
+        received.stops(stop.set)
+        bridge_loaded("a recording is of ROS")
+        topics = _prepare(options)
+        bag = BagWriter(options.output / RECORDING_FOLDER)
+        try:
+            _record(bag, topics, stop)
+        finally:
+            bag.close()
+        counts = bag.counts
+        print(f"{sum(counts.values())} messages of {len(counts)} topics in {options.output}")
+        for topic, count in counts.items():
+            print(f"  {topic}: {count}")
+    return received.exit_status
+
+
+def _prepare(options: argparse.Namespace) -> list[str]:
+    """The folder, with all of the case but its recording; the topics to record."""
+    from app.case import begin_case, open_live
+    from app.geometry import InputError
+
+    topics = list(options.topics or TOPICS)
+    for topic in topics:
+        if not topic.startswith("/"):
+            raise InputError(f"topic {topic!r}: a full name, from '/' on, wanted")
+    if options.config is None:
+        if options.output.exists():
+            raise InputError(f"{options.output} is there already: it is not written over")
+        return topics
+    live = open_live(options.config, package_dirs=options.package_dirs)
+    begin_case(live, options.output)
+    robot = live.case.manifest.robot
+    if robot is not None and robot.joint_states is not None:
+        topics.append(robot.joint_states)
+    return topics
+
+
+def _record(bag: "BagWriter", topics: list[str], stop: threading.Event) -> None:
+    from app.bridge import RosNode
+    from app.bridge.live import RosRecorder
+
+    with RosNode("marginguard_recorder") as ros:
+        recorder = RosRecorder(ros, bag, topics)
+        synced_s = time.monotonic()
+        while not stop.wait(FLUSH_S):
+            for topic in recorder.discover():
+                print(f"recording {topic}", flush=True)
+            for topic in [*recorder.refused]:
+                print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
+            recorder.flush()
+            if time.monotonic() - synced_s >= SYNC_S:
+                bag.sync()
+                synced_s = time.monotonic()

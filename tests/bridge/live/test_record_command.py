@@ -1,0 +1,127 @@
+"""``marginguard record`` as a child process, with a tracker and a robot in another."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from app.case import open_case
+
+SENDER = Path(__file__).resolve().parent / "sender.py"
+TRACKED = {"tracked_transforms": {}, "clock": "host"}
+
+
+@pytest.fixture
+def recorded(start, live_yaml, frames_file, tmp_path):
+    """The recorder when the tracker has sent all it had; the case; present less recorded time."""
+    case = tmp_path / "case"
+    config = live_yaml(TRACKED)
+    recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", str(config))
+    sender = start(str(SENDER), str(frames_file), "tracked")
+    recorder.line(lambda line: line == "recording /tracked_transforms\n")
+    shift_ns = int(sender.line(lambda line: line.startswith("shift")).split()[1])
+    sender.line(lambda line: line == "sent\n")
+    return recorder, case, shift_ns
+
+
+def samples_of(frames, shift_ns=0):
+    return {
+        (sample.stamp.ns - shift_ns, sample.source): sample
+        for frame in frames
+        for sample in frame.poses
+    }
+
+
+def replay(case):
+    """What ``marginguard replay`` says of the case."""
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros", "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
+def test_a_recording_is_a_case_and_a_bag(recorded, breach):
+    recorder, case, shift_ns = recorded
+    assert recorder.end(signal.SIGINT) == 130
+    assert "Traceback" not in recorder.log.read_text()
+
+    sent = samples_of(breach)
+    found = samples_of(open_case(case).recorded_frames(), shift_ns)
+    assert len(found) >= 0.9 * len(sent)  # the recorder may have joined a moment late
+    for key, sample in found.items():
+        expected = sent[key].transform
+        assert sample.transform.rotation == pytest.approx(expected.rotation, abs=1e-12)
+        assert sample.transform.translation_mm == pytest.approx(expected.translation_mm, abs=1e-9)
+    summary = replay(case)
+    assert min(breach_["min_signed_distance_mm"] for breach_ in summary["breaches"]) < 0.0
+
+    types = get_typestore(Stores.EMPTY)
+    with Reader(case / "tracking") as bag:
+        counts = {topic: info.msgcount for topic, info in bag.topics.items()}
+        assert counts["/tracked_transforms"] == len(found)
+        assert counts["/joint_states"] > 0
+        (connection,) = bag.topics["/tracked_transforms"].connections
+        (qos,) = connection.ext.offered_qos_profiles
+        assert qos.reliability is QosReliability.RELIABLE
+        assert qos.durability is QosDurability.VOLATILE
+        assert connection.digest.startswith("RIHS01_")
+        types.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        for _, received_ns, data in bag.messages([connection]):
+            message = types.deserialize_cdr(data, connection.msgtype)
+            stamp = message.header.stamp
+            stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+            assert (stamp_ns - shift_ns, message.child_frame_id) in sent
+            assert stamp_ns <= received_ns
+    with (case / "tracking" / "tracking_0.mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        by_topic = Counter(channel.topic for _, channel, _ in reader.iter_messages())
+    assert by_topic == counts
+
+
+def test_what_was_recorded_outlives_a_kill(recorded, breach, tmp_path):
+    recorder, case, shift_ns = recorded
+    recorder.end(signal.SIGKILL)
+    assert not (case / "tracking" / "metadata.yaml").exists()
+
+    messages = 0
+    with (case / "tracking" / "tracking_0.mcap").open("rb") as file:
+        try:
+            for record in StreamReader(file).records:
+                messages += isinstance(record, Message)
+        except McapError:
+            pass  # it has no end
+    sent = samples_of(breach)
+    found = samples_of(open_case(case).recorded_frames(), shift_ns)
+    assert found.keys() <= sent.keys()
+    assert messages >= len(found) >= 0.5 * len(sent)
+    assert replay(case)["valid_frames"] > 0
+    # A whole file again, for players that want one.
+    subprocess.run(
+        [sys.executable, "-m", "app.cli", "convert", str(case), str(tmp_path / "whole")], check=True
+    )
+    with (tmp_path / "whole" / "tracking.mcap").open("rb") as file:
+        topics = Counter(channel.topic for _, channel, _ in make_reader(file).iter_messages())
+    assert topics["/tracked_transforms"] == len(found)
+
+
+def test_nothing_is_written_over(start, tmp_path):
+    (tmp_path / "case").mkdir()
+    recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "case"))
+    assert recorder.process.wait() == 2
+    assert "is there already: it is not written over" in recorder.log.read_text()
+    assert list((tmp_path / "case").iterdir()) == []
