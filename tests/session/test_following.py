@@ -106,3 +106,27 @@ def test_a_case_without_joint_states_is_followed(recorded, tmp_path, project_roo
     assert sum(bool(step.links) for step in steps) > 50
     assert all(step.links or step.robot_problem for step in steps)
     assert {step.joints for step in steps} == {None}
+
+
+def test_a_pose_on_another_branch_is_found_within_a_few_frames(touch):
+    """The seed's own branch ends at a limit: the solution is one of the other starts'."""
+    rng = np.random.default_rng(11)
+    low = np.array([joint.lower for joint in touch.joints if joint.moves])
+    high = np.array([joint.upper for joint in touch.joints if joint.moves])
+    reference_from_base = robot_setup(touch).registration.transform
+    waits = []
+    for _ in range(8):
+        follower = IkFollower(robot_setup(touch))
+        positions = dict(zip(touch.actuated_joint_names, rng.uniform(low, high), strict=True))
+        link = touch.forward_kinematics(positions)["stylus"]
+        tip = reference_from_base @ link.renamed(target="robot_base", source="cautery_tip")
+        for wait in range(100):
+            try:
+                links = follower.links(tip)
+            except UnreachableError:
+                continue
+            assert links["stylus"].distance_mm_to(link) < 1e-3
+            waits.append(wait)
+            break
+    assert len(waits) == 8
+    assert max(waits) > 0, "none of them needed another start: the test shows nothing"
