@@ -1,0 +1,51 @@
+"""Listen to an OpenIGTLink server (PLUS) and publish what it tracks over ROS 2.
+
+Every TRANSFORM and every element of TDATA goes to /tracked_transforms with the status that the
+server gave it, good ones to /tf as well, with the server's own time stamps; the connection and what
+was refused go to /diagnostics. A server that is lost is looked for again until a signal ends it.
+"""
+
+import argparse
+import sys
+import time
+
+from app.cli.publishing import bridge_loaded
+from app.cli.signals import note_signals
+
+SUMMARY = "publish the transforms of an OpenIGTLink server (PLUS) over ROS 2"
+
+_REPORT_S = 1.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard igtl``."""
+    parser.add_argument("--host", default="localhost", help="the server (%(default)s)")
+    parser.add_argument("--port", type=int, default=18944, help="its port (%(default)s)")
+    parser.add_argument("--name", default="marginguard_igtl", help="of the ROS node (%(default)s)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Publish until a signal comes."""
+    bridge_loaded("this command is of no use without it")
+    from app.bridge import RosNode
+    from app.bridge.igtl import IgtlPublisher, IgtlSource, SampleQueue
+
+    queue = SampleQueue()
+
+    def changed(words: str) -> None:
+        # What was measured before a connection was lost is old when the next one comes.
+        queue.clear()
+        print(words, file=sys.stderr, flush=True)
+
+    with note_signals() as received:
+        received.stops(queue.close)
+        with RosNode(options.name) as ros:
+            publisher = IgtlPublisher(ros)
+            with IgtlSource(options.host, options.port, queue.put, changed=changed) as source:
+                due_s = time.monotonic()
+                while (samples := queue.take(max(0.0, due_s - time.monotonic()))) is not None:
+                    publisher.publish(samples)
+                    if time.monotonic() >= due_s:
+                        publisher.report(source, queue.superseded)
+                        due_s = time.monotonic() + _REPORT_S
+    return received.exit_status
