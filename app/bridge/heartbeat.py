@@ -1,5 +1,7 @@
-"""A thread that repeats the last constraint, so that silence means that we are gone."""
+"""A thread that repeats the last message, so that silence means that we are gone."""
 
+import contextlib
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -10,14 +12,17 @@ from app.geometry import NS_PER_S
 
 Message = TypeVar("Message")
 
+_LONGEST_SLEEP_NS = 10_000_000
+"""What `close` waits for at most; a longer rest is spent where closing ends it."""
+
 
 class Heartbeat(Generic[Message]):
     """Sends the newest message at once, and again at every beat of an absolute clock.
 
     ``send(message, seq)`` is never entered by two threads, and ``seq`` counts its calls without a
-    gap. A beat that is missed is left out, not made up for. ``hz`` None: no thread, no beats, for
-    a replay that does not follow real time. An error in the thread ends it, and is raised by the
-    next `newest` or by `close`.
+    gap. A beat that is missed is left out and counted in `missed`, not made up for. ``hz`` None:
+    no thread, no beats, for a replay that does not follow real time. An error in the thread ends
+    it, and is raised by the next `newest` or by `close`.
     """
 
     def __init__(self, send: Callable[[Message, int], None], hz: float | None) -> None:
@@ -26,10 +31,13 @@ class Heartbeat(Generic[Message]):
         self._send = send
         self._lock = threading.Lock()
         self._message: Message | None = None
-        self._seq = 0
+        self._afterwards: Message | None = None
+        self._expires_ns: int | None = None
         self._error: Exception | None = None
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
+        self.seq = 0
+        self.missed = 0
         if hz is not None:
             period_ns = round(NS_PER_S / hz)
             self._thread = threading.Thread(
@@ -37,12 +45,29 @@ class Heartbeat(Generic[Message]):
             )
             self._thread.start()
 
-    def newest(self, message: Message) -> None:
-        """Send ``message`` now, and at every beat until the next one comes."""
+    def newest(
+        self, message: Message, *, lasts_ns: int | None = None, afterwards: Message | None = None
+    ) -> int:
+        """Send ``message`` now, and at every beat until the next one comes; its first ``seq``.
+
+        With ``lasts_ns`` it is repeated for as long only, and ``afterwards`` in its place from then
+        on (nothing, when that is None). Without, it is repeated for ever.
+        """
         self._raise_error()
         with self._lock:
-            self._message = message
+            first = self.seq
+            self._message, self._afterwards = message, afterwards
+            self._expires_ns = None if lasts_ns is None else time.monotonic_ns() + lasts_ns
             self._send_again()
+            return first
+
+    def rest(self, last: Message | None = None) -> None:
+        """Send ``last``, when there is one, and then nothing until the next `newest`."""
+        self._raise_error()
+        with self._lock:
+            self._message, self._expires_ns = last, None
+            self._send_again()
+            self._message = None
 
     def close(self) -> None:
         """End the thread; nothing is sent afterwards."""
@@ -52,23 +77,47 @@ class Heartbeat(Generic[Message]):
         self._raise_error()
 
     def _send_again(self) -> None:
+        if self._expires_ns is not None and time.monotonic_ns() >= self._expires_ns:
+            self._message, self._expires_ns = self._afterwards, None
         if self._message is not None:
-            self._send(self._message, self._seq)
-            self._seq += 1
+            self._send(self._message, self.seq)
+            self.seq += 1
 
     def _beat(self, period_ns: int) -> None:
+        _ask_for_real_time()
         due_ns = time.monotonic_ns() + period_ns
-        while not self._closing.wait(max(0, due_ns - time.monotonic_ns()) / NS_PER_S):
+        while self._wait_until(due_ns):
             try:
                 with self._lock:
                     self._send_again()
             except Exception as error:  # handed over to the thread that can deal with it
                 self._error = error
                 return
-            late_ns = max(0, time.monotonic_ns() - due_ns)
-            due_ns += (late_ns // period_ns + 1) * period_ns
+            beats = max(0, time.monotonic_ns() - due_ns) // period_ns + 1
+            self.missed += beats - 1
+            due_ns += beats * period_ns
+
+    def _wait_until(self, due_ns: int) -> bool:
+        """Sleep; False when there is nothing more to wait for, because of `close`."""
+        ahead_ns = due_ns - time.monotonic_ns()
+        if ahead_ns > _LONGEST_SLEEP_NS:
+            self._closing.wait(ahead_ns / NS_PER_S)
+        elif ahead_ns > 0:
+            time.sleep(ahead_ns / NS_PER_S)  # lets go of the interpreter and allocates nothing
+        return not self._closing.is_set()
 
     def _raise_error(self) -> None:
         if self._error is not None:
             error, self._error = self._error, None
             raise BridgeError(f"the heartbeat ended: {error}") from error
+
+
+def _ask_for_real_time() -> None:
+    """Put this thread before all that is not real-time; where that is not allowed, go on as it is.
+
+    Linux allows it to root, and to whom ``rtprio`` in limits.conf does. The thread sleeps for most
+    of each beat, so nothing else starves.
+    """
+    if hasattr(os, "sched_setscheduler"):  # Linux
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))

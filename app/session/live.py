@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from app.case import JointSample, TrackingFrame
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform
@@ -79,6 +80,17 @@ class LiveSession:
         with self._stepping:
             self._session.rearm()
 
+    @contextmanager
+    def between_steps(self) -> Iterator[Session]:
+        """The session itself, to be changed after a step was dealt with and before the next.
+
+        Waits for a step that is being taken, and for what the caller of `steps` does with it.
+        """
+        with self._stepping:
+            yield self._session
+            margins = self._session.setup.margins
+            self._longest_ns = max(margins.stale_after_ns + 1, TICK_NS)
+
     def stop(self) -> None:
         """End `steps`, also while it waits."""
         with self._changed:
@@ -90,8 +102,8 @@ class LiveSession:
         while (frame := self._next()) is not None:
             with self._stepping:
                 step = self._session.step(frame)
-            self._watch_ns = self._next_watch_ns(step)
-            yield step
+                self._watch_ns = self._next_watch_ns(step)
+                yield step
 
     def _next(self) -> TrackingFrame | None:
         with self._changed:

@@ -18,7 +18,7 @@ from app.registration import RegistrationDrift, check_drift, predict_tre
 from app.robot import JointError, UnreachableError
 from app.session.following import IkFollower
 from app.session.pose_tree import MeasuredPose, PoseTree
-from app.session.setup import REFERENCE, SessionSetup
+from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +65,7 @@ class Session:
         )
         self._recent = RecentWitnesses()
         self._monitor = MarginMonitor(setup.margins)
-        robot = setup.robot
-        self._follower = IkFollower(robot) if robot is not None and robot.follows_tool else None
+        self._follower = _follower(setup.robot)
         self._joints: JointSample | None = None
         self._drifted = False
         self._last: _Place | None = None
@@ -139,6 +138,7 @@ class Session:
         self._monitor.parameters = setup.margins
         if setup.robot is not before.robot:
             self._drifted = False
+            self._follower = _follower(setup.robot)
         if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
             before.proximity,
             before.tool_from_tip,
@@ -264,3 +264,7 @@ class Session:
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
     moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
     return moving if setup.robot is None else (*moving, REFERENCE)
+
+
+def _follower(robot: RobotSetup | None) -> IkFollower | None:
+    return IkFollower(robot) if robot is not None and robot.follows_tool else None

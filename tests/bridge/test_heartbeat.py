@@ -72,3 +72,25 @@ def test_an_error_in_the_thread_is_raised_by_the_next_message():
 def test_a_rate_out_of_range_is_refused(hz):
     with pytest.raises(BridgeError, match="heartbeat rate"):
         Heartbeat(print, hz)
+
+
+def test_a_beat_that_is_missed_is_left_out_and_counted():
+    sent = Sent(3)
+    held, go_on = threading.Event(), threading.Event()
+
+    def send(message, seq):
+        sent(message, seq)
+        if seq == 1:
+            held.set()
+            go_on.wait(30.0)
+
+    heartbeat = Heartbeat(send, 1000.0)
+    heartbeat.newest("a")
+    assert held.wait(30.0)
+    # Time passes in a beat: as many are missed as would have fitted.
+    threading.Event().wait(0.05)
+    go_on.set()
+    assert sent.enough.wait(30.0)
+    heartbeat.close()
+    assert heartbeat.missed >= 40
+    assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))

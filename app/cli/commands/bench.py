@@ -16,6 +16,7 @@ BENCHMARKS = {
     "fixture-agreement": "benchmarks.fixture_agreement",
     "push": "benchmarks.fixture_push",
     "session": "benchmarks.session",
+    "rate": "benchmarks.rate",
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
 }

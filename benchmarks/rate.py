@@ -1,0 +1,219 @@
+"""The constraint at 1 kHz for a minute, beside a session at 50 Hz, to another process.
+
+    python -m benchmarks.rate [--seconds 60] [--case data/recorded_case] [--json FILE]
+
+Three processes at a time: one takes the steps of a session with the recorded case's frames, in real
+time, and sends the constraint 1000 times a second; one receives it as bytes; one sleeps from
+millisecond to millisecond and does nothing else, which shows how late the machine itself is. All
+times are of the clock that the processes of a machine share (CLOCK_MONOTONIC).
+
+A beat of the heartbeat that would come a millisecond late or more is left out; what a step sends
+comes on top of the beats. The mean rate is that of the topic, and that of the beats stands beside.
+
+Exit status 1 when the mean rate is below 999 Hz, when there is a gap over 10 ms that is also
+longer than the bare loop's longest, when a message was lost or came twice, or when the 99th
+percentile from sending to receiving is above 2 ms.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+RATE_HZ = 1000
+LEAST_MEAN_HZ = 999.0
+MOST_GAP_MS = 10.0
+MOST_P99_MS = 2.0
+
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Gaps:
+    """What lies between one and the next of a row of times: 99th percentile and longest."""
+
+    p99_ms: float
+    max_ms: float
+    over_10_ms: int
+
+    @classmethod
+    def of(cls, times_ns: Times) -> "Gaps":
+        """Of times (n,) in ns, in order."""
+        gaps_ms = np.diff(times_ns) / 1e6
+        p99, most = np.percentile(gaps_ms, [99, 100])
+        return cls(float(p99), float(most), int((gaps_ms > MOST_GAP_MS).sum()))
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What one run showed; delays are from just before sending to the receiver's callback."""
+
+    seconds: float
+    sent: int
+    received: int
+    in_order: bool
+    mean_hz: float
+    beats_hz: float
+    missed_beats: int
+    sent_gaps: Gaps
+    received_gaps: Gaps
+    bare_gaps: Gaps
+    delay_p50_ms: float
+    delay_p99_ms: float
+    delay_max_ms: float
+    steps: int
+    sender_cpu_share: float
+
+
+def figures(
+    sent_ns: Times, received: Times, bare_ns: Times, *, missed: int, steps: int, cpu_s: float
+) -> Figures:
+    """From times of sending (n,) by seq, rows of seq and arrival (m, 2), and the bare loop's."""
+    seqs, arrived_ns = received[:, 0], received[:, 1]
+    known = (seqs >= 0) & (seqs < len(sent_ns))
+    delays_ms = (arrived_ns[known] - sent_ns[seqs[known]]) / 1e6
+    p50, p99, most = np.percentile(delays_ms, [50, 99, 100])
+    seconds = float(sent_ns[-1] - sent_ns[0]) / 1e9
+    return Figures(
+        seconds=seconds,
+        sent=len(sent_ns),
+        received=len(received),
+        in_order=bool(np.array_equal(seqs, np.arange(len(sent_ns)))),
+        mean_hz=(len(sent_ns) - 1) / seconds,
+        beats_hz=(len(sent_ns) - 1 - steps) / seconds,
+        missed_beats=missed,
+        sent_gaps=Gaps.of(sent_ns),
+        received_gaps=Gaps.of(arrived_ns),
+        bare_gaps=Gaps.of(bare_ns),
+        delay_p50_ms=float(p50),
+        delay_p99_ms=float(p99),
+        delay_max_ms=float(most),
+        steps=steps,
+        sender_cpu_share=cpu_s / seconds,
+    )
+
+
+def failures(found: Figures) -> list[str]:
+    """What is not as it is wanted, one sentence each."""
+    wrong = []
+    if found.mean_hz < LEAST_MEAN_HZ:
+        wrong.append(f"the mean rate is {found.mean_hz:.2f} Hz, {LEAST_MEAN_HZ} Hz wanted")
+    if found.sent_gaps.max_ms > max(MOST_GAP_MS, found.bare_gaps.max_ms):
+        wrong.append(
+            f"a gap of {found.sent_gaps.max_ms:.2f} ms: {MOST_GAP_MS} ms allowed, "
+            f"or the bare loop's {found.bare_gaps.max_ms:.2f} ms"
+        )
+    if not found.in_order:
+        wrong.append(f"{found.received} of {found.sent} messages came, or not in order")
+    if found.delay_p99_ms > MOST_P99_MS:
+        wrong.append(f"p99 of the delay is {found.delay_p99_ms:.3f} ms, {MOST_P99_MS} ms wanted")
+    return wrong
+
+
+def run(seconds: float, case: Path) -> Figures:
+    """Start the processes, wait for them, and read what they wrote."""
+    environment = {
+        **os.environ,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+    }
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+
+        def start(part: str) -> subprocess.Popen[str]:
+            arguments = [str(folder), str(seconds), str(case)]
+            return subprocess.Popen(
+                [sys.executable, "-m", f"benchmarks.rate_{part}", *arguments],
+                env=environment,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+
+        parts = [start("receiver"), start("sender"), start("bare")]
+        try:
+            for part in parts:
+                wait_for(part, "ready")  # loaded, and those that speak know each other
+            for part in parts:
+                tell(part, "go")
+            for part in parts[1:]:
+                wait_for(part, "done")
+            tell(parts[0], "end")
+            for part in parts:
+                if part.wait() != 0:
+                    raise RuntimeError(f"{part.args} ended with status {part.returncode}")
+        finally:
+            for part in parts:
+                part.kill()
+                part.communicate()
+        said = json.loads((folder / "sender.json").read_text())
+        return figures(
+            np.load(folder / "sent.npy"),
+            np.load(folder / "received.npy"),
+            np.load(folder / "bare.npy"),
+            missed=said["missed"],
+            steps=said["steps"],
+            cpu_s=said["cpu_s"],
+        )
+
+
+def wait_for(part: subprocess.Popen[str], word: str) -> None:
+    """Until the process says ``word``; `RuntimeError` when it ends before."""
+    assert part.stdout is not None
+    for line in part.stdout:
+        if line.strip() == word:
+            return
+    raise RuntimeError(f"{part.args} ended before it was {word}")
+
+
+def tell(part: subprocess.Popen[str], word: str) -> None:
+    """One line to the process's standard input."""
+    assert part.stdin is not None
+    part.stdin.write(word + "\n")
+    part.stdin.flush()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--case", type=Path, default=Path("data/recorded_case"))
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    found = run(options.seconds, options.case)
+    print(f"{found.sent} constraints in {found.seconds:.2f} s beside {found.steps} steps")
+    print(
+        f"  mean rate               {found.mean_hz:.2f} Hz, {found.beats_hz:.2f} Hz without what "
+        f"the steps sent; {found.missed_beats} beats left out"
+    )
+    print(f"  received                {found.received}, in order: {found.in_order}")
+    print("  gaps                    p99 ms   max ms   over 10 ms")
+    for name, gaps in (
+        ("sent", found.sent_gaps),
+        ("received", found.received_gaps),
+        ("bare loop", found.bare_gaps),
+    ):
+        print(f"    {name:<20}{gaps.p99_ms:>8.3f}{gaps.max_ms:>9.3f}{gaps.over_10_ms:>9}")
+    print(
+        f"  sent to received        p50 {found.delay_p50_ms:.3f}, p99 {found.delay_p99_ms:.3f}, "
+        f"max {found.delay_max_ms:.3f} ms"
+    )
+    print(f"  the sender took         {100.0 * found.sender_cpu_share:.0f} % of a core")
+    wrong = failures(found)
+    if options.json is not None:
+        options.json.write_text(json.dumps({**asdict(found), "failures": wrong}, indent=1) + "\n")
+    for sentence in wrong:
+        print(sentence, file=sys.stderr)
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,96 @@
+"""A session that goes on with another setup: nothing known of the old one is taken for the new."""
+
+from dataclasses import replace
+
+import pytest
+
+from app.case import open_case
+from app.fixture import MarginState, Reason, TipProximity
+from app.geometry import SurfaceMesh
+from app.session import Session, setup_from_case
+
+
+@pytest.fixture(scope="module")
+def case(project_root):
+    return open_case(project_root / "data" / "recorded_case")
+
+
+@pytest.fixture(scope="module")
+def setup(case):
+    return setup_from_case(case, tip_only=True)
+
+
+@pytest.fixture(scope="module")
+def frames(case):
+    frames = case.frames()
+    return [next(frames) for _ in range(30)]
+
+
+def moved(mesh, by_mm):
+    return SurfaceMesh(mesh.frame, mesh.vertices_mm + by_mm, mesh.faces)
+
+
+def test_new_margins_act_from_the_next_step_on(setup, frames):
+    session = Session(setup)
+    before = [session.step(frame) for frame in frames[:10]][-1]
+    wider = setup.margins.replaced(stop_mm=20.0, warn_mm=100.0)
+    session.use(replace(setup, margins=wider))
+    after = session.step(frames[10])
+    assert before.decision.margin.stop_mm == setup.margins.stop_mm
+    assert after.decision.margin.stop_mm == 20.0
+    assert after.decision.margin.warn_mm == 100.0
+
+
+def test_a_shorter_life_of_poses_holds_for_the_poses_too(setup, frames):
+    session = Session(setup)
+    for frame in frames[:10]:
+        session.step(frame)
+    session.use(replace(setup, margins=setup.margins.replaced(stale_after_ns=1)))
+    silent = replace(frames[11], poses=())
+    assert Reason.STALE in session.step(silent).decision.reasons
+
+
+def test_with_another_tumor_it_is_as_if_it_had_just_started(case, setup, frames):
+    other = replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0)))
+    session, fresh = Session(setup), Session(other)
+    for frame in frames[:10]:
+        session.step(frame)
+    session.use(other)
+    for frame in frames[10:]:
+        ours, theirs = session.step(frame).decision, fresh.step(frame).decision
+        assert ours.state is theirs.state
+        assert ours.proximity.signed_distance_mm == theirs.proximity.signed_distance_mm
+        assert ours.constraint.offsets_mm.tolist() == theirs.constraint.offsets_mm.tolist()
+
+
+def test_before_an_evaluation_of_the_new_tumor_the_state_is_unknown(case, setup, frames):
+    session = Session(setup)
+    for frame in frames[:10]:
+        session.step(frame)
+    session.use(replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0))))
+    late = frames[10].stamp.shifted(10**9, frames[10].stamp.clock)
+    decision = session.step(replace(frames[10], stamp=late, poses=())).decision
+    assert decision.state is MarginState.UNKNOWN
+    assert decision.constraint is None
+    assert decision.hold
+
+
+def test_a_latched_hold_outlives_a_change_of_the_tumor(case, setup, frames):
+    session = Session(setup)
+    for frame in frames[:5]:
+        session.step(frame)
+    late = frames[5].stamp.shifted(10**9, frames[5].stamp.clock)
+    session.step(replace(frames[5], stamp=late, poses=()))
+    session.use(replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0))))
+    decision = None
+    for frame in frames[6:]:
+        shifted = [
+            replace(sample, stamp=sample.stamp.shifted(10**9, sample.stamp.clock))
+            for sample in frame.poses
+        ]
+        stamp = frame.stamp.shifted(10**9, frame.stamp.clock)
+        decision = session.step(
+            replace(frame, stamp=stamp, poses=tuple(shifted), joints=())
+        ).decision
+    assert decision.hold
+    assert Reason.LATCHED in decision.reasons
