@@ -19,7 +19,7 @@ from app.case.manifest import (
 from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap
 from app.case.mesh_file import load_mesh
-from app.case.paths import resolve_file, resolve_inside, sha256_of
+from app.case.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
 from app.case.samples import TrackingFrame
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.case.watchdog import with_watchdog
@@ -134,10 +134,15 @@ class Case:
         )
 
     def robot_urdf(self) -> Path:
-        """The robot's URDF file; `InputError` when the case has no robot."""
+        """The robot's file; `InputError` when the case has no robot, or brings one that is code."""
         robot = self.manifest.robot
         if robot is None:
             raise InputError(f"{self.manifest.file}: robot is missing: the case has none")
+        if robot.urdf.lower().endswith(".xacro") and not robot.urdf.startswith(PACKAGE_SCHEME):
+            raise InputError(
+                f"{self.manifest.file}: robot.urdf is {robot.urdf!r}: a xacro file is code and is "
+                "taken from a package alone, not from the case itself; expand it"
+            )
         return self._file(robot.urdf, "robot.urdf")
 
     def check_files(self) -> None:

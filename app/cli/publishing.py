@@ -34,6 +34,7 @@ def scene_of(
 ) -> "ReplayScene":
     """What of a session stays the same; ``with_robot``: its description is ours to publish."""
     from app.bridge import ReplayScene, root_edges
+    from app.robot import urdf_text
 
     robot = setup.robot
     return ReplayScene(
@@ -45,7 +46,9 @@ def scene_of(
         tool=None if tip_only else case.tool_mesh(),
         margins=setup.margins,
         robot_description=(
-            case.robot_urdf().read_text(encoding="utf-8") if robot and with_robot else None
+            urdf_text(case.robot_urdf(), package_dirs=case.package_dirs)
+            if robot and with_robot
+            else None
         ),
         registration=robot.registration.transform if robot and robot.registration else None,
     )

@@ -14,7 +14,7 @@ from app.robot.errors import (
 )
 from app.robot.inverse import IkOptions
 from app.robot.joint import Joint, JointType, Mimic
-from app.robot.loading import load_robot, robot_from_text
+from app.robot.loading import load_robot, robot_from_text, urdf_text
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Rgba, Shape
 from app.robot.xacro_file import parse_xacro_args
@@ -40,4 +40,5 @@ __all__ = [
     "parse_mesh_map",
     "parse_xacro_args",
     "robot_from_text",
+    "urdf_text",
 ]

@@ -16,8 +16,9 @@ from app.robot.mesh_file import FileMesh, read_mesh_file
 from app.robot.packages import MeshLocator
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Rgba, Shape
-from app.robot.urdf import parse_urdf, read_urdf
+from app.robot.urdf import MAX_URDF_BYTES, parse_urdf, read_urdf
 from app.robot.xacro_file import expand_xacro
+from app.robot.xml_guard import read_xml
 
 ADF_SUFFIXES = (".yaml", ".yml", ".adf")
 MAX_TEXT_BYTES = 8 * 1024 * 1024
@@ -50,6 +51,17 @@ def load_robot(
         data = expand_xacro(path, xacro_args or {}, locator.package_folder)
         return _robot(parse_urdf(data, path), locator, path)
     return _robot(read_urdf(path), locator, path)
+
+
+def urdf_text(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> str | None:
+    """The URDF of a robot file for others to read: as it stands, expanded, or None for an ADF."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in ADF_SUFFIXES:
+        return None
+    if suffix == ".xacro":
+        return expand_xacro(path, {}, MeshLocator(path, package_dirs).package_folder).decode()
+    return read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES).decode()
 
 
 def robot_from_text(

@@ -58,6 +58,21 @@ def test_joints_are_on_the_trackers_clock(
     ]
 
 
+def test_a_case_brings_no_code(manifest: Manifest, write_case: WriteCase, tmp_path: Path) -> None:
+    robot = {"urdf": "arm.xacro", "base_frame": "base", "tool_link": "stylus"}
+    manifest["robot"] = robot
+    manifest["registration"] = {"method": "given", "matrix": np.eye(4).ravel().tolist()}
+    folder = write_case(manifest)
+    (folder / "arm.xacro").write_text("<robot/>")
+    with pytest.raises(InputError, match=r"robot\.urdf is 'arm\.xacro': a xacro file is code"):
+        open_case(folder).robot_urdf()
+    (tmp_path / "packages/arm").mkdir(parents=True)
+    (tmp_path / "packages/arm/arm.xacro").write_text("<robot/>")
+    robot["urdf"] = "package://arm/arm.xacro"
+    case = open_case(write_case(manifest), package_dirs=[tmp_path / "packages"])
+    assert case.robot_urdf().name == "arm.xacro"
+
+
 def test_an_offset_that_is_to_be_estimated_is_refused_for_now(
     manifest: Manifest, write_case: WriteCase, tmp_path: Path
 ) -> None:

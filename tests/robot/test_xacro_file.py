@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.robot import UrdfError, load_robot, parse_xacro_args, robot_from_text
+from app.robot import UrdfError, load_robot, parse_xacro_args, robot_from_text, urdf_text
 
 HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 
@@ -108,3 +108,10 @@ def test_arguments(write, write_urdf):
 def test_a_text_from_the_network_is_never_expanded():
     with pytest.raises(UrdfError, match="xacro element"):
         robot_from_text(f'{HEAD}<link name="a"/><xacro:arg name="x"/></robot>')
+
+
+def test_what_others_read_is_the_expanded_text(write, touch_urdf, tmp_path):
+    path = write("a.xacro", '<xacro:property name="n" value="link"/><link name="${n}"/>')
+    assert robot_from_text(urdf_text(path)).root_link == "link"
+    assert urdf_text(touch_urdf) == touch_urdf.read_text()
+    assert urdf_text(tmp_path / "model.yaml") is None
