@@ -22,12 +22,16 @@ class ConstraintBuilder:
     """
 
     def __init__(self, scene: ReplayScene) -> None:
+        self._planes_from: Stamp | None = None
+        self.use(scene)
+
+    def use(self, scene: ReplayScene) -> None:
+        """Take margins, tumour and registration from ``scene`` from the next message on."""
         self._frame = scene.tumor.frame
         self._stale_after_ns = scene.margins.stale_after_ns
         self._k_tre = scene.margins.k_tre
         self._model_id = scene.model_id
         self._registration_id = scene.registration_id
-        self._planes_from: Stamp | None = None
 
     def message(self, decision: FixtureDecision) -> FixtureConstraint:
         """The message for ``decision``; its ``seq`` is left to whoever sends it."""

@@ -40,6 +40,7 @@ class RosNode:
     service are said in the log and kept in `incompatible`.
 
     ``ros_args`` are ROS's own (``--ros-args -r old:=new``); ``sys.argv`` is not read.
+    ``make_node`` makes another kind of node, from the same arguments as `rclpy.node.Node`.
     """
 
     def __init__(
@@ -49,11 +50,12 @@ class RosNode:
         namespace: str = "",
         ros_args: Sequence[str] = (),
         domain_id: int | None = None,
+        make_node: Callable[..., Node] = Node,
     ) -> None:
         self._context = Context()
         try:
             self._context.init(args=["marginguard", *ros_args], domain_id=domain_id)
-            self.node = Node(name, context=self._context, namespace=namespace)
+            self.node = make_node(name, context=self._context, namespace=namespace)
         except Exception as error:  # rclpy raises several unrelated types here
             self._context.try_shutdown()
             reason = " ".join(str(error).split())
@@ -91,6 +93,12 @@ class RosNode:
         )
         self._publishers.append((topic, publisher))
         return publisher
+
+    def withdraw(self, publisher: Publisher) -> None:
+        """Take a publisher of ours out of the graph; once the node is closed it is."""
+        self._publishers = [entry for entry in self._publishers if entry[1] is not publisher]
+        if self.is_open:
+            self.node.destroy_publisher(publisher)
 
     def subscribe(
         self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False

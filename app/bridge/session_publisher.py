@@ -6,15 +6,15 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from marginguard_msgs.msg import FixtureConstraint
+from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, String
 
 from app.bridge import messages, topics
 from app.bridge.constraint import ConstraintBuilder
+from app.bridge.control.constraint_stream import ConstraintStream
 from app.bridge.diagnostics import Diagnostics
 from app.bridge.frame_tree import ALONE, FrameTree, Voice
-from app.bridge.heartbeat import Heartbeat
 from app.bridge.markers import Markers
 from app.bridge.node import RosNode
 from app.bridge.qos import Topic
@@ -33,7 +33,8 @@ class SessionPublisher:
     What does not change (static frames, the robot's description, grey surfaces) is latched on
     construction. ``heartbeat_hz`` repeats the constraint in a thread between steps, for a session
     that follows real time; None sends one constraint a step. ``voice`` tells what is left to
-    others, ``counts`` what diagnostics say of a live source. `publish` is for one thread.
+    others, ``counts`` what diagnostics say of a live source. `publish` and `use` are for one
+    thread. With ``ros`` it speaks through a node that is there already, and stays there.
     """
 
     def __init__(
@@ -47,34 +48,37 @@ class SessionPublisher:
         heartbeat_hz: float | None = None,
         voice: Voice = ALONE,
         counts: Callable[[], Mapping[str, int]] | None = None,
+        ros: RosNode | None = None,
     ) -> None:
         self._voice = voice
+        self._scene = scene
+        self._opened: list[Publisher] = []
+        self._surfaces_state: MarginState | None = None
         with ExitStack() as opening:
-            self.ros = opening.enter_context(
+            self.ros = ros or opening.enter_context(
                 RosNode(name, namespace=namespace, ros_args=ros_args, domain_id=domain_id)
             )
+            if ros is not None:
+                opening.callback(self._leave)
             self._publishers = {
-                topic.name: self.ros.publisher(topic)
+                topic.name: self._publisher(topic)
                 for topic in topics.EVERY_STEP
                 if self._speaks_on(topic)
             }
-            self._surfaces_publisher = self.ros.publisher(topics.MARKERS)
-            self._frame_tree = FrameTree(scene.static_edges, voice)
+            self._surfaces_publisher = self._publisher(topics.MARKERS)
+            self._static_publisher = self._publisher(topics.TF_STATIC)
             self._edges_left_out: set[tuple[str, str]] = set()
             self._diagnostics = Diagnostics(counts)
-            self._markers = Markers(scene)
-            # Serialised once a state: a tumour of 80k triangles takes long to convert.
-            self._surfaces = {
-                state: serialize_message(self._markers.surfaces(state)) for state in MarginState
-            }
-            self._surfaces_state: MarginState | None = None
             self._constraint_builder = ConstraintBuilder(scene)
-            self._last_state: int | None = None
-            self._fault_seq = 0
-            self._latch(scene)
-            self._heartbeat = Heartbeat(self._send_constraint, heartbeat_hz)
+            self._show(scene)
+            if scene.robot_description is not None:
+                description = self._publisher(topics.ROBOT_DESCRIPTION)
+                description.publish(String(data=scene.robot_description))
+            self.constraints = ConstraintStream(
+                self._publishers[topics.CONSTRAINT.name], heartbeat_hz
+            )
+            opening.callback(self.constraints.close)
             self._open = opening.pop_all()
-            self._open.callback(self._heartbeat.close)
 
     def publish(self, step: StepResult) -> None:
         """Send everything that ``step`` found; the clock first, so that no sample is from later."""
@@ -83,20 +87,53 @@ class SessionPublisher:
         self._publish_frames(step)
         for sample in step.frame.joints if self._voice.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
-        self._heartbeat.newest(self._constraint_builder.message(step.decision))
+        self.constraints.newest(
+            self._constraint_builder.message(step.decision), lasts_ns=self._lasts_ns(step)
+        )
         self._publish_margin(step.decision)
         report = self._diagnostics.report(step)
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
 
+    def use(self, scene: ReplayScene) -> None:
+        """Go on with other margins, another tumour or registration from the next step on.
+
+        The robot's description stays as it was.
+        """
+        same_surfaces = scene.tumor is self._scene.tumor and scene.tool is self._scene.tool
+        self._constraint_builder.use(scene)
+        if same_surfaces and scene.static_edges == self._scene.static_edges:
+            self._scene = scene
+        else:
+            self._show(scene)
+
     @property
     def fault_seq(self) -> int:
         """``seq`` of the constraint with which the state last became UNKNOWN."""
-        return self._fault_seq
+        return self.constraints.fault_seq
 
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. A second call does nothing."""
         self._open.close()
+
+    def _publisher(self, topic: Topic) -> Publisher:
+        self._opened.append(self.ros.publisher(topic))
+        return self._opened[-1]
+
+    def _leave(self) -> None:
+        for publisher in self._opened:
+            self.ros.withdraw(publisher)
+
+    def _lasts_ns(self, step: StepResult) -> int | None:
+        """For how long a heartbeat may repeat the constraint of ``step``.
+
+        None for one that allows no approach anyway, and for a time of ours, which can be paused.
+        """
+        decision = step.decision
+        if self._voice.clock or decision.state is MarginState.UNKNOWN or decision.stamp is None:
+            return None
+        age_ns = decision.stamp.age_ns(step.frame.stamp)
+        return max(0, self._scene.margins.stale_after_ns - age_ns)
 
     def _speaks_on(self, topic: Topic) -> bool:
         if topic is topics.CLOCK:
@@ -128,24 +165,22 @@ class SessionPublisher:
             self._surfaces_publisher.publish(self._surfaces[state])
             self._surfaces_state = state
 
-    def _latch(self, scene: ReplayScene) -> None:
+    def _show(self, scene: ReplayScene) -> None:
+        """Say, latched, what stays the same for as long as ``scene`` does."""
         never = Stamp(0)
-        self._latched = [self.ros.publisher(topics.TF_STATIC)]
-        self._latched[0].publish(tf_message((edge, never) for edge in scene.static_edges))
-        if scene.robot_description is not None:
-            self._latched.append(self.ros.publisher(topics.ROBOT_DESCRIPTION))
-            self._latched[1].publish(String(data=scene.robot_description))
+        self._scene = scene
+        self._frame_tree = FrameTree(scene.static_edges, self._voice)
+        self._markers = Markers(scene)
+        # Serialised once a state: a tumour of 80k triangles takes long to convert.
+        self._surfaces = {
+            state: serialize_message(self._markers.surfaces(state)) for state in MarginState
+        }
+        self._surfaces_state = None
+        self._static_publisher.publish(tf_message((edge, never) for edge in scene.static_edges))
         self._show_surfaces(MarginState.UNKNOWN)
 
     def _send(self, topic: Topic, message: object) -> None:
         self._publishers[topic.name].publish(message)
-
-    def _send_constraint(self, message: FixtureConstraint, seq: int) -> None:
-        message.seq = seq
-        if message.state != self._last_state and message.state == int(MarginState.UNKNOWN):
-            self._fault_seq = seq
-        self._last_state = message.state
-        self._send(topics.CONSTRAINT, message)
 
     def __enter__(self) -> Self:
         return self
