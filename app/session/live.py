@@ -45,7 +45,8 @@ class LiveSession:
         self._stepping = threading.Lock()
         self._stopped = False
         self._watch_ns = host_ns()
-        self._longest_ns = max(session.setup.margins.stale_after_ns + 1, TICK_NS)
+        longest_ns = max(session.setup.margins.stale_after_ns + 1, TICK_NS)
+        self._longest_ns = self._clock.host_time_for(longest_ns)
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -130,5 +131,5 @@ class LiveSession:
         if oldest is not None and now is not None:
             left_ns = self._session.setup.margins.stale_after_ns + 1 - oldest.age_ns(now)
             if 0 < left_ns <= self._longest_ns:
-                return host_ns + left_ns
+                return host_ns + self._clock.host_time_for(left_ns)
         return host_ns + TICK_NS

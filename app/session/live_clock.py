@@ -1,5 +1,7 @@
 """The present on the clock of a live source: known, or estimated from the samples that arrive."""
 
+import math
+
 from app.geometry import Stamp
 
 DRIFT = 2e-4
@@ -47,3 +49,7 @@ class SourceClock:
         """The present on the source's clock; None before the first sample."""
         offset_ns = self.offset_ns(host_ns)
         return None if offset_ns is None else Stamp(host_ns - offset_ns)
+
+    def host_time_for(self, ns: int) -> int:
+        """The host time after which the source's clock has gone on by ``ns`` at the least."""
+        return ns if self._stamps_of_host else math.ceil(ns / (1.0 - DRIFT)) + 1

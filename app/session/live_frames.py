@@ -20,6 +20,10 @@ MOST_EDGES = 256
 """More than these are no tree of frames of an operating room: what comes further is refused."""
 
 
+LONGEST_NAME = 256
+"""Letters of a frame's name; with `MOST_EDGES` it bounds what strangers can have us keep."""
+
+
 @dataclass(slots=True)
 class _Group:
     """The samples of one acquisition stamp, and since when (host time) the first is here."""
@@ -150,6 +154,9 @@ class LiveFrames:
             return False
         # What we publish ourselves comes back to us on /tf.
         if edge[1] in self._own_frames:
+            return False
+        if max(map(len, edge)) > LONGEST_NAME:
+            self.left_out[f"frame names of more than {LONGEST_NAME} letters"] += 1
             return False
         if len(self._edges) >= MOST_EDGES:
             self.left_out[f"edges beyond {MOST_EDGES}"] += 1

@@ -1,0 +1,143 @@
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from app.case import (
+    IgtlSourceEntry,
+    TfSourceEntry,
+    TopicSourceEntry,
+    begin_case,
+    open_case,
+    open_live,
+)
+from app.geometry import InputError
+
+
+@pytest.fixture
+def values(project_root: Path) -> dict[str, Any]:
+    text = (project_root / "data" / "live_example" / "live.yaml").read_text()
+    return yaml.safe_load(text)
+
+
+def opened(folder: Path, values: dict[str, Any]):
+    path = folder / "live.yaml"
+    path.write_text(yaml.safe_dump(values))
+    return open_live(path)
+
+
+def test_the_example_holds_and_names_the_shapes_of_the_recorded_case(project_root):
+    live = open_live(project_root / "data" / "live_example" / "live.yaml")
+    recorded = open_case(project_root / "data" / "recorded_case")
+    assert live.source == TopicSourceEntry("/tracked_transforms")
+    assert live.stamps_of_host is True
+    assert (live.case.tumor_mesh().faces == recorded.tumor_mesh().faces).all()
+    assert live.case.manifest.margins == recorded.manifest.margins
+    assert live.case.manifest.clock == recorded.manifest.clock
+
+
+@pytest.mark.parametrize(
+    ("source", "entry", "of_host"),
+    [
+        ({"tf": {}, "clock": "host"}, TfSourceEntry(()), True),
+        (
+            {"tf": {"edges": [{"parent": "tracker", "child": "cautery"}]}, "clock": "estimate"},
+            TfSourceEntry((("tracker", "cautery"),)),
+            False,
+        ),
+        (
+            {"tracked_transforms": {"topic": "/ndi/poses"}, "clock": "host"},
+            TopicSourceEntry("/ndi/poses"),
+            True,
+        ),
+        (
+            {"igtl": {"host": "plus", "port": 18944}, "clock": "estimate"},
+            IgtlSourceEntry("plus", 18944),
+            False,
+        ),
+    ],
+)
+def test_each_source(tmp_path, values, source, entry, of_host):
+    live = opened(tmp_path, values | {"source": source})
+    assert live.source == entry
+    assert live.stamps_of_host is of_host
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"source": {"clock": "host"}}, "has none of tf, tracked_transforms, igtl"),
+        (
+            {"source": {"tf": {}, "tracked_transforms": {}, "clock": "host"}},
+            "has tf and tracked_transforms of tf",
+        ),
+        ({"source": {"tf": {}}}, "live.yaml: source.clock is missing"),
+        ({"source": {"tf": {}, "clock": "ntp"}}, "source.clock is 'ntp': one of host, estimate"),
+        ({"source": {"tf": {"edges": []}, "clock": "host"}}, "source.tf.edges is empty"),
+        ({"source": {"tf": {"edge": []}, "clock": "host"}}, "source.tf.edge is not known"),
+        ({"source": {"tracked_transforms": {"topic": "a b"}, "clock": "host"}}, "topic is 'a b'"),
+        ({"recording": {"path": "x.mcap"}}, "live.yaml: recording is not known"),
+        ({"clock": {"estimate": True}}, "live.yaml: clock.estimate needs a recording"),
+        (
+            {
+                "registration": {
+                    "method": "paired_points",
+                    "dwells": [{"start_s": 0.0, "end_s": 1.0}],
+                }
+            },
+            "live.yaml: registration.dwells needs a recording",
+        ),
+        ({"source": {"igtl": {"host": "plus"}, "clock": "host"}}, "source.igtl.port is missing"),
+        (
+            {"source": {"igtl": {"host": "plus", "port": 65536}, "clock": "host"}},
+            "source.igtl.port is 65536: 1 to 65535 wanted",
+        ),
+        ({"schema": 2}, "live.yaml: schema is 2: 1 wanted"),
+    ],
+)
+def test_what_is_refused_is_named(tmp_path, values, change, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        opened(tmp_path, values | change)
+
+
+def test_a_file_that_is_not_there_is_named_with_its_key(tmp_path, values):
+    values["tumor"]["mesh"]["path"] = "gone.stl"
+    with pytest.raises(InputError, match=r"live\.yaml: tumor\.mesh\.path is 'gone\.stl'"):
+        opened(tmp_path, values)
+
+
+def test_a_live_case_has_no_recording(tmp_path, values):
+    with pytest.raises(InputError, match=r"live\.yaml: a live case has no recording"):
+        opened(tmp_path, values).case.recorded_frames()
+
+
+def test_what_no_topic_carries_cannot_be_recorded(tmp_path, values):
+    values["source"] = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
+    with pytest.raises(InputError, match="source.igtl cannot be recorded"):
+        begin_case(opened(tmp_path, values), tmp_path / "case")
+    assert not (tmp_path / "case").exists()
+
+
+def test_a_case_is_begun_with_all_but_its_recording(tmp_path, values, project_root):
+    config = tmp_path / "config"
+    config.mkdir()
+    stl = (project_root / "data" / "recorded_case" / "tumor.stl").read_bytes()
+    (config / "tumor.stl").write_bytes(stl)
+    values["tumor"]["mesh"]["path"] = "tumor.stl"
+    begin_case(opened(config, values), tmp_path / "case")
+    assert (tmp_path / "case" / "tumor.stl").read_bytes() == stl
+    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    assert written.pop("recording") == {"path": "tracking"}
+    del values["source"]
+    assert written == values
+    with pytest.raises(InputError, match="is there already"):
+        begin_case(open_live(config / "live.yaml"), tmp_path / "case")
+
+
+def test_a_topic_that_no_case_has_is_not_recorded_as_one(tmp_path, values):
+    values["source"] = {"tracked_transforms": {"topic": "/ndi"}, "clock": "host"}
+    with pytest.raises(InputError, match="a case holds /tracked_transforms"):
+        begin_case(opened(tmp_path, values), tmp_path / "case")
+    assert not (tmp_path / "case").exists()

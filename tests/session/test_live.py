@@ -1,0 +1,242 @@
+"""A live session in simulated time: when it steps, and that it is never green on old poses."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.fixture import MarginState, NotRearmableError, Reason
+from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
+from app.session import LiveSession, Session, SessionSetup
+from tests.session.doubles import PARAMETERS, AnalyticSphere, lost, sample
+
+STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS
+HOST_MS = 5_000_000
+"""What the host's clock reads when the tracker's reads 0."""
+
+
+class World:
+    """A host's clock, and what happens at which of its times (ms); waiting makes time pass."""
+
+    def __init__(self, stamps_of_host: bool = False) -> None:
+        self.ns = HOST_MS * NS_PER_MS
+        self.events = []
+        identity = Transform.identity
+        setup = SessionSetup(
+            identity("cautery", "cautery_tip"),
+            identity("needle", "tumor"),
+            AnalyticSphere(10.0),
+            PARAMETERS,
+            None,
+        )
+        self.live = LiveSession(
+            Session(setup), host_ns=lambda: self.ns, stamps_of_host=stamps_of_host, wait=self.wait
+        )
+
+    def at(self, ms, act):
+        self.events.append((round((HOST_MS + ms) * NS_PER_MS), len(self.events), act))
+
+    def arrive(self, ms, *samples):
+        self.at(ms, lambda: self.live.add(samples))
+
+    def wait(self, _, seconds):
+        until_ns = self.ns + max(1, round(seconds * 1e9))
+        if self.events and min(self.events)[0] <= until_ns:
+            due = min(self.events)
+            self.events.remove(due)
+            self.ns = max(self.ns, due[0])
+            due[2]()
+        else:
+            self.ns = until_ns
+
+    def run(self, until_ms):
+        """Host time in ms and result of each step."""
+        self.at(until_ms, self.live.stop)
+        return [(self.ns / NS_PER_MS - HOST_MS, step) for step in self.live.steps()]
+
+
+def needle(at_ms):
+    return sample("tracker", "needle", (0.0, 0.0, 0.001 * at_ms), at_ms)
+
+
+def cautery(at_ms, distance_mm=20.0):
+    return sample("tracker", "cautery", (10.0 + distance_mm, 0.0, 0.001 * at_ms), at_ms)
+
+
+def track(world, start_ms, end_ms, period_ms=20, delay_ms=3.0):
+    """Needle and cautery one after the other, as a topic of single transforms brings them."""
+    for at_ms in range(start_ms, end_ms, period_ms):
+        world.arrive(at_ms + delay_ms, needle(at_ms))
+        world.arrive(at_ms + delay_ms + 0.2, cautery(at_ms))
+
+
+def test_before_anything_comes_it_says_that_nothing_is_known():
+    steps = World().run(350)
+    assert [at for at, _ in steps] == pytest.approx([0.0, 100.0, 200.0, 300.0])
+    for _, step in steps:
+        assert step.decision.state is MarginState.UNKNOWN
+        assert step.decision.hold
+        assert step.frame.stamp == Stamp(0)
+
+
+def test_a_frame_is_stepped_when_its_last_sample_is_there():
+    world = World()
+    track(world, 0, 200)
+    frames = [(at, step) for at, step in world.run(195) if step.frame.poses]
+    # The first frames teach which samples belong together; from then on there is no waiting.
+    taught = [(at, step) for at, step in frames if at > 60]
+    assert [at for at, _ in taught] == pytest.approx([63.2 + 20 * index for index in range(7)])
+    for _, step in taught:
+        assert len(step.frame.poses) == 2
+        assert step.decision.state is MarginState.NEGATIVE
+        assert step.decision.proximity.signed_distance_mm == pytest.approx(20.0)
+
+
+def test_silence_is_stale_at_the_moment_at_which_it_becomes_so_and_stays_held():
+    world = World()
+    track(world, 0, 200)
+    track(world, 800, 1200)
+    steps = world.run(1100)
+    last_ms = 180
+    known = [(at, step) for at, step in steps if step.decision.state is not MarginState.UNKNOWN]
+    silent = [(at, step) for at, step in steps if last_ms + 10 < at < 800]
+    # The offset of the clocks is taken to be that of the fastest sample, 3 ms on its way.
+    assert silent[0][0] == pytest.approx(last_ms + STALE_MS + 3, abs=0.2)
+    for _, step in silent:
+        assert step.decision.state is MarginState.UNKNOWN
+        assert Reason.STALE in step.decision.reasons
+    gaps = np.diff([at for at, _ in silent])
+    assert gaps == pytest.approx(np.full(len(gaps), 100.0), abs=1.0)
+    back = [step for at, step in known if at > 800]
+    assert back
+    assert all(step.decision.hold for step in back)
+
+
+def test_rearming_is_refused_while_unknown_and_ends_the_hold_after_it():
+    world = World()
+    track(world, 0, 200)
+    track(world, 800, 1400)
+    refusals = []
+
+    def try_while_silent():
+        with pytest.raises(NotRearmableError):
+            world.live.rearm()
+        refusals.append(True)
+
+    world.at(600, try_while_silent)
+    world.at(1000, world.live.rearm)
+    steps = world.run(1300)
+    assert refusals
+    held = {at: step.decision.hold for at, step in steps if at > 850}
+    assert {hold for at, hold in held.items() if at < 1000} == {True}
+    assert {hold for at, hold in held.items() if at > 1001} == {False}
+
+
+def test_a_session_slower_than_its_source_stays_in_the_present():
+    world = World()
+    track(world, 0, 1000, period_ms=1)  # 1 kHz
+    world.at(1005, world.live.stop)
+    ages, poses = [], 0
+    for step in world.live.steps():
+        poses += len(step.frame.poses)
+        if step.decision.stamp is not None:
+            ages.append(step.decision.stamp.age_ns(step.frame.stamp) / NS_PER_MS)
+        # A step takes 30 ms, in which 30 frames arrive.
+        until_ns = world.ns + 30 * NS_PER_MS
+        while world.events and min(world.events)[0] <= until_ns:
+            world.wait(None, 0.03)
+        world.ns = max(world.ns, until_ns)
+    assert poses < 100
+    assert max(ages[2:]) < 10.0
+    assert world.live.left_out()["samples that a newer one replaced"] > 1000
+
+
+def test_a_lost_tool_is_unknown_with_the_trackers_word():
+    world = World()
+    track(world, 0, 100)
+    world.arrive(103, needle(100), lost("tracker", "cautery", 100, TrackingStatus.OUT_OF_VIEW))
+    step = next(step for at, step in world.run(115) if at > 102)
+    assert step.decision.state is MarginState.UNKNOWN
+    assert Reason.MISSING in step.decision.reasons
+
+
+def test_a_clock_that_is_started_again_is_seen_and_followed():
+    world = World()
+    for start_ms, tracker_ms in ((0, 50_000), (1000, 100)):
+        for at_ms in range(0, 600, 20):
+            world.arrive(start_ms + at_ms, needle(tracker_ms + at_ms), cautery(tracker_ms + at_ms))
+    steps = world.run(1500)
+    jumped = [at for at, s in steps if Reason.CLOCK_JUMPED_BACK in s.decision.reasons]
+    assert len(jumped) == 1
+    assert jumped[0] == pytest.approx(1000.0, abs=6.0)
+    assert steps[-1][1].decision.state is MarginState.NEGATIVE
+    assert steps[-1][1].frame.stamp.ns < 1000 * NS_PER_MS
+
+
+def test_a_host_clock_set_back_does_not_put_the_watch_to_sleep():
+    world = World()
+    track(world, 0, 200)
+
+    def set_back():
+        world.ns -= 3_600_000 * NS_PER_MS
+
+    world.at(190, set_back)
+    world.at(190.1, lambda: None)
+    seen = []
+    for step in world.live.steps():
+        seen.append(step)
+        if world.ns < (HOST_MS - 1000) * NS_PER_MS and len(seen) > 13:
+            world.live.stop()
+    assert seen[-1].decision.state is MarginState.UNKNOWN
+
+
+def test_strangers_cannot_make_it_keep_ever_more_frames():
+    world = World()
+    for index in range(400):
+        world.arrive(index, sample(f"frame{index}", f"child{index}", (1.0, 2.0, 3.0), index))
+    world.arrive(401, sample("tracker", "x" * 1000, (1.0, 2.0, 3.0), 401))
+    world.run(410)
+    left_out = world.live.left_out()
+    assert left_out["edges beyond 256"] == 400 - 256
+    assert left_out["frame names of more than 256 letters"] == 1
+    assert world.live.edges == ()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0.0, 60.0),  # ms until the next sample
+            st.sampled_from(["needle", "cautery", "lost", "robot", "ours"]),
+            st.floats(-2000.0, 2000.0) | st.just(0.0) | st.just(0.0),  # stamp error, ms
+        ),
+        max_size=60,
+    ),
+    st.booleans(),
+)
+def test_whatever_comes_a_known_state_rests_on_fresh_poses(arrivals, stamps_of_host):
+    world = World(stamps_of_host)
+    zero_ms = HOST_MS if stamps_of_host else 10_000
+    at_ms = 0.0
+    for wait_ms, what, error_ms in arrivals:
+        at_ms += wait_ms
+        stamp_ms = zero_ms + at_ms + error_ms
+        made = {
+            "needle": needle,
+            "cautery": cautery,
+            "lost": lambda at: lost("tracker", "cautery", at, TrackingStatus.MISSING),
+            "robot": lambda at: sample("base", "link", (1.0, 2.0, 3.0), at),
+            "ours": lambda at: sample("needle", "tumor", (9.0, 9.0, 9.0), at),
+        }[what](stamp_ms)
+        world.arrive(at_ms, made)
+    end_ms = at_ms + 1000
+    steps = world.run(end_ms)
+    for _, step in steps:
+        if step.decision.state is not MarginState.UNKNOWN:
+            age_ns = step.decision.stamp.age_ns(step.frame.stamp)
+            assert 0 <= age_ns <= PARAMETERS.stale_after_ns
+    # Nothing has come for a second: no known state is left standing.
+    assert steps[-1][1].decision.state is MarginState.UNKNOWN
+    gaps = np.diff([at for at, _ in steps])
+    assert gaps.max(initial=0.0) <= STALE_MS + 1.0
+    assert set(world.live.edges) <= {("tracker", "needle"), ("tracker", "cautery")}
