@@ -17,6 +17,7 @@ from app.case.igsio import read_igsio
 from app.case.inventory import EdgeCount, RecordingInventory
 from app.case.landmark_file import POINT_ENDINGS, read_landmarks
 from app.case.live_file import (
+    IgtlSourceEntry,
     LiveCase,
     LiveSourceEntry,
     TfSourceEntry,
@@ -85,6 +86,7 @@ __all__ = [
     "ExpectedBreaches",
     "ExpectedDropout",
     "ExpectedRegistration",
+    "IgtlSourceEntry",
     "JointSample",
     "LiveCase",
     "LiveSourceEntry",

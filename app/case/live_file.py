@@ -37,7 +37,18 @@ class TopicSourceEntry:
     topic: str
 
 
-LiveSourceEntry = TfSourceEntry | TopicSourceEntry
+@dataclass(frozen=True, slots=True)
+class IgtlSourceEntry:
+    """The tracker's poses come over OpenIGTLink from a server, PLUS for one."""
+
+    host: str
+    port: int
+
+
+LiveSourceEntry = TfSourceEntry | TopicSourceEntry | IgtlSourceEntry
+
+_LAST_PORT = 65_535
+_SOURCES = ("tf", "tracked_transforms", "igtl")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,20 +112,30 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
 
 
 def _source(document: Section) -> tuple[LiveSourceEntry, bool]:
-    block = document.section("source", ("tf", "tracked_transforms", "clock"))
-    if block.has("tf") == block.has("tracked_transforms"):
+    block = document.section("source", (*_SOURCES, "clock"))
+    given = [name for name in _SOURCES if block.has(name)]
+    if len(given) != 1:
         raise InputError(
-            f"{document.place('source')} has {'both' if block.has('tf') else 'none'} of tf and "
-            "tracked_transforms: one of them wanted"
+            f"{document.place('source')} has {' and '.join(given) or 'none'} of "
+            f"{', '.join(_SOURCES)}: one of them wanted"
         )
     of_host = block.choice("clock", ("host", "estimate")) == "host"
     if block.has("tf"):
         return TfSourceEntry(_edges(block.section("tf", ("edges",)))), of_host
+    if block.has("igtl"):
+        return _server(block.section("igtl", ("host", "port"))), of_host
     topic_block = block.section("tracked_transforms", ("topic",))
     topic = TRACKED_TRANSFORMS_TOPIC
     if topic_block.has("topic"):
         topic = read_topic(topic_block, "topic")
     return TopicSourceEntry(topic), of_host
+
+
+def _server(igtl: Section) -> IgtlSourceEntry:
+    port = igtl.integer("port", minimum=1)
+    if port > _LAST_PORT:
+        raise InputError(f"{igtl.place('port')} is {port}: 1 to {_LAST_PORT} wanted")
+    return IgtlSourceEntry(igtl.text("host"), port)
 
 
 def _edges(tf: Section) -> tuple[tuple[str, str], ...]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import yaml
 
 from app.case.convert import copy_named_files
-from app.case.live_file import LiveCase, TopicSourceEntry
+from app.case.live_file import IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest_file import MANIFEST_NAME
 from app.case.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.geometry import InputError
@@ -24,6 +24,11 @@ def begin_case(live: LiveCase, folder: Path) -> None:
         raise InputError(
             f"{live.case.manifest.file}: source.tracked_transforms.topic is {source.topic!r}: "
             f"a case holds {TRACKED_TRANSFORMS_TOPIC}, so only that can be recorded as one"
+        )
+    if isinstance(source, IgtlSourceEntry):
+        raise InputError(
+            f"{live.case.manifest.file}: source.igtl cannot be recorded: let 'marginguard igtl' "
+            "publish it, and make tracked_transforms the source"
         )
     try:
         folder.mkdir(parents=True)

@@ -75,7 +75,7 @@ def tracked_message(sample: TrackedTransform) -> TrackedTransformMessage:
 
 def _diagnostic(source: IgtlSource, superseded: int) -> DiagnosticStatus:
     counts = source.counts()
-    refused = any(key.startswith("refused") for key in counts)
+    refused = any(": refused" in key for key in counts)
     level = DiagnosticStatus.WARN if refused else DiagnosticStatus.OK
     values = {
         **{key: str(count) for key, count in sorted(counts.items())},

@@ -93,11 +93,14 @@ class IgtlSource:
     def counts(self) -> Mapping[str, int]:
         """What came and what was left out, for diagnostics."""
         self._raise_error()
-        counts = dict(self._counts)
-        counts["samples without a status"] = self._reader.without_status
+        counts = {
+            "connected": int(self._connected),
+            **self._counts,
+            "samples without a status": self._reader.without_status,
+        }
         for kind, count in dict(self._refusals.counts).items():
             counts[f"refused ({kind})"] = count
-        return counts
+        return {f"OpenIGTLink: {name}": count for name, count in counts.items()}
 
     def close(self) -> None:
         """Leave the server and end the thread: nothing is delivered afterwards."""

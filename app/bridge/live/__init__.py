@@ -3,7 +3,7 @@
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.rearming import RearmService
 from app.bridge.live.recorder import RosRecorder
-from app.bridge.live.source import Source, TfSource, TrackedTransformSource, ros_source
+from app.bridge.live.source import Source, TfSource, TrackedTransformSource, source_of
 
 __all__ = [
     "RearmService",
@@ -12,5 +12,5 @@ __all__ = [
     "TfSource",
     "TrackedTransformSource",
     "listen_to_joints",
-    "ros_source",
+    "source_of",
 ]

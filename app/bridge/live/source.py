@@ -6,10 +6,11 @@ from typing import Protocol
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 
 from app.bridge import topics
+from app.bridge.igtl import IgtlSource
 from app.bridge.live.subscription import CountedSubscription
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
-from app.case import LiveSourceEntry, TfSourceEntry
+from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry
 from app.case.message_values import PoseValues
 from app.case.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
 from app.geometry import MarginGuardError, TrackedTransform
@@ -80,8 +81,10 @@ class TrackedTransformSource:
             self._deliver([values.sample()])
 
 
-def ros_source(ros: RosNode, entry: LiveSourceEntry, deliver: Deliver) -> Source:
+def source_of(ros: RosNode, entry: LiveSourceEntry, deliver: Deliver) -> Source:
     """The source that a ``live.yaml`` names."""
+    if isinstance(entry, IgtlSourceEntry):
+        return IgtlSource(entry.host, entry.port, deliver, changed=ros.node.get_logger().info)
     if isinstance(entry, TfSourceEntry):
         return TfSource(ros, deliver)
     return TrackedTransformSource(ros, entry.topic, deliver)

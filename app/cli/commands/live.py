@@ -79,7 +79,7 @@ def _follow(
     options: argparse.Namespace,
 ) -> None:
     from app.bridge import SessionPublisher, Voice
-    from app.bridge.live import RearmService, listen_to_joints, ros_source
+    from app.bridge.live import RearmService, listen_to_joints, source_of
     from app.case import TfSourceEntry
 
     counted: list[Callable[[], Mapping[str, int]]] = [live.left_out]
@@ -94,7 +94,7 @@ def _follow(
         counts=lambda: {name: n for counts in counted for name, n in counts().items()},
     ) as publisher:
         RearmService(publisher.ros, rearm=live.rearm, fault_seq=lambda: publisher.fault_seq)
-        source: Source = ros_source(publisher.ros, config.source, live.add)
+        source: Source = source_of(publisher.ros, config.source, live.add)
         counted.append(source.counts)
         robot = case.manifest.robot
         if robot is not None and robot.joint_states is not None:

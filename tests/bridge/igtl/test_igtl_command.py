@@ -73,7 +73,7 @@ def test_what_a_server_tracks_is_published(
 
     server.send(name="Nonsense", matrix=pose(1, 2, 3))
     values: dict[str, str] = {}
-    while "refused (FrameError)" not in values:
+    while "OpenIGTLink: refused (FrameError)" not in values:
         [received] = receiver.take(1)
         if received["topic"] == "/diagnostics":
             [status] = received["message"]["status"]
@@ -81,7 +81,7 @@ def test_what_a_server_tracks_is_published(
     assert status["name"] == "marginguard: OpenIGTLink"
     assert status["level"] == 1
     assert "'Nonsense'" in values["last refusal"]
-    assert values["connections"] == "1"
+    assert values["OpenIGTLink: connections"] == "1"
 
     command.send_signal(signal.SIGINT)
     _, said = command.communicate(timeout=30.0)
