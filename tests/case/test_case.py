@@ -69,8 +69,9 @@ def test_a_case_brings_no_code(manifest: Manifest, write_case: WriteCase, tmp_pa
     (tmp_path / "packages/arm").mkdir(parents=True)
     (tmp_path / "packages/arm/arm.xacro").write_text("<robot/>")
     robot["urdf"] = "package://arm/arm.xacro"
-    case = open_case(write_case(manifest), package_dirs=[tmp_path / "packages"])
-    assert case.robot_urdf().name == "arm.xacro"
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
+    case = open_case(folder, package_dirs=[tmp_path / "packages"])
+    assert case.robot_urdf() == tmp_path / "packages/arm/arm.xacro"
 
 
 def test_an_offset_that_is_to_be_estimated_is_refused_for_now(
