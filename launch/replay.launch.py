@@ -49,7 +49,7 @@ def generate_launch_description():
             Node(
                 package="rviz2",
                 executable="rviz2",
-                arguments=["-d", str(ROOT / "rviz" / "replay.rviz")],
+                arguments=["-d", str(ROOT / "rviz" / "margin.rviz")],
                 parameters=[{"use_sim_time": True}],
                 condition=IfCondition(LaunchConfiguration("rviz")),
             ),

@@ -1,9 +1,13 @@
 """What ROS users open must ask for what is published, with a promise that fits."""
 
 import ast
+import json
+import re
 from collections.abc import Iterator
 from typing import Any
+from xml.etree import ElementTree
 
+import pytest
 import yaml
 from rclpy.qos import DurabilityPolicy
 
@@ -42,14 +46,65 @@ def test_rviz_listens_to_topics_that_exist_and_are_latched(project_root):
             assert entry["Reliability Policy"] == "Reliable"
 
 
-def test_the_launch_file_runs_a_command_line_that_parses(project_root):
-    tree = ast.parse((project_root / "launch" / "replay.launch.py").read_text())
-    (command,) = (
+@pytest.mark.parametrize(
+    ("file", "commands"),
+    [("replay.launch.py", ["replay"]), ("live.launch.py", ["live", "record"])],
+)
+def test_a_launch_file_runs_command_lines_that_parse(project_root, file, commands):
+    text = (project_root / "launch" / file).read_text()
+    tree = ast.parse(text)
+    lines = [
         node.value for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg == "cmd"
-    )
-    assert isinstance(command, ast.List)
-    # A launch configuration stands for a value that the user gives: 1 is a case and a rate.
-    words = [item.value if isinstance(item, ast.Constant) else "1" for item in command.elts]
-    options = build_parser().parse_args(words[1:])
-    assert options.command == "replay"
-    assert options.rate == 1.0
+    ]
+    assert len(lines) == len(commands)
+    for line, command in zip(lines, commands, strict=True):
+        assert isinstance(line, ast.List)
+        # A launch configuration stands for a value that the user gives: 1 is a case and a rate.
+        words = [item.value if isinstance(item, ast.Constant) else "1" for item in line.elts]
+        assert build_parser().parse_args(words[1:]).command == command
+    declared = set(re.findall(r"DeclareLaunchArgument\(\s*\"(\w+)\"", text))
+    assert set(re.findall(r"LaunchConfiguration\(\"(\w+)\"\)", text)) == declared
+    for name in re.findall(r"\"rviz\" / \"([^\"]+)\"", text):
+        assert (project_root / "rviz" / name).is_file()
+
+
+def test_the_ros_package_installs_what_is_there_and_hides_no_other(project_root):
+    folder = project_root / "ros" / "marginguard"
+    package = ElementTree.parse(folder / "package.xml").getroot()
+    assert package.findtext("name") == "marginguard"
+    (names,) = re.findall(r"foreach\(folder ([^)]*)\)", (folder / "CMakeLists.txt").read_text())
+    for name in names.split():
+        assert (project_root / name).is_dir()
+    # colcon looks no further once it has found one.
+    assert not (project_root / "package.xml").exists()
+    assert not (project_root / "ros" / "package.xml").exists()
+
+
+def test_the_foxglove_layout_shows_what_is_published(project_root):
+    layout = json.loads((project_root / "foxglove" / "marginguard.json").read_text())
+    panels = layout["configById"]
+
+    def shown(node: Any) -> Iterator[str]:
+        if isinstance(node, str):
+            yield node
+            return
+        assert node["direction"] in {"row", "column"}
+        assert 0 < node["splitPercentage"] < 100
+        for part in ("first", "second"):
+            yield from shown(node[part])
+
+    assert sorted(shown(layout["layout"])) == sorted(panels)
+    assert {name.partition("!")[0] for name in panels} >= {
+        "3D",
+        "Plot",
+        "StateTransitions",
+        "DiagnosticSummary",
+    }
+    used = [path["value"] for panel in panels.values() for path in panel.get("paths", ())]
+    used += [panel["topicPath"] for panel in panels.values() if "topicPath" in panel]
+    assert used
+    for path in used:
+        topic, field, *_ = path.split(".")
+        assert field in PUBLISHED[topic].type.get_fields_and_field_types(), path
+    assert set(panels["3D!margin"]["topics"]) <= PUBLISHED.keys()
+    assert panels["DiagnosticSummary!all"]["topicToRender"] in PUBLISHED
