@@ -7,6 +7,7 @@ rad, an orientation is roll, pitch and yaw about the fixed axes x, y, z in that 
 """
 
 import math
+import reprlib
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +21,11 @@ from app.geometry import FloatArray
 from app.robot.errors import AdfError
 from app.robot.xml_guard import read_file
 
-MAX_BYTES = 8 * 1024 * 1024
+MAX_BYTES = 2 * 1024 * 1024
 MAX_DEPTH = 24
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 2  # aliases share a value, and its words would unfold
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +42,14 @@ class Section:
         """A string, or ``default`` where the key is missing."""
         value = self.values.get(key, default)
         if not isinstance(value, str) or not value.strip():
-            raise AdfError(f"{self.place}: {key!r} is {value!r}: a text wanted")
+            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(value)}: a text wanted")
         return value.strip()
 
     def number(self, key: Hashable, default: float | None = None) -> float:
         """A finite number, or ``default`` where the key is missing."""
         value = self.values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
-            raise AdfError(f"{self.place}: {key!r} is {value!r}: a finite number wanted")
+            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(value)}: a finite number wanted")
         return float(value)
 
     def numbers(self, keys: Iterable[Hashable]) -> FloatArray:
@@ -60,7 +64,7 @@ class Section:
         """The mappings of the list under ``key``; none where it is missing."""
         entries = self.values.get(key) or []
         if not isinstance(entries, list):
-            raise AdfError(f"{self.place}: {key!r} is {entries!r}: a list wanted")
+            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(entries)}: a list wanted")
         place = f"{self.place}: {key}"
         return [self._mapping(f"{place}[{n}]", entry) for n, entry in enumerate(entries)]
 
@@ -86,14 +90,15 @@ class Section:
             scale = np.full(3, self.number("scale", 1.0))
         if scale.shape != (3,) or (scale == 0.0).any():
             raise AdfError(
-                f"{self.place}: 'scale' is {value!r}: one or 3 numbers other than 0 wanted"
+                f"{self.place}: 'scale' is {_SHORT.repr(value)}: "
+                "one or 3 numbers other than 0 wanted"
             )
         return scale
 
     @staticmethod
     def _mapping(place: str, value: Any) -> "Section":
         if value is not None and not isinstance(value, Mapping):
-            raise AdfError(f"{place} is {value!r}: a mapping wanted")
+            raise AdfError(f"{place} is {_SHORT.repr(value)}: a mapping wanted")
         return Section(place, value or {})
 
 
@@ -123,7 +128,7 @@ def read_adf(path: Path) -> AdfDocument:
 def _sections(settings: Section, kind: str) -> dict[str, Section]:
     keys = settings.values.get(kind) or []
     if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
-        raise AdfError(f"{settings.place}: {kind!r} is {keys!r}: a list of names wanted")
+        raise AdfError(f"{settings.place}: {kind!r} is {_SHORT.repr(keys)}: a list of names wanted")
     sections = {}
     for key in keys:
         value = settings.values.get(key)

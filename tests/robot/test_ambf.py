@@ -223,13 +223,17 @@ def test_what_is_wrong_is_named_in_one_line(write_adf, bodies, joints, message):
         ("bodies: [a]\nb: &b {name: a}\na: {<<: *b}", "merge key"),
         ("bodies: !!python/object/apply:os.system [ls]", "not YAML that can be read"),
         ("a: " + "[" * 100, "nested deeper"),
+        ("bodies: [a]\na: {name: [" + "x, " * 10_000 + "x]}", "a text wanted"),
+        ("bodies: " + "x" * 3_000_000, "more than the 2097152 bytes"),
     ],
 )
 def test_yaml_of_strangers_is_refused(tmp_path, text, message):
     path = tmp_path / "model.yaml"
     path.write_text(text)
-    with pytest.raises(AdfError, match=message):
+    with pytest.raises(AdfError, match=message) as refused:
         load_adf(path)
+    assert len(str(refused.value)) < 400
+    assert "\n" not in str(refused.value)
 
 
 def test_a_mesh_for_collision_that_is_missing_is_an_error(write_adf):

@@ -33,6 +33,7 @@ _LOOK_AGAIN_S = 0.5
 _CALL_TIMEOUT_S = 5.0
 _CLOSE_S = 5.0
 _MOST_WORDS = 300
+_SAID_EVERY_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,5 +188,6 @@ class DescriptionListener:
         self.refused += 1
         self.problem = words[:_MOST_WORDS]
         self._ros.node.get_logger().warning(
-            f"description of robot {self._settings.name!r}: {self.problem}"
+            f"description of robot {self._settings.name!r}: {self.problem}",
+            throttle_duration_sec=_SAID_EVERY_S,
         )
