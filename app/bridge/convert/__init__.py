@@ -1,13 +1,28 @@
 """Messages of any installed type as plain values, in our units, and back."""
 
+from app.bridge.convert.clouds import cloud_array, cloud_message, cloud_points_mm
 from app.bridge.convert.errors import ConversionError, UnknownTypeError
+from app.bridge.convert.images import image_array, image_message
+from app.bridge.convert.plain import from_plain, to_plain
+from app.bridge.convert.quality import quality
+from app.bridge.convert.topics import TopicPublisher, TopicSubscriber
 from app.bridge.convert.types import action_type, message_type, service_type, type_name
 
 __all__ = [
     "ConversionError",
+    "TopicPublisher",
+    "TopicSubscriber",
     "UnknownTypeError",
     "action_type",
+    "cloud_array",
+    "cloud_message",
+    "cloud_points_mm",
+    "from_plain",
+    "image_array",
+    "image_message",
     "message_type",
+    "quality",
     "service_type",
+    "to_plain",
     "type_name",
 ]

@@ -1,0 +1,75 @@
+"""A process of another DDS implementation, Eclipse Cyclone DDS, its types written here by hand.
+
+    cyclone_speaker.py COUNT
+
+Sends a ``geometry_msgs/PoseArray`` of COUNT poses on ``/poses`` again and again; the position of
+pose n is (n, 0, 0.5) m. Prints ``ready``; ends when it is killed. It imports nothing of ROS.
+"""
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float64, int32, sequence, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+
+
+@dataclass
+class Point(IdlStruct, typename="geometry_msgs::msg::dds_::Point_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
+    x: float64
+    y: float64
+    z: float64
+    w: float64
+
+
+@dataclass
+class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
+    position: Point
+    orientation: Quaternion
+
+
+@dataclass
+class PoseArray(IdlStruct, typename="geometry_msgs::msg::dds_::PoseArray_"):
+    header: Header
+    poses: sequence[Pose]
+
+
+def main(count):
+    participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
+    qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(10))
+    writer = DataWriter(participant, Topic(participant, "rt/poses", PoseArray, qos=qos), qos=qos)
+    print("ready", flush=True)
+    upright = Quaternion(0.0, 0.0, 0.0, 1.0)
+    poses = [Pose(Point(float(n), 0.0, 0.5), upright) for n in range(count)]
+    while True:
+        writer.write(PoseArray(Header(Time(1, 2), "tracker"), poses))
+        time.sleep(0.01)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -1,0 +1,47 @@
+"""An independent ROS process that says one message again and again, by rclpy alone.
+
+    speaker.py TOPIC TYPE PERIOD_S REPR [best_effort|latched]
+
+REPR is the Python expression of the message's fields, a dict, with nested messages as dicts.
+Prints ``ready``; ends when it is killed.
+"""
+
+import ast
+import sys
+from importlib import import_module
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+
+def fill(message, fields):
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def main(topic, kind, period_s, fields, promise=""):
+    rclpy.init()
+    node = rclpy.create_node("speaker")
+    package, folder, name = kind.split("/")
+    found = getattr(import_module(f"{package}.{folder}"), name)
+    qos = QoSProfile(depth=10)
+    if promise == "best_effort":
+        qos.reliability = ReliabilityPolicy.BEST_EFFORT
+    if promise == "latched":
+        qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    publisher = node.create_publisher(found, topic, qos)
+    message = fill(found(), ast.literal_eval(fields))
+    if promise == "latched":
+        publisher.publish(message)
+    else:
+        node.create_timer(float(period_s), lambda: publisher.publish(message))
+    print("ready", flush=True)
+    rclpy.spin(node)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

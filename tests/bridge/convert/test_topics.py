@@ -1,0 +1,166 @@
+"""Topics by name and type, with processes on the other side that know rclpy alone."""
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.bridge.convert import (
+    ConversionError,
+    TopicPublisher,
+    TopicSubscriber,
+    UnknownTypeError,
+    quality,
+)
+from app.bridge.node import RosNode
+from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
+
+CYCLONE = Path(__file__).resolve().parent / "cyclone_speaker.py"
+SPEAKER = Path(__file__).resolve().parent / "speaker.py"
+POSE = "geometry_msgs/msg/PoseStamped"
+NOTHING = {"x": 0.0, "y": 0.0, "z": 0.0}
+ONE_METRE = "{'pose': {'position': {'x': 1.0, 'z': -0.25}}, 'header': {'frame_id': 'reference'}}"
+
+
+@pytest.fixture
+def ros(domain_id):
+    with RosNode("marginguard", domain_id=domain_id) as node:
+        yield node
+
+
+@pytest.fixture
+def speak(start_receiver):
+    """``speak("/topic", "TYPE", "0.01", "{...}", "latched")``: another process says it."""
+    return lambda *arguments: start_receiver(*arguments, script=SPEAKER)
+
+
+def test_metres_of_another_process_are_millimetres_here(ros, speak):
+    heard = threading.Event()
+    subscriber = TopicSubscriber(ros, "PoseStamped", "/target", changed=heard.set)
+    assert subscriber.values is None
+    speak("/target", POSE, "0.01", ONE_METRE)
+    assert heard.wait(30.0)
+    values = subscriber.values
+    assert values["pose"]["position"] == {"x": 1000.0, "y": 0.0, "z": -250.0}
+    assert values["pose"]["orientation"]["w"] == 1.0
+    assert values["header"]["frame_id"] == "reference"
+    assert subscriber.message.pose.position.x == 1.0
+    assert subscriber.count >= 1
+
+
+def test_another_dds_implementation_is_understood(ros, start_receiver):
+    heard = threading.Event()
+    subscriber = TopicSubscriber(ros, "PoseArray", "/poses", changed=heard.set)
+    start_receiver("250", script=CYCLONE, environment=CYCLONE_ON_THIS_MACHINE)
+    assert heard.wait(30.0)
+    poses = subscriber.values["poses"]
+    assert [pose["position"] for pose in poses] == [
+        {"x": 1000.0 * number, "y": 0.0, "z": 500.0} for number in range(250)
+    ]
+
+
+def test_our_millimetres_are_metres_there(ros, start_receiver):
+    publisher = TopicPublisher(ros, "PoseStamped", "~/target")
+    receiver = start_receiver(f"/marginguard/target:{POSE}:1")
+    assert ros.wait_for_subscribers(publisher.topic, 1, timeout_s=30.0)
+    values = {"pose": {"position": {"x": 12.5}, "orientation": {"w": 1}}}
+    assert publisher.publish(values) == 1
+    (line,) = receiver.messages()
+    assert line["message"]["pose"]["position"] == {"x": 0.0125, "y": 0.0, "z": 0.0}
+    assert line["message"]["pose"]["orientation"]["w"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("short", "kind", "values", "there"),
+    [
+        ("Empty", "std_msgs/msg/Empty", {}, {}),
+        ("String", "std_msgs/msg/String", {"data": "ü"}, {"data": "ü"}),
+        ("Bool", "std_msgs/msg/Bool", {"data": True}, {"data": True}),
+        ("Int", "std_msgs/msg/Int64", {"data": -(2**62)}, {"data": -(2**62)}),
+        ("Double", "std_msgs/msg/Float64", {"data": 1}, {"data": 1.0}),
+        (
+            "Joy",
+            "sensor_msgs/msg/Joy",
+            {"axes": np.array([0.5, -1.0]), "buttons": [1, 0]},
+            {"axes": [0.5, -1.0], "buttons": [1, 0]},
+        ),
+        (
+            "WrenchStamped",
+            "geometry_msgs/msg/WrenchStamped",
+            {"wrench": {"force": {"z": 3.0}}},
+            {
+                "wrench": {
+                    "force": {"x": 0.0, "y": 0.0, "z": 3.0},
+                    "torque": dict.fromkeys("xyz", 0.0),
+                }
+            },
+        ),
+    ],
+)
+def test_types_that_users_of_slicer_know(ros, start_receiver, short, kind, values, there):
+    publisher = TopicPublisher(ros, short, "~/x", quality(durability="transient_local"))
+    publisher.publish(values)
+    (line,) = start_receiver(f"/marginguard/x:{kind}:1:latched").messages()
+    assert there.items() <= line["message"].items()
+
+
+def test_a_late_joiner_hears_what_another_process_has_latched(ros, speak):
+    speak("/notice", "std_msgs/msg/String", "0", "{'data': 'ready for you'}", "latched")
+    heard = threading.Event()
+    latched = quality(depth=1, durability="transient_local")
+    subscriber = TopicSubscriber(ros, "String", "/notice", latched, changed=heard.set)
+    assert heard.wait(30.0)
+    assert subscriber.values == {"data": "ready for you"}
+
+
+def test_a_promise_that_does_not_fit_is_reported(ros, speak, capfd):
+    subscriber = TopicSubscriber(ros, "String", "/lossy", quality(reliability="reliable"))
+    fitting, heard = quality(reliability="best_effort"), threading.Event()
+    TopicSubscriber(ros, "String", "/lossy", fitting, changed=heard.set)
+    speak("/lossy", "std_msgs/msg/String", "0.01", "{'data': 'x'}", "best_effort")
+    assert heard.wait(30.0)
+    assert subscriber.count == 0
+    assert ros.incompatible == {"/lossy": "RELIABILITY"}
+    assert "another endpoint is not heard, its RELIABILITY" in capfd.readouterr().err
+
+
+def test_ten_thousand_a_second_cost_no_reading(ros, speak):
+    # As fast as one process can: each is taken, one is read.
+    many = threading.Event()
+    subscriber = TopicSubscriber(ros, POSE, "/flood", quality(depth=1), changed=lambda: taken())
+
+    def taken():
+        if subscriber.count >= 2000:
+            many.set()
+
+    speak("/flood", POSE, "0.0001", ONE_METRE)
+    assert many.wait(60.0)
+    assert subscriber.values["pose"]["position"]["x"] == 1000.0
+    assert ros.failures == 0
+
+
+def test_what_cannot_be_sent_is_not_sent(ros):
+    publisher = TopicPublisher(ros, "Double", "~/x")
+    with pytest.raises(ConversionError, match=r"Float64\.data is 'a'"):
+        publisher.publish({"data": "a"})
+    assert publisher.count == 0
+
+
+def test_bytes_of_a_stranger_are_no_message(ros):
+    subscriber = TopicSubscriber(ros, "String", "/x")
+    subscriber._take(b"\x00\x01\x00\x00\xff\xff\xff\xff")
+    with pytest.raises(ConversionError, match="8 bytes are no String"):
+        _ = subscriber.values
+    assert subscriber.values is None
+
+
+def test_names_and_promises_that_are_none(ros):
+    with pytest.raises(UnknownTypeError, match="Nothing"):
+        TopicPublisher(ros, "std_msgs/Nothing", "/x")
+    for make in (TopicPublisher, TopicSubscriber):
+        with pytest.raises(ConversionError, match="no topic 'two words'"):
+            make(ros, "String", "two words")
+    for wrong in ({"depth": 0}, {"reliability": "good"}, {"durability": "for ever"}):
+        with pytest.raises(ConversionError):
+            quality(**wrong)
