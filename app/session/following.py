@@ -10,14 +10,16 @@ from app.session.setup import RobotSetup
 OPTIONS = IkOptions(tolerance_mm=1e-3, tolerance_rad=1e-5, max_iterations=30, restarts=0)
 """Fine enough to be shown. A tool that moves steadily leaves the robot on its branch."""
 
+OUT_OF_REACH = "the tool is out of the robot's reach"
+
 
 class IkFollower:
     """Finds joints that bring the robot's tool link to the tool, frame after frame.
 
     ``robot.registration`` says where its base is. Where ``robot.link_from_tip`` is not known, the
-    link is turned as the tip is. Each frame is tried from the last solution; where that fails, from
-    one other start as well, another one at each frame, so that a frame takes a few tens of ms at
-    most whether or not the tool is in reach, and a robot that has lost it finds it again.
+    link is turned as the tip is. A frame is tried from the last solution; after two that failed one
+    is tried from another start, and so on in turns, so that a robot that has lost the tool finds
+    it again, and does not leave its branch for one bad frame.
     """
 
     def __init__(self, robot: RobotSetup) -> None:
@@ -34,19 +36,17 @@ class IkFollower:
         if setup.link_from_tip is not None:
             base_from_tip = base_from_tip @ setup.link_from_tip.inverse()
         wanted = base_from_tip.renamed(target=setup.robot.root_link, source=setup.tool_link)
+        # In turns, so that a frame costs one search whether or not the tool is in reach.
+        start = self._other_start() if self._failures % 3 == 2 else self._seed
         try:
-            self._seed = self._solution(wanted, self._seed)
-        except UnreachableError as nearest:
+            self._seed = setup.robot.inverse_kinematics(
+                setup.tool_link, wanted, seed=start, options=OPTIONS
+            )
+        except UnreachableError:
             self._failures += 1
-            try:
-                self._seed = self._solution(wanted, self._other_start())
-            except UnreachableError:
-                raise nearest from None
+            raise
+        self._failures += -self._failures % 3
         return setup.robot.forward_kinematics(self._seed)
-
-    def _solution(self, wanted: Transform, seed: Mapping[str, float]) -> dict[str, float]:
-        setup = self._robot
-        return setup.robot.inverse_kinematics(setup.tool_link, wanted, seed=seed, options=OPTIONS)
 
     def _other_start(self) -> dict[str, float]:
         """Positions spread evenly over the joints' ranges, the next ones at each failure.

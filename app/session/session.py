@@ -16,7 +16,7 @@ from app.fixture import (
 from app.geometry import Stamp, Transform
 from app.registration import RegistrationDrift, check_drift, predict_tre
 from app.robot import JointError, UnreachableError
-from app.session.following import IkFollower
+from app.session.following import OUT_OF_REACH, IkFollower
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 
@@ -258,7 +258,7 @@ class Session:
         try:
             return self._follower.links(seen @ self.setup.tool_from_tip), ""
         except UnreachableError as error:
-            return {}, str(error)
+            return {}, f"{OUT_OF_REACH}: {error}"
 
 
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:

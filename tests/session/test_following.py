@@ -12,7 +12,7 @@ from app.geometry import Transform
 from app.registration import DriftBound, given_registration
 from app.robot import UnreachableError, load_robot
 from app.session import RobotSetup, Session, setup_from_case
-from app.session.following import IkFollower
+from app.session.following import OUT_OF_REACH, IkFollower
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +87,16 @@ def test_poses_out_of_reach_are_named_and_what_comes_after_is_followed(touch):
     assert follower.links(reachable)["stylus"].distance_mm_to(near) < 1e-3
 
 
+def test_a_session_names_what_is_out_of_reach(case, recorded):
+    away = given_registration(Transform("reference", "robot_base", np.eye(3), [3000.0, 0.0, 0.0]))
+    robot = replace(recorded.robot, follows_tool=True, registration=away)
+    session = Session(replace(recorded, robot=robot))
+    steps = [session.step(frame) for frame in islice(case.frames(), 10)]
+    assert [dict(step.links) for step in steps] == [{}] * 10
+    problems = [step.robot_problem for step in steps]
+    assert any(problem.startswith(f"{OUT_OF_REACH}: link 'stylus'") for problem in problems)
+
+
 def test_a_case_without_joint_states_is_followed(recorded, tmp_path, project_root):
     """Its manifest alone says so; the registration is given, since dwells need joints."""
     source = project_root / "data" / "recorded_case"
@@ -120,7 +130,7 @@ def test_a_pose_on_another_branch_is_found_within_a_few_frames(touch):
         positions = dict(zip(touch.actuated_joint_names, rng.uniform(low, high), strict=True))
         link = touch.forward_kinematics(positions)["stylus"]
         tip = reference_from_base @ link.renamed(target="robot_base", source="cautery_tip")
-        for wait in range(100):
+        for wait in range(300):
             try:
                 links = follower.links(tip)
             except UnreachableError:

@@ -115,6 +115,7 @@ def _play(
 
     session, log = Session(setup), ReplayLog()
     robot_problems: Counter[str] = Counter()
+    first_of_kind: dict[str, str] = {}
     with publishing(case, setup, player, options) as publish:
         for frame in with_progress(player.play(), "replaying frame"):
             started_ns = time.perf_counter_ns()
@@ -122,7 +123,9 @@ def _play(
             duration_ns = time.perf_counter_ns() - started_ns
             if not options.loop:
                 log.add(step, duration_ns)
-                robot_problems[step.robot_problem] += 1
+                # Where a tool is out of reach is another place in every frame: the first is told.
+                kind = step.robot_problem.partition(":")[0]
+                robot_problems[first_of_kind.setdefault(kind, step.robot_problem)] += 1
             publish(step)
     provenance = case.manifest.provenance
     record = ReplayRecord(
