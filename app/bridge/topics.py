@@ -5,6 +5,7 @@ static tree at once (latched) and the moving edges from its first frame on, not 
 """
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped, WrenchStamped
 from marginguard_msgs.msg import FixtureConstraint
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -28,6 +29,15 @@ ROBOT_DESCRIPTION = Topic("/robot_description", String, LATCHED)
 
 CONSTRAINT = Topic("~/constraint", FixtureConstraint, NEWEST)
 """What the fixture allows; repeated as a heartbeat while nothing changes."""
+
+DESIRED_TWIST = Topic("~/desired_twist", TwistStamped, NEWEST)
+"""In: how the tool's tip shall move, m/s and rad/s, along the axes of the header's frame."""
+
+ALLOWED_TWIST = Topic("~/allowed_twist", TwistStamped, NEWEST)
+"""The answer to each desired twist: the nearest one that the constraint allows."""
+
+GUIDANCE_WRENCH = Topic("~/guidance_wrench", WrenchStamped, NEWEST)
+"""Where guidance is configured: the force at the tool's tip that warns the hand, N and N m."""
 
 MARGIN_MM = Topic("~/margin_mm", Float64, STREAM)
 """Signed distance in mm, NaN while it is not known."""

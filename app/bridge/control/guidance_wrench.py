@@ -1,0 +1,53 @@
+"""``~/guidance_wrench``: the force that warns the hand, at the tip and along its axes."""
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+
+from app.bridge import messages, topics
+from app.bridge.node import RosNode
+from app.fixture import Guidance, GuidanceParameters
+from app.geometry import NS_PER_S, Stamp, Transform
+from app.session import StepResult
+
+
+class GuidancePublisher:
+    """One wrench a step: N and N m in the tip's frame, with the stamp of the oldest sample.
+
+    Where the tool is not known the force fades out at its own rate. A step that comes later than
+    the period for which the stiffness was found to be passive changes the force by no more than
+    one period's worth.
+    """
+
+    def __init__(self, ros: RosNode, parameters: GuidanceParameters) -> None:
+        self._ros = ros
+        self._guidance = Guidance(parameters)
+        self._most_ns = max(1, round(parameters.period_s * NS_PER_S))
+        self._pose: Transform | None = None
+        self._last: Stamp | None = None
+        self._publisher = ros.publisher(topics.GUIDANCE_WRENCH)
+
+    def publish(self, step: StepResult) -> None:
+        """Send the force after ``step``; nothing before the tool was first seen."""
+        now, last = step.frame.stamp, self._last
+        self._last = now
+        constraint = step.decision.constraint
+        if step.tumor_from_tip is None:
+            constraint = None
+        else:
+            self._pose = step.tumor_from_tip
+        if self._pose is None:
+            return
+        step_ns = self._most_ns if last is None else last.age_ns(now)
+        wrench = self._guidance.update(
+            constraint, self._pose.translation_mm, min(max(1, step_ns), self._most_ns)
+        )
+        tip_from_tumor = self._pose.rotation.T
+        stamp = step.decision.stamp or now
+        message = WrenchStamped(header=messages.header_message(self._pose.source, stamp))
+        message.wrench.force = messages.vector_message(np.dot(tip_from_tumor, wrench[:3]))
+        message.wrench.torque = messages.vector_message(np.dot(tip_from_tumor, wrench[3:]))
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Send no more."""
+        self._ros.withdraw(self._publisher)

@@ -1,0 +1,96 @@
+"""Margins set by another process: whole or not at all, with the reason."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.bridge.calls.errors import CallError
+from app.bridge.control import MarginParameterServer
+from app.bridge.control.margin_parameters import margins_of
+from app.bridge.node import RosNode
+from app.fixture import MarginParameterError, MarginParameters
+
+SETTER = Path(__file__).resolve().parents[1] / "calls" / "parameter_setter.py"
+
+
+def test_each_has_a_unit_and_a_range(ros, scene, start_receiver):
+    MarginParameterServer(ros, scene.margins, lambda margins: None)
+    asked = ["stop_mm", "stale_after_ms", "release_samples", "k_tre"]
+    setter = start_receiver("marginguard", *map(json.dumps, asked), script=SETTER)
+    found = dict(zip(asked, setter.take(len(asked)), strict=True))
+    assert found["stop_mm"]["value"] == 1.0
+    assert (found["stop_mm"]["unit"], found["stop_mm"]["range"]) == ("unit: mm", [[0.0, 100.0]])
+    assert found["stale_after_ms"]["value"] == 200.0
+    assert found["stale_after_ms"]["unit"] == "unit: ms"
+    assert found["stale_after_ms"]["range"][0][1] == 10_000.0
+    assert (found["release_samples"]["value"], found["release_samples"]["range"]) == (
+        3,
+        [[1, 1000]],
+    )
+    assert found["k_tre"]["value"] == 2.0
+
+
+def test_a_set_is_taken_whole_or_refused_whole(ros, scene, start_receiver):
+    used = []
+    server = MarginParameterServer(ros, scene.margins, used.append)
+    setter = start_receiver(
+        "marginguard",
+        json.dumps({"stop_mm": 6.0, "warn_mm": 9.0}),
+        json.dumps({"stop_mm": 8.0, "warn_mm": 7.0}),
+        json.dumps({"stop_mm": 2.0, "k_tre": 11.0}),
+        json.dumps({"stop_mm": float("nan")}),
+        json.dumps({"release_samples": 0}),
+        json.dumps({"stop_mm": "wide"}),
+        json.dumps({"stale_after_ms": 50.5}),
+        json.dumps("stop_mm"),
+        script=SETTER,
+    )
+    first, crossed, far, nan, none, text, stale, stop = setter.take(8)
+    assert first["ok"]
+    assert stale["ok"]
+    for refused in (crossed, far, nan, none, text):
+        assert not refused["ok"]
+        assert refused["reason"]
+    assert "warn_mm 7 is not more than stop_mm 8" in crossed["reason"]
+    assert stop["value"] == 6.0
+    wanted = scene.margins.replaced(stop_mm=6.0, warn_mm=9.0)
+    assert used == [wanted, wanted.replaced(stale_after_ns=50_500_000)]
+    assert server.margins == used[-1]
+
+
+def test_what_a_start_asks_for_goes_the_same_way(domain_id, scene):
+    def start(*values):
+        arguments = ["--ros-args", *(part for value in values for part in ("-p", value))]
+        with RosNode("marginguard", domain_id=domain_id, ros_args=arguments) as ros:
+            used = []
+            MarginParameterServer(ros, scene.margins, used.append)
+            return used
+
+    assert start() == []
+    assert start("stop_mm:=3.0") == [scene.margins.replaced(stop_mm=3.0)]
+    with pytest.raises(CallError, match="warn_mm 5 is not more than stop_mm 9"):
+        start("stop_mm:=9.0")
+
+
+@given(st.integers(1, 10**10), st.integers(1, 6 * 10**10))
+def test_milliseconds_and_nanoseconds_are_the_same_time(stale_ns, frozen_ns):
+    margins = MarginParameters(1.0, 5.0, 2.0, 50.0, stale_ns, 3, 0.5, frozen_ns)
+    values = {
+        "stop_mm": 1.0,
+        "warn_mm": 5.0,
+        "k_tre": 2.0,
+        "v_max_mm_s": 50.0,
+        "stale_after_ms": stale_ns / 1e6,
+        "release_samples": 3,
+        "release_band_mm": 0.5,
+        "frozen_after_ms": frozen_ns / 1e6,
+    }
+    assert margins_of(values) == margins
+
+
+def test_a_value_that_is_not_given_is_not_made_up():
+    with pytest.raises(MarginParameterError, match="stop_mm None is not a number"):
+        margins_of({})
