@@ -1,7 +1,7 @@
 """Goals for an action of another node: sent, followed, cancelled, and ended in a known way."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -21,6 +21,7 @@ from app.bridge.calls.errors import (
 )
 from app.bridge.calls.pending import Pending
 from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, wait_until_there
+from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import action_type
 from app.bridge.node import RosNode
 
@@ -96,12 +97,13 @@ class ActionClient:
             raise CallError(f"no client for an action {name!r}: {reason}") from error
         self.name = str(ros.node.resolve_topic_name(name))
         self.late_goals = 0
-        ros.on_close(self._client.destroy)
+        self._closed = False
+        ros.on_close(self.close)
 
     @property
     def is_there(self) -> bool:
         """Whether somebody serves it now."""
-        return self._ros.is_open and bool(self._client.server_is_ready())
+        return not self._closed and self._ros.is_open and bool(self._client.server_is_ready())
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
@@ -117,9 +119,12 @@ class ActionClient:
     ) -> Goal:
         """Send ``goal``; returns when the server has taken it on, within ``timeout_s``.
 
+        The goal is a message, as ROS has it, or plain values with lengths in mm.
         ``feedback(message)`` is called in the node's thread. Raises `GoalRejectedError`,
         `NotThereError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
+        if isinstance(goal, Mapping):
+            goal = from_plain(self.type.Goal, goal)
         if not isinstance(goal, self.type.Goal):
             raise CallError(
                 f"{self.name}: a {type(goal).__name__} is no goal of {self.type.__name__}"
@@ -177,8 +182,10 @@ class ActionClient:
         )
 
     def close(self) -> None:
-        """Leave the graph; goals that are under way are not followed any more."""
-        self._client.destroy()
+        """Leave the graph; goals that are under way are not followed any more. Once is enough."""
+        if not self._closed:
+            self._closed = True
+            self._client.destroy()
 
     def _wait(self, limit: Limit) -> None:
         wait_until_there(self._ros, lambda: self.is_there, limit, f"action {self.name}")

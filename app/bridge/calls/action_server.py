@@ -19,6 +19,9 @@ from app.geometry import MarginGuardError
 _END_S = 10.0
 """How long a goal's work may take to notice, at the end, that it was cancelled."""
 
+_RESULT_KEPT_S = 60
+"""How long a result may be asked for; rclpy's 900 s let a flood of goals fill the memory."""
+
 _ROUNDS = 3
 """rclpy sends a result two rounds of the executor after the work on its goal has ended."""
 
@@ -98,6 +101,7 @@ class ActionServer:
                 goal_callback=self._asked,
                 handle_accepted_callback=self._accepted,
                 cancel_callback=self._cancel,
+                result_timeout=_RESULT_KEPT_S,
             )
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
             reason = " ".join(str(error).split())
@@ -136,7 +140,9 @@ class ActionServer:
                 reason = f"the check failed: {type(error).__name__}: {error}"
         if reason:
             self.rejected += 1
-            self._ros.node.get_logger().warning(f"action {self.name}: goal rejected: {reason}")
+            self._ros.node.get_logger().warning(
+                f"action {self.name}: goal rejected: {reason}", throttle_duration_sec=1.0
+            )
             return GoalResponse.REJECT
         self._busy = True
         self._idle.clear()

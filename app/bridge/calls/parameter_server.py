@@ -75,7 +75,7 @@ class ParameterDeclaration:
                 ]
             elif isinstance(self.value, float):
                 message.floating_point_range = [
-                    FloatingPointRange(from_value=self.lowest, to_value=self.highest)
+                    FloatingPointRange(from_value=float(self.lowest), to_value=float(self.highest))
                 ]
         return message
 

@@ -3,15 +3,20 @@
 import math
 import threading
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 from rclpy.task import Future
 
-from app.bridge.calls.errors import CallError, CallTimeoutError, ServerGoneError
+from app.bridge.calls.errors import CallError, CallTimeoutError
 from app.bridge.calls.pending import Pending
 from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, wait_until_there
+from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import service_type
 from app.bridge.node import RosNode
+
+_SETTLE_S = 0.1
+"""From when we see a server until it should see us: before that it drops its replies to us."""
 
 _MOST_OPEN = 1000
 _MOST_ABANDONED = 100
@@ -36,6 +41,7 @@ class ServiceClient:
         self.name = str(self._client.service_name)
         self.late_replies = 0
         self.forgotten = 0
+        self._settled = False
         self._lock = threading.Lock()
         self._open: set[Future] = set()
         self._abandoned: deque[Future] = deque()
@@ -60,11 +66,12 @@ class ServiceClient:
         """The reply to ``request``; ``timeout_s`` is for finding the server and its answer.
 
         Setting ``cancel`` ends the wait from another thread. A request that does no harm twice may
-        be sent again every ``repeat_s``: a server that has not discovered us yet drops its reply.
+        be sent again every ``repeat_s``: a server that has not discovered us yet drops its reply,
+        which ROS tells nobody, so that a request that is sent once may end with its timeout.
         Raises `NotThereError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
         limit = Limit(timeout_s, cancel)
-        self._wait(limit)
+        self._wait(limit, settle=repeat_s > timeout_s)
         while True:
             pending = self.start(request)
             try:
@@ -77,7 +84,13 @@ class ServiceClient:
                 pending.cancel()  # does nothing when the reply has come
 
     def start(self, request: Any) -> Pending:
-        """Send ``request`` and return at once. Raises `NotThereError` only from `Pending`."""
+        """Send ``request`` and return at once, whether a server is there or not.
+
+        The request is a message, as ROS has it, or plain values with lengths in mm, which are
+        checked against the fields; `app.bridge.convert.to_plain` turns the reply.
+        """
+        if isinstance(request, Mapping):
+            request = from_plain(self.type.Request, request)
         if not isinstance(request, self.type.Request):
             raise CallError(
                 f"{self.name}: a {type(request).__name__} is no request of {self.type.__name__}"
@@ -86,7 +99,7 @@ class ServiceClient:
             if len(self._open) >= _MOST_OPEN:
                 raise CallError(f"{self.name}: {_MOST_OPEN} calls wait for a reply already")
             if not self._ros.is_open:
-                raise ServerGoneError(f"{self.name}: the node is closed")
+                raise CallError(f"service {self.name}: the node is closed")
             try:
                 future = self._client.call_async(request)
             except (TypeError, ValueError, AssertionError, SystemError) as error:
@@ -106,8 +119,11 @@ class ServiceClient:
         if self._ros.is_open:
             self._ros.node.destroy_client(self._client)
 
-    def _wait(self, limit: Limit) -> None:
+    def _wait(self, limit: Limit, *, settle: bool = True) -> None:
         wait_until_there(self._ros, lambda: self.is_there, limit, f"service {self.name}")
+        if settle and not self._settled:
+            self._settled = True
+            threading.Event().wait(min(_SETTLE_S, limit.remaining_s))
 
     def _take(self, future: Future) -> None:
         with self._lock:
@@ -118,7 +134,8 @@ class ServiceClient:
                 self.late_replies += 1
         if late:
             self._ros.node.get_logger().warning(
-                f"service {self.name}: a reply came after its caller had given up"
+                f"service {self.name}: a reply came after its caller had given up",
+                throttle_duration_sec=1.0,
             )
 
     def _abandon(self, future: Future) -> None:

@@ -85,7 +85,7 @@ def test_a_server_may_refuse_to_stop(lookup, ros):
     started = lookup.start(goal("stubborn"), 30.0)
     with pytest.raises(RefusedError, match="does not let its goal be cancelled"):
         started.cancel(30.0)
-    ServiceClient(ros, Trigger, "/peer/go").call(Trigger.Request(), timeout_s=30.0)
+    ServiceClient(ros, Trigger, "/peer/go").call({}, timeout_s=30.0, repeat_s=1.0)
     assert started.result(30.0).transform.child_frame_id == "stubborn"
     started.cancel()  # over already
 

@@ -14,6 +14,7 @@ DECLARED = (
     ParameterDeclaration("warn_mm", 5.0, "where the colour turns", "mm", 0.0, 100.0),
     ParameterDeclaration("count", 3, "samples", lowest=1, highest=100),
     ParameterDeclaration("name", "touch", "of the robot"),
+    ParameterDeclaration("box_mm", (1.0, 2.0), "sides", "mm", 0, 10),
 )
 
 
@@ -36,6 +37,8 @@ def test_set_from_another_process(ros, start_receiver):
         '{"stop_mm": NaN}',
         '{"stop_mm": "near"}',
         '{"nothing": 1}',
+        '{"box_mm": [1.0, 11.0]}',
+        '{"box_mm": [3.0]}',
         script=SETTER,
     ).messages()
     assert replies[0] == {
@@ -47,9 +50,15 @@ def test_set_from_another_process(ros, start_receiver):
     assert replies[1]["range"] == [[1, 100]]
     assert replies[2] == {"ok": True, "reason": ""}
     assert replies[3] == {"ok": False, "reason": "stop 9 mm, warn 8 mm: stop < warn"}
-    assert [reply["ok"] for reply in replies[4:]] == [False] * 4
-    assert all(reply["reason"] for reply in replies[4:])
-    assert server.values == {"stop_mm": 2.0, "warn_mm": 8.0, "count": 3, "name": "arm"}
+    assert [reply["ok"] for reply in replies[4:]] == [False] * 5 + [True]
+    assert all(reply["reason"] for reply in replies[4:9])
+    assert server.values == {
+        "stop_mm": 2.0,
+        "warn_mm": 8.0,
+        "count": 3,
+        "name": "arm",
+        "box_mm": (3.0,),
+    }
     # What ROS itself holds is the same.
     assert ros.node.get_parameter("stop_mm").value == 2.0
     assert ros.node.get_parameter("count").value == 3
