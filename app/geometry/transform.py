@@ -91,7 +91,7 @@ class Transform:
         """
         name = f"{target}_from_{source}"
         quaternion = _checked(xyzw, (4,), f"quaternion of {name}")
-        norm = math.sqrt(quaternion.dot(quaternion))
+        norm = math.hypot(*quaternion.tolist())  # a square would overflow where this does not
         if abs(norm - 1.0) > ROTATION_TOLERANCE:
             raise TransformError(
                 f"quaternion of {name} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted"

@@ -115,7 +115,7 @@ def test_a_live_case_has_no_recording(tmp_path, values):
 
 def test_what_no_topic_carries_cannot_be_recorded(tmp_path, values):
     values["source"] = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
-    with pytest.raises(InputError, match="source.igtl cannot be recorded"):
+    with pytest.raises(InputError, match=r"source\.igtl cannot be recorded"):
         begin_case(opened(tmp_path, values), tmp_path / "case")
     assert not (tmp_path / "case").exists()
 

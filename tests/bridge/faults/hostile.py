@@ -1,0 +1,189 @@
+"""A peer that means harm, in a process of its own. It imports nothing of the project.
+
+    hostile.py TOPIC=TYPE ... [--flood SECONDS]
+
+Prints ``ready`` when somebody listens to every topic, then reads attacks from standard input, one a
+line, and prints ``done ATTACK COUNT SECONDS`` after each: ``NAME`` or ``NAME PARENT CHILD``, where
+the edge is the one that is attacked.
+"""
+
+import math
+import struct
+import sys
+import threading
+import time
+from importlib import import_module
+
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+
+TEN_MEGABYTES = 10_000_000
+LAST_SECOND = 2**31 - 1
+NAN = [math.nan] * 3
+HUGE = [1e308] * 3
+LATCHED = ("/tf_static", "/robot_description")
+
+
+class Peer:
+    def __init__(self, topics, flood_s):
+        rclpy.init()
+        self.node = rclpy.create_node("hostile")
+        self.flood_s = flood_s
+        self.types = {}
+        self.publishers = {}
+        self.unheard = set(topics)
+        self.heard = threading.Event()
+        for name, kind in topics.items():
+            package, folder, type_name = kind.split("/")
+            self.types[name] = getattr(import_module(f"{package}.{folder}"), type_name)
+            qos = QoSProfile(depth=100)
+            if name in LATCHED:
+                qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            self.publishers[name] = self.node.create_publisher(
+                self.types[name],
+                name,
+                qos,
+                event_callbacks=PublisherEventCallbacks(
+                    matched=lambda _, name=name: self.found(name)
+                ),
+            )
+
+    def found(self, name):
+        self.unheard.discard(name)
+        if not self.unheard:
+            self.heard.set()
+
+    def wait_until_heard(self):
+        while not self.heard.is_set():
+            rclpy.spin_once(self.node)
+
+    def pose(self, name, parent, child, stamp=None, move=(0.0, 0.0, 0.0), turn=(0, 0, 0, 1)):
+        """One transform as whatever type the topic has."""
+        kind = self.types[name]
+        message = TransformStamped() if hasattr(kind, "transforms") else kind()
+        sec, nanosec = divmod(time.time_ns(), 10**9) if stamp is None else stamp
+        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        message.header.frame_id, message.child_frame_id = parent, child
+        to, by = message.transform.translation, message.transform.rotation
+        to.x, to.y, to.z = move
+        by.x, by.y, by.z, by.w = map(float, turn)
+        return kind(transforms=[message]) if hasattr(kind, "transforms") else message
+
+    def send(self, name, *messages):
+        for message in messages:
+            self.publishers[name].publish(message)
+        return len(messages)
+
+    def bytes_of(self, name):
+        """What is left of a good message after various accidents.
+
+        Empty ones are left out: the middleware hands over nothing of a burst that has one.
+        """
+        good = serialize_message(self.pose(name, "evil", "worse"))
+        yield from (good[:end] for end in range(4, len(good) - 1, 3))
+        # Lengths and counts that are not there.
+        yield from (
+            good[:at] + struct.pack("<I", 2**32 - 1) + good[at + 4 :]
+            for at in range(4, min(40, len(good) - 4), 4)
+        )
+        yield b"\x00\x01\x00\x00" + b"\xff" * 2000
+
+    def attack(self, what, name, parent, child):
+        pose = self.pose
+        if what == "nan":
+            return self.send(
+                name,
+                pose(name, parent, child, move=NAN),
+                pose(name, parent, child, turn=(*NAN, 1.0)),
+                pose(name, parent, child, turn=(0, 0, 0, 0)),
+                pose(name, parent, child, turn=[*HUGE, 1.0]),
+            )
+        if what == "lost":
+            return self.again_and_again(name, lambda: pose(name, parent, child, move=NAN))
+        if what == "skew":
+            return self.again_and_again(name, lambda: pose(name, parent, child, turn=(0, 0, 0, 2)))
+        if what == "future":
+            later = (time.time_ns() // 10**9 + 3600, 0)
+            return self.again_and_again(name, lambda: pose(name, parent, child, later))
+        if what == "huge":
+            return self.send(name, pose(name, parent, child, move=HUGE))
+        if what == "names":
+            names = ["", " ", "/", "a b", "a//b", "\n", "ä", "../../etc", "%s%n", "x" * 5000]
+            return self.send(name, *(pose(name, parent, bad) for bad in names)) + self.send(
+                name, *(pose(name, bad, child) for bad in names)
+            )
+        if what == "loops":
+            return self.send(
+                name,
+                pose(name, parent, parent),
+                pose(name, child, parent),
+                pose(name, "l1", "l2"),
+                pose(name, "l2", "l3"),
+                pose(name, "l3", "l1"),
+            )
+        if what == "stamps":
+            now_s = time.time_ns() // 10**9
+            stamps = [
+                (0, 0),
+                (now_s + 3600, 0),
+                (LAST_SECOND, 2**32 - 1),
+                (-LAST_SECOND - 1, 0),
+                (now_s - 10, 0),
+                (now_s - 20, 2**32 - 1),
+            ]
+            return self.send(name, *(pose(name, parent, child, stamp) for stamp in stamps))
+        if what == "bytes":
+            return self.send(name, *self.bytes_of(name))
+        if what == "long":
+            return self.send(name, *(pose(name, parent, "x" * TEN_MEGABYTES) for _ in range(20)))
+        if what == "flood":
+            return self.flood(name, [pose(name, parent, child)])
+        if what == "frames":
+            return self.flood(name, [pose(name, parent, f"evil_{i}") for i in range(5000)])
+        raise ValueError(what)
+
+    def again_and_again(self, name, make):
+        """For half a second, each stamped anew: a good sample may replace one of them."""
+        for _ in range(100):
+            self.send(name, make())
+            time.sleep(0.005)
+        return 100
+
+    def flood(self, name, messages):
+        """As fast as 10 kHz, of serialised messages: what a compiled peer does with ease."""
+        raw = [serialize_message(message) for message in messages]
+        publisher = self.publishers[name]
+        begin = time.perf_counter()
+        count = 0
+        while (elapsed := time.perf_counter() - begin) < self.flood_s:
+            if count > 10_000 * elapsed:
+                time.sleep(0.0001)
+                continue
+            publisher.publish(raw[count % len(raw)])
+            count += 1
+        return count
+
+
+def main() -> None:
+    arguments = sys.argv[1:]
+    flood_s = 1.0
+    if "--flood" in arguments:
+        at = arguments.index("--flood")
+        flood_s = float(arguments[at + 1])
+        del arguments[at : at + 2]
+    peer = Peer(dict(argument.split("=") for argument in arguments), flood_s)
+    peer.wait_until_heard()
+    print("ready", flush=True)
+    for line in sys.stdin:
+        what, name, *edge = line.split()
+        parent, child = edge or ("evil", "worse")
+        begin = time.perf_counter()
+        count = peer.attack(what, name, parent, child)
+        print(f"done {what} {count} {time.perf_counter() - begin:.3f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
