@@ -1,5 +1,6 @@
 """A case folder around a live recording: all of a case but the recording, there from the start."""
 
+import shutil
 from pathlib import Path
 
 import yaml
@@ -36,6 +37,14 @@ def begin_case(live: LiveCase, folder: Path) -> None:
         raise InputError(f"{folder} is there already: it is not written over") from error
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}") from error
+    try:
+        _write(live, folder)
+    except BaseException:
+        shutil.rmtree(folder)
+        raise
+
+
+def _write(live: LiveCase, folder: Path) -> None:
     copy_named_files(live.case, folder)
     # It was validated when it was opened; all but the source stays as written.
     path = live.case.folder / live.case.manifest.file

@@ -45,8 +45,6 @@ class LiveSession:
         self._stepping = threading.Lock()
         self._stopped = False
         self._watch_ns = host_ns()
-        longest_ns = max(session.setup.margins.stale_after_ns + 1, TICK_NS)
-        self._longest_ns = self._clock.host_time_for(longest_ns)
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -89,8 +87,6 @@ class LiveSession:
         """
         with self._stepping:
             yield self._session
-            margins = self._session.setup.margins
-            self._longest_ns = max(margins.stale_after_ns + 1, TICK_NS)
 
     def stop(self) -> None:
         """End `steps`, also while it waits."""
@@ -115,7 +111,7 @@ class LiveSession:
                     return frame
                 remaining_ns = self._watch_ns - host_ns
                 # Too long a wait: the host's clock was set back.
-                if not 0 < remaining_ns <= self._longest_ns:
+                if not 0 < remaining_ns <= self._longest_wait_ns():
                     # Without a sample the source's time is not known: it is before all others.
                     return TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
                 ready_ns = self._frames.ready_in_ns(host_ns)
@@ -130,6 +126,11 @@ class LiveSession:
         oldest, now = step.decision.stamp, self._clock.now(host_ns)
         if oldest is not None and now is not None:
             left_ns = self._session.setup.margins.stale_after_ns + 1 - oldest.age_ns(now)
-            if 0 < left_ns <= self._longest_ns:
-                return host_ns + self._clock.host_time_for(left_ns)
+            if left_ns > 0:
+                return host_ns + min(self._clock.host_time_for(left_ns), self._longest_wait_ns())
         return host_ns + TICK_NS
+
+    def _longest_wait_ns(self) -> int:
+        """No pose that is known lasts longer, whatever its stamp says."""
+        stale_after_ns = self._session.setup.margins.stale_after_ns
+        return max(self._clock.host_time_for(stale_after_ns + 1), TICK_NS)

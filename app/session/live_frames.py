@@ -20,6 +20,11 @@ MOST_EDGES = 256
 """More than these are no tree of frames of an operating room: what comes further is refused."""
 
 
+MOST_GROUPS = 64
+"""Acquisition stamps whose samples may wait at once; then the oldest ones go."""
+
+REPLACED = "samples that a newer one replaced"
+
 LONGEST_NAME = 256
 """Letters of a frame's name; with `MOST_EDGES` it bounds what strangers can have us keep."""
 
@@ -38,9 +43,9 @@ class LiveFrames:
     Every edge that is seen is looked at once: those on the shortest ways between the session's
     frames are used, or those of ``edges`` where they are named. A frame is ready when it holds
     all that came together at the stamp before, or when its first sample has waited for
-    `COMPLETE_WITHIN_NS`. A frame that is not taken is joined by the next: of each edge the newest
-    sample alone is kept, so that a session that is slower than its source stays in the present
-    and nothing piles up.
+    `COMPLETE_WITHIN_NS`. Frames that are ready together are taken as one, with the newest sample of
+    each edge, so that a session that is slower than its source stays in the present and nothing
+    piles up. A frame that is complete is not torn by the first sample of the next.
 
     Of one sample that comes twice one is kept; two that contradict each other are INVALID. What
     was left out is in `left_out`, by reason. Host times are integer ns of the host's clock, handed
@@ -96,6 +101,7 @@ class LiveFrames:
             for edge in samples:
                 self._together[edge] = frozenset(samples)
                 self._last_stamp_of[edge] = ns
+            self.left_out[REPLACED] += len(poses.keys() & samples.keys())
             poses.update(samples)
         joints = () if self._joints is None else (self._joints,)
         self._joints = None
@@ -122,23 +128,15 @@ class LiveFrames:
         self._group_of(edge, sample.stamp.ns, host_ns).samples[edge] = sample
 
     def _group_of(self, edge: Edge, ns: int, host_ns: int) -> _Group:
-        since_ns = host_ns
-        for pending_ns, pending in list(self._groups.items()):
-            # An older sample of this edge that nobody has taken: the newer one stands for it, and
-            # waits no longer than it would have, or a flood would never be due.
-            if pending_ns != ns and pending.samples.pop(edge, None) is not None:
-                since_ns = min(since_ns, pending.since_ns)
-                self.left_out["samples that a newer one replaced"] += 1
-                if not pending.samples:
-                    del self._groups[pending_ns]
         late_to = [other for other, last_ns in self._last_stamp_of.items() if last_ns == ns]
         for other in late_to:  # it was not waited for, and will be from the next stamp on
             together = self._together[other] | {edge}
             for member in together:
                 self._together[member] = together
-        group = self._groups.setdefault(ns, _Group(since_ns))
-        group.since_ns = min(group.since_ns, since_ns)
-        return group
+        if ns not in self._groups and len(self._groups) >= MOST_GROUPS:
+            dropped = self._groups.pop(min(self._groups))
+            self.left_out[REPLACED] += len(dropped.samples)
+        return self._groups.setdefault(ns, _Group(host_ns))
 
     def _due_ns(self, group: _Group) -> int:
         """When the group is to be given out: at once when nothing more is expected of its stamp."""

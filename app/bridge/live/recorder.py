@@ -20,6 +20,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
+from app.bridge.qos import Topic
 from app.case import BagTopic, BagWriter, message_definition
 from app.geometry import NS_PER_S, InputError, MarginGuardError
 
@@ -95,14 +96,9 @@ class RosRecorder:
                 except MarginGuardError as error:
                     self._error = error
 
-        # rclpy hands the times to a callback of two arguments; its annotation knows of one.
-        self._ros.node.create_subscription(
-            message_class,
-            name,
-            take,  # type: ignore[arg-type]
-            _heard_from_all(publishers),
-            raw=True,
-        )
+        # rclpy hands the times to a callback of two arguments.
+        heard = Topic(name, message_class, _heard_from_all(publishers))
+        self._ros.subscribe(heard, take, raw=True)  # type: ignore[arg-type]
 
 
 def ros_prefixes() -> tuple[Path, ...]:

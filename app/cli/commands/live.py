@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs
-from app.cli.publishing import HEARTBEAT_HZ, bridge_loaded, scene_of
+from app.cli.publishing import bridge_loaded, scene_of
 from app.cli.signals import Received, note_signals
 
 if TYPE_CHECKING:
@@ -30,6 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_package_dirs(parser)
     parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of the node")
+    parser.add_argument(
+        "--constraint-hz",
+        type=float,
+        default=1000.0,
+        metavar="HZ",
+        help="how often the constraint is repeated, up to 1000; default: 1000",
+    )
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
@@ -79,7 +86,15 @@ def _follow(
     options: argparse.Namespace,
 ) -> None:
     from app.bridge import SessionPublisher, Voice
+    from app.bridge.control import (
+        MarginParameterServer,
+        OperatorServices,
+        SessionChanges,
+        TwistLimiter,
+    )
     from app.bridge.live import RearmService, listen_to_joints, source_of
+    from app.bridge.tf import TransformBuffer
+    from app.bridge.tf.listener import TfListener
     from app.case import TfSourceEntry
 
     counted: list[Callable[[], Mapping[str, int]]] = [live.left_out]
@@ -89,13 +104,19 @@ def _follow(
     with SessionPublisher(
         scene,
         namespace=options.namespace,
-        heartbeat_hz=HEARTBEAT_HZ,
+        heartbeat_hz=options.constraint_hz,
         voice=voice,
         counts=lambda: {name: n for counts in counted for name, n in counts().items()},
     ) as publisher:
         RearmService(publisher.ros, rearm=live.rearm, fault_seq=lambda: publisher.fault_seq)
+        changes = SessionChanges(live.between_steps, publisher, scene)
+        MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
+        OperatorServices(publisher.ros, changes)
+        buffer = TransformBuffer()
+        TfListener(publisher.ros, buffer)
+        twists = TwistLimiter(publisher.ros, buffer)
         source: Source = source_of(publisher.ros, config.source, live.add)
-        counted.append(source.counts)
+        counted += [source.counts, lambda: {"callbacks that failed": publisher.ros.failures}]
         robot = case.manifest.robot
         if robot is not None and robot.joint_states is not None:
             offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
@@ -105,11 +126,13 @@ def _follow(
         try:
             for step in live.steps():
                 publisher.publish(step)
+                twists.allow(step, changes.scene.margins.stale_after_ns)
                 state = (step.decision.state, step.decision.reasons)
                 if state != said:
                     said = state
                     print(as_line(step), flush=True)
         finally:
+            twists.close()
             source.close()
 
 
