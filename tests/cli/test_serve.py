@@ -6,10 +6,13 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
+from app.bridge.calls import ActionClient, GoalAbortedError
+from app.bridge.node import RosNode
 from tests.bridge.conftest import domain_id as domain_id
 from tests.bridge.conftest import start_receiver as start_receiver
 from tests.cli.small_case import FRAMES, write_small_case
@@ -85,4 +88,20 @@ def test_cases_outside_the_folder_are_refused(served, start_receiver):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it(served, number):
     os.kill(served.pid, number)
+    assert served.wait(30.0) == 0
+
+
+def test_a_signal_ends_a_replay_and_its_result_still_comes(served, domain_id):
+    under_way = threading.Event()
+    with RosNode("follower", domain_id=domain_id) as ros:
+        client = ActionClient(ros, REPLAY, "/marginguard_server/replay")
+        goal = client.start(
+            {"case_folder": "small", "rate": 0.01, "end": math.inf},
+            30.0,
+            feedback=lambda _: under_way.set(),
+        )
+        assert under_way.wait(30.0)
+        served.send_signal(signal.SIGTERM)
+        with pytest.raises(GoalAbortedError, match="cancelled after 1 frames"):
+            goal.result(30.0)
     assert served.wait(30.0) == 0
