@@ -89,7 +89,6 @@ class ActionServer:
         self._ros = ros
         self._run = run
         self._check = check
-        self._busy = False  # seen by the node's thread alone
         self._closing = False
         self._goals: dict[bytes, ServedGoal] = {}
         try:
@@ -128,7 +127,7 @@ class ActionServer:
 
     def _asked(self, goal: Any) -> GoalResponse:
         reason = ""
-        if self._busy or self._closing:
+        if self._goals or self._closing:
             reason = "a goal is under way"
         else:
             try:
@@ -144,11 +143,11 @@ class ActionServer:
                 f"action {self.name}: goal rejected: {reason}", throttle_duration_sec=1.0
             )
             return GoalResponse.REJECT
-        self._busy = True
-        self._idle.clear()
         return GoalResponse.ACCEPT
 
     def _accepted(self, handle: ServerGoalHandle) -> None:
+        # Not earlier: a goal whose sender has gone is accepted and never comes here.
+        self._idle.clear()
         self._goals[bytes(handle.goal_id.uuid)] = ServedGoal(handle)
         handle.execute()
 
@@ -174,14 +173,15 @@ class ActionServer:
         threading.Thread(target=work, name=f"action {self.name}", daemon=True).start()
         result, ending = await done
         del self._goals[key]
-        if ending is Ending.CANCELLED and handle.is_cancel_requested:
-            handle.canceled()
-        elif ending is Ending.SUCCEEDED:
-            handle.succeed()
-        else:
-            handle.abort()
-        self._busy = False
-        self._idle.set()
+        try:
+            if ending is Ending.CANCELLED and handle.is_cancel_requested:
+                handle.canceled()
+            elif ending is Ending.SUCCEEDED:
+                handle.succeed()
+            else:
+                handle.abort()
+        finally:
+            self._idle.set()
         return result
 
     def _outcome(self, served: ServedGoal) -> tuple[Any, Ending]:

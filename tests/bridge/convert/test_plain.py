@@ -107,14 +107,15 @@ def test_there_and_back(kind):
         assert equal(from_plain(kind, to_plain(message)), message)
 
 
-VALUES = st.floats(allow_nan=False, allow_subnormal=False, min_value=-1e300, max_value=1e300)
+VALUES = st.floats(-1e300, 1e300)
 
 
 @given(VALUES, VALUES, VALUES)
 def test_a_length_keeps_its_digits(x, y, z):
     values = {"x": x, "y": y, "z": z}
     back = to_plain(from_plain("geometry_msgs/Point", values))
-    assert all(math.isclose(back[name], values[name], rel_tol=4e-16) for name in values)
+    for name, value in values.items():
+        assert math.isclose(back[name], value, rel_tol=4e-16, abs_tol=1e-300)
 
 
 LENGTHS = {
