@@ -15,6 +15,7 @@ import time
 from importlib import import_module
 
 import rclpy
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -143,7 +144,36 @@ class Peer:
             return self.flood(name, [pose(name, parent, child)])
         if what == "frames":
             return self.flood(name, [pose(name, parent, f"evil_{i}") for i in range(5000)])
+        if what == "good":
+            return self.send(name, pose(name, parent, child))
+        if what in ("urdf", "texts", "joints", "clock"):
+            return self.send(name, *(self.types[name](**each) for each in getattr(self, what)()))
         raise ValueError(what)
+
+    def urdf(self):
+        yield {"data": "<robot name='arm'><link name='good_base'/></robot>"}
+
+    def texts(self):
+        bomb = "<!DOCTYPE r [<!ENTITY a 'aaaaaaaaaa'><!ENTITY b '&a;&a;&a;&a;&a;&a;&a;&a;'>]>"
+        file = "<!DOCTYPE r [<!ENTITY f SYSTEM 'file:///etc/hostname'>]>"
+        yield {"data": ""}
+        yield {"data": "<robot"}
+        yield {"data": f"{bomb}<robot name='&b;'><link name='&b;'/></robot>"}
+        yield {"data": f"{file}<robot name='f'><link name='&f;'/></robot>"}
+        yield {"data": "x" * TEN_MEGABYTES}
+
+    def joints(self):
+        names = ["a", "b"]
+        yield {"name": names, "position": [1.0, 2.0]}
+        yield {"name": names, "position": [math.nan, 2.0]}
+        yield {"name": names, "position": [1.0]}
+        yield {"name": ["a", "a"], "position": [1.0, 2.0]}
+        yield {"name": ["x" * TEN_MEGABYTES], "position": [0.0]}
+        yield {"name": names, "position": [math.inf, -math.inf]}
+
+    def clock(self):
+        for sec in (100, 0, LAST_SECOND, -LAST_SECOND, 5):
+            yield {"clock": Time(sec=sec, nanosec=2**32 - 1)}
 
     def again_and_again(self, name, make):
         """For half a second, each stamped anew: a good sample may replace one of them."""

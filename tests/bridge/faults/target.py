@@ -1,0 +1,56 @@
+"""A process with everything of ours that listens besides a live session's source.
+
+Answers each line of standard input with a line of JSON: what came, what was refused, its memory.
+"""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+from app.bridge import RosNode
+from app.bridge.live import listen_to_joints
+from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
+from app.bridge.tf import TfError, TransformBuffer
+from app.bridge.tf.listener import TfListener
+
+
+def main() -> None:
+    joints: list[str] = []
+    robots: list[str] = []
+    buffer = TransformBuffer()
+    with RosNode("target") as ros:
+        tf = TfListener(ros, buffer)
+        states = listen_to_joints(ros, "/joint_states", 0, lambda sample: joints.append("good"))
+        description = DescriptionListener(
+            ros,
+            RobotSettings("robot"),
+            DescriptionSource(node="", topic="/robot_description"),
+            lambda robot: robots.append(robot.root_link),
+        )
+        print("listening", flush=True)
+        for _ in sys.stdin:
+            try:
+                buffer.lookup("good", "better")
+                found = True
+            except TfError:
+                found = False
+            memory = re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())
+            assert memory is not None
+            answer = {
+                "tf": dict(tf.refused),
+                "tf_messages": tf.messages,
+                "found": found,
+                "joints": dict(states.counts()),
+                "good_joints": len(joints),
+                "robots": robots,
+                "descriptions_refused": description.refused,
+                "problem": description.problem,
+                "failures": ros.failures,
+                "memory_kb": int(memory[1]),
+            }
+            print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,76 @@
+"""tf, descriptions and joints beside a peer that sends whatever does harm."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tests.bridge.live.conftest import Child, Start
+
+HERE = Path(__file__).resolve().parent
+TOPICS = {
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/robot_description": "std_msgs/msg/String",
+}
+MOST_GROWTH_KB = 700_000
+"""Some forty messages of 10 MB, of which Fast DDS keeps the room, and what is on its way."""
+
+
+def say(child: Child, line: str) -> None:
+    assert child.process.stdin is not None
+    child.process.stdin.write(line + "\n")
+    child.process.stdin.flush()
+
+
+def test_listeners_outlive_their_peers(start: Start) -> None:
+    target = start("-m", "tests.bridge.faults.target")
+    target.line(lambda line: line == "listening\n")
+    hostile = start(str(HERE / "hostile.py"), *map("=".join, TOPICS.items()), "--flood", "0.3")
+    hostile.line(lambda line: line == "ready\n")
+
+    def attack(what: str, topic: str, edge: str = "") -> None:
+        say(hostile, f"{what} {topic} {edge}")
+        hostile.line(lambda line: line.startswith(f"done {what}"))
+
+    def until(wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """Every question is answered, so this ends as soon as it is so, or by the deadline."""
+        while True:
+            say(target, "how are you")
+            answer = json.loads(target.line())
+            if wanted(answer):
+                return answer
+
+    at_rest_kb = until(lambda answer: True)["memory_kb"]
+    # Before the strangers: a full buffer takes no new frames, and says so.
+    attack("good", "/tf", "good better")
+    until(lambda answer: answer["found"])
+    for topic in ("/tf", "/tf_static"):
+        for what in ("nan", "huge", "names", "loops", "stamps", "bytes", "frames", "flood", "long"):
+            attack(what, topic)
+    attack("clock", "/clock")
+    attack("joints", "/joint_states")
+    attack("texts", "/robot_description")
+    until(lambda answer: answer["descriptions_refused"] >= 1)
+    attack("urdf", "/robot_description")
+    attack("good", "/tf", "good better")
+
+    def refused_joints(answer: dict[str, Any]) -> int:
+        return sum(count for kind, count in answer["joints"].items() if "refused" in kind)
+
+    answer = until(
+        lambda answer: (
+            answer["found"]
+            and answer["good_joints"]
+            and answer["robots"]
+            and refused_joints(answer) >= 4
+        )
+    )
+
+    assert answer["robots"] == ["good_base"]
+    assert answer["tf"]["TfInvalidError"] >= 50
+    assert answer["tf"]["TooLong"] >= 1
+    assert answer["failures"] == 0
+    assert answer["memory_kb"] - at_rest_kb < MOST_GROWTH_KB
