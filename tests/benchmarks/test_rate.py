@@ -1,0 +1,49 @@
+"""What the rate benchmark makes of its times; the receiver's reading of the bytes."""
+
+import numpy as np
+import pytest
+from marginguard_msgs.msg import FixtureConstraint
+from rclpy.serialization import serialize_message
+
+from benchmarks.rate import failures, figures
+from benchmarks.rate_receiver import seq_of
+
+MS = 1_000_000
+
+
+def found(sent_ms, delays_ms, bare_ms, *, seqs=None, steps=0):
+    sent = np.array(np.cumsum(sent_ms) * MS, dtype=np.int64)
+    arrived = sent + np.array(np.broadcast_to(delays_ms, sent.shape) * MS, dtype=np.int64)
+    rows = np.stack([np.arange(len(sent)) if seqs is None else seqs, arrived], axis=1)
+    bare = np.array(np.cumsum(bare_ms) * MS, dtype=np.int64)
+    return figures(sent, rows, bare, missed=0, steps=steps, cpu_s=0.5)
+
+
+def test_a_steady_stream_is_as_wanted():
+    one = found(np.ones(2001), 0.2, np.ones(2001), steps=20)
+    assert failures(one) == []
+    assert one.mean_hz == pytest.approx(1000.0)
+    assert one.beats_hz == pytest.approx(990.0)
+    assert (one.delay_p50_ms, one.delay_max_ms) == pytest.approx((0.2, 0.2))
+
+
+def test_each_miss_is_named():
+    ones = np.ones(2001)
+    slow = found(1.01 * ones, 0.2, ones)
+    assert "mean rate is 990.10 Hz" in failures(slow)[0]
+    gap = np.concatenate([ones, [15.0], np.full(20, 0.1)])
+    assert any("gap of 15.00 ms" in line for line in failures(found(gap, 0.2, ones)))
+    as_bad = np.concatenate([ones, [16.0]])
+    assert not any("gap" in line for line in failures(found(gap, 0.2, as_bad)))
+    twice = np.arange(2001)
+    twice[7] = 6
+    assert any("not in order" in line for line in failures(found(ones, 0.2, ones, seqs=twice)))
+    late = np.where(np.arange(2001) % 20 == 0, 3.0, 0.2)
+    assert any("p99" in line for line in failures(found(ones, late, ones)))
+
+
+@pytest.mark.parametrize("frame", ["", "tumor", "a frame with a longer name", "örtlich"])
+def test_the_receiver_reads_seq_where_rclpy_writes_it(frame):
+    message = FixtureConstraint(seq=2**63 + 5)
+    message.header.frame_id = frame
+    assert seq_of(serialize_message(message)) == 2**63 + 5

@@ -1,0 +1,58 @@
+"""The guidance force as another process hears it: at the tip, along the tip's axes, in N."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.bridge.control import GuidancePublisher
+from app.fixture import GuidanceParameters
+from app.geometry import Transform
+
+QUICK = GuidanceParameters(
+    force_n=4.0, range_mm=10.0, rate_n_s=1e6, period_s=0.02, delay_s=0.0, damping_n_s_m=10.0
+)
+
+
+def turned(step):
+    """The tip at (1, 2, 7.5) mm in the tumour, its x along the tumour's +z."""
+    rotation = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    pose = Transform("tumor", "cautery_tip", rotation, [1.0, 2.0, 7.5])
+    return replace(step, tumor_from_tip=pose)
+
+
+def test_half_way_in_it_is_half_the_force_along_the_tips_own_axes(ros, make_step, start_receiver):
+    guidance = GuidancePublisher(ros, QUICK)
+    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:1")
+    step = turned(make_step(0))
+    guidance.publish(step)
+    message = receiver.take(1)[0]["message"]
+    assert message["header"]["frame_id"] == "cautery_tip"
+    stamp = message["header"]["stamp"]
+    assert stamp["sec"] * 10**9 + stamp["nanosec"] == step.decision.stamp.ns
+    force, torque = message["wrench"]["force"], message["wrench"]["torque"]
+    # The plane is 5 mm away, half of the range; its normal is the tip's x-axis.
+    assert [force[axis] for axis in "xyz"] == pytest.approx([2.0, 0.0, 0.0])
+    assert [torque[axis] for axis in "xyz"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_beside_the_tip_it_turns_the_tool(ros, make_step, start_receiver):
+    guidance = GuidancePublisher(ros, QUICK)
+    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:1")
+    guidance.publish(make_step(0))
+    torque = receiver.take(1)[0]["message"]["wrench"]["torque"]
+    # r x f with r = (1, 2, 17.5) mm and f = (0, 0, 2) N.
+    assert [torque[axis] for axis in "xyz"] == pytest.approx([0.004, -0.002, 0.0])
+
+
+def test_a_tool_that_is_lost_lets_the_force_fade_at_its_rate(ros, make_step, start_receiver):
+    guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
+    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:5")
+    guidance.publish(make_step(0, lost=True))  # nothing: the tool was never seen
+    for index in (1, 2):
+        guidance.publish(make_step(index))
+    for index in (3, 50, 51):
+        guidance.publish(make_step(index, lost=True))
+    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(5)]
+    # A newton a period of 20 ms, also over the gap of 47 periods.
+    assert forces == pytest.approx([1.0, 2.0, 1.0, 0.0, 0.0])
