@@ -95,7 +95,10 @@ class RosNode:
         return publisher
 
     def withdraw(self, publisher: Publisher) -> None:
-        """Take a publisher of ours out of the graph; once the node is closed it is."""
+        """Take a publisher of ours out of the graph; for the node's own thread.
+
+        From another one it would break the wait of this one's executor.
+        """
         self._publishers = [entry for entry in self._publishers if entry[1] is not publisher]
         if self.is_open:
             self.node.destroy_publisher(publisher)

@@ -34,7 +34,8 @@ class SessionPublisher:
     construction. ``heartbeat_hz`` repeats the constraint in a thread between steps, for a session
     that follows real time; None sends one constraint a step. ``voice`` tells what is left to
     others, ``counts`` what diagnostics say of a live source. `publish` and `use` are for one
-    thread. With ``ros`` it speaks through a node that is there already, and stays there.
+    thread. With ``ros`` it speaks through a node that is there already, and stays there;
+    it is closed in that node's own thread then.
     """
 
     def __init__(

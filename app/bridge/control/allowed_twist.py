@@ -81,8 +81,9 @@ class TwistLimiter:
         self._said = ""
         self.refused: Counter[str] = Counter()
         self._publisher = ros.publisher(topics.ALLOWED_TWIST)
-        self._subscription = ros.subscribe(topics.DESIRED_TWIST, self._take)
-        self._timer = ros.node.create_timer(
+        self._closed = False
+        ros.subscribe(topics.DESIRED_TWIST, self._take)
+        ros.node.create_timer(
             timeout_ns / NS_PER_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
@@ -106,15 +107,17 @@ class TwistLimiter:
                 self._allowance = replace(self._allowance, until_ns=time.monotonic_ns())
 
     def close(self) -> None:
-        """Answer no more: the last answer is no motion."""
-        if self._ros.is_open:
-            self._ros.node.destroy_timer(self._timer)
-            self._ros.node.destroy_subscription(self._subscription)
-            if self._commanded_ns is not None:
-                self._stop("closed")
-        self._ros.withdraw(self._publisher)
+        """Answer no more; the last answer is no motion. The topics go with the node.
+
+        An endpoint that is destroyed while the node's thread waits for it would break its wait.
+        """
+        self._closed = True
+        if self._commanded_ns is not None and self._ros.is_open:
+            self._stop("closed")
 
     def _take(self, command: TwistStamped) -> None:
+        if self._closed:
+            return
         self._commanded_ns = time.monotonic_ns()
         self._frame = command.header.frame_id
         try:
@@ -171,7 +174,7 @@ class TwistLimiter:
         return found.transform.rotation
 
     def _watch(self) -> None:
-        if self._commanded_ns is None:
+        if self._commanded_ns is None or self._closed:
             return
         if time.monotonic_ns() - self._commanded_ns >= self._timeout_ns:
             self._stop("no command comes any more")

@@ -19,7 +19,6 @@ class GuidancePublisher:
     """
 
     def __init__(self, ros: RosNode, parameters: GuidanceParameters) -> None:
-        self._ros = ros
         self._guidance = Guidance(parameters)
         self._most_ns = max(1, round(parameters.period_s * NS_PER_S))
         self._pose: Transform | None = None
@@ -47,7 +46,3 @@ class GuidancePublisher:
         message.wrench.force = messages.vector_message(np.dot(tip_from_tumor, wrench[:3]))
         message.wrench.torque = messages.vector_message(np.dot(tip_from_tumor, wrench[3:]))
         self._publisher.publish(message)
-
-    def close(self) -> None:
-        """Send no more."""
-        self._ros.withdraw(self._publisher)
