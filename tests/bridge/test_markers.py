@@ -56,6 +56,7 @@ def test_the_words_stand_above_the_tumour(scene, make_step):
 def test_a_breach_and_the_unknown_are_said(make_step):
     breach = make_step(0, state=MarginState.POSITIVE).decision
     witnesses = replace(breach.proximity.witnesses, signed_distance_mm=np.array([-1.44]))
-    deep = replace(breach, proximity=replace(breach.proximity, witnesses=witnesses))
+    proximity = replace(breach.proximity, witnesses=witnesses, lower_bound_mm=-1.44)
+    deep = replace(breach, proximity=proximity)
     assert margin_text(deep) == "BREACH -1.4 mm"
     assert margin_text(make_step(0, lost=True).decision) == "UNKNOWN: invalid, latched"
