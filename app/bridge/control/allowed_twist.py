@@ -4,12 +4,10 @@ import math
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 
 from app.bridge import messages, topics
 from app.bridge.errors import BridgeError
@@ -23,9 +21,22 @@ from app.session import StepResult
 _MOST_FUTURE_NS = 5 * NS_PER_MS
 """How far clocks of two hosts may be apart before a command is one from the future."""
 
+_MOST_LETTERS = 256
+"""Of a frame's name: longer ones are refused before anything else is done with them."""
+
+_MOST_WORDS = 200
+_SAY_AGAIN_NS = NS_PER_S
+
 
 class TwistRefusedError(BridgeError):
-    """A command that cannot be brought through the fixture; the answer is no motion."""
+    """A command that cannot be brought through the fixture; the answer is no motion.
+
+    ``kind`` is one of a few: what came over the network is in ``detail`` alone.
+    """
+
+    def __init__(self, kind: str, detail: str = "") -> None:
+        self.kind = kind
+        super().__init__(f"{kind}: {detail}" if detail else kind)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,14 +63,16 @@ class TwistLimiter:
     =============================================== ===============================
     what is wrong                                   the answer
     =============================================== ===============================
-    the step's data are too old                     no approach, retreat as wanted
-    no step yet, or none that knew the tool         no motion
+    no step yet, or its planes are not of its pose  no motion
+    the step's data have become too old since       no motion
     not finite, older than ``timeout_ns``, future   no motion
-    frame unknown, or its way stale                 no motion
+    frame unknown, or its way stale or future       no motion
     no command for ``timeout_ns``                   no motion, said every ``timeout_ns``
     =============================================== ===============================
 
-    Each is counted in `refused`, and said in the log when it is another than the last.
+    Each is counted by its kind in `refused`; the log has one line a second at most. The time-out
+    is watched in a thread of its own: it also ends motion while the node's thread is at something
+    else.
     """
 
     def __init__(
@@ -78,72 +91,67 @@ class TwistLimiter:
         self._allowance: _Allowance | None = None
         self._commanded_ns: int | None = None
         self._frame = ""
-        self._said = ""
+        self._said_ns: int | None = None
         self.refused: Counter[str] = Counter()
         self._publisher = ros.publisher(topics.ALLOWED_TWIST)
-        self._closed = False
+        self._closing = threading.Event()
+        self._watchdog = threading.Thread(target=self._watch, name="twist watchdog", daemon=True)
+        ros.on_close(self.close)
         ros.subscribe(topics.DESIRED_TWIST, self._take)
-        ros.node.create_timer(
-            timeout_ns / NS_PER_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._watchdog.start()
 
     def allow(self, step: StepResult, stale_after_ns: int) -> None:
-        """Take over what ``step`` allows, as long as its data are not too old; from any thread."""
-        decision, pose = step.decision, step.tumor_from_tip
+        """Take over what ``step`` allows, as long as its data are not too old; from any thread.
+
+        Planes of an earlier step say nothing about the tool where it is now: they allow nothing.
+        """
+        allowance = _allowance_of(step, stale_after_ns)
         with self._lock:
-            if decision.constraint is None:
-                self._allowance = None
-            elif pose is not None and decision.stamp is not None:
-                left_ns = stale_after_ns - decision.stamp.age_ns(step.frame.stamp)
-                self._allowance = _Allowance(
-                    constraint=decision.constraint,
-                    tip_mm=pose.translation_mm,
-                    stamp_ns=decision.stamp.ns,
-                    stale_after_ns=stale_after_ns,
-                    until_ns=time.monotonic_ns() + left_ns,
-                )
-            elif self._allowance is not None:
-                # The tool is not seen: of it nothing is known but where it was.
-                self._allowance = replace(self._allowance, until_ns=time.monotonic_ns())
+            self._allowance = allowance
 
     def close(self) -> None:
         """Answer no more; the last answer is no motion. The topics go with the node.
 
         An endpoint that is destroyed while the node's thread waits for it would break its wait.
         """
-        self._closed = True
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._watchdog.join()
         if self._commanded_ns is not None and self._ros.is_open:
             self._stop("closed")
 
     def _take(self, command: TwistStamped) -> None:
-        if self._closed:
+        if self._closing.is_set():
             return
+        frame = command.header.frame_id
+        self._frame = frame if len(frame) <= _MOST_LETTERS else ""
         self._commanded_ns = time.monotonic_ns()
-        self._frame = command.header.frame_id
         try:
             twist = self._allowed(command)
         except MarginGuardError as error:
-            self._count(str(error))
+            kind = error.kind if isinstance(error, TwistRefusedError) else type(error).__name__
+            self._count(kind, str(error))
             twist = np.zeros(6)
-        else:
-            self._said = ""
         self._publish(command.header.stamp, twist)
 
     def _allowed(self, command: TwistStamped) -> FloatArray:
+        frame = command.header.frame_id
+        if len(frame) > _MOST_LETTERS:
+            detail = f"its name has {len(frame)} letters: {_MOST_LETTERS} allowed"
+            raise TwistRefusedError("frame of a command", detail)
         self._check_age(command)
         desired = _twist_of(command)
         with self._lock:
             allowance = self._allowance
         if allowance is None:
-            raise TwistRefusedError("no constraint is known yet")
-        rotation = self._rotation(allowance, self._frame)
-        constraint = allowance.constraint
+            raise TwistRefusedError("no constraint of now is known")
         if time.monotonic_ns() >= allowance.until_ns:
-            self._count("the constraint is stale")
-            constraint = constraint.held()
+            raise TwistRefusedError("the constraint is stale")
+        rotation = self._rotation(allowance, frame)
         allowed = limit_twist(
             np.concatenate([rotation @ desired[:3], rotation @ desired[3:]]),
-            constraint,
+            allowance.constraint,
             allowance.tip_mm,
             self._parameters,
         )
@@ -159,35 +167,42 @@ class TwistLimiter:
             raise TwistRefusedError("a command is from the future")
 
     def _rotation(self, allowance: _Allowance, frame: str) -> FloatArray:
-        """``tumor_from_frame``'s rotation, (3, 3)."""
+        """``tumor_from_frame``'s rotation, (3, 3), at the time of the planes or before it."""
         tumor = allowance.constraint.frame
         if frame == tumor:
             return np.eye(3)
         try:
             found = self._buffer.lookup(tumor, frame)
+            age_ns = 0 if found.stamp_ns is None else allowance.stamp_ns - found.stamp_ns
+            if abs(age_ns) > allowance.stale_after_ns:
+                late = "stale" if age_ns > 0 else "from the future"
+                raise TwistRefusedError("way to the frame of a command", f"{frame!r} is {late}")
+            if age_ns < 0:
+                found = self._buffer.lookup(tumor, frame, allowance.stamp_ns)
         except TfError as error:
-            raise TwistRefusedError(f"frame of a command: {error}") from error
-        if found.stamp_ns is not None:
-            age_ns = allowance.stamp_ns - found.stamp_ns
-            if age_ns > allowance.stale_after_ns:
-                raise TwistRefusedError(f"the way from {tumor!r} to {frame!r} is stale")
+            raise TwistRefusedError("frame of a command", str(error)) from error
         return found.transform.rotation
 
     def _watch(self) -> None:
-        if self._commanded_ns is None or self._closed:
-            return
-        if time.monotonic_ns() - self._commanded_ns >= self._timeout_ns:
-            self._stop("no command comes any more")
+        while not self._closing.wait(self._timeout_ns / NS_PER_S):
+            commanded_ns = self._commanded_ns
+            if commanded_ns is None:
+                continue
+            if time.monotonic_ns() - commanded_ns >= self._timeout_ns:
+                self._stop("no command comes any more")
 
     def _stop(self, reason: str) -> None:
-        self._count(reason)
+        self._count(reason, reason)
         self._publish(self._ros.node.get_clock().now().to_msg(), np.zeros(6))
 
-    def _count(self, reason: str) -> None:
-        self.refused[reason.partition(":")[0]] += 1
-        if reason != self._said:
-            self._said = reason
-            self._ros.node.get_logger().warning(f"{topics.ALLOWED_TWIST.name}: {reason}")
+    def _count(self, kind: str, words: str) -> None:
+        now_ns = time.monotonic_ns()
+        with self._lock:
+            self.refused[kind] += 1
+            if self._said_ns is not None and now_ns - self._said_ns < _SAY_AGAIN_NS:
+                return
+            self._said_ns = now_ns
+        self._ros.node.get_logger().warning(f"{topics.ALLOWED_TWIST.name}: {words[:_MOST_WORDS]}")
 
     def _publish(self, stamp: object, twist: FloatArray) -> None:
         answer = TwistStamped()
@@ -196,6 +211,31 @@ class TwistLimiter:
         answer.twist.linear = messages.vector_message(messages.metres(twist[:3]))
         answer.twist.angular = messages.vector_message(twist[3:])
         self._publisher.publish(answer)
+
+
+def _allowance_of(step: StepResult, stale_after_ns: int) -> _Allowance | None:
+    """None where the step has no planes of the place that the tool has in it."""
+    decision, pose = step.decision, step.tumor_from_tip
+    constraint, proximity, stamp = decision.constraint, decision.proximity, decision.stamp
+    if constraint is None or proximity is None or stamp is None or pose is None:
+        return None
+    ages_ns = [known.age_ns(step.frame.stamp) for known in (stamp, proximity.stamp)]
+    if min(ages_ns) < 0 or max(ages_ns) > stale_after_ns:
+        return None
+    # The planes of an earlier step are kept while a fault lasts: of now are those of the witnesses.
+    witnesses = proximity.witnesses
+    if not (
+        np.array_equal(constraint.points_on_tool_mm, witnesses.on_tool_mm)
+        and np.array_equal(constraint.normals, witnesses.normals)
+    ):
+        return None
+    return _Allowance(
+        constraint=constraint,
+        tip_mm=pose.translation_mm,
+        stamp_ns=stamp.ns,
+        stale_after_ns=stale_after_ns,
+        until_ns=time.monotonic_ns() + stale_after_ns - max(ages_ns),
+    )
 
 
 def _twist_of(command: TwistStamped) -> FloatArray:

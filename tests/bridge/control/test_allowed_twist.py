@@ -5,6 +5,8 @@ The tool's tip is the tumour's origin here, its one plane has +z as normal and l
 
 import json
 import math
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +15,9 @@ import pytest
 
 from app.bridge.control import TwistLimiter
 from app.bridge.tf import TransformBuffer
+from app.fixture import LimiterParameters, MarginState, Reason
+from app.geometry import Stamp
+from tests.bridge.conftest import DEADLINE_S, START_NS
 
 SENDER = Path(__file__).resolve().parent / "twist_sender.py"
 LONG_NS = 10**12
@@ -107,19 +112,137 @@ def test_a_way_that_was_not_seen_lately_is_not_used(ros, buffer, make_step, star
     assert zero(found[0])
 
 
-def test_on_stale_data_it_may_retreat_and_not_approach(ros, buffer, make_step, start_receiver):
+def test_on_stale_data_nothing_moves(ros, buffer, make_step, start_receiver):
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
-    limiter.allow(make_step(0), 0)
+    limiter.allow(make_step(0), 3_000_000)  # as old as its oldest sample
+    found = answers(start_receiver, asked(0.0, 0.0, -0.01), asked(0.01, 0.0, 0.02))
+    assert [zero(answer) for answer in found] == [True] * 3
+    assert limiter.refused["the constraint is stale"] == 2
+
+
+def faulty(step, **changes):
+    """``step`` with planes on hold because of a fault."""
+    decision = step.decision
+    changes = {"constraint": decision.constraint.held(), **changes}
+    unknown = replace(
+        decision, state=MarginState.UNKNOWN, reasons=(Reason.FROZEN,), hold=True, **changes
+    )
+    return replace(step, decision=unknown)
+
+
+def earlier_planes(step):
+    """The tool has gone 5 mm aside since; the planes are still those of before."""
+    known = step.decision.proximity
+    moved = replace(known.witnesses, on_tool_mm=known.witnesses.on_tool_mm + [5.0, 0.0, 0.0])
+    return faulty(step, proximity=replace(known, witnesses=moved))
+
+
+def of_the_future(step):
+    ahead = Stamp(step.frame.stamp.ns + 1)
+    return faulty(step, proximity=replace(step.decision.proximity, stamp=ahead))
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        earlier_planes,
+        of_the_future,
+        lambda step: faulty(step, proximity=None),
+        lambda step: faulty(step, stamp=None),
+        lambda step: replace(step, tumor_from_tip=None),
+    ],
+)
+def test_planes_that_are_not_of_the_tool_as_it_is_now_allow_nothing(
+    ros, buffer, make_step, start_receiver, spoilt
+):
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    limiter.allow(make_step(0), LONG_NS)
+    limiter.allow(spoilt(make_step(0)), LONG_NS)
+    found = answers(start_receiver, asked(0.0, 0.0, -0.01), asked(0.0, 0.0, 0.01))
+    assert [zero(answer) for answer in found] == [True] * 3
+    assert limiter.refused["no constraint of now is known"] == 2
+
+
+def test_on_hold_with_planes_of_now_it_may_retreat_and_not_approach(
+    ros, buffer, make_step, start_receiver
+):
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    limiter.allow(faulty(make_step(0)), LONG_NS)
     found = answers(start_receiver, asked(0.0, 0.0, -0.01), asked(0.01, 0.0, 0.02))
     point_m = np.array([0.001, 0.002, 0.0175])
     linear, angular = np.array(found[0]["linear"]), np.array(found[0]["angular"])
     assert (linear + np.cross(angular, point_m))[2] >= -1e-9
     assert found[1]["linear"] == pytest.approx([0.01, 0.0, 0.02])
-    assert limiter.refused["the constraint is stale"] == 2
+
+
+def test_a_way_from_the_future_does_not_turn_a_command(ros, buffer, make_step, start_receiver):
+    oldest_ns = START_NS - 3_000_000
+    straight, half = (0.0,) * 6 + (1.0,), math.sqrt(0.5)
+    around = (0.0, 0.0, 0.0, half, 0.0, 0.0, half)
+    for frame, ahead_ns in (("far", 900_000_000), ("near", 40_000_000)):
+        buffer.insert("tumor", frame, oldest_ns, straight)
+        buffer.insert("tumor", frame, oldest_ns + ahead_ns, around)
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    step, stale_after_ns = make_step(0), 60_000_000_000
+    limiter.allow(step, stale_after_ns)
+    commands = (asked(0.0, 0.02, 0.01, frame=frame) for frame in ("far", "near"))
+    for answer in answers(start_receiver, *commands)[:2]:
+        assert answer["linear"] == pytest.approx([0.0, 0.02, 0.01])
+    buffer.insert("tumor", "later", oldest_ns + stale_after_ns + 1, around)
+    (later, _) = answers(start_receiver, asked(0.0, 0.0, 0.01, frame="later"))
+    assert zero(later)
+    assert limiter.refused["way to the frame of a command"] == 1
+
+
+def test_long_names_of_frames_are_not_kept_and_not_said(
+    ros, buffer, make_step, start_receiver, capfd
+):
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    limiter.allow(make_step(0), LONG_NS)
+    names = [letter * length for length in (100_000, 257, 256) for letter in "abcd"]
+    found = answers(start_receiver, *(asked(0.0, 0.0, 0.01, frame=name) for name in names))
+    assert all(zero(answer) for answer in found)
+    assert [answer["frame"] for answer in found[:12]] == [""] * 8 + names[8:]
+    assert limiter.refused["frame of a command"] == 12
+    assert len(capfd.readouterr().err) < 5_000
+
+
+def test_no_command_is_answered_with_more_than_the_greatest_speed(
+    ros, buffer, make_step, start_receiver
+):
+    limits = LimiterParameters(most_mm_s=100.0, most_rad_s=0.5)
+    limiter = TwistLimiter(ros, buffer, parameters=limits, timeout_ns=10**9)
+    limiter.allow(make_step(0), LONG_NS)
+    found = answers(
+        start_receiver, asked(0.0, 0.0, 1e9), asked(0.0, 0.0, 0.01, angular=(0.0, 0.0, 1.0))
+    )
+    assert found[0]["linear"] == pytest.approx([0.0, 0.0, 0.1])
+    assert found[1]["linear"] == pytest.approx([0.0, 0.0, 0.005])
+    assert found[1]["angular"] == pytest.approx([0.0, 0.0, 0.5])
+
+
+def test_motion_ends_while_the_nodes_thread_is_stuck(ros, buffer, make_step, start_receiver):
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**8)
+    limiter.allow(make_step(0), LONG_NS)
+    start_receiver(asked(0.0, 0.0, 0.01), script=SENDER).take(1)
+    stuck, free = threading.Event(), threading.Event()
+
+    def hold_up():
+        stuck.set()
+        free.wait(DEADLINE_S)
+
+    ros.call_soon(hold_up)
+    assert stuck.wait(DEADLINE_S)
+    said = limiter.refused["no command comes any more"]
+    until_s = time.monotonic() + 10.0
+    while limiter.refused["no command comes any more"] < said + 2 and time.monotonic() < until_s:
+        threading.Event().wait(0.02)
+    free.set()
+    assert limiter.refused["no command comes any more"] >= said + 2
 
 
 def test_before_the_first_step_nothing_moves(ros, buffer, start_receiver):
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     found = answers(start_receiver, asked(0.0, 0.0, 0.01))
     assert zero(found[0])
-    assert limiter.refused["no constraint is known yet"] == 1
+    assert limiter.refused["no constraint of now is known"] == 1
