@@ -97,11 +97,13 @@ class Session:
             problems |= {Reason.REGISTRATION_DRIFT}
         # The constraint reaches the robot through the reference frame.
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
+        proximity, swept = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,
                 stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
-                proximity=self._proximity(tumor_from_tip, tool.oldest, frame.stamp),
+                proximity=proximity,
+                swept=swept,
                 problems=problems | tool.problems | registration_problems,
                 sigma_tre_mm=sigma_tre_mm,
                 unchanged_ns=max(pose.unchanged_ns for pose in used),
@@ -162,24 +164,24 @@ class Session:
 
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
-    ) -> Proximity | None:
-        """Of the tool where it is; or, where it went through the tumour to get there, of that."""
+    ) -> tuple[Proximity | None, Proximity | None]:
+        """Of the tool where it is, and of where it went through the tumour to get there, if so."""
         last, self._last = self._last, None
         if tumor_from_tip is None or stamp is None:
-            return None
+            return None, None
         model = self.setup.proximity
         here = self._recent.joined(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
         self._last = _Place(now, tumor_from_tip, here)
         if last is None or not 0 <= last.stamp.age_ns(now) <= self.setup.margins.stale_after_ns:
-            return here
+            return here, None
         before = last.proximity
         outside = min(before.signed_distance_mm, here.signed_distance_mm) > 0.0
         # To touch the tumour on the way, a point has to come there and to go as far as it is now.
         way_mm = path_mm(last.tumor_from_tip, tumor_from_tip, model.radius_mm)
         if not outside or way_mm < before.lower_bound_mm + here.lower_bound_mm:
-            return here
+            return here, None
         swept = model.sweep(last.tumor_from_tip, tumor_from_tip, stamp)
-        return swept.lowest if swept.lowest.signed_distance_mm <= 0.0 else here
+        return here, swept.lowest if swept.lowest.signed_distance_mm <= 0.0 else None
 
     def _registration_at_tip(self, tool: MeasuredPose) -> tuple[float, frozenset[Reason]]:
         """The standard deviation in mm of the registration at the tip, and what is wrong with it.

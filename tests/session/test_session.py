@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from app.fixture import MarginState, NotRearmableError, Reason
+from app.fixture import (
+    LimiterParameters,
+    MarginState,
+    NotRearmableError,
+    Reason,
+    limit_twist,
+)
 from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
@@ -107,6 +113,20 @@ def test_a_tumour_that_is_crossed_between_two_frames_is_a_breach():
     assert after.decision.state is MarginState.POSITIVE
     assert after.decision.proximity.signed_distance_mm == pytest.approx(-10.0, abs=0.5)
     assert later.decision.proximity.signed_distance_mm == pytest.approx(50.0)
+
+
+def test_after_a_crossing_the_planes_face_the_tool_where_it_is():
+    session = Session(make_setup())
+    _, after = steps(session, [30.0, -14.0])
+    planes = after.decision.constraint
+    np.testing.assert_allclose(planes.normals[0], [-1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(planes.points_on_tool_mm[0], [-14.0, 0.0, 0.0], atol=1e-9)
+    tip_mm, still = after.tumor_from_tip.translation_mm, np.zeros(6)
+    assert limit_twist(still, planes, tip_mm, LimiterParameters()).tolist() == [0.0] * 6
+    inward = np.array([50.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    _, inside = steps(Session(make_setup()), [30.0, -10.5])
+    planes, tip_mm = inside.decision.constraint, inside.tumor_from_tip.translation_mm
+    assert limit_twist(inward, planes, tip_mm, LimiterParameters())[0] < 0.0, "driven out, not in"
 
 
 def test_a_tumour_that_is_crossed_twice_in_a_row_is_seen_twice():
