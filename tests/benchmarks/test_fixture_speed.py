@@ -35,8 +35,9 @@ def result(case_file: Path) -> CaseResult:
 
 
 def test_engines_that_measure_the_same_agree(result: CaseResult) -> None:
+    # Ours may be above the true distance by 0.005 mm and 0.2 % of at most some 10 mm.
     for name in ("fcl", "coal"):
-        assert result.agreement(name) < 0.01
+        assert result.agreement(name) < 0.03
     for name in ("vtk tip", "vtk tip rebuilt"):
         assert result.agreement(name) < 1e-3
     assert result.agreement("vtk filter") == 1.0
