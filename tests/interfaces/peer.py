@@ -14,7 +14,8 @@ from marginguard_msgs.srv import Register
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 FEEDBACK_PERIOD_S = 0.05
@@ -70,17 +71,23 @@ def main() -> None:
         callback_group=ReentrantCallbackGroup(),
     )
 
+    executor = MultiThreadedExecutor(2)
+    executor.add_node(node)
+    ended = Future()
+
     def end_with_input() -> None:
         sys.stdin.read()
-        rclpy.try_shutdown()
+        ended.set_result(None)
+        executor.wake()
 
     threading.Thread(target=end_with_input, daemon=True).start()
     print("ready", flush=True)
-    try:
-        rclpy.spin(node, MultiThreadedExecutor(2))
-    except ExternalShutdownException:
-        action.destroy()
-        node.destroy_node()
+    executor.spin_until_future_complete(ended)
+    # What is being sent back is sent before the context goes.
+    executor.shutdown()
+    action.destroy()
+    node.destroy_node()
+    rclpy.try_shutdown()
 
 
 if __name__ == "__main__":
