@@ -96,29 +96,35 @@ class LiveSession:
 
     def steps(self) -> Iterator[StepResult]:
         """Yield the steps as they happen, for ever; ends with `stop`."""
-        while (frame := self._next()) is not None:
+        while self._is_due():
             with self._stepping:
-                step = self._session.step(frame)
+                # Only now: the lock may have been waited for, and a frame is stamped when taken.
+                step = self._session.step(self._take())
                 self._watch_ns = self._next_watch_ns(step)
                 yield step
 
-    def _next(self) -> TrackingFrame | None:
+    def _is_due(self) -> bool:
+        """Wait for a frame that is ready or for the watch; False once stopped."""
         with self._changed:
             while not self._stopped:
                 host_ns = self._host_ns()
-                frame = self._frames.take(host_ns)
-                if frame is not None:
-                    return frame
                 remaining_ns = self._watch_ns - host_ns
-                # Too long a wait: the host's clock was set back.
-                if not 0 < remaining_ns <= self._longest_wait_ns():
-                    # Without a sample the source's time is not known: it is before all others.
-                    return TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
                 ready_ns = self._frames.ready_in_ns(host_ns)
+                # Too long a wait: the host's clock was set back.
+                if ready_ns == 0 or not 0 < remaining_ns <= self._longest_wait_ns():
+                    return True
                 if ready_ns is not None:
                     remaining_ns = min(remaining_ns, ready_ns)
                 self._wait(self._changed, min(remaining_ns, TICK_NS) / NS_PER_S)
-        return None
+        return False
+
+    def _take(self) -> TrackingFrame:
+        """What is ready, or a frame without poses; stamped with the present."""
+        with self._changed:
+            host_ns = self._host_ns()
+            frame = self._frames.take(host_ns)
+            # Without a sample the source's time is not known: it is before all others.
+            return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
 
     def _next_watch_ns(self, step: StepResult) -> int:
         """When the oldest pose of ``step`` will be stale, or a tick from now if it is already."""

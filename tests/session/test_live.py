@@ -160,6 +160,33 @@ def test_a_lost_tool_is_unknown_with_the_trackers_word():
     assert Reason.MISSING in step.decision.reasons
 
 
+class SlowLock:
+    """Test double of a lock that others hold for ``wait_ms`` once, at its ``entry``-th taking."""
+
+    def __init__(self, world, wait_ms, entry):
+        self.world, self.wait_ms, self.left = world, wait_ms, entry
+
+    def __enter__(self):
+        self.left -= 1
+        if self.left == 0:
+            self.world.ns += self.wait_ms * NS_PER_MS
+
+    def __exit__(self, *_):
+        pass
+
+
+def test_a_frame_that_waited_for_a_change_of_the_session_is_as_old_as_it_is():
+    world = World()
+    track(world, 0, 400)
+    world.live._stepping = SlowLock(world, wait_ms=1500, entry=9)
+    steps = world.live.steps()
+    before = [next(steps) for _ in range(8)]
+    assert before[-1].decision.state is MarginState.NEGATIVE
+    late = next(steps).decision
+    assert late.state is MarginState.UNKNOWN
+    assert Reason.STALE in late.reasons
+
+
 def test_a_clock_that_is_started_again_is_seen_and_followed():
     world = World()
     for start_ms, tracker_ms in ((0, 50_000), (1000, 100)):
