@@ -46,17 +46,21 @@ class MeasuredPose:
 @dataclass(slots=True)
 class _EdgeState:
     latest: TrackedTransform
+    latest_at: Stamp
+    """The latest sample's stamp, or when it came if that was earlier."""
     latest_good: Transform | None = None
     unchanged_since: Stamp | None = None
     bad: frozenset[Reason] = _NOTHING
     """What is wrong with the latest sample, whatever the time is."""
 
-    def take(self, sample: TrackedTransform) -> bool:
+    def take(self, sample: TrackedTransform, now: Stamp) -> bool:
         """Make ``sample`` the latest; tell whether the pose has changed by it.
 
-        Lost samples in between do not thaw a frozen pose.
+        Lost samples in between do not thaw a frozen pose. A stamp from the future counts
+        as ``now``: nothing was seen later than that.
         """
         self.latest = sample
+        self.latest_at = min(sample.stamp, now)
         if sample.transform is None:
             self.bad = frozenset({REASON_OF_STATUS[sample.status]})
             return False
@@ -67,14 +71,14 @@ class _EdgeState:
         known, self.latest_good = self.latest_good, sample.transform
         if known is not None and _same_numbers(known, sample.transform):
             return False
-        self.unchanged_since = sample.stamp
+        self.unchanged_since = self.latest_at
         return known is not None
 
     def unchanged_ns(self) -> int:
         """For how long the good samples up to the latest have repeated the same digits."""
         if self.unchanged_since is None:
             return 0
-        return self.unchanged_since.age_ns(self.latest.stamp)
+        return self.unchanged_since.age_ns(self.latest_at)
 
 
 @dataclass(slots=True)
@@ -110,7 +114,7 @@ class PoseTree:
             self._paths.clear()
         self._now = frame.stamp
         for sample in frame.poses:
-            self._insert_sample(sample)
+            self._insert_sample(sample, frame.stamp)
         return frozenset({Reason.CLOCK_JUMPED_BACK}) if jumped else frozenset()
 
     def pose(self, target: str, source: str) -> MeasuredPose:
@@ -146,19 +150,16 @@ class PoseTree:
         """Every frame that a measured edge has named, in alphabetical order."""
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
-    def _insert_sample(self, sample: TrackedTransform) -> None:
+    def _insert_sample(self, sample: TrackedTransform, now: Stamp) -> None:
         edge = (sample.target, sample.source)
         state = self._edges.get(edge)
         if state is None:
-            state = self._edges[edge] = _EdgeState(sample)
+            state = self._edges[edge] = _EdgeState(sample, now)
             self._paths.clear()
-        elif sample.stamp < state.latest.stamp and not self._is_future(state.latest.stamp):
+        elif sample.stamp < state.latest.stamp <= now:
             return
-        if state.take(sample):
+        if state.take(sample, now):
             self._changed.add(edge)
-
-    def _is_future(self, stamp: Stamp) -> bool:
-        return self._now is not None and stamp > self._now
 
     def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
         return state.unchanged_ns() if self._has_to_move(edge) else 0

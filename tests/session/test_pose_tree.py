@@ -165,6 +165,14 @@ def test_one_stamp_from_the_future_does_not_keep_out_what_comes_after(tree):
     assert tree.pose(*edge).problems == set()
 
 
+def test_one_stamp_from_the_future_does_not_keep_a_stuck_pose_from_freezing(tree):
+    edge = ("tracker", "cautery")
+    tree.insert(frame(0, sample(*edge, (0, 0, 0), 10_000)))
+    for at_ms in range(50, 1051, 50):
+        tree.insert(frame(at_ms, sample(*edge, (0, 0, 0), at_ms)))
+    assert tree.pose(*edge).problems == {Reason.FROZEN}
+
+
 def test_the_direction_in_which_a_tool_is_reported_gives_it_no_grace(tree):
     found = frozen_run(tree, ("cautery", "tracker"), 1100, moved_first=False)
     assert found.problems == {Reason.FROZEN}

@@ -146,10 +146,12 @@ class Judge:
         age_ns = now_ns - taken[-1].values.ns
         if not 0 <= age_ns <= PARAMETERS.stale_after_ns:
             return True
-        poses = [sample.values for sample in taken if sample.is_pose]
-        same = [numbers_of(pose) == numbers_of(poses[-1]) for pose in poses]
+        poses = [sample for sample in taken if sample.is_pose]
+        same = [numbers_of(pose.values) == numbers_of(poses[-1].values) for pose in poses]
         run = poses[len(poses) - [*same[::-1], False].index(False) :]
-        return run[-1].ns - run[0].ns > PARAMETERS.frozen_after_ns
+        # A pose was there when its frame was, whatever later time it was stamped with.
+        since_ns = min(run[0].values.ns, self.frames_ns[run[0].at_ns])
+        return run[-1].values.ns - since_ns > PARAMETERS.frozen_after_ns
 
 
 def numbers_of(values: PoseValues) -> tuple[float, ...]:
@@ -167,7 +169,9 @@ ODD = {
 }
 ARRIVALS = st.one_of(
     st.sampled_from(["fresh"] * 12),
-    st.sampled_from(["absent", "repeated", "late", "early", "very early", "old", *ODD]),
+    st.sampled_from(
+        ["absent", "repeated", "repeated early", "late", "early", "very early", "old", *ODD]
+    ),
 )
 JOINTS = ["absent", "fresh", "old", "early", "nan"]
 FRAMES = st.fixed_dictionaries(
@@ -193,6 +197,12 @@ STORIES = st.lists(
         st.integers(1, 4).map(lambda n: [GOOD] * n),
         st.tuples(st.sampled_from(["needle", "cautery", "reference"]), st.integers(5, 10)).map(
             lambda stuck: [{**GOOD, "advance_ms": 150, stuck[0]: "repeated"}] * stuck[1]
+        ),
+        st.sampled_from(["needle", "cautery", "reference"]).map(
+            lambda source: (
+                [{**GOOD, source: "very early"}]
+                + [{**GOOD, "advance_ms": 150, source: "repeated"}] * 9
+            )
         ),
     ),
     min_size=1,
@@ -229,13 +239,15 @@ class Stream:
         return TrackingFrame(Stamp(self.now_ns), samples, self._joints(event["joints"])), sent
 
     def _arrival(self, source: str, how: str, place_mm: np.ndarray) -> PoseValues | None:
-        if how == "absent" or (how == "repeated" and source not in self.last):
+        repeated = how.startswith("repeated")
+        if how == "absent" or (repeated and source not in self.last):
             return None
         fresh = PoseValues(
             "tracker", source, self.now_ns, tuple(place_mm / 1000.0), (0.0, 0.0, 0.0, 1.0)
         )
-        if how == "repeated":
-            return self.last[source]._replace(ns=self.now_ns)
+        if repeated:
+            shift_ns = 10**4 * NS_PER_MS if how == "repeated early" else 0
+            return self.last[source]._replace(ns=self.now_ns + shift_ns)
         shift_ms = {"late": -30, "early": 1, "very early": 10**6, "old": -201}.get(how, 0)
         values = fresh._replace(ns=self.now_ns + shift_ms * NS_PER_MS, **ODD.get(how, {}))
         if how not in ODD:
