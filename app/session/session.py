@@ -130,8 +130,9 @@ class Session:
     def use(self, setup: SessionSetup) -> None:
         """Go on with ``setup`` from the next step on; not to be called during a step.
 
-        With another tumour, tool or place of one of them nothing is known of the margin any more:
-        the state is UNKNOWN up to the next full evaluation. A hold that is latched stays so.
+        With another tumour, tool, registration or place of one of them nothing is known of the
+        margin any more: the state is UNKNOWN up to the next full evaluation, and ``hold`` is
+        latched until `rearm` if the margin was known before.
         """
         before, self.setup = self.setup, setup
         self._poses.stale_after_ns = setup.margins.stale_after_ns
@@ -141,6 +142,7 @@ class Session:
         if setup.robot is not before.robot:
             self._drifted = False
             self._follower = _follower(setup.robot)
+            self._monitor.restart()
         if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
             before.proximity,
             before.tool_from_tip,

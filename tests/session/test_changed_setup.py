@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from app.case import open_case
-from app.fixture import MarginState, Reason, TipProximity
-from app.geometry import SurfaceMesh
+from app.fixture import MarginState, NotRearmableError, Reason, TipProximity
+from app.geometry import SurfaceMesh, Transform
+from app.registration import given_registration
 from app.session import Session, setup_from_case
 
 
@@ -73,6 +74,42 @@ def test_before_an_evaluation_of_the_new_tumor_the_state_is_unknown(case, setup,
     assert decision.state is MarginState.UNKNOWN
     assert decision.constraint is None
     assert decision.hold
+
+
+def changed(case, setup, what):
+    if what == "tumour":
+        return replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0)))
+    if what == "tool":
+        tip = setup.tool_from_tip
+        there = Transform(tip.target, tip.source, tip.rotation, tip.translation_mm + 0.1)
+        return replace(setup, tool_from_tip=there)
+    given = given_registration(setup.robot.registration.transform)
+    return replace(setup, robot=replace(setup.robot, registration=given))
+
+
+@pytest.mark.parametrize("what", ["tumour", "tool", "registration"])
+def test_after_a_change_the_robot_is_held_until_someone_re_arms(case, setup, frames, what):
+    session = Session(setup)
+    for frame in frames[:10]:
+        assert not session.step(frame).decision.hold
+    session.use(changed(case, setup, what))
+    with pytest.raises(NotRearmableError):
+        session.rearm()
+    for frame in frames[10:15]:
+        known = session.step(frame).decision
+        assert known.state is not MarginState.UNKNOWN
+        assert known.hold
+        assert Reason.LATCHED in known.reasons
+    session.rearm()
+    assert not session.step(frames[15]).decision.hold
+
+
+def test_new_margins_hold_nothing(setup, frames):
+    session = Session(setup)
+    for frame in frames[:10]:
+        session.step(frame)
+    session.use(replace(setup, margins=setup.margins.replaced(stop_mm=2.0)))
+    assert not session.step(frames[10]).decision.hold
 
 
 def test_a_latched_hold_outlives_a_change_of_the_tumor(case, setup, frames):
