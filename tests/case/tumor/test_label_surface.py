@@ -26,6 +26,20 @@ def centres_mm(shape: tuple[int, ...], frame_from_index: FloatArray) -> FloatArr
     )
 
 
+def reached_mm(marked: NDArray[np.bool_], frame_from_index: FloatArray) -> FloatArray:
+    """Places (n, 3) that the surface has to contain by what `label_surface` says."""
+    around = np.pad(marked, 2)
+    cross = [np.zeros(3, dtype=int), *np.eye(3, dtype=int), *-np.eye(3, dtype=int)]
+    voxels = np.argwhere(around)
+    middles = [
+        tuple(place) for place in voxels if all(around[tuple(place + step)] for step in cross)
+    ]
+    thick = {tuple(np.add(middle, step)) for middle in middles for step in cross}
+    shares = np.where([tuple(place) in thick for place in voxels], 0.199, 0.499)
+    places = np.concatenate([voxels + shares[:, None] * step for step in cross]) - 2.0
+    return places @ frame_from_index[:, :3].T + frame_from_index[:, 3]
+
+
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize(
     ("sides", "radius"),
@@ -53,7 +67,7 @@ def test_a_ball_is_found_within_part_of_a_voxel(
     assert mesh.signed_volume_mm3 == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=0.02)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     shape=st.tuples(*[st.integers(1, 7)] * 3),
     share=st.floats(0.05, 0.95),
@@ -74,6 +88,10 @@ def test_any_marks_make_a_sound_surface_between_them_and_the_others(
     vertices, faces = np.array(mesh.vertices_mm), np.array(mesh.faces)
     winding = igl.winding_number(vertices, faces, places.reshape(-1, 3))
     np.testing.assert_array_equal(winding > 0.5, around.ravel())
+    voxel_mm3 = abs(np.linalg.det(frame_from_index[:, :3]))
+    assert mesh.signed_volume_mm3 >= 0.999 * marked.sum() * voxel_mm3
+    inside = igl.winding_number(vertices, faces, reached_mm(marked, frame_from_index)) > 0.5
+    assert inside.all()
 
 
 def test_at_the_border_it_runs_along_the_voxels_faces() -> None:
@@ -90,6 +108,48 @@ def test_a_sheet_of_one_voxel_stays() -> None:
     marked[1:-1, 1:-1, 2] = True
     mesh = require_sound(surface_of_labels(marked, grid((1.0, 1.0, 1.0)), "tumor"), "the sheet")
     assert mesh.signed_volume_mm3 == pytest.approx(100.0, rel=0.05)
+
+
+UPRIGHT = np.column_stack([np.eye(3), np.zeros(3)])
+
+
+@pytest.mark.parametrize(
+    "sides",
+    [(1, 1, 1), (1, 1, 20), (1, 2, 3), (2, 2, 2), (2, 2, 20), (3, 3, 3), (3, 3, 12), (2, 10, 10)],
+)
+def test_what_is_small_or_thin_is_as_large_as_it_was_marked(sides: tuple[int, int, int]) -> None:
+    mesh = require_sound(surface_of_labels(np.ones(sides, dtype=bool), UPRIGHT, "tumor"), "block")
+    assert mesh.signed_volume_mm3 == pytest.approx(np.prod(sides), rel=0.02)
+    assert mesh.signed_volume_mm3 >= np.prod(sides)
+    assert (np.ptp(mesh.vertices_mm, axis=0) >= np.array(sides) - 1e-4).all()
+
+
+def ball_and(*boxes: tuple[slice, slice, slice]) -> NDArray[np.bool_]:
+    """A ball of radius 7 around (14, 14, 14), and voxels in addition."""
+    marked = np.linalg.norm(np.moveaxis(np.indices((30, 30, 30)), 0, -1) - 14, axis=-1) < 7.0
+    for box in boxes:
+        marked[box] = True
+    return np.asarray(marked)
+
+
+@pytest.mark.parametrize("side", [1, 3])
+def test_a_satellite_beside_a_ball_is_as_large_as_alone(side: int) -> None:
+    box = (slice(24, 24 + side), slice(13, 13 + side), slice(13, 13 + side))
+    mesh = require_sound(surface_of_labels(ball_and(box), UPRIGHT, "tumor"), "two parts")
+    alone = surface_of_labels(np.ones((side,) * 3, dtype=bool), UPRIGHT, "tumor")
+    of_satellite = mesh.vertices_mm[:, 0] > 22.5
+    np.testing.assert_allclose(
+        mesh.vertices_mm[of_satellite] - [24.0, 13.0, 13.0], alone.vertices_mm, atol=1e-6
+    )
+
+
+def test_a_spike_of_one_voxel_is_not_thinned_by_the_ball_it_stands_on() -> None:
+    spike = (slice(20, 28), slice(14, 15), slice(14, 15))
+    mesh = require_sound(surface_of_labels(ball_and(spike), UPRIGHT, "tumor"), "the spike")
+    around = np.abs(mesh.vertices_mm[:, 0] - 24.0) < 0.01
+    off = np.linalg.norm(mesh.vertices_mm[around][:, 1:] - 14.0, axis=1)
+    # The half-diagonal of a square of one voxel's area.
+    assert around.sum() == 4 and off.min() > 0.7
 
 
 def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
