@@ -141,6 +141,8 @@ def test_what_lies_between_two_frames_that_are_far_apart_is_not_guessed():
     session.step(frame(0, needle(0), cautery_at(30.0, 0)))
     step = session.step(frame(250, needle(250), cautery_at(-30.0, 250)))
     assert step.decision.proximity.signed_distance_mm == pytest.approx(20.0)
+    assert step.decision.state is MarginState.UNKNOWN
+    assert step.decision.reasons == (Reason.STALE, Reason.LATCHED)
 
 
 def test_a_single_missing_frame_is_bridged_and_the_margin_grows_with_age():

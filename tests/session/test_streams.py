@@ -108,6 +108,9 @@ class Judge:
         self.sent += sent
         begin = self._since_jump()
         bad = jumped or not self.registered
+        # Nothing looked while the last known margin became too old.
+        if len(self.frames_ns) > 1 and not self.is_unknown():
+            bad |= now_ns - self.frames_ns[-2] > PARAMETERS.stale_after_ns
         bad |= any(self._is_bad(source, now_ns, begin) for source in self.sources)
         self.held |= bad and not all(self.bad)
         self.bad.append(bad)
