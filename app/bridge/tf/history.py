@@ -52,6 +52,7 @@ class EdgeHistory:
             return False
         stamps.insert(place, stamp_ns)
         self._poses.insert(place, pose)
+        self._forget_old()
         return True
 
     @property

@@ -16,6 +16,7 @@ from app.bridge.tf import (
     TfLookupError,
     TransformBuffer,
 )
+from app.bridge.tf.history import EdgeHistory
 from app.geometry import NS_PER_S, FrameError
 
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -243,6 +244,16 @@ def test_memory_is_bounded_by_time_by_number_and_by_frames():
     buffer.insert("a", "c", 1, IDENTITY)
     with pytest.raises(TfInvalidError, match="3 frames allowed"):
         buffer.insert("a", "d", 1, IDENTITY)
+
+
+def test_memory_is_bounded_when_samples_come_in_the_wrong_order():
+    history = EdgeHistory("world", static=False, keep_ns=NS_PER_S, most=50)
+    history.insert(10_000, IDENTITY)
+    for stamp_ns in range(9_999, 0, -1):
+        history.insert(stamp_ns, IDENTITY)
+    assert len(history) == 50
+    assert history.newest_ns == 10_000
+    assert history.oldest_ns == 9_951
 
 
 def test_a_repeated_stamp_keeps_its_first_pose():
