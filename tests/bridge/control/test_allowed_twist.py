@@ -133,7 +133,8 @@ def faulty(step, **changes):
 def earlier_planes(step):
     """The tool has gone 5 mm aside since; the planes are still those of before."""
     known = step.decision.proximity
-    moved = replace(known.witnesses, on_tool_mm=known.witnesses.on_tool_mm + [5.0, 0.0, 0.0])
+    aside_mm = np.array([5.0, 0.0, 0.0])
+    moved = replace(known.witnesses, on_tool_mm=known.witnesses.on_tool_mm + aside_mm)
     return faulty(step, proximity=replace(known, witnesses=moved))
 
 
