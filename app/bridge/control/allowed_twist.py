@@ -219,6 +219,8 @@ def _allowance_of(step: StepResult, stale_after_ns: int) -> _Allowance | None:
     constraint, proximity, stamp = decision.constraint, decision.proximity, decision.stamp
     if constraint is None or proximity is None or stamp is None or pose is None:
         return None
+    if proximity.stamp is None:
+        return None
     ages_ns = [known.age_ns(step.frame.stamp) for known in (stamp, proximity.stamp)]
     if min(ages_ns) < 0 or max(ages_ns) > stale_after_ns:
         return None

@@ -150,6 +150,7 @@ def of_the_future(step):
         of_the_future,
         lambda step: faulty(step, proximity=None),
         lambda step: faulty(step, stamp=None),
+        lambda step: faulty(step, proximity=replace(step.decision.proximity, stamp=None)),
         lambda step: replace(step, tumor_from_tip=None),
     ],
 )
