@@ -1,9 +1,11 @@
 """The picture of the deepest moment, from 3D Slicer's scene where the machine can draw one."""
 
+import os
 import pickle
 import subprocess
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,10 +22,13 @@ class ScenePainter:
     """
 
     def __enter__(self) -> Self:
+        # The process finds this package from wherever it is started.
+        paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")]
         self._process = subprocess.Popen(
             [sys.executable, "-m", "app.cli.scene_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
             start_new_session=True,  # Ctrl-C on the terminal is the replay's alone
         )
         # The request waits in a thread for the process to be ready, the replay's end does not.

@@ -40,6 +40,16 @@ def test_the_process_ends_with_the_context() -> None:
     assert process.poll() is not None
 
 
+def test_the_process_finds_the_package_from_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with ScenePainter() as painter:
+        painter._process.communicate(b"")
+        status = painter._process.returncode
+    assert (status, capfd.readouterr().err) == (0, "")
+
+
 def test_without_slicer_it_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "slicer.py").write_text("raise ImportError('no slicer here')\n")
     found = subprocess.run(
