@@ -9,6 +9,7 @@ from app.scene.errors import OffscreenError, SceneError
 from app.scene.moment import Moment, ShownRobot, moment_png
 from app.scene.offscreen import use_offscreen_rendering
 from app.scene.picture import scene_png
+from app.scene.poses import PoseNodes
 from app.scene.robot_model import RobotModel
 from app.scene.scene import MarginGuardScene
 from app.scene.transform_tree import TransformTree
@@ -19,6 +20,7 @@ __all__ = [
     "Moment",
     "OffscreenError",
     "OffscreenView",
+    "PoseNodes",
     "RobotModel",
     "SceneApplication",
     "SceneError",

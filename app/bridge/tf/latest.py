@@ -1,0 +1,54 @@
+"""The newest poses of many frames, for a thread that shows them."""
+
+import time
+from collections.abc import Sequence
+
+from app.bridge.mailbox import Mailbox
+from app.bridge.tf.buffer import PoseSet, TransformBuffer
+from app.bridge.tf.errors import TfError
+
+
+class LatestPoses:
+    """Poses of ``frames`` in ``root`` at one stamp, taken from ``buffer`` whenever they are newer.
+
+    ``TfListener(ros, buffer, received=latest.received)`` fills and wakes it; another thread calls
+    `take` in a loop. They are looked up when they are taken, so a set that is superseded costs
+    nothing; `superseded` counts the messages that were followed by another before anyone looked.
+    `missing` says why there are no poses of all frames yet, and is empty once there are.
+    """
+
+    def __init__(self, buffer: TransformBuffer, root: str, frames: Sequence[str]) -> None:
+        self.missing = ""
+        self._buffer = buffer
+        self._root = root
+        self._frames = tuple(frames)
+        self._news = Mailbox[bool]()
+        self._taken_ns: int | None = None
+
+    def received(self) -> None:
+        """Say that the buffer has something new; from any thread."""
+        self._news.put(True)
+
+    @property
+    def superseded(self) -> int:
+        """How many messages were not looked at because a newer one was there already."""
+        return self._news.superseded
+
+    def take(self, timeout_s: float) -> PoseSet | None:
+        """The newest poses, as soon as their common stamp is another than that of the last ones.
+
+        None when there were none in ``timeout_s``. A set over static edges alone has no stamp: it
+        is taken after every message.
+        """
+        until_s = time.monotonic() + timeout_s
+        while self._news.take(max(0.0, until_s - time.monotonic())):
+            try:
+                poses = self._buffer.poses(self._root, self._frames)
+            except TfError as error:
+                self.missing = str(error)
+                continue
+            self.missing = ""
+            if poses.stamp_ns is None or poses.stamp_ns != self._taken_ns:
+                self._taken_ns = poses.stamp_ns
+                return poses
+        return None
