@@ -26,7 +26,8 @@ class FollowedRobot:
 
     ``buffer`` is filled by the caller's `TfListener`, shared by all robots. Any number of them can
     live on one node, each with its own `RobotSettings`. When the description changes the robot
-    starts anew from it; ``changed(robot)`` is called then, in another thread.
+    starts anew from it; ``changed(robot)`` is called then, in another thread. ``received()`` is
+    called in the node's thread after every joint state; for tf the listener has the same.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class FollowedRobot:
         *,
         joint_states: str = "",
         changed: Callable[[Robot], None] | None = None,
+        received: Callable[[], None] | None = None,
     ) -> None:
         self.settings = settings
         self.refused = 0
@@ -45,6 +47,7 @@ class FollowedRobot:
         self._buffer = buffer
         self._from_joints = bool(joint_states)
         self._changed = changed
+        self._received = received
         self._robot: Robot | None = None
         self._follower: TfFollower | JointFollower | None = None
         if self._from_joints:
@@ -88,3 +91,5 @@ class FollowedRobot:
         message: JointState = deserialize_message(raw, JointState)
         stamp = message.header.stamp
         follower.take(message.name, message.position, stamp.sec * NS_PER_S + stamp.nanosec)
+        if self._received is not None:
+            self._received()

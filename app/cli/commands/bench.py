@@ -17,6 +17,7 @@ BENCHMARKS = {
     "push": "benchmarks.fixture_push",
     "session": "benchmarks.session",
     "rate": "benchmarks.rate",
+    "latency": "benchmarks.latency",
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
 }

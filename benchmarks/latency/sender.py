@@ -1,0 +1,154 @@
+"""A process of `benchmarks.latency`: bodies or joints that move, stamped as they are made.
+
+    python -m benchmarks.latency.sender tf|igtl|joints BODIES RATE_HZ WARM_UP_S SECONDS
+
+It says on standard output where it listens (OpenIGTLink), waits for its one receiver, sends at the
+given rate on an absolute clock, and says what was sent after the warm-up. A body's stamp is the
+system's clock when that body is put together.
+"""
+
+import json
+import math
+import sys
+import time
+from contextlib import ExitStack
+from typing import Protocol
+
+from pyigtl import OpenIGTLinkServer, TransformMessage
+from sensor_msgs.msg import JointState
+
+from app.bridge import RosNode, prepare_environment, topics
+from app.bridge.qos import Topic
+from app.bridge.tf.pose import matrices
+from app.bridge.tf.wire import TfSample, write_tf_message
+from app.cli.touch_arm import TOUCH_URDF
+from app.geometry import NS_PER_S
+from app.robot import load_robot
+from benchmarks.latency.bodies import ROOT, TURN_RAD, body_frames, body_pose
+
+_CONNECT_S = 60.0
+_DRAIN_S = 0.3
+"""pyigtl sends from a thread of its own, and drops what it has not sent when it is stopped."""
+
+
+class Output(Protocol):
+    """Where frames go to; ``port`` is where it listens, None on the ROS graph."""
+
+    port: int | None
+
+    def wait_for_receiver(self) -> bool:
+        """Wait until somebody listens; False when in vain."""
+
+    def send(self, frame: int) -> int:
+        """Make and send a frame; the stamp of its first body."""
+
+
+class RosOutput:
+    """A publisher on ``topic``."""
+
+    port = None
+
+    def __init__(self, topic: Topic, stack: ExitStack) -> None:
+        self._topic = topic
+        self._ros = stack.enter_context(RosNode("latency_sender"))
+        self.publisher = self._ros.publisher(topic)
+
+    def wait_for_receiver(self) -> bool:
+        """Wait for a subscriber."""
+        return self._ros.wait_for_subscribers(self._topic, 1, _CONNECT_S)
+
+
+class TfOutput(RosOutput):
+    """All bodies in one message on ``/tf``, sent as bytes."""
+
+    def __init__(self, bodies: int, stack: ExitStack) -> None:
+        super().__init__(topics.TF, stack)
+        self._frames = body_frames(bodies)
+
+    def send(self, frame: int) -> int:
+        """One message."""
+        samples = [
+            TfSample(ROOT, name, time.time_ns(), body_pose(body, frame))
+            for body, name in enumerate(self._frames)
+        ]
+        self.publisher.publish(write_tf_message(samples))
+        return samples[0].stamp_ns
+
+
+class JointOutput(RosOutput):
+    """The joints of our own arm on ``/joint_states``, all swinging alike."""
+
+    def __init__(self, bodies: int, stack: ExitStack) -> None:
+        super().__init__(topics.JOINT_STATES, stack)
+        self._names = list(load_robot(TOUCH_URDF).actuated_joint_names)
+
+    def send(self, frame: int) -> int:
+        """One message."""
+        stamp_ns = time.time_ns()
+        message = JointState(name=self._names)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+        message.position = [0.3 * math.sin(TURN_RAD * frame)] * len(self._names)
+        self.publisher.publish(message)
+        return stamp_ns
+
+
+class IgtlOutput:
+    """A TRANSFORM message a body, from pyigtl's own server."""
+
+    def __init__(self, bodies: int, stack: ExitStack) -> None:
+        self._frames = body_frames(bodies)
+        self._server = OpenIGTLinkServer(port=0, local_server=True)
+        stack.callback(self._server.stop)
+        self.port: int | None = self._server.server_address[1]
+
+    def wait_for_receiver(self) -> bool:
+        """Wait for a client; pyigtl can only be asked."""
+        until_s = time.monotonic() + _CONNECT_S
+        while not self._server.is_connected() and time.monotonic() < until_s:
+            time.sleep(0.01)
+        return bool(self._server.is_connected())
+
+    def send(self, frame: int) -> int:
+        """As many messages as there are bodies."""
+        first_ns = 0
+        for body, name in enumerate(self._frames):
+            stamp_ns = time.time_ns()
+            first_ns = first_ns or stamp_ns
+            (matrix,) = matrices([body_pose(body, frame)])
+            message = TransformMessage(matrix, device_name=name, timestamp=stamp_ns / NS_PER_S)
+            self._server.send_message(message, wait=False)
+        return first_ns
+
+
+def main() -> int:
+    prepare_environment()
+    kind, bodies = sys.argv[1], int(sys.argv[2])
+    rate_hz, warm_up_s, seconds = (float(text) for text in sys.argv[3:])
+    period_ns = round(NS_PER_S / rate_hz)
+    warm_up, counted = round(warm_up_s * rate_hz), round(seconds * rate_hz)
+    counted_from_ns = 0
+    with ExitStack() as stack:
+        output: Output
+        if kind == "igtl":
+            output = IgtlOutput(bodies, stack)
+        else:
+            output = (TfOutput if kind == "tf" else JointOutput)(bodies, stack)
+        print(json.dumps({"port": output.port}), flush=True)
+        if not output.wait_for_receiver():
+            raise RuntimeError(f"nobody received {kind} within {_CONNECT_S:.0f} s")
+        begin_ns = time.monotonic_ns()
+        for frame in range(warm_up + counted):
+            ahead_ns = begin_ns + frame * period_ns - time.monotonic_ns()
+            if ahead_ns > 0:
+                time.sleep(ahead_ns / NS_PER_S)
+            stamp_ns = output.send(frame)
+            if frame == warm_up:
+                # After the frame before, and before this one however a stamp is rounded on its way.
+                counted_from_ns = stamp_ns - period_ns // 2
+        time.sleep(_DRAIN_S)
+    print(json.dumps({"sent": counted, "counted_from_ns": counted_from_ns}), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
