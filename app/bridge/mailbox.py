@@ -5,6 +5,13 @@ from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
+SWITCH_INTERVAL_S = 0.0005
+"""For ``sys.setswitchinterval`` in a program that shows what comes, before it starts.
+
+A thread that computes keeps the interpreter for 5 ms by default, ten times what the whole way of
+a pose into the scene takes.
+"""
+
 
 class Mailbox(Generic[Item]):
     """Room for one item: a newer one takes the place of one that nobody has taken yet.
@@ -31,11 +38,3 @@ class Mailbox(Generic[Item]):
         with self._changed:
             self._changed.wait_for(lambda: self._items, timeout_s)
             return self._items.pop() if self._items else None
-
-
-SWITCH_INTERVAL_S = 0.0005
-"""For ``sys.setswitchinterval`` in a program that shows what comes, before it starts.
-
-A thread that computes keeps the interpreter for 5 ms by default, ten times what the whole way of
-a pose into the scene takes.
-"""

@@ -41,14 +41,24 @@ class LatestPoses:
         is taken after every message.
         """
         until_s = time.monotonic() + timeout_s
-        while self._news.take(max(0.0, until_s - time.monotonic())):
-            try:
-                poses = self._buffer.poses(self._root, self._frames)
-            except TfError as error:
-                self.missing = str(error)
-                continue
-            self.missing = ""
-            if poses.stamp_ns is None or poses.stamp_ns != self._taken_ns:
-                self._taken_ns = poses.stamp_ns
+        while True:
+            left_s = until_s - time.monotonic()
+            if not self._news.take(max(0.0, left_s)):
+                return None
+            poses = self._newer()
+            if poses is not None:
                 return poses
-        return None
+            if left_s <= 0.0:
+                return None  # a flood of messages about other frames must not keep us here
+
+    def _newer(self) -> PoseSet | None:
+        try:
+            poses = self._buffer.poses(self._root, self._frames)
+        except TfError as error:
+            self.missing = str(error)
+            return None
+        self.missing = ""
+        if poses.stamp_ns is not None and poses.stamp_ns == self._taken_ns:
+            return None
+        self._taken_ns = poses.stamp_ns
+        return poses

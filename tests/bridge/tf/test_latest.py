@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from app.bridge.tf import TransformBuffer
+from app.bridge.tf import TfLookupError, TransformBuffer
 from app.bridge.tf.latest import LatestPoses
 
 DEADLINE_S = 60.0
@@ -81,6 +81,21 @@ def test_static_edges_that_are_said_again_are_taken_again(buffer, latest):
         poses = latest.take(0.0)
         assert poses.stamp_ns is None
         assert poses.matrices[0, 0, 3] == x_mm
+
+
+def test_a_flood_about_other_frames_does_not_keep_the_reader(buffer, latest, monkeypatch):
+    looked = []
+
+    def lookup(*_):
+        looked.append(1)
+        assert len(looked) < 1000, "it never comes back"
+        latest.received()  # the next message is there before this one has been looked at
+        raise TfLookupError("not known")
+
+    monkeypatch.setattr(buffer, "poses", lookup)
+    latest.received()
+    assert latest.take(0.0) is None
+    assert looked == [1]
 
 
 def test_a_reader_that_waits_is_woken(buffer, latest):
