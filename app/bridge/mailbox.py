@@ -8,7 +8,7 @@ Item = TypeVar("Item")
 SWITCH_INTERVAL_S = 0.0005
 """For ``sys.setswitchinterval`` in a program that shows what comes, before it starts.
 
-A thread that computes keeps the interpreter for 5 ms by default, ten times what the whole way of
+A thread that computes keeps the interpreter for 5 ms by default, five times what the whole way of
 a pose into the scene takes.
 """
 
