@@ -131,12 +131,14 @@ class ServiceClient:
             late = future in self._abandoned
             if late:
                 self._abandoned.remove(future)
-                self.late_replies += 1
         if late:
+            # Said before it is counted: whoever sees the count finds the words.
             self._ros.node.get_logger().warning(
                 f"service {self.name}: a reply came after its caller had given up",
                 throttle_duration_sec=1.0,
             )
+            with self._lock:
+                self.late_replies += 1
 
     def _abandon(self, future: Future) -> None:
         with self._lock:

@@ -82,24 +82,38 @@ def test_one_goal_at_a_time_and_the_node_stays_responsive(server, ros, start_rec
 
 
 def test_closing_the_node_ends_the_goal_and_sends_its_result(domain_id, start_receiver):
-    started = threading.Event()
+    # A caller asks for a goal's result after it has heard that the goal was taken: a node that
+    # closes between the two has nobody to send it to. Then there is nothing to see: once more.
+    for _ in range(5):
+        reply = close_under_way(domain_id, start_receiver)
+        if reply is not None:
+            break
+    # Nobody asked for the cancel by ROS's own way, so that "cancelled" is no ending of the goal.
+    assert reply is not None
+    assert reply["status"] == "aborted"
+
+
+def close_under_way(domain_id, start_receiver):
+    """What the sender of a goal got from a node that closed meanwhile; None when it got nothing."""
+    ended, under_way = threading.Event(), threading.Event()
 
     def wait(served):
-        served.on_cancel(started.set)  # set again when the node closes
+        served.on_cancel(ended.set)  # set again when the node closes
         served.feedback(LookupTransform.Feedback())
         under_way.set()
         served.cancelled.wait(60.0)
         return LookupTransform.Result(), Ending.CANCELLED
 
-    under_way = threading.Event()
     with RosNode("marginguard", domain_id=domain_id) as ros:
         ActionServer(ros, LOOKUP, "~/lookup", wait)
         sender = start_receiver("/marginguard/lookup", LOOKUP, "{}", script=SENDER)
         assert under_way.wait(30.0)
-    assert started.is_set()
-    (reply,) = sender.messages()
-    # Nobody asked for the cancel by ROS's own way, so that "cancelled" is no ending of the goal.
-    assert reply["status"] == "aborted"
+    assert ended.is_set()
+    try:
+        (reply,) = sender.messages()
+    except pytest.fail.Exception:
+        return None
+    return reply
 
 
 def test_a_name_that_ros_refuses_is_one_line(ros):
