@@ -71,7 +71,8 @@ class SessionPublisher:
             self._edges_left_out: set[tuple[str, str]] = set()
             self._diagnostics = Diagnostics(counts)
             self._constraint_builder = ConstraintBuilder(scene)
-            self._show(scene)
+            self._make_surfaces(scene)
+            self._latch(scene)
             if scene.robot_description is not None:
                 description = self._publisher(topics.ROBOT_DESCRIPTION)
                 description.publish(String(data=scene.robot_description))
@@ -101,12 +102,13 @@ class SessionPublisher:
 
         The robot's description stays as it was.
         """
-        same_surfaces = scene.tumor is self._scene.tumor and scene.tool is self._scene.tool
+        before, self._scene = self._scene, scene
         self._constraint_builder.use(scene)
-        if same_surfaces and scene.static_edges == self._scene.static_edges:
-            self._scene = scene
-        else:
-            self._show(scene)
+        new_surfaces = scene.tumor is not before.tumor or scene.tool is not before.tool
+        if new_surfaces:
+            self._make_surfaces(scene)
+        if new_surfaces or scene.static_edges != before.static_edges:
+            self._latch(scene)
 
     @property
     def fault_seq(self) -> int:
@@ -166,18 +168,19 @@ class SessionPublisher:
             self._surfaces_publisher.publish(self._surfaces[state])
             self._surfaces_state = state
 
-    def _show(self, scene: ReplayScene) -> None:
-        """Say, latched, what stays the same for as long as ``scene`` does."""
-        never = Stamp(0)
-        self._scene = scene
-        self._frame_tree = FrameTree(scene.static_edges, self._voice)
+    def _make_surfaces(self, scene: ReplayScene) -> None:
+        """Serialise them once a state: a tumour of 80k triangles takes long to convert."""
         self._markers = Markers(scene)
-        # Serialised once a state: a tumour of 80k triangles takes long to convert.
         self._surfaces = {
             state: serialize_message(self._markers.surfaces(state)) for state in MarginState
         }
-        self._surfaces_state = None
+
+    def _latch(self, scene: ReplayScene) -> None:
+        """Say what stays the same for as long as ``scene`` does; the surfaces are grey again."""
+        never = Stamp(0)
+        self._frame_tree = FrameTree(scene.static_edges, self._voice)
         self._static_publisher.publish(tf_message((edge, never) for edge in scene.static_edges))
+        self._surfaces_state = None
         self._show_surfaces(MarginState.UNKNOWN)
 
     def _send(self, topic: Topic, message: object) -> None:
