@@ -16,7 +16,7 @@ from app.geometry import (
     TransformError,
 )
 
-_MM_PER_M = 1000.0
+MM_PER_M = 1000.0
 
 
 class PoseValues(NamedTuple):
@@ -46,7 +46,7 @@ class PoseValues(NamedTuple):
         status = _STATUSES.get(self.status, TrackingStatus.INVALID)
         if status is not TrackingStatus.OK:
             return TrackedTransform.lost(target, source, stamp, status)
-        translation_mm = [_MM_PER_M * value for value in self.translation_m]
+        translation_mm = [MM_PER_M * value for value in self.translation_m]
         if not all(map(math.isfinite, (*translation_mm, *self.quaternion))):
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_FINITE)
         try:

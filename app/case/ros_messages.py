@@ -13,6 +13,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from app.case.message_values import MM_PER_M
 from app.case.samples import JointSample
 from app.geometry import NS_PER_S, InputError, Stamp, TrackedTransform, Transform
 
@@ -42,7 +43,6 @@ geometry_msgs/Transform transform
 uint8 status
 """
 
-_MM_PER_M = 1000.0
 _SEC_LIMIT = 2**31
 
 
@@ -113,7 +113,7 @@ def _transform(transform: Transform | None) -> Any:
     x, y, z = (math.nan,) * 3
     qx, qy, qz, qw = (math.nan,) * 4
     if transform is not None:
-        x, y, z = (transform.translation_mm / _MM_PER_M).tolist()
+        x, y, z = (transform.translation_mm / MM_PER_M).tolist()
         qx, qy, qz, qw = transform.quaternion_xyzw.tolist()
     return types["geometry_msgs/msg/Transform"](
         translation=types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),

@@ -16,10 +16,11 @@ vectors and twists in m, in one and the same scene.
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from app.bridge.messages import MM_PER_M
+
 Scale = float | tuple[float, ...]
 """mm for a m: one number for every number of the field, or one for each."""
 
-MM_PER_M = 1000.0
 _AS_IT_IS = 1.0
 
 

@@ -11,11 +11,11 @@ import struct
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from app.bridge.messages import MM_PER_M
 from app.bridge.tf.errors import TfInvalidError
 from app.bridge.tf.pose import Pose
 from app.geometry import NS_PER_S
 
-MM_PER_M = 1000.0
 _BYTE_ORDER = {b"\x00\x00": ">", b"\x00\x01": "<"}
 _LONGEST_NAME = 1_024
 _SMALLEST = 4 + 4 + 4 + 1 + 4 + 1 + 7 * 8
