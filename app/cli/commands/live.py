@@ -6,19 +6,16 @@ SIGTERM (143); exit status 2 on bad input.
 
 import argparse
 import sys
-import time
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.cli.live_guard import guarding
 from app.cli.options import add_package_dirs
-from app.cli.publishing import bridge_loaded, scene_of
+from app.cli.publishing import bridge_loaded
 from app.cli.signals import Received, note_signals
 
 if TYPE_CHECKING:
-    from app.bridge.live import Source
-    from app.case import Case, LiveCase
-    from app.session import LiveSession, SessionSetup, StepResult
+    from app.session import StepResult
 
 SUMMARY = "guard the margin live, with samples as they arrive over ROS 2"
 
@@ -50,8 +47,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _guard(options: argparse.Namespace, received: Received) -> None:
-    from app.case import TfSourceEntry, open_live
-    from app.session import LiveSession, Session, setup_from_case, with_repaired_tumor
+    from app.case import open_live
+    from app.session import setup_from_case, with_repaired_tumor
 
     bridge_loaded("a live session is ROS")
     config = open_live(options.config, package_dirs=options.package_dirs)
@@ -59,81 +56,21 @@ def _guard(options: argparse.Namespace, received: Received) -> None:
     for note in case.notes():
         print(note, file=sys.stderr)
     setup = setup_from_case(case, tip_only=options.tip_only)
-    entry = config.source
-    live = LiveSession(
-        Session(setup),
-        host_ns=_host_clock(config.stamps_of_host),
-        stamps_of_host=config.stamps_of_host,
-        edges=entry.edges if isinstance(entry, TfSourceEntry) else (),
-    )
-    received.stops(live.stop)
-    _follow(config, case, setup, live, options)
-
-
-def _host_clock(stamps_of_host: bool) -> Callable[[], int]:
-    """ROS time where stamps are of this host; otherwise one that NTP does not set back."""
-    if stamps_of_host:
-        return time.time_ns
-    began_ns = time.time_ns() - time.monotonic_ns()
-    return lambda: began_ns + time.monotonic_ns()
-
-
-def _follow(
-    config: "LiveCase",
-    case: "Case",
-    setup: "SessionSetup",
-    live: "LiveSession",
-    options: argparse.Namespace,
-) -> None:
-    from app.bridge import SessionPublisher, Voice
-    from app.bridge.control import (
-        MarginParameterServer,
-        OperatorServices,
-        SessionChanges,
-        TwistLimiter,
-    )
-    from app.bridge.live import RearmService, listen_to_joints, source_of
-    from app.bridge.tf import TransformBuffer
-    from app.bridge.tf.listener import TfListener
-    from app.case import TfSourceEntry
-
-    counted: list[Callable[[], Mapping[str, int]]] = [live.left_out]
-    # What the tracker's and the robot's own nodes say is not said again.
-    voice = Voice(clock=False, measured=not isinstance(config.source, TfSourceEntry), robot=False)
-    scene = scene_of(case, setup, tip_only=options.tip_only, with_robot=False)
-    with SessionPublisher(
-        scene,
+    with guarding(
+        config,
+        case,
+        setup,
         namespace=options.namespace,
-        heartbeat_hz=options.constraint_hz,
-        voice=voice,
-        counts=lambda: {name: n for counts in counted for name, n in counts().items()},
-    ) as publisher:
-        RearmService(publisher.ros, rearm=live.rearm, fault_seq=lambda: publisher.fault_seq)
-        changes = SessionChanges(live.between_steps, publisher, scene)
-        MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
-        OperatorServices(publisher.ros, changes)
-        buffer = TransformBuffer()
-        TfListener(publisher.ros, buffer)
-        twists = TwistLimiter(publisher.ros, buffer)
-        source: Source = source_of(publisher.ros, config.source, live.add)
-        counted += [source.counts, lambda: {"callbacks that failed": publisher.ros.failures}]
-        robot = case.manifest.robot
-        if robot is not None and robot.joint_states is not None:
-            offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
-            joints = listen_to_joints(publisher.ros, robot.joint_states, offset_ns, live.add_joints)
-            counted.append(joints.counts)
+        constraint_hz=options.constraint_hz,
+        tip_only=options.tip_only,
+    ) as guard:
+        received.stops(guard.live.stop)
         said: object = None
-        try:
-            for step in live.steps():
-                publisher.publish(step)
-                twists.allow(step, changes.scene.margins.stale_after_ns)
-                state = (step.decision.state, step.decision.reasons)
-                if state != said:
-                    said = state
-                    print(as_line(step), flush=True)
-        finally:
-            twists.close()
-            source.close()
+        for step in guard.steps():
+            state = (step.decision.state, step.decision.reasons)
+            if state != said:
+                said = state
+                print(as_line(step), flush=True)
 
 
 def as_line(step: "StepResult") -> str:

@@ -1,0 +1,107 @@
+"""A live session with all that it has on the ROS graph, for the command and whoever shows it."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from app.cli.publishing import scene_of
+
+if TYPE_CHECKING:
+    from app.bridge import SessionPublisher
+    from app.bridge.control import SessionChanges, TwistLimiter
+    from app.case import Case, LiveCase
+    from app.session import LiveSession, SessionSetup, StepResult
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveGuard:
+    """``live`` steps, ``changes`` changes it, ``publisher`` is its node; made by `guarding`."""
+
+    live: "LiveSession"
+    changes: "SessionChanges"
+    publisher: "SessionPublisher"
+    _twists: "TwistLimiter"
+
+    def steps(self) -> Iterator["StepResult"]:
+        """Publish each step as it happens, and yield it; ends with ``live.stop``."""
+        for step in self.live.steps():
+            self.publisher.publish(step)
+            self._twists.allow(step, self.changes.scene.margins.stale_after_ns)
+            yield step
+
+
+@contextmanager
+def guarding(
+    config: "LiveCase",
+    case: "Case",
+    setup: "SessionSetup",
+    *,
+    namespace: str,
+    constraint_hz: float,
+    tip_only: bool,
+) -> Iterator[LiveGuard]:
+    """Join the graph: listen to the source that ``config`` names, serve the operator.
+
+    ``case`` and ``setup`` are those of ``config``, the tumour repaired. ROS has to be loaded
+    (`app.cli.publishing.bridge_loaded`).
+    """
+    from app.bridge import SessionPublisher, Voice
+    from app.bridge.control import (
+        MarginParameterServer,
+        OperatorServices,
+        SessionChanges,
+        TwistLimiter,
+    )
+    from app.bridge.live import RearmService, listen_to_joints, source_of
+    from app.bridge.tf import TransformBuffer
+    from app.bridge.tf.listener import TfListener
+    from app.case import TfSourceEntry
+    from app.session import LiveSession, Session
+
+    entry = config.source
+    live = LiveSession(
+        Session(setup),
+        host_ns=_host_clock(config.stamps_of_host),
+        stamps_of_host=config.stamps_of_host,
+        edges=entry.edges if isinstance(entry, TfSourceEntry) else (),
+    )
+    counted: list[Callable[[], Mapping[str, int]]] = [live.left_out]
+    # What the tracker's and the robot's own nodes say is not said again.
+    voice = Voice(clock=False, measured=not isinstance(entry, TfSourceEntry), robot=False)
+    scene = scene_of(case, setup, tip_only=tip_only, with_robot=False)
+    with SessionPublisher(
+        scene,
+        namespace=namespace,
+        heartbeat_hz=constraint_hz,
+        voice=voice,
+        counts=lambda: {name: n for counts in counted for name, n in counts().items()},
+    ) as publisher:
+        RearmService(publisher.ros, rearm=live.rearm, fault_seq=lambda: publisher.fault_seq)
+        changes = SessionChanges(live.between_steps, publisher, scene)
+        MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
+        OperatorServices(publisher.ros, changes)
+        buffer = TransformBuffer()
+        TfListener(publisher.ros, buffer)
+        twists = TwistLimiter(publisher.ros, buffer)
+        source = source_of(publisher.ros, entry, live.add)
+        counted += [source.counts, lambda: {"callbacks that failed": publisher.ros.failures}]
+        robot = case.manifest.robot
+        if robot is not None and robot.joint_states is not None:
+            offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
+            joints = listen_to_joints(publisher.ros, robot.joint_states, offset_ns, live.add_joints)
+            counted.append(joints.counts)
+        try:
+            yield LiveGuard(live, changes, publisher, twists)
+        finally:
+            twists.close()
+            source.close()
+
+
+def _host_clock(stamps_of_host: bool) -> Callable[[], int]:
+    """ROS time where stamps are of this host; otherwise one that NTP does not set back."""
+    if stamps_of_host:
+        return time.time_ns
+    began_ns = time.time_ns() - time.monotonic_ns()
+    return lambda: began_ns + time.monotonic_ns()
