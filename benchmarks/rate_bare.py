@@ -1,4 +1,7 @@
-"""A process of `benchmarks.rate`: sleeps from millisecond to millisecond; notes when it woke."""
+"""A process of `benchmarks.rate`: sleeps from millisecond to millisecond; notes when it woke.
+
+It asks for the same real-time class as the thread that sends, so that the two can be compared.
+"""
 
 import sys
 import time
@@ -6,12 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from app.bridge.heartbeat import ask_for_real_time
+
 PERIOD_NS = 1_000_000
 
 
 def main() -> int:
     folder, seconds = Path(sys.argv[1]), float(sys.argv[2])
     woke_ns = np.zeros(round(seconds * 1e9 / PERIOD_NS), dtype=np.int64)
+    ask_for_real_time()
     print("ready", flush=True)
     sys.stdin.readline()
     begin_ns = time.monotonic_ns()

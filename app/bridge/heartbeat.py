@@ -15,14 +15,18 @@ Message = TypeVar("Message")
 _LONGEST_SLEEP_NS = 10_000_000
 """What `close` waits for at most; a longer rest is spent where closing ends it."""
 
+_MOST_LATE_NS = 10_000_000
+"""Beats that are later than this say nothing that the one in time does not say."""
+
 
 class Heartbeat(Generic[Message]):
     """Sends the newest message at once, and again at every beat of an absolute clock.
 
     ``send(message, seq)`` is never entered by two threads, and ``seq`` counts its calls without a
-    gap. A beat that is missed is left out and counted in `missed`, not made up for. ``hz`` None:
-    no thread, no beats, for a replay that does not follow real time. An error in the thread ends
-    it, and is raised by the next `newest` or by `close`.
+    gap. A beat that is late is sent late and moves none of those after it; one that is 10 ms late
+    or more, and has another in its time, is left out and counted in `missed`. ``hz`` None: no
+    thread, no beats, for a replay that does not follow real time. An error in the thread ends it,
+    and is raised by the next `newest` or by `close`.
     """
 
     def __init__(self, send: Callable[[Message, int], None], hz: float | None) -> None:
@@ -84,7 +88,7 @@ class Heartbeat(Generic[Message]):
             self.seq += 1
 
     def _beat(self, period_ns: int) -> None:
-        _ask_for_real_time()
+        ask_for_real_time()
         due_ns = time.monotonic_ns() + period_ns
         while self._wait_until(due_ns):
             try:
@@ -93,9 +97,12 @@ class Heartbeat(Generic[Message]):
             except Exception as error:  # handed over to the thread that can deal with it
                 self._error = error
                 return
-            beats = max(0, time.monotonic_ns() - due_ns) // period_ns + 1
-            self.missed += beats - 1
-            due_ns += beats * period_ns
+            due_ns += period_ns
+            late_ns = time.monotonic_ns() - due_ns
+            if late_ns >= _MOST_LATE_NS:
+                missed = late_ns // period_ns
+                self.missed += missed
+                due_ns += missed * period_ns
 
     def _wait_until(self, due_ns: int) -> bool:
         """Sleep; False when there is nothing more to wait for, because of `close`."""
@@ -112,7 +119,7 @@ class Heartbeat(Generic[Message]):
             raise BridgeError(f"the heartbeat ended: {error}") from error
 
 
-def _ask_for_real_time() -> None:
+def ask_for_real_time() -> None:
     """Put this thread before all that is not real-time; where that is not allowed, go on as it is.
 
     Linux allows it to root, and to whom ``rtprio`` in limits.conf does. The thread sleeps for most

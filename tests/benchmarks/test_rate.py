@@ -20,17 +20,19 @@ def found(sent_ms, delays_ms, bare_ms, *, seqs=None, steps=0):
 
 
 def test_a_steady_stream_is_as_wanted():
-    one = found(np.ones(2001), 0.2, np.ones(2001), steps=20)
+    one = found(np.full(2021, 2000 / 2020), 0.2, np.ones(2001), steps=20)
     assert failures(one) == []
-    assert one.mean_hz == pytest.approx(1000.0)
-    assert one.beats_hz == pytest.approx(990.0)
+    assert one.mean_hz == pytest.approx(1010.0)
+    assert one.beats_hz == pytest.approx(1000.0)
     assert (one.delay_p50_ms, one.delay_max_ms) == pytest.approx((0.2, 0.2))
 
 
 def test_each_miss_is_named():
     ones = np.ones(2001)
     slow = found(1.01 * ones, 0.2, ones)
-    assert "mean rate is 990.10 Hz" in failures(slow)[0]
+    assert "beats' rate is 990.10 Hz" in failures(slow)[0]
+    of_steps = found(ones, 0.2, ones, steps=20)
+    assert "beats' rate is 990.00 Hz" in failures(of_steps)[0]
     gap = np.concatenate([ones, [15.0], np.full(20, 0.1)])
     assert any("gap of 15.00 ms" in line for line in failures(found(gap, 0.2, ones)))
     as_bad = np.concatenate([ones, [16.0]])

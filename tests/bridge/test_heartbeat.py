@@ -74,6 +74,43 @@ def test_a_rate_out_of_range_is_refused(hz):
         Heartbeat(print, hz)
 
 
+class SimulatedClock:
+    """Stands for the module ``time``: it goes on by what the threads sleep and nothing else."""
+
+    def __init__(self):
+        self.now_ns = 0
+
+    def monotonic_ns(self):
+        return self.now_ns
+
+    def sleep(self, seconds):
+        self.now_ns += round(seconds * 1e9)
+
+
+def test_a_late_beat_is_sent_late_and_moves_none_of_those_after_it(monkeypatch):
+    clock = SimulatedClock()
+    monkeypatch.setattr("app.bridge.heartbeat.time", clock)
+    sent_ms = []
+    enough = threading.Event()
+
+    def send(message, seq):
+        if threading.current_thread().name != "heartbeat" or enough.is_set():
+            return
+        sent_ms.append(clock.now_ns / 1e6)
+        if len(sent_ms) == 3:
+            clock.sleep(0.0045)
+        if len(sent_ms) == 10:
+            enough.set()
+
+    heartbeat = Heartbeat(send, 1000.0)
+    heartbeat.newest("a")
+    assert enough.wait(30.0)
+    heartbeat.close()
+    assert heartbeat.missed == 0
+    after_ms = [ms - sent_ms[0] for ms in sent_ms]
+    assert after_ms == [0.0, 1.0, 2.0, 6.5, 6.5, 6.5, 6.5, 7.0, 8.0, 9.0]
+
+
 def test_a_beat_that_is_missed_is_left_out_and_counted():
     sent = Sent(3)
     held, go_on = threading.Event(), threading.Event()
