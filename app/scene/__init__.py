@@ -5,7 +5,18 @@ program imports this room when it needs it. Scenes are handed in, never global.
 """
 
 from app.scene.application import SceneApplication
+from app.scene.batch import Batch
+from app.scene.breach_markers import BreachMarkers
+from app.scene.cameras import Preset, bullseye, forward_of, look_through, preset_camera
+from app.scene.edited import (
+    EditedTransform,
+    mesh_of_model,
+    mesh_of_segment,
+    points_of_markups,
+)
 from app.scene.errors import OffscreenError, SceneError
+from app.scene.fixture_plane import FixturePlane
+from app.scene.framing import Camera
 from app.scene.moment import Moment, ShownRobot, moment_png
 from app.scene.offscreen import use_offscreen_rendering
 from app.scene.picture import scene_png
@@ -14,20 +25,37 @@ from app.scene.robot_model import RobotModel
 from app.scene.scene import MarginGuardScene
 from app.scene.transform_tree import TransformTree
 from app.scene.view import OffscreenView, offscreen_view
+from app.scene.watchdog import Freshness, TransformHealth, TransformWatchdog
 
 __all__ = [
+    "Batch",
+    "BreachMarkers",
+    "Camera",
+    "EditedTransform",
+    "FixturePlane",
+    "Freshness",
     "MarginGuardScene",
     "Moment",
     "OffscreenError",
     "OffscreenView",
     "PoseNodes",
+    "Preset",
     "RobotModel",
     "SceneApplication",
     "SceneError",
     "ShownRobot",
+    "TransformHealth",
     "TransformTree",
+    "TransformWatchdog",
+    "bullseye",
+    "forward_of",
+    "look_through",
+    "mesh_of_model",
+    "mesh_of_segment",
     "moment_png",
     "offscreen_view",
+    "points_of_markups",
+    "preset_camera",
     "scene_png",
     "use_offscreen_rendering",
 ]

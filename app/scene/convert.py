@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from slicer import vtkMRMLModelNode, vtkMRMLTransformNode
+from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelNode, vtkMRMLTransformNode
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDataArray, vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -31,6 +31,13 @@ def vtk_matrix(transform: Transform) -> vtkMatrix4x4:
     matrix = vtkMatrix4x4()
     matrix.DeepCopy(transform.matrix.ravel().tolist())
     return matrix
+
+
+def is_at(node: vtkMRMLLinearTransformNode, matrix: vtkMatrix4x4) -> bool:
+    """Whether ``matrix`` is, number by number, what the node has to its parent already."""
+    present = vtkMatrix4x4()
+    node.GetMatrixTransformToParent(present)
+    return bool(present.GetData() == matrix.GetData())
 
 
 def poly_data(mesh: SurfaceMesh) -> vtkPolyData:

@@ -1,9 +1,12 @@
-"""The margin in the scene: the tumour's colour, the closest-point line, the words of the banner."""
+"""The margin in the scene: the tumour's colour, line, plane and marks, the words of the banner."""
 
 from slicer import vtkMRMLMarkupsDisplayNode, vtkMRMLModelNode, vtkMRMLScene, vtkMRMLTransformNode
 
 from app.fixture import FixtureDecision, MarginState, Proximity
-from app.geometry import FloatArray
+from app.geometry import NS_PER_S, FloatArray
+from app.scene.batch import Batch
+from app.scene.breach_markers import BreachMarkers
+from app.scene.fixture_plane import FixturePlane
 from app.scene.models import remove_displayed
 
 _INK = (0.08, 0.12, 0.16)
@@ -22,16 +25,22 @@ WORDS = {
 
 
 class MarginDisplay:
-    """Colours ``tumor`` and keeps a line and a text node; ``tumor_pose`` is where the tumour is.
+    """Colours ``tumor`` and keeps what tells of its margin; ``tumor_pose`` is where the tumour is.
 
     The line runs from the tool's governing point to the tumour's nearest one and carries the
-    signed distance; it is hidden while no distance is known. The text node holds the banner.
+    signed distance; the plane is the one that the tool may not pass. Both are hidden while they
+    are not known. The text node holds the banner. Red marks stay where the tool was in the tumour.
     """
 
     def __init__(
-        self, scene: vtkMRMLScene, tumor: vtkMRMLModelNode, tumor_pose: vtkMRMLTransformNode
+        self,
+        scene: vtkMRMLScene,
+        batch: Batch,
+        tumor: vtkMRMLModelNode,
+        tumor_pose: vtkMRMLTransformNode,
     ) -> None:
         self._scene = scene
+        self._batch = batch
         self._tumor = tumor
         self.line = scene.AddNewNodeByClass("vtkMRMLMarkupsLineNode", _LINE_NAME)
         self.line.SetAndObserveTransformNodeID(tumor_pose.GetID())
@@ -55,24 +64,54 @@ class MarginDisplay:
         display.GetTextProperty().SetBackgroundOpacity(0.7)
         self.status = scene.AddNewNodeByClass("vtkMRMLTextNode", _STATUS_NAME)
 
+        self.plane = FixturePlane(scene, tumor_pose)
+        self.breaches = BreachMarkers(scene, tumor_pose)
+
     def show(self, decision: FixtureDecision) -> None:
         """Show ``decision``; UNKNOWN shows grey and no distance."""
-        self._tumor.GetDisplayNode().SetColor(*decision.state.color)
-        proximity = decision.proximity
-        if proximity is not None and (
-            decision.state is MarginState.UNKNOWN or not proximity.is_finite
-        ):
+        known = decision.state is not MarginState.UNKNOWN
+        proximity = decision.proximity if known else None
+        if proximity is not None and not proximity.is_finite:
             proximity = None
+        self._color(decision.state)
         self._show_line(proximity)
-        self.status.SetText(banner(decision.state, proximity))
+        self.plane.show(decision.constraint if decision.constraint_is_current else None)
+        self._set_status(banner(decision.state, proximity))
+        if proximity is not None and proximity.signed_distance_mm < 0.0:
+            self._batch.hold(self.breaches.node)
+            self.breaches.add(proximity.on_tool_mm)
+
+    def show_stale(self, age_ns: int | None) -> None:
+        """Show grey and no distance, whatever was decided: its data are ``age_ns`` old.
+
+        None: there were none yet. Below 0: they come from the future.
+        """
+        self._color(MarginState.UNKNOWN)
+        self._show_line(None)
+        self.plane.show(None)
+        self._set_status(f"{banner(MarginState.UNKNOWN, None)}, {age_text(age_ns)}")
 
     def remove(self) -> None:
-        """Take the line and the text out of the scene; the tumour keeps its last colour."""
+        """Take all of this out of the scene; the tumour keeps its last colour."""
         remove_displayed(self._scene, self.line)
         self._scene.RemoveNode(self.status)
+        self.plane.remove()
+        self.breaches.remove()
+
+    def _color(self, state: MarginState) -> None:
+        display = self._tumor.GetDisplayNode()
+        self._batch.hold(display)
+        display.SetColor(*state.color)
+
+    def _set_status(self, text: str) -> None:
+        self._batch.hold(self.status)
+        self.status.SetText(text)
 
     def _show_line(self, proximity: Proximity | None) -> None:
-        self.line.GetDisplayNode().SetVisibility(proximity is not None)
+        display = self.line.GetDisplayNode()
+        self._batch.hold(self.line)
+        self._batch.hold(display)
+        display.SetVisibility(proximity is not None)
         if proximity is None:
             return
         modifying = self.line.StartModify()
@@ -91,6 +130,15 @@ def banner(state: MarginState, proximity: Proximity | None) -> str:
     """The state in capitals, in words, and the signed distance in mm where it is known."""
     text = f"{state.name}: {WORDS[state]}"
     return text if proximity is None else f"{text}, {distance_text(proximity.signed_distance_mm)}"
+
+
+def age_text(age_ns: int | None) -> str:
+    """Why data of this age are not shown."""
+    if age_ns is None:
+        return "no data yet"
+    if age_ns < 0:
+        return f"data from {-age_ns / NS_PER_S:.1f} s ahead"
+    return f"data {age_ns / NS_PER_S:.1f} s old"
 
 
 def distance_text(signed_distance_mm: float) -> str:

@@ -9,12 +9,13 @@ from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLModelN
 from app.fixture import FixtureDecision
 from app.geometry import FloatArray
 from app.scene.application import SceneApplication
+from app.scene.cameras import VIEW_ANGLE_DEG
 from app.scene.convert import world_matrix, world_points
 from app.scene.errors import SceneError
 from app.scene.framing import best_direction, fit
 from app.scene.pixels import Pixels, png, text_strip
 from app.scene.scene import MarginGuardScene
-from app.scene.view import VIEW_ANGLE_DEG, OffscreenView, offscreen_view
+from app.scene.view import OffscreenView, offscreen_view
 
 SIZE = (1600, 964)
 _BANNER_PIXELS = 64

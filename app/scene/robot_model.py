@@ -7,10 +7,12 @@ from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelNode, vtkMRMLScene
 
 from app.geometry import Transform, join_transform_name
 from app.robot import Link, Robot
-from app.scene.convert import vtk_matrix
+from app.scene.batch import Batch
+from app.scene.convert import is_at, vtk_matrix
 from app.scene.errors import SceneError
 from app.scene.models import Rgb, add_model, colored_surface, remove_displayed
 
+STALE_COLOR: Rgb = (0.5, 0.5, 0.5)
 _DEFAULT_COLOR: Rgb = (0.78, 0.80, 0.83)
 
 
@@ -23,13 +25,20 @@ class RobotModel:
     """
 
     def __init__(
-        self, scene: vtkMRMLScene, robot: Robot, base: vtkMRMLLinearTransformNode, base_frame: str
+        self,
+        scene: vtkMRMLScene,
+        robot: Robot,
+        base: vtkMRMLLinearTransformNode,
+        base_frame: str,
+        batch: Batch | None = None,
     ) -> None:
         self._scene = scene
+        self._batch = batch or Batch(scene)
         self._root = robot.root_link
         self.base = base
         self.transforms: dict[str, vtkMRMLLinearTransformNode] = {}
         self.models: dict[str, vtkMRMLModelNode] = {}
+        self._colors: dict[str, Rgb] = {}
         self.transforms[self._root] = (
             base
             if self._root == base_frame
@@ -40,15 +49,32 @@ class RobotModel:
         self.set_links(robot.forward_kinematics({}))
 
     def set_links(self, links: Mapping[str, Transform]) -> None:
-        """Move every link of ``links`` to its ``root_from_link``; others stay."""
-        for name, root_from_link in links.items():
+        """Move every link of ``links`` to its ``root_from_link``; others stay.
+
+        A link that is there already tells nobody. A name that is not the robot's raises
+        `SceneError` and moves nothing.
+        """
+        for name in links:
             if name not in self.transforms:
                 raise SceneError(
                     f"link {name!r} is not of the robot in the scene: "
                     f"{', '.join(sorted(self.transforms))} are"
                 )
-            if name != self._root:
-                self.transforms[name].SetMatrixTransformToParent(vtk_matrix(root_from_link))
+        with self._batch.changes():
+            for name, root_from_link in links.items():
+                node, matrix = self.transforms[name], vtk_matrix(root_from_link)
+                if name != self._root and not is_at(node, matrix):
+                    self._batch.hold(node)
+                    node.SetMatrixTransformToParent(matrix)
+
+    def set_known(self, known: bool) -> None:
+        """Show the links in their colours, or in grey while nobody knows where they are."""
+        with self._batch.changes():
+            for link, model in self.models.items():
+                display = model.GetDisplayNode()
+                self._batch.hold(display)
+                display.SetScalarVisibility(known)
+                display.SetColor(*(self._colors[link] if known else STALE_COLOR))
 
     def remove(self) -> None:
         """Take every node of the robot out of the scene; ``base`` is not the robot's and stays."""
@@ -76,11 +102,13 @@ class RobotModel:
             )
             for shape in link.visuals
         ]
+        first = link.visuals[0].color
+        self._colors[link.name] = first[:3] if first else _DEFAULT_COLOR
         self.models[link.name] = add_model(
             self._scene,
             f"{link.name}_model",
             colored_surface(parts),
-            link.visuals[0].color[:3] if link.visuals[0].color else _DEFAULT_COLOR,
+            self._colors[link.name],
             parent=self.transforms[link.name],
         )
 

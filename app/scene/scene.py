@@ -1,24 +1,33 @@
 """The scene that a surgeon sees, in the MRML scene that is handed in."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
 
-from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelNode, vtkMRMLScene
+from slicer import (
+    vtkMRMLApplicationLogic,
+    vtkMRMLLinearTransformNode,
+    vtkMRMLModelNode,
+    vtkMRMLScene,
+)
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkFiltersSources import vtkSphereSource
 
-from app.fixture import FixtureDecision
+from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
+from app.scene.batch import Batch
 from app.scene.errors import SceneError
 from app.scene.frame_graph import poses_in
 from app.scene.margin_display import MarginDisplay
 from app.scene.models import add_model, remove_displayed, smooth_surface
 from app.scene.robot_model import RobotModel
 from app.scene.transform_tree import RAS, TransformTree
+from app.scene.watchdog import TransformHealth, TransformWatchdog
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
-_TUMOR_COLOR = (0.5, 0.5, 0.5)  # unknown until the first decision
 _TUMOR_OPACITY = 0.4
+_MARGIN_COLOR = (0.95, 0.60, 0.25)
+_MARGIN_OPACITY = 0.15
 _TIP_RADIUS_MM = 1.5
 
 
@@ -28,6 +37,10 @@ class MarginGuardScene:
     ``reference`` is the frame of the sensor on the patient: everything hangs from its node
     ``ReferenceToRas``. Where the patient lies in RAS is not known to a tracker, so that node is
     for display only: the identity unless ``ras_from_reference`` says otherwise.
+
+    With ``stale_after_ns`` the scene is a live one: `show` and `check` are told the present, and
+    what is older than that is grey. None makes a picture of a moment, which does not age.
+    ``logic`` is the application's, whose views then draw once an `update`.
     """
 
     def __init__(
@@ -35,15 +48,30 @@ class MarginGuardScene:
         scene: vtkMRMLScene,
         reference: str = "reference",
         ras_from_reference: Transform | None = None,
+        *,
+        stale_after_ns: int | None = None,
+        logic: vtkMRMLApplicationLogic | None = None,
     ) -> None:
         self.scene = scene
         self.reference = reference
-        self.tree = TransformTree(scene)
+        self.batch = Batch(scene, logic)
+        self.watchdog = None if stale_after_ns is None else TransformWatchdog(stale_after_ns)
+        self.tree = TransformTree(scene, self.batch)
         self.tree.set(ras_from_reference or Transform.identity(RAS, reference))
         self.tumor: vtkMRMLModelNode | None = None
+        self.margin_surface: vtkMRMLModelNode | None = None
         self.tool: vtkMRMLModelNode | None = None
         self.margin: MarginDisplay | None = None
         self.robots: dict[str, RobotModel] = {}
+        self._decision: FixtureDecision | None = None
+
+    def update(self) -> AbstractContextManager[None]:
+        """``with scene.update():`` around the changes of one frame.
+
+        At its end, also after an error, every node that was changed tells its observers once and
+        the views draw once (`Batch.on_end`). Updates may be nested: the outermost counts.
+        """
+        return self.batch.changes()
 
     def set_poses(self, measured: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
         """Move the frames: measured ones under the reference, fixed ones under their targets.
@@ -52,27 +80,50 @@ class MarginGuardScene:
         a frame that they do not connect with the reference stays where it is. A fixed edge whose
         target is in the scene neither before nor through an earlier edge raises `SceneError`.
         """
-        for frame, pose in poses_in(self.reference, measured).items():
-            if frame != self.reference:
-                self.tree.set(pose)
-        for edge in fixed:
-            self.tree.set(edge)
+        with self.update():
+            for frame, pose in poses_in(self.reference, measured).items():
+                if frame != self.reference:
+                    self.tree.set(pose)
+            for edge in fixed:
+                self.tree.set(edge)
 
     def add_tumor(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
         """Show the tumour, translucent, in the frame of ``mesh``; once a scene."""
         if self.tumor is not None:
             raise SceneError("the scene has a tumour already: one allowed")
         pose = self._pose_node(mesh.frame)
-        self.tumor = add_model(
-            self.scene,
-            "Tumor",
-            smooth_surface(mesh),
-            _TUMOR_COLOR,
-            opacity=_TUMOR_OPACITY,
-            parent=pose,
-        )
-        self.margin = MarginDisplay(self.scene, self.tumor, pose)
+        with self.batch.content():
+            self.tumor = add_model(
+                self.scene,
+                "Tumor",
+                smooth_surface(mesh),
+                MarginState.UNKNOWN.color,  # until the first decision
+                opacity=_TUMOR_OPACITY,
+                parent=pose,
+            )
+            self.margin = MarginDisplay(self.scene, self.batch, self.tumor, pose)
         return self.tumor
+
+    def add_margin_surface(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
+        """Show ``mesh``, the surface at the stop margin (`app.fixture.margin_surface`), faintly.
+
+        In its own frame, the tumour's. Another one takes the place of the one before.
+        """
+        pose = self._pose_node(mesh.frame)
+        if self.margin_surface is not None:
+            self.margin_surface.SetAndObservePolyData(smooth_surface(mesh))
+            self.margin_surface.SetAndObserveTransformNodeID(pose.GetID())
+            return self.margin_surface
+        with self.batch.content():
+            self.margin_surface = add_model(
+                self.scene,
+                "MarginSurface",
+                smooth_surface(mesh),
+                _MARGIN_COLOR,
+                opacity=_MARGIN_OPACITY,
+                parent=pose,
+            )
+        return self.margin_surface
 
     def add_tool(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
         """Show the tool in the frame of ``mesh``, its tip's."""
@@ -91,41 +142,99 @@ class MarginGuardScene:
         """Show ``robot`` with its root link at ``base_frame``; ``name`` tells several apart."""
         if name in self.robots:
             raise SceneError(f"robot {name!r} is in the scene already: another name wanted")
-        self.robots[name] = RobotModel(self.scene, robot, self._pose_node(base_frame), base_frame)
+        base = self._pose_node(base_frame)
+        with self.batch.content():
+            self.robots[name] = RobotModel(self.scene, robot, base, base_frame, self.batch)
         return self.robots[name]
 
     def remove_robot(self, name: str) -> None:
         """Take the robot and all its nodes out of the scene."""
         if name not in self.robots:
             raise SceneError(f"no robot {name!r} in the scene: {sorted(self.robots)} are")
-        self.robots.pop(name).remove()
+        with self.batch.content():
+            self.robots.pop(name).remove()
 
-    def show(self, decision: FixtureDecision, links: Mapping[str, Mapping[str, Transform]]) -> None:
-        """Show one step: the decision, and ``root_from_link`` of every link of each robot."""
+    def show(
+        self,
+        decision: FixtureDecision,
+        links: Mapping[str, Mapping[str, Transform]],
+        now_ns: int | None = None,
+    ) -> None:
+        """Show one step: the decision, and ``root_from_link`` of every link of each robot.
+
+        A robot with no links at all is where nobody knows: it turns grey. In a live scene
+        ``now_ns`` is the present on the clock of the decision's stamp, as in `check`; a picture of
+        a moment takes none. Raises `SceneError` for the other way round, and without a tumour.
+        """
         if self.margin is None:
             raise SceneError("a decision cannot be shown: the scene has no tumour yet")
-        self.margin.show(decision)
-        for name, poses in links.items():
-            self.robots[name].set_links(poses)
+        if (now_ns is None) is not (self.watchdog is None):
+            raise SceneError(
+                f"now_ns {now_ns} for a decision in a scene that "
+                f"{'does not age: None' if self.watchdog is None else 'ages: the present'} wanted"
+            )
+        with self.update():
+            self._decision = decision
+            self._show_margin(self.margin, now_ns)
+            for name, poses in links.items():
+                self.robots[name].set_links(poses)
+                self.robots[name].set_known(bool(poses))
+
+    def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
+        """Grey what has become too old by ``now_ns``, and tell how every watched transform is.
+
+        To be called by a timer of the shell, so that a source that has died is seen although
+        nothing is shown any more. The clock is that of the stamps. Raises `SceneError` for a scene
+        that does not age.
+        """
+        if self.watchdog is None:
+            raise SceneError("a scene without stale_after_ns does not age: nothing to check")
+        if self.margin is not None:
+            with self.update():
+                self._show_margin(self.margin, now_ns)
+        return self.watchdog.check(now_ns)
 
     def clear(self) -> None:
         """Take everything of this scene out of ``scene``; what others put there stays."""
-        for name in tuple(self.robots):
-            self.remove_robot(name)
-        if self.margin is not None:
-            self.margin.remove()
-        for node in (self.tumor, self.tool):
-            if node is not None:
-                remove_displayed(self.scene, node)
-        self.tumor = self.tool = self.margin = None
-        self.tree.clear()
+        with self.batch.content():
+            for name in tuple(self.robots):
+                self.remove_robot(name)
+            if self.margin is not None:
+                self.margin.remove()
+            for node in (self.tumor, self.margin_surface, self.tool):
+                if node is not None:
+                    remove_displayed(self.scene, node)
+            self.tumor = self.margin_surface = self.tool = self.margin = None
+            self._decision = None
+            self.tree.clear()
+
+    def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
+        decision = self._decision
+        trusted = decision is not None and decision.state is not MarginState.UNKNOWN
+        if decision is None or (trusted and self._is_stale(decision, now_ns)):
+            stamp = None if decision is None else decision.stamp
+            margin.show_stale(None if stamp is None or now_ns is None else now_ns - stamp.ns)
+            trusted = False
+        else:
+            margin.show(decision)
+        if self.tool is not None:
+            display = self.tool.GetDisplayNode()
+            self.batch.hold(display)
+            display.SetColor(*(TOOL_COLOR if trusted else MarginState.UNKNOWN.color))
+
+    def _is_stale(self, decision: FixtureDecision, now_ns: int | None) -> bool:
+        if now_ns is None or self.watchdog is None:
+            return False
+        if decision.stamp is None:
+            return True
+        return not 0 <= now_ns - decision.stamp.ns <= self.watchdog.stale_after_ns
 
     def _add_tool(self, surface: vtkPolyData, frame: str) -> vtkMRMLModelNode:
         if self.tool is not None:
             raise SceneError("the scene has a tool already: one allowed")
-        self.tool = add_model(
-            self.scene, "Tool", surface, TOOL_COLOR, parent=self._pose_node(frame)
-        )
+        pose = self._pose_node(frame)
+        with self.batch.content():
+            self.tool = add_model(self.scene, "Tool", surface, TOOL_COLOR, parent=pose)
         return self.tool
 
     def _pose_node(self, frame: str) -> vtkMRMLLinearTransformNode:

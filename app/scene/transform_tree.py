@@ -3,7 +3,9 @@
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene
 
 from app.geometry import Transform, join_transform_name
-from app.scene.convert import vtk_matrix
+from app.scene.batch import Batch
+from app.scene.convert import is_at, vtk_matrix
+from app.scene.edited import EditedTransform, OnEdit, OnRefused
 from app.scene.errors import SceneError
 
 RAS = "ras"
@@ -13,12 +15,15 @@ class TransformTree:
     """A node ``CauteryToReference`` for the pose ``reference_from_cautery``, under ``reference``.
 
     The root is the scene's world, `RAS`. A frame has one node; the frames that hang from it follow
-    when it moves.
+    when it moves. A node that is put where it is already tells nobody.
     """
 
-    def __init__(self, scene: vtkMRMLScene) -> None:
+    def __init__(self, scene: vtkMRMLScene, batch: Batch | None = None) -> None:
         self._scene = scene
+        self._batch = batch or Batch(scene)
         self._nodes: dict[str, vtkMRMLLinearTransformNode] = {}
+        self._edges: dict[str, Transform] = {}
+        self._edited: dict[str, EditedTransform] = {}
 
     def set(self, parent_from_frame: Transform) -> vtkMRMLLinearTransformNode:
         """Put the frame ``source`` where it is in ``target``, and return its node.
@@ -35,20 +40,51 @@ class TransformTree:
         if node is None:
             node = self._scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
             self._nodes[frame] = node
-        name = join_transform_name(frame, target)
-        if node.GetName() != name:
-            node.SetName(name)
-        parent = self._nodes.get(target)
-        node.SetAndObserveTransformNodeID(None if parent is None else parent.GetID())
-        node.SetMatrixTransformToParent(vtk_matrix(parent_from_frame))
+        self._batch.hold(node)
+        self._hang(node, frame, target)
+        matrix = vtk_matrix(parent_from_frame)
+        if not is_at(node, matrix):
+            if frame in self._edited:
+                self._edited[frame].expect(parent_from_frame)
+            node.SetMatrixTransformToParent(matrix)
+        self._edges[frame] = parent_from_frame
         return node
 
     def node(self, frame: str) -> vtkMRMLLinearTransformNode | None:
         """The node of ``frame``, None when it was never set."""
         return self._nodes.get(frame)
 
+    def on_edit(self, frame: str, on_edit: OnEdit, on_refused: OnRefused) -> None:
+        """Call back when the user, not `set`, moves the node of ``frame``; one listener a frame.
+
+        Raises `SceneError` for a frame that is not in the scene.
+        """
+        if frame not in self._nodes:
+            raise SceneError(
+                f"frame {frame!r} cannot be watched: it is not in the scene, "
+                f"{', '.join(sorted(self._nodes)) or 'none'} are"
+            )
+        if frame in self._edited:
+            self._edited[frame].close()
+        target = self._edges[frame].target
+        self._edited[frame] = EditedTransform(
+            self._nodes[frame], target, frame, on_edit, on_refused
+        )
+
     def clear(self) -> None:
         """Take every node of the tree out of the scene."""
+        for edited in self._edited.values():
+            edited.close()
         for node in self._nodes.values():
             self._scene.RemoveNode(node)
         self._nodes.clear()
+        self._edges.clear()
+        self._edited.clear()
+
+    def _hang(self, node: vtkMRMLLinearTransformNode, frame: str, target: str) -> None:
+        before = self._edges.get(frame)
+        if before is not None and before.target == target:
+            return
+        node.SetName(join_transform_name(frame, target))
+        parent = self._nodes.get(target)
+        node.SetAndObserveTransformNodeID(None if parent is None else parent.GetID())

@@ -8,11 +8,11 @@ from trame_slicer.views.render_scheduler import NoScheduleRendering
 from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
 
 from app.scene.application import SceneApplication
+from app.scene.cameras import VIEW_ANGLE_DEG, look_through
 from app.scene.framing import Camera
 from app.scene.offscreen import use_offscreen_rendering
 from app.scene.pixels import Pixels, pixels_of
 
-VIEW_ANGLE_DEG = 30.0
 _TOP = (0.97, 0.98, 0.99)
 _BOTTOM = (0.84, 0.88, 0.92)
 
@@ -54,11 +54,7 @@ class OffscreenView:
 
     def look(self, camera: Camera) -> None:
         """Take the place of ``camera``."""
-        node = self._view.get_camera_node()
-        node.SetPosition(camera.position.tolist())
-        node.SetFocalPoint(camera.focal_point.tolist())
-        node.SetViewUp(camera.up.tolist())
-        node.SetViewAngle(VIEW_ANGLE_DEG)
+        look_through(self._view.get_camera_node(), camera, VIEW_ANGLE_DEG)
         self._view.renderer().ResetCameraClippingRange()
 
     def pixels(self) -> Pixels:
