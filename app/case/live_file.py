@@ -56,12 +56,14 @@ class LiveCase:
     """What a live session needs. ``case`` has everything but a recording.
 
     ``stamps_of_host``: the source stamps by the clock of this machine; otherwise the offset of
-    its clock is estimated as samples arrive.
+    its clock is estimated as samples arrive. ``joints_of_host``: so does the robot; otherwise its
+    stamps and ``clock.offset_robot_to_tracker_ms`` are a time on the source's clock, as in a case.
     """
 
     case: Case
     source: LiveSourceEntry
     stamps_of_host: bool
+    joints_of_host: bool
 
 
 def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
@@ -108,7 +110,7 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
         tuple(package_dirs),
     )
     case.check_files()
-    return LiveCase(case, source, stamps_of_host)
+    return LiveCase(case, source, stamps_of_host, joints_of_host=not document.has("clock"))
 
 
 def _source(document: Section) -> tuple[LiveSourceEntry, bool]:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from app.cli.publishing import scene_of
@@ -90,7 +91,8 @@ def guarding(
         robot = case.manifest.robot
         if robot is not None and robot.joint_states is not None:
             offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
-            joints = listen_to_joints(publisher.ros, robot.joint_states, offset_ns, live.add_joints)
+            add_joints = partial(live.add_joints, of_host=config.joints_of_host)
+            joints = listen_to_joints(publisher.ros, robot.joint_states, offset_ns, add_joints)
             counted.append(joints.counts)
         try:
             yield LiveGuard(live, changes, publisher, twists)

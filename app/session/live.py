@@ -63,13 +63,14 @@ class LiveSession:
             self._frames.add(samples, self._host_ns())
             self._changed.notify()
 
-    def add_joints(self, sample: JointSample) -> None:
-        """Take joints, stamped by the host's clock; before the first pose there is no use for them.
+    def add_joints(self, sample: JointSample, *, of_host: bool) -> None:
+        """Take joints, stamped by the source's clock or, ``of_host``, by the host's.
 
-        They make no step of their own: the margin is measured by the tracker.
+        Those of the host before the source's time is known are of no use. They make no step of
+        their own: the margin is measured by the tracker.
         """
         with self._changed:
-            offset_ns = self._clock.offset_ns(self._host_ns())
+            offset_ns = self._clock.offset_ns(self._host_ns()) if of_host else 0
             if offset_ns is not None:
                 stamp = sample.stamp.shifted(-offset_ns, sample.stamp.clock)
                 self._frames.add_joints(JointSample(sample.names, sample.positions, stamp))

@@ -65,6 +65,7 @@ class LiveFrames:
         self._newest: dict[Edge, TrackedTransform] = {}
         self._groups: dict[int, _Group] = {}
         self._joints: JointSample | None = None
+        self._anew = False
         self.left_out: Counter[str] = Counter()
 
     @property
@@ -85,12 +86,20 @@ class LiveFrames:
             self.left_out["joints that came late"] += 1
 
     def ready_in_ns(self, host_ns: int) -> int | None:
-        """How long until there is a frame to take: 0 is now, None is not before a sample comes."""
+        """How long until there is a frame to take: 0 is now, None is not before a sample comes.
+
+        A source that starts anew is told at once, by a frame that is not there.
+        """
+        if self._anew:
+            return 0
+        if self._clock.now(host_ns) is None:
+            return None
         due = [self._due_ns(group) for group in self._groups.values()]
         return max(0, min(due) - host_ns) if due else None
 
     def take(self, host_ns: int) -> TrackingFrame | None:
         """All that is ready as one frame, stamped with the present; None when nothing is."""
+        self._anew = False
         now = self._clock.now(host_ns)
         ready = [ns for ns, group in self._groups.items() if self._due_ns(group) <= host_ns]
         if not ready or now is None:
@@ -112,6 +121,8 @@ class LiveFrames:
         if not self._is_used(edge):
             return
         known = self._newest.get(edge)
+        if known is not None and sample.stamp < known.stamp and self._is_ahead(known, host_ns):
+            known = None  # a stamp from the future does not make those of the present late
         if known is not None and sample.stamp.ns < known.stamp.ns - JUMP_NS:
             self._start_anew()
             known = None
@@ -126,6 +137,10 @@ class LiveFrames:
                 return
         self._newest[edge] = sample
         self._group_of(edge, sample.stamp.ns, host_ns).samples[edge] = sample
+
+    def _is_ahead(self, sample: TrackedTransform, host_ns: int) -> bool:
+        now = self._clock.now(host_ns)
+        return now is not None and now < sample.stamp
 
     def _group_of(self, edge: Edge, ns: int, host_ns: int) -> _Group:
         late_to = [other for other, last_ns in self._last_stamp_of.items() if last_ns == ns]
@@ -168,6 +183,7 @@ class LiveFrames:
         return frozenset(edge for way in ways for edge in way)
 
     def _start_anew(self) -> None:
+        self._anew = True
         self._clock.restart()
         self._newest.clear()
         self._groups.clear()

@@ -65,6 +65,12 @@ def test_each_source(tmp_path, values, source, entry, of_host):
     assert live.stamps_of_host is of_host
 
 
+def test_joints_are_of_this_machine_where_no_clock_says_otherwise(tmp_path, values):
+    assert not opened(tmp_path, values).joints_of_host
+    del values["clock"]
+    assert opened(tmp_path, values).joints_of_host
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

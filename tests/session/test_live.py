@@ -1,5 +1,7 @@
 """A live session in simulated time: when it steps, and that it is never green on old poses."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +10,7 @@ from hypothesis import strategies as st
 from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
 from app.session import LiveSession, Session, SessionSetup
-from tests.session.doubles import PARAMETERS, AnalyticSphere, lost, sample
+from tests.session.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS
 HOST_MS = 5_000_000
@@ -200,6 +202,28 @@ def test_a_clock_that_is_started_again_is_seen_and_followed():
     assert steps[-1][1].frame.stamp.ns < 1000 * NS_PER_MS
 
 
+@pytest.mark.parametrize("stamps_of_host", [True, False])
+@pytest.mark.parametrize("ahead_ms", [300, 3_600_000])
+def test_one_stamp_from_the_future_is_one_fault(stamps_of_host, ahead_ms):
+    world = World(stamps_of_host)
+    zero_ms = HOST_MS if stamps_of_host else 0
+    for at_ms in range(0, 2000, 20):
+        wrong_ms = ahead_ms if at_ms == 1000 else 0
+        world.arrive(
+            at_ms + 3.0, needle(zero_ms + at_ms), cautery(zero_ms + at_ms + wrong_ms, 30.0)
+        )
+    steps = world.run(1990)
+    faulty = [(at, s.decision) for at, s in steps if at > 100 and s.decision.hold]
+    assert faulty[0][0] == pytest.approx(1003.0, abs=6.0)
+    faults = [{r for r in d.reasons if r.is_fault} - {Reason.RECOVERING} for _, d in faulty]
+    of_its_inputs = [found for found in faults if found]
+    assert set().union(*of_its_inputs) == {Reason.FUTURE_STAMP}
+    assert len(of_its_inputs) <= 5
+    last = steps[-1][1]
+    assert last.decision.state is MarginState.NEGATIVE
+    assert last.decision.stamp.age_ns(last.frame.stamp) < 30 * NS_PER_MS
+
+
 def test_a_host_clock_set_back_does_not_put_the_watch_to_sleep():
     world = World()
     track(world, 0, 200)
@@ -227,6 +251,17 @@ def test_strangers_cannot_make_it_keep_ever_more_frames():
     assert left_out["edges beyond 256"] == 400 - 256
     assert left_out["frame names of more than 256 letters"] == 1
     assert world.live.edges == ()
+
+
+@pytest.mark.parametrize(("of_host", "robot_ms"), [(True, HOST_MS), (False, 0)])
+def test_joints_are_brought_to_the_clock_of_an_estimated_source_once(of_host, robot_ms):
+    world = World()
+    track(world, 0, 200, delay_ms=0.0)
+    for at_ms in range(1, 200, 10):
+        joints = joint_sample({"waist": 0.1}, robot_ms + at_ms)
+        world.at(at_ms, partial(world.live.add_joints, joints, of_host=of_host))
+    last = world.run(199)[-1][1]
+    assert 0.0 <= last.joints.stamp.age_ns(last.frame.stamp) / NS_PER_MS <= 11.0
 
 
 @settings(max_examples=60, deadline=None)
