@@ -118,6 +118,11 @@ class RosNode:
             ),
         )
 
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Hear a topic no more; for the node's own thread, as `withdraw`."""
+        if self.is_open:
+            self.node.destroy_subscription(subscription)
+
     def wait_for_subscribers(self, topic: Topic, count: int, timeout_s: float) -> bool:
         """Wait until each publisher of ``topic`` has ``count`` subscribers; False when in vain.
 
@@ -133,6 +138,10 @@ class RosNode:
     def on_close(self, end: Callable[[], None]) -> None:
         """Call ``end()`` when `close` begins, while everything is still served; the last first."""
         self._at_close.append(end)
+
+    def not_on_close(self, end: Callable[[], None]) -> None:
+        """Forget ``end``, which has been called before the node is closed."""
+        self._at_close = [each for each in self._at_close if each != end]
 
     @property
     def in_own_thread(self) -> bool:

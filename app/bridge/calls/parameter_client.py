@@ -15,6 +15,7 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.qos import qos_profile_parameter_events
+from rclpy.subscription import Subscription
 
 from app.bridge.calls.errors import CallError, ParameterUnsetError, RefusedError
 from app.bridge.calls.parameter_values import (
@@ -83,6 +84,7 @@ class ParameterClient:
         }
         self.node = self._services["get_parameters"].name.removesuffix("/get_parameters")
         self._watchers: list[Callable[[ParameterChange], None]] = []
+        self._events: Subscription | None = None
 
     @property
     def is_there(self) -> bool:
@@ -199,13 +201,15 @@ class ParameterClient:
     def watch(self, changed: Callable[[ParameterChange], None]) -> None:
         """Call ``changed(change)`` in our node's thread whenever the other's parameters change."""
         self._watchers.append(changed)
-        if len(self._watchers) == 1:
-            self._ros.subscribe(_EVENTS, self._take_event)
+        if self._events is None:
+            self._events = self._ros.subscribe(_EVENTS, self._take_event)
 
     def close(self) -> None:
-        """Leave the graph; needed only before the node itself is closed."""
+        """Leave the graph; needed only before the node itself is closed, in the node's thread."""
         for service in self._services.values():
             service.close()
+        if self._events is not None:
+            self._ros.unsubscribe(self._events)
 
     def _take_event(self, event: ParameterEvent) -> None:
         if event.node != self.node:

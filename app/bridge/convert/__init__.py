@@ -5,12 +5,14 @@ from app.bridge.convert.errors import ConversionError, UnknownTypeError
 from app.bridge.convert.images import image_array, image_message
 from app.bridge.convert.plain import from_plain, to_plain
 from app.bridge.convert.quality import quality
+from app.bridge.convert.queue import TopicQueue
 from app.bridge.convert.topics import TopicPublisher, TopicSubscriber
 from app.bridge.convert.types import action_type, message_type, service_type, type_name
 
 __all__ = [
     "ConversionError",
     "TopicPublisher",
+    "TopicQueue",
     "TopicSubscriber",
     "UnknownTypeError",
     "action_type",

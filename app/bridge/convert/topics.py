@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
@@ -13,7 +13,9 @@ from app.bridge.convert.types import message_type
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 
-_MOST_BYTES = 256 << 20
+Made = TypeVar("Made")
+
+MOST_BYTES = 256 << 20
 """More than any image or cloud of an operating room."""
 
 
@@ -27,7 +29,8 @@ class TopicPublisher:
     def __init__(self, ros: RosNode, kind: str | type, name: str, qos: QoSProfile = STREAM) -> None:
         self.topic = Topic(name, message_type(kind), qos)
         self.count = 0
-        self._publisher = _made(lambda: ros.publisher(self.topic), name)
+        self._ros = ros
+        self._publisher = made(lambda: ros.publisher(self.topic), name)
 
     def publish(self, values: Mapping[str, Any] | Any) -> int:
         """Send plain values, or a message as it is; gives the number of subscribers.
@@ -39,6 +42,10 @@ class TopicPublisher:
         self._publisher.publish(values)
         self.count += 1
         return int(self._publisher.get_subscription_count())
+
+    def close(self) -> None:
+        """Leave the graph, soon; needed only before the node itself is closed."""
+        self._ros.call_soon(lambda: self._ros.withdraw(self._publisher))
 
 
 class TopicSubscriber:
@@ -64,7 +71,7 @@ class TopicSubscriber:
         self._lock = threading.Lock()
         self._raw: bytes | None = None
         self._message: Any = None
-        _made(lambda: ros.subscribe(self.topic, self._take, raw=True), name)
+        made(lambda: ros.subscribe(self.topic, self._take, raw=True), name)
 
     @property
     def message(self) -> Any:
@@ -75,13 +82,7 @@ class TopicSubscriber:
         with self._lock:
             if self._raw is not None:
                 raw, self._raw, self._message = self._raw, None, None
-                try:
-                    self._message = deserialize_message(raw, self.topic.type)
-                except Exception as error:  # whatever rclpy makes of a stranger's bytes
-                    raise ConversionError(
-                        f"{self.topic.name}: {len(raw)} bytes are no {self.topic.type.__name__}: "
-                        f"{' '.join(str(error).split())}"
-                    ) from error
+                self._message = read_message(raw, self.topic)
             return self._message
 
     @property
@@ -91,7 +92,7 @@ class TopicSubscriber:
         return None if message is None else to_plain(message)
 
     def _take(self, raw: bytes) -> None:
-        if len(raw) > _MOST_BYTES:
+        if len(raw) > MOST_BYTES:
             self.too_long += 1
             return
         with self._lock:
@@ -100,7 +101,19 @@ class TopicSubscriber:
         self._changed()
 
 
-def _made(make: Callable[[], Any], name: str) -> Any:
+def read_message(raw: bytes, topic: Topic) -> Any:
+    """The message in ``raw``; raises `ConversionError` for bytes that are none of the type."""
+    try:
+        return deserialize_message(raw, topic.type)
+    except Exception as error:  # whatever rclpy makes of a stranger's bytes
+        raise ConversionError(
+            f"{topic.name}: {len(raw)} bytes are no {topic.type.__name__}: "
+            f"{' '.join(str(error).split())}"
+        ) from error
+
+
+def made(make: Callable[[], Made], name: str) -> Made:
+    """What ``make()`` gives for topic ``name``; raises `ConversionError` where it cannot be."""
     try:
         return make()
     except Exception as error:  # rclpy has an unrelated type for each way to be invalid

@@ -26,7 +26,9 @@ SHORT_NAMES = MappingProxyType(
         "Joy": "sensor_msgs/msg/Joy",
         "JointState": "sensor_msgs/msg/JointState",
         "UInt8Image": "sensor_msgs/msg/Image",
-        "PointCloud": "sensor_msgs/msg/PointCloud2",
+        "Image": "sensor_msgs/msg/Image",
+        "PointCloud": "sensor_msgs/msg/PointCloud",
+        "PolyData": "sensor_msgs/msg/PointCloud2",
     }
 )
 """The names that users of SlicerROS2 know."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from app.bridge.calls.errors import (
@@ -74,7 +75,7 @@ class DescriptionListener:
     """Calls ``changed(robot)`` in a thread of its own for the first description and each new one.
 
     One that cannot be loaded leaves the robot as it was: `problem` says why, `refused` counts them.
-    A text that is repeated is not loaded again. Closed with the node.
+    A text that is repeated is not loaded again. Closed with the node, or before it by `close`.
     """
 
     def __init__(
@@ -97,9 +98,10 @@ class DescriptionListener:
         self._ask = False
         self._closing = threading.Event()
         self._client: ParameterClient | None = None
+        self._subscription: Subscription | None = None
         if source.topic:
             topic = Topic(settings.topic(source.topic), String, LATCHED)
-            ros.subscribe(topic, self._take_message, raw=True)
+            self._subscription = ros.subscribe(topic, self._take_message, raw=True)
         if source.node:
             self._client = ParameterClient(ros, settings.topic(source.node))
             self._client.watch(self._take_change)
@@ -116,6 +118,14 @@ class DescriptionListener:
             self._condition.notify()
         if threading.current_thread() is not self._thread:
             self._thread.join(_CLOSE_S)
+        self._ros.not_on_close(self.close)
+        self._ros.call_soon(self._leave)
+
+    def _leave(self) -> None:
+        if self._subscription is not None:
+            self._ros.unsubscribe(self._subscription)
+        if self._client is not None:
+            self._client.close()
 
     def _take_message(self, raw: bytes) -> None:
         if len(raw) > MAX_MESSAGE_BYTES:

@@ -1,0 +1,42 @@
+"""Every message of a topic, in order, and a bound on how many wait."""
+
+import threading
+
+import pytest
+
+from app.bridge.convert import ConversionError, TopicQueue, quality
+from app.bridge.node import RosNode
+
+STRING = "std_msgs/msg/String"
+
+
+@pytest.fixture
+def ros(domain_id):
+    with RosNode("marginguard", domain_id=domain_id) as node:
+        yield node
+
+
+def test_a_full_queue_loses_the_oldest_and_counts_them(ros):
+    queue = TopicQueue(ros, STRING, "/words", quality(depth=3))
+    texts = ("a", "b", "c", "d", "e")
+    for text in texts:  # as CDR has it: header, length with the final zero, characters
+        queue._take_in(b"\x00\x01\x00\x00\x02\x00\x00\x00" + text.encode() + b"\x00")
+    assert [queue.read(raw).data for raw in queue.take()] == ["c", "d", "e"]
+    assert queue.lost == 2
+    assert queue.take() == []
+
+
+def test_bytes_that_are_no_message_are_said(ros):
+    queue = TopicQueue(ros, STRING, "/words", quality())
+    with pytest.raises(ConversionError, match="/words: 3 bytes are no String"):
+        queue.read(b"\x00\x01\x00")
+
+
+def test_a_closed_queue_has_left_the_graph(ros):
+    queue = TopicQueue(ros, STRING, "/words", quality())
+    assert ros.node.count_subscribers("/words") == 1
+    queue.close()
+    done = threading.Event()
+    ros.call_soon(done.set)
+    assert done.wait(10.0)
+    assert ros.node.count_subscribers("/words") == 0
