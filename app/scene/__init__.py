@@ -24,7 +24,7 @@ from app.scene.poses import PoseNodes
 from app.scene.robot_model import RobotModel
 from app.scene.scene import MarginGuardScene
 from app.scene.transform_tree import TransformTree
-from app.scene.view import OffscreenView, offscreen_view
+from app.scene.view import OffscreenView, draw_once_an_update, offscreen_view
 from app.scene.watchdog import Freshness, TransformHealth, TransformWatchdog
 
 __all__ = [
@@ -48,6 +48,7 @@ __all__ = [
     "TransformTree",
     "TransformWatchdog",
     "bullseye",
+    "draw_once_an_update",
     "forward_of",
     "look_through",
     "mesh_of_model",

@@ -64,6 +64,8 @@ class MarginGuardScene:
         self.margin: MarginDisplay | None = None
         self.robots: dict[str, RobotModel] = {}
         self._decision: FixtureDecision | None = None
+        self._links_known: dict[str, bool] = {}
+        self._shown_ns: int | None = None
 
     def update(self) -> AbstractContextManager[None]:
         """``with scene.update():`` around the changes of one frame.
@@ -102,6 +104,29 @@ class MarginGuardScene:
                 parent=pose,
             )
             self.margin = MarginDisplay(self.scene, self.batch, self.tumor, pose)
+        return self.tumor
+
+    def set_tumor(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
+        """Show another tumour in the place of the one that is there, or the first one.
+
+        Nothing that was said of the other holds any more: its marks and its margin surface go,
+        and it is grey until the next decision. Its node stays, with whatever refers to it; a mesh
+        in another frame than the first one's raises `SceneError`.
+        """
+        if self.tumor is None or self.margin is None:
+            return self.add_tumor(mesh)
+        if self._pose_node(mesh.frame) is not self.tumor.GetParentTransformNode():
+            raise SceneError(
+                f"the new tumour is in frame {mesh.frame!r}: that of the present one, "
+                f"{self.tumor.GetParentTransformNode().GetName()}, wanted"
+            )
+        with self.batch.content():
+            self.tumor.SetAndObservePolyData(smooth_surface(mesh))
+            self._remove(self.margin_surface)
+            self.margin_surface = None
+            self._decision = None
+            self.margin.breaches.clear()
+            self._show_margin(self.margin, None)
         return self.tumor
 
     def add_margin_surface(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
@@ -149,10 +174,11 @@ class MarginGuardScene:
 
     def remove_robot(self, name: str) -> None:
         """Take the robot and all its nodes out of the scene."""
-        if name not in self.robots:
-            raise SceneError(f"no robot {name!r} in the scene: {sorted(self.robots)} are")
+        robot = self._robot(name)
         with self.batch.content():
-            self.robots.pop(name).remove()
+            robot.remove()
+        del self.robots[name]
+        self._links_known.pop(name, None)
 
     def show(
         self,
@@ -168,30 +194,35 @@ class MarginGuardScene:
         """
         if self.margin is None:
             raise SceneError("a decision cannot be shown: the scene has no tumour yet")
+        for name in links:
+            self._robot(name)
         if (now_ns is None) is not (self.watchdog is None):
             raise SceneError(
                 f"now_ns {now_ns} for a decision in a scene that "
                 f"{'does not age: None' if self.watchdog is None else 'ages: the present'} wanted"
             )
         with self.update():
-            self._decision = decision
+            self._decision, self._shown_ns = decision, now_ns
             self._show_margin(self.margin, now_ns)
             for name, poses in links.items():
                 self.robots[name].set_links(poses)
-                self.robots[name].set_known(bool(poses))
+                self._links_known[name] = bool(poses)
+            self._show_robots(known=True)
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Grey what has become too old by ``now_ns``, and tell how every watched transform is.
 
         To be called by a timer of the shell, so that a source that has died is seen although
-        nothing is shown any more. The clock is that of the stamps. Raises `SceneError` for a scene
-        that does not age.
+        nothing is shown any more: tumour and tool by the decision's stamp, robots by when they
+        were shown last. The clock is that of the stamps. Raises `SceneError` for a scene that does
+        not age.
         """
         if self.watchdog is None:
             raise SceneError("a scene without stale_after_ns does not age: nothing to check")
-        if self.margin is not None:
-            with self.update():
+        with self.update():
+            if self.margin is not None:
                 self._show_margin(self.margin, now_ns)
+            self._show_robots(known=self.watchdog.is_fresh(self._shown_ns, now_ns))
         return self.watchdog.check(now_ns)
 
     def clear(self) -> None:
@@ -202,11 +233,14 @@ class MarginGuardScene:
             if self.margin is not None:
                 self.margin.remove()
             for node in (self.tumor, self.margin_surface, self.tool):
-                if node is not None:
-                    remove_displayed(self.scene, node)
+                self._remove(node)
             self.tumor = self.margin_surface = self.tool = self.margin = None
-            self._decision = None
+            self._decision = self._shown_ns = None
             self.tree.clear()
+
+    def _remove(self, node: vtkMRMLModelNode | None) -> None:
+        if node is not None:
+            remove_displayed(self.scene, node)
 
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
         decision = self._decision
@@ -225,9 +259,17 @@ class MarginGuardScene:
     def _is_stale(self, decision: FixtureDecision, now_ns: int | None) -> bool:
         if now_ns is None or self.watchdog is None:
             return False
-        if decision.stamp is None:
-            return True
-        return not 0 <= now_ns - decision.stamp.ns <= self.watchdog.stale_after_ns
+        stamp_ns = None if decision.stamp is None else decision.stamp.ns
+        return not self.watchdog.is_fresh(stamp_ns, now_ns)
+
+    def _show_robots(self, *, known: bool) -> None:
+        for name, links_known in self._links_known.items():
+            self.robots[name].set_known(known and links_known)
+
+    def _robot(self, name: str) -> RobotModel:
+        if name not in self.robots:
+            raise SceneError(f"no robot {name!r} in the scene: {sorted(self.robots)} are")
+        return self.robots[name]
 
     def _add_tool(self, surface: vtkPolyData, frame: str) -> vtkMRMLModelNode:
         if self.tool is not None:

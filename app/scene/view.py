@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from trame_slicer.views import ThreeDView
+from slicer import vtkMRMLApplicationLogic
+from trame_slicer.views import AbstractView, ThreeDView
 from trame_slicer.views.render_scheduler import NoScheduleRendering
 from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
 
@@ -74,6 +75,25 @@ class OffscreenView:
         self._view.finalize()
         self._scene.RemoveNode(camera)
         self._scene.RemoveNode(node)
+
+
+def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: AbstractView) -> None:
+    """Let a view of trame-slicer wait while ``logic`` pauses drawing, as desktop Slicer's views do.
+
+    Every displayable manager asks for a drawing at each change, some forty in an update. After
+    this the view asks its own scheduler once, at the end of the update. Good while both live.
+    """
+    blocked: list[bool] = []
+
+    def pause(*_: object) -> None:
+        blocked.append(view.set_render_blocked(True))
+
+    def resume(*_: object) -> None:
+        if not blocked.pop():
+            view.set_render_blocked(False)
+
+    logic.AddObserver(vtkMRMLApplicationLogic.PauseRenderEvent, pause)
+    logic.AddObserver(vtkMRMLApplicationLogic.ResumeRenderEvent, resume)
 
 
 @contextmanager

@@ -83,6 +83,10 @@ class TransformWatchdog:
         self._good_ns = dict.fromkeys(self._good_ns)
         self._lost.clear()
 
+    def is_fresh(self, stamp_ns: int | None, now_ns: int) -> bool:
+        """Whether data of that stamp may be shown at ``now_ns``; none at all and the future not."""
+        return stamp_ns is not None and 0 <= now_ns - stamp_ns <= self.stale_after_ns
+
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Every watched transform at ``now_ns``, in the order in which they were first named."""
         return tuple(self._health(edge, now_ns) for edge in self._good_ns)
@@ -93,7 +97,7 @@ class TransformWatchdog:
         age_ns = None if last_ns is None else now_ns - last_ns
         if age_ns is None or edge in self._lost:
             freshness = Freshness.MISSING
-        elif 0 <= age_ns <= self.stale_after_ns:
+        elif self.is_fresh(last_ns, now_ns):
             freshness = Freshness.VALID
         else:
             freshness = Freshness.STALE
