@@ -37,11 +37,13 @@ class Heartbeat(Generic[Message]):
         self._message: Message | None = None
         self._afterwards: Message | None = None
         self._expires_ns: int | None = None
+        self._ended = False
         self._error: Exception | None = None
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
         self.seq = 0
         self.missed = 0
+        self.ended_seq = 0
         if hz is not None:
             period_ns = round(NS_PER_S / hz)
             self._thread = threading.Thread(
@@ -50,17 +52,26 @@ class Heartbeat(Generic[Message]):
             self._thread.start()
 
     def newest(
-        self, message: Message, *, lasts_ns: int | None = None, afterwards: Message | None = None
-    ) -> int:
+        self,
+        message: Message,
+        *,
+        lasts_ns: int | None = None,
+        afterwards: Message | None = None,
+        unless_ended: bool = False,
+    ) -> int | None:
         """Send ``message`` now, and at every beat until the next one comes; its first ``seq``.
 
         With ``lasts_ns`` it is repeated for as long only, and ``afterwards`` in its place from then
-        on (nothing, when that is None). Without, it is repeated for ever.
+        on (nothing, when that is None). Without, it is repeated for ever. With ``unless_ended``
+        nothing is sent and None is returned when the message before has `ended`.
         """
         self._raise_error()
         with self._lock:
+            self._end_in_time()
+            if unless_ended and self._ended:
+                return None
             first = self.seq
-            self._message, self._afterwards = message, afterwards
+            self._message, self._afterwards, self._ended = message, afterwards, False
             self._expires_ns = None if lasts_ns is None else time.monotonic_ns() + lasts_ns
             self._send_again()
             return first
@@ -69,9 +80,20 @@ class Heartbeat(Generic[Message]):
         """Send ``last``, when there is one, and then nothing until the next `newest`."""
         self._raise_error()
         with self._lock:
-            self._message, self._expires_ns = last, None
-            self._send_again()
-            self._message = None
+            if last is not None:
+                self._end(last)
+                self._send_again()
+            self._message, self._expires_ns = None, None
+
+    @property
+    def ended(self) -> bool:
+        """Whether the newest message has come to its end, by its time or by `rest`.
+
+        ``ended_seq`` is the ``seq`` from which on it was not repeated any more, the last time.
+        """
+        with self._lock:
+            self._end_in_time()
+            return self._ended
 
     def close(self) -> None:
         """End the thread; nothing is sent afterwards."""
@@ -81,11 +103,18 @@ class Heartbeat(Generic[Message]):
         self._raise_error()
 
     def _send_again(self) -> None:
-        if self._expires_ns is not None and time.monotonic_ns() >= self._expires_ns:
-            self._message, self._expires_ns = self._afterwards, None
+        self._end_in_time()
         if self._message is not None:
             self._send(self._message, self.seq)
             self.seq += 1
+
+    def _end_in_time(self) -> None:
+        if self._expires_ns is not None and time.monotonic_ns() >= self._expires_ns:
+            self._end(self._afterwards)
+
+    def _end(self, afterwards: Message | None) -> None:
+        self._message, self._expires_ns = afterwards, None
+        self._ended, self.ended_seq = True, self.seq
 
     def _beat(self, period_ns: int) -> None:
         ask_for_real_time()

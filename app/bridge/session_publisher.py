@@ -82,20 +82,25 @@ class SessionPublisher:
             opening.callback(self.constraints.close)
             self._open = opening.pop_all()
 
-    def publish(self, step: StepResult) -> None:
-        """Send everything that ``step`` found; the clock first, so that no sample is from later."""
+    def publish(self, step: StepResult) -> bool:
+        """Send everything that ``step`` found; the clock first, so that no sample is from later.
+
+        False when it came too late: the constraint before has been told to be stale meanwhile,
+        this one is sent on hold, and the session has to latch that (`Session.hold`).
+        """
         if self._voice.clock:
             self._send(topics.CLOCK, messages.clock_message(step.frame.stamp))
         self._publish_frames(step)
         for sample in step.frame.joints if self._voice.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
-        self.constraints.newest(
+        in_time = self.constraints.newest(
             self._constraint_builder.message(step.decision), lasts_ns=self._lasts_ns(step)
         )
         self._publish_margin(step.decision)
         report = self._diagnostics.report(step)
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
+        return in_time
 
     def use(self, scene: ReplayScene) -> None:
         """Go on with other margins, another tumour or registration from the next step on.
@@ -109,11 +114,6 @@ class SessionPublisher:
             self._make_surfaces(scene)
         if new_surfaces or scene.static_edges != before.static_edges:
             self._latch(scene)
-
-    @property
-    def fault_seq(self) -> int:
-        """``seq`` of the constraint with which the state last became UNKNOWN."""
-        return self.constraints.fault_seq
 
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. A second call does nothing."""

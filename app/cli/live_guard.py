@@ -28,8 +28,11 @@ class LiveGuard:
     def steps(self) -> Iterator["StepResult"]:
         """Publish each step as it happens, and yield it; ends with ``live.stop``."""
         for step in self.live.steps():
-            self.publisher.publish(step)
-            self._twists.allow(step, self.changes.scene.margins.stale_after_ns)
+            if self.publisher.publish(step):
+                self._twists.allow(step, self.changes.scene.margins.stale_after_ns)
+            else:
+                self.live.hold()
+                self._twists.forbid()
             yield step
 
 
@@ -79,7 +82,7 @@ def guarding(
         voice=voice,
         counts=lambda: {name: n for counts in counted for name, n in counts().items()},
     ) as publisher:
-        RearmService(publisher.ros, rearm=live.rearm, fault_seq=lambda: publisher.fault_seq)
+        RearmService(publisher.ros, publisher.constraints, live.rearm)
         changes = SessionChanges(live.between_steps, publisher, scene)
         MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
         OperatorServices(publisher.ros, changes)

@@ -57,7 +57,7 @@ def scene_of(
 @contextmanager
 def publishing(
     case: "Case", setup: "SessionSetup", player: "Player", options: argparse.Namespace
-) -> Iterator[Callable[["StepResult"], None]]:
+) -> Iterator[Callable[["StepResult"], object]]:
     """Give a function that publishes a step, and let ``player`` be controlled over ROS.
 
     With ``--no-ros`` the function does nothing, and no ROS is loaded.

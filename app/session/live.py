@@ -75,6 +75,10 @@ class LiveSession:
                 stamp = sample.stamp.shifted(-offset_ns, sample.stamp.clock)
                 self._frames.add_joints(JointSample(sample.names, sample.positions, stamp))
 
+    def hold(self) -> None:
+        """Latch ``hold`` from the next step on; for whoever takes `steps`, while it has one."""
+        self._session.hold()
+
     def rearm(self) -> None:
         """End the hold of an earlier fault; `NotRearmableError` while the state is UNKNOWN."""
         with self._stepping:

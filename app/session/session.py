@@ -123,6 +123,10 @@ class Session:
             drift=drift,
         )
 
+    def hold(self) -> None:
+        """Latch ``hold`` from the next step on, for a fault that the steps do not tell."""
+        self._monitor.hold()
+
     def rearm(self) -> None:
         """End the hold of an earlier fault; `NotRearmableError` while the state is UNKNOWN."""
         self._monitor.rearm()

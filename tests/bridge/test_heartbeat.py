@@ -131,3 +131,20 @@ def test_a_beat_that_is_missed_is_left_out_and_counted():
     heartbeat.close()
     assert heartbeat.missed >= 40
     assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))
+
+
+def test_a_message_that_came_to_its_end_is_not_followed_unseen():
+    sent = Sent(1)
+    heartbeat = Heartbeat(sent, None)
+    heartbeat.newest("a", lasts_ns=10**12, afterwards="a is old")
+    assert not heartbeat.ended
+    assert heartbeat.newest("b", lasts_ns=0, afterwards="b is old", unless_ended=True) == 1
+    assert heartbeat.ended
+    assert heartbeat.ended_seq == 1
+    assert heartbeat.newest("c", unless_ended=True) is None
+    assert heartbeat.newest("d") == 2
+    assert not heartbeat.ended
+    heartbeat.rest("rest")
+    assert heartbeat.newest("e", unless_ended=True) is None
+    heartbeat.close()
+    assert sent.pairs == [("a", 0), ("b is old", 1), ("d", 2), ("rest", 3)]

@@ -109,6 +109,11 @@ class TwistLimiter:
         with self._lock:
             self._allowance = allowance
 
+    def forbid(self) -> None:
+        """Allow nothing up to the next `allow`; from any thread."""
+        with self._lock:
+            self._allowance = None
+
     def close(self) -> None:
         """Answer no more; the last answer is no motion. The topics go with the node.
 

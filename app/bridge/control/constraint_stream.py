@@ -9,6 +9,7 @@ from rclpy.serialization import serialize_message
 
 from app.bridge.errors import BridgeError
 from app.bridge.heartbeat import Heartbeat
+from app.fixture import Reason, worst_first
 
 _MARK = 0x0123456789ABCDEF
 _MARK_BYTES = _MARK.to_bytes(8, sys.byteorder)
@@ -53,7 +54,8 @@ class ConstraintStream:
     Repetition extends nothing: ``valid_until`` and the stamp stay those of the samples that went
     in. ``hz`` None repeats nothing. Up to a `newest` that says how long its message lasts, the
     receiver alone judges that by ``valid_until``; afterwards the message itself says ``stale``
-    and holds, should the thread that takes the steps be stuck while this one still beats.
+    and holds, should the thread that takes the steps be stuck while this one still beats. That is
+    a fault as any other: the next message does not undo it (`newest`).
 
     A stream of more than 100 Hz lets threads of this process take turns every half a millisecond
     (`sys.setswitchinterval`, for all of them, until `close`): with Python's own 5 ms a busy thread
@@ -70,22 +72,28 @@ class ConstraintStream:
             sys.setswitchinterval(min(self._switch_s, _QUICK_SWITCH_S))
         self._heartbeat = Heartbeat(self._send, hz)
 
-    def newest(self, message: FixtureConstraint, *, lasts_ns: int | None = None) -> None:
+    def newest(self, message: FixtureConstraint, *, lasts_ns: int | None = None) -> bool:
         """Send ``message`` now and repeat it; after ``lasts_ns`` repeat it as stale and on hold.
 
         ``lasts_ns`` is how far ``valid_until`` is from now, at least 0, on whatever clock the
         caller has its stamps; None for a clock that can be stopped, as that of a replay.
+
+        False when the one before had become stale, or was followed by a `rest`: then ``message``
+        is sent on hold, as ``latched``, and the caller has to latch the hold where it decides.
         """
-        self._last = message
-        first = self._heartbeat.newest(
-            RawConstraint.of(message),
-            lasts_ns=lasts_ns,
-            afterwards=None if lasts_ns is None else RawConstraint.of(_held(message, "stale")),
-        )
+        first = self._begin(message, lasts_ns, unless_ended=True)
+        in_time = first is not None
+        if not in_time:
+            message.hold = True
+            reasons = {*map(Reason, message.reasons), Reason.LATCHED}
+            message.reasons = [str(reason) for reason in worst_first(reasons)]
+            first = self._begin(message, lasts_ns)
         faulty = message.state == FixtureConstraint.UNKNOWN
-        if faulty and not self._faulty:
+        if first is not None and in_time and faulty and not self._faulty:
             self._fault_seq = first
         self._faulty = faulty
+        self._last = message
+        return in_time
 
     def rest(self, reason: str) -> None:
         """Hold for this reason as the last word, then silence until the next `newest`."""
@@ -113,7 +121,22 @@ class ConstraintStream:
     @property
     def fault_seq(self) -> int:
         """The number of the first message that told of the latest fault; 0 before any."""
-        return self._fault_seq
+        return max(self._fault_seq, self._heartbeat.ended_seq)
+
+    @property
+    def ended(self) -> bool:
+        """Whether what is repeated now is stale, or at rest."""
+        return self._heartbeat.ended
+
+    def _begin(
+        self, message: FixtureConstraint, lasts_ns: int | None, *, unless_ended: bool = False
+    ) -> int | None:
+        return self._heartbeat.newest(
+            RawConstraint.of(message),
+            lasts_ns=lasts_ns,
+            afterwards=None if lasts_ns is None else RawConstraint.of(_held(message, "stale")),
+            unless_ended=unless_ended,
+        )
 
     def _send(self, raw: RawConstraint, seq: int) -> None:
         self._publisher.publish(raw.numbered(seq))

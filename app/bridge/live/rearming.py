@@ -4,36 +4,36 @@ from collections.abc import Callable
 
 from marginguard_msgs.srv import Rearm
 
+from app.bridge.calls.service_server import ServiceServer
+from app.bridge.control.constraint_stream import ConstraintStream
+from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
-from app.geometry import MarginGuardError
 
 
 class RearmService:
     """Serves ``~/rearm`` until the node is closed.
 
     A request names the constraint (``seq``) that the operator was looking at. It is refused when
-    the state became UNKNOWN after that one, which nobody can have looked at, and while the state
-    is UNKNOWN: ``rearm`` raises `NotRearmableError` then.
+    the state became UNKNOWN after that one, which nobody can have looked at, while ``constraints``
+    repeats a stale one, and while the state is UNKNOWN: ``rearm`` raises `NotRearmableError` then.
+    It is answered from a thread of its own: `rearm` waits for a step that is being taken, and
+    samples have to be heard meanwhile.
     """
 
     def __init__(
-        self, ros: RosNode, *, rearm: Callable[[], None], fault_seq: Callable[[], int]
+        self, ros: RosNode, constraints: ConstraintStream, rearm: Callable[[], None]
     ) -> None:
+        self._constraints = constraints
         self._rearm = rearm
-        self._fault_seq = fault_seq
-        ros.node.create_service(Rearm, "~/rearm", self._serve)
+        ServiceServer(ros, Rearm, "~/rearm", self._serve, in_thread=True)
 
-    def _serve(self, request: Rearm.Request, response: Rearm.Response) -> Rearm.Response:
-        response.message = self._refusal(request.seq)
-        response.success = not response.message
-        return response
-
-    def _refusal(self, seq: int) -> str:
-        fault_seq = self._fault_seq()
-        if seq < fault_seq:
-            return f"seq is {seq}: a fault began with constraint {fault_seq}, after it"
-        try:
-            self._rearm()
-        except MarginGuardError as error:
-            return str(error)
-        return ""
+    def _serve(self, request: Rearm.Request, response: Rearm.Response) -> None:
+        fault_seq = self._constraints.fault_seq
+        if request.seq < fault_seq:
+            raise BridgeError(
+                f"seq is {request.seq}: a fault began with constraint {fault_seq}, after it"
+            )
+        if self._constraints.ended:
+            raise BridgeError("the constraint is stale: its cause must end before re-arming")
+        self._rearm()
+        response.success = True

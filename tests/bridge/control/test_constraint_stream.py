@@ -83,11 +83,10 @@ def test_a_repeated_constraint_says_stale_and_holds_when_its_data_are_too_old():
     stream = ConstraintStream(sent, 1000.0)
     stream.newest(constraint(), lasts_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
-    stream.newest(constraint(), lasts_ns=10**12)
     stream.close()
-    fresh, again = sent.messages[0], sent.messages[-1]
+    fresh = sent.messages[0]
     stale = next(message for message in sent.messages if message.hold)
-    assert (fresh.state, again.state) == (FixtureConstraint.WARNING,) * 2
+    assert fresh.state == FixtureConstraint.WARNING
     assert (stale.state, list(stale.reasons)) == (FixtureConstraint.UNKNOWN, ["stale"])
     assert stale.header == fresh.header
     assert stale.valid_until == fresh.valid_until
@@ -95,8 +94,51 @@ def test_a_repeated_constraint_says_stale_and_holds_when_its_data_are_too_old():
     assert all(plane.tumor_velocity.x == 0.0 for plane in stale.half_spaces)
     assert math.isnan(stale.signed_distance)
     assert math.isnan(stale.lower_bound)
-    states = [message.hold for message in sent.messages]
-    assert states.count(True) == states.index(False, states.index(True)) - states.index(True)
+
+
+def test_what_was_stale_is_held_also_when_it_is_fresh_again():
+    sent = Sent()
+    stream = ConstraintStream(sent, 1000.0)
+    assert stream.newest(constraint(), lasts_ns=5_000_000)
+    assert not stream.ended
+    sent.wait_until(lambda messages: messages[-1].hold)
+    assert stream.ended
+    stale = next(message for message in sent.messages if message.hold)
+    assert stream.fault_seq == stale.seq
+    assert not stream.newest(constraint(), lasts_ns=10**12)
+    assert not stream.ended
+    again = sent.messages[-1]
+    assert (again.state, again.hold) == (FixtureConstraint.WARNING, True)
+    assert list(again.reasons) == ["warning_distance", "latched"]
+    assert stream.fault_seq == stale.seq  # whoever looked at it may re-arm
+    # From here on it is for the session to hold.
+    assert stream.newest(constraint(), lasts_ns=10**12)
+    stream.close()
+    assert not sent.messages[-1].hold
+
+
+def test_a_fault_that_follows_a_stale_constraint_is_the_same_fault():
+    sent = Sent()
+    stream = ConstraintStream(sent, 1000.0)
+    stream.newest(constraint(), lasts_ns=5_000_000)
+    sent.wait_until(lambda messages: messages[-1].hold)
+    first = stream.fault_seq
+    unknown = constraint()
+    unknown.state = FixtureConstraint.UNKNOWN
+    stream.newest(unknown)
+    stream.newest(unknown)
+    stream.close()
+    assert stream.fault_seq == first
+
+
+def test_after_a_rest_it_is_held():
+    sent = Sent()
+    stream = ConstraintStream(sent, 100.0)
+    stream.newest(constraint())
+    stream.rest("inactive")
+    assert not stream.newest(constraint())
+    assert sent.messages[-1].hold
+    stream.close()
 
 
 def test_data_that_are_too_old_from_the_first_are_never_sent_as_fresh():
