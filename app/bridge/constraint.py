@@ -15,10 +15,9 @@ from app.geometry import Stamp
 class ConstraintBuilder:
     """Turns decisions into messages; remembers on which samples the last known planes rest.
 
-    While the state is UNKNOWN a decision carries the planes of the last good step, so the message
-    keeps that step's stamp and the ``valid_until`` that follows from it: a plane never looks
-    newer than it is. Before the first good step both are zero, a time long past, and ``hold`` is
-    set.
+    A decision whose planes are not those of the present pose carries the last ones that were, so
+    the message keeps their stamp and the ``valid_until`` that follows from it: a plane never looks
+    newer than it is. Without planes both are zero, a time long past, and ``hold`` is set.
     """
 
     def __init__(self, scene: ReplayScene) -> None:
@@ -36,7 +35,9 @@ class ConstraintBuilder:
     def message(self, decision: FixtureDecision) -> FixtureConstraint:
         """The message for ``decision``; its ``seq`` is left to whoever sends it."""
         known = decision.state is not MarginState.UNKNOWN
-        if known and decision.stamp is not None:
+        if decision.constraint is None:
+            self._planes_from = None
+        elif decision.constraint_is_current:
             self._planes_from = decision.stamp
         message = FixtureConstraint(
             header=Header(frame_id=self._frame),

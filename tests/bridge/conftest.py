@@ -242,6 +242,7 @@ def _step(index: int, *, lost: bool = False, state: MarginState | None = None) -
         hold=lost,
         stamp=oldest,
         seq=index,
+        constraint_is_current=not lost,
     )
     return StepResult(
         index=index,

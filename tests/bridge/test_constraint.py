@@ -1,6 +1,7 @@
 """The constraint in SI units, never newer than the samples under it."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -55,6 +56,25 @@ def test_while_unknown_the_old_planes_keep_their_old_stamp_and_nothing_else_is_s
     assert message.half_spaces == good.half_spaces
     for name in ("signed_distance", "lower_bound", "stop_distance", "warn_distance", "sigma_tre"):
         assert math.isnan(getattr(message, name)), name
+
+
+def test_planes_of_the_present_have_its_stamp_also_while_the_state_is_unknown(scene, make_step):
+    """As with a registration that has drifted: what the tracker measured is as good as ever."""
+    builder = ConstraintBuilder(scene)
+    builder.message(make_step(0).decision)
+    step = make_step(1, state=MarginState.UNKNOWN)
+    message = builder.message(step.decision)
+    assert ns(message.header.stamp) == step.decision.stamp.ns
+
+
+def test_what_was_known_of_another_tumor_is_no_time_of_the_new_one(scene, make_step):
+    builder = ConstraintBuilder(scene)
+    builder.message(make_step(0).decision)
+    builder.use(scene)
+    decision = replace(make_step(1, lost=True).decision, constraint=None)
+    message = builder.message(decision)
+    assert ns(message.header.stamp) == ns(message.valid_until) == 0
+    assert len(message.half_spaces) == 0
 
 
 def test_before_the_first_good_step_it_is_long_past_and_holds(scene, make_step):

@@ -221,27 +221,18 @@ class TwistLimiter:
 def _allowance_of(step: StepResult, stale_after_ns: int) -> _Allowance | None:
     """None where the step has no planes of the place that the tool has in it."""
     decision, pose = step.decision, step.tumor_from_tip
-    constraint, proximity, stamp = decision.constraint, decision.proximity, decision.stamp
-    if constraint is None or proximity is None or stamp is None or pose is None:
+    constraint, stamp = decision.constraint, decision.stamp
+    if constraint is None or not decision.constraint_is_current or stamp is None or pose is None:
         return None
-    if proximity.stamp is None:
-        return None
-    ages_ns = [known.age_ns(step.frame.stamp) for known in (stamp, proximity.stamp)]
-    if min(ages_ns) < 0 or max(ages_ns) > stale_after_ns:
-        return None
-    # The planes of an earlier step are kept while a fault lasts: of now are those of the witnesses.
-    witnesses = proximity.witnesses
-    if not (
-        np.array_equal(constraint.points_on_tool_mm, witnesses.on_tool_mm)
-        and np.array_equal(constraint.normals, witnesses.normals)
-    ):
+    age_ns = stamp.age_ns(step.frame.stamp)
+    if not 0 <= age_ns <= stale_after_ns:
         return None
     return _Allowance(
         constraint=constraint,
         tip_mm=pose.translation_mm,
         stamp_ns=stamp.ns,
         stale_after_ns=stale_after_ns,
-        until_ns=time.monotonic_ns() + stale_after_ns - max(ages_ns),
+        until_ns=time.monotonic_ns() + stale_after_ns - age_ns,
     )
 
 

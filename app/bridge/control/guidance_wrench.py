@@ -13,7 +13,8 @@ from app.session import StepResult
 class GuidancePublisher:
     """One wrench a step: N and N m in the tip's frame, with the stamp of the oldest sample.
 
-    Where the tool is not known the force fades out at its own rate. A step that comes later than
+    Where the tool is not known, or the planes are not of where it is, the force fades out at its
+    own rate. A step that comes later than
     the period for which the stiffness was found to be passive changes the force by no more than
     one period's worth.
     """
@@ -29,11 +30,10 @@ class GuidancePublisher:
         """Send the force after ``step``; nothing before the tool was first seen."""
         now, last = step.frame.stamp, self._last
         self._last = now
-        constraint = step.decision.constraint
-        if step.tumor_from_tip is None:
-            constraint = None
-        else:
+        decision, constraint = step.decision, None
+        if step.tumor_from_tip is not None:
             self._pose = step.tumor_from_tip
+            constraint = decision.constraint if decision.constraint_is_current else None
         if self._pose is None:
             return
         step_ns = self._most_ns if last is None else last.age_ns(now)
@@ -41,7 +41,7 @@ class GuidancePublisher:
             constraint, self._pose.translation_mm, min(max(1, step_ns), self._most_ns)
         )
         tip_from_tumor = self._pose.rotation.T
-        stamp = step.decision.stamp or now
+        stamp = decision.stamp or now
         message = WrenchStamped(header=messages.header_message(self._pose.source, stamp))
         message.wrench.force = messages.vector_message(np.dot(tip_from_tumor, wrench[:3]))
         message.wrench.torque = messages.vector_message(np.dot(tip_from_tumor, wrench[3:]))

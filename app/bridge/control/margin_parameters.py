@@ -5,6 +5,8 @@ Milliseconds where the margins have nanoseconds, because that is what `case.yaml
 
 from collections.abc import Callable, Mapping
 
+from rclpy.parameter import Parameter
+
 from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer
 from app.bridge.calls.parameter_values import Plain
 from app.bridge.node import RosNode
@@ -36,6 +38,7 @@ class MarginParameterServer:
         self, ros: RosNode, margins: MarginParameters, use: Callable[[MarginParameters], None]
     ) -> None:
         self.margins = margins
+        self._ros = ros
         self._use = use
         self._server = ParameterServer(ros, _declarations(margins), self._accept)
 
@@ -43,6 +46,16 @@ class MarginParameterServer:
     def refused(self) -> int:
         """How many requests were refused."""
         return self._server.refused
+
+    def set(self, **changes: float) -> None:
+        """Set some of them from this process, as a request over ROS does: whole or not at all.
+
+        Raises `MarginParameterError` with the reason of a refusal.
+        """
+        wanted = [Parameter(name, value=value) for name, value in changes.items()]
+        result = self._ros.node.set_parameters_atomically(wanted)
+        if not result.successful:
+            raise MarginParameterError(result.reason)
 
     def _accept(self, values: Mapping[str, Plain]) -> None:
         margins = margins_of(values)

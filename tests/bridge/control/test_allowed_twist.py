@@ -16,8 +16,10 @@ import pytest
 from app.bridge.control import TwistLimiter
 from app.bridge.tf import TransformBuffer
 from app.fixture import LimiterParameters, MarginState, Reason
-from app.geometry import Stamp
+from app.geometry import Stamp, Transform
+from app.session import Session, SessionSetup
 from tests.bridge.conftest import DEADLINE_S, START_NS
+from tests.session.doubles import PARAMETERS, AnalyticSphere, frame, sample
 
 SENDER = Path(__file__).resolve().parent / "twist_sender.py"
 LONG_NS = 10**12
@@ -131,16 +133,12 @@ def faulty(step, **changes):
 
 
 def earlier_planes(step):
-    """The tool has gone 5 mm aside since; the planes are still those of before."""
-    known = step.decision.proximity
-    aside_mm = np.array([5.0, 0.0, 0.0])
-    moved = replace(known.witnesses, on_tool_mm=known.witnesses.on_tool_mm + aside_mm)
-    return faulty(step, proximity=replace(known, witnesses=moved))
+    """The tool is seen where it is now; the planes are still those of before."""
+    return faulty(step, constraint_is_current=False)
 
 
 def of_the_future(step):
-    ahead = Stamp(step.frame.stamp.ns + 1)
-    return faulty(step, proximity=replace(step.decision.proximity, stamp=ahead))
+    return faulty(step, stamp=Stamp(step.frame.stamp.ns + 1))
 
 
 @pytest.mark.parametrize(
@@ -148,9 +146,8 @@ def of_the_future(step):
     [
         earlier_planes,
         of_the_future,
-        lambda step: faulty(step, proximity=None),
         lambda step: faulty(step, stamp=None),
-        lambda step: faulty(step, proximity=replace(step.decision.proximity, stamp=None)),
+        lambda step: faulty(step, constraint=None, constraint_is_current=False),
         lambda step: replace(step, tumor_from_tip=None),
     ],
 )
@@ -177,17 +174,45 @@ def test_on_hold_with_planes_of_now_it_may_retreat_and_not_approach(
     assert found[1]["linear"] == pytest.approx([0.01, 0.0, 0.02])
 
 
+def test_a_tool_that_went_through_the_tumor_can_leave_and_not_go_in_again(
+    ros, buffer, start_receiver
+):
+    tip_mm = {"tracker": (-12.0, 0.0, 0.5), "beyond": (10.5, 0.0, 0.5)}
+    setup = SessionSetup(
+        Transform.identity("cautery", "cautery_tip"),
+        Transform.identity("needle", "tumor"),
+        AnalyticSphere(10.0),
+        PARAMETERS,
+        None,
+    )
+    session = Session(setup)
+    for at_ms, where in ((0, "tracker"), (20, "beyond")):
+        needle = sample("tracker", "needle", (0.0, 0.0, 0.001 * at_ms), at_ms)
+        cautery = sample("tracker", "cautery", tip_mm[where], at_ms)
+        step = session.step(frame(at_ms, needle, cautery))
+    # Judged by the way through; the planes are those of the far side, where the tool is now.
+    assert step.decision.state is MarginState.POSITIVE
+    assert step.decision.proximity.on_tool_mm[0] < 0.0
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    limiter.allow(step, LONG_NS)
+    found = answers(start_receiver, asked(0.02, 0.0, 0.0), asked(-0.01, 0.0, 0.0))
+    out, back_in = found[0]["linear"], found[1]["linear"]
+    # It is 0.51 mm away, 0.49 mm beyond the stop margin: driven out at 9.8 mm/s at the least.
+    assert out == pytest.approx([0.02, 0.0, 0.0])
+    assert back_in[0] >= 0.0097
+
+
 def test_a_way_from_the_future_does_not_turn_a_command(ros, buffer, make_step, start_receiver):
     oldest_ns = START_NS - 3_000_000
     straight, half = (0.0,) * 6 + (1.0,), math.sqrt(0.5)
     around = (0.0, 0.0, 0.0, half, 0.0, 0.0, half)
-    for frame, ahead_ns in (("far", 900_000_000), ("near", 40_000_000)):
-        buffer.insert("tumor", frame, oldest_ns, straight)
-        buffer.insert("tumor", frame, oldest_ns + ahead_ns, around)
+    for name, ahead_ns in (("far", 900_000_000), ("near", 40_000_000)):
+        buffer.insert("tumor", name, oldest_ns, straight)
+        buffer.insert("tumor", name, oldest_ns + ahead_ns, around)
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     step, stale_after_ns = make_step(0), 60_000_000_000
     limiter.allow(step, stale_after_ns)
-    commands = (asked(0.0, 0.02, 0.01, frame=frame) for frame in ("far", "near"))
+    commands = (asked(0.0, 0.02, 0.01, frame=name) for name in ("far", "near"))
     for answer in answers(start_receiver, *commands)[:2]:
         assert answer["linear"] == pytest.approx([0.0, 0.02, 0.01])
     buffer.insert("tumor", "later", oldest_ns + stale_after_ns + 1, around)

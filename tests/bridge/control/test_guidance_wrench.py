@@ -56,3 +56,15 @@ def test_a_tool_that_is_lost_lets_the_force_fade_at_its_rate(ros, make_step, sta
     forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(5)]
     # A newton a period of 20 ms, also over the gap of 47 periods.
     assert forces == pytest.approx([1.0, 2.0, 1.0, 0.0, 0.0])
+
+
+def test_planes_of_an_earlier_pose_let_the_force_fade(ros, make_step, start_receiver):
+    guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
+    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:3")
+    for index in (1, 2):
+        guidance.publish(make_step(index))
+    step = make_step(3)
+    earlier = replace(step.decision, constraint_is_current=False)
+    guidance.publish(replace(step, decision=earlier))
+    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(3)]
+    assert forces == pytest.approx([1.0, 2.0, 1.0])
