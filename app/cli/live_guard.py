@@ -11,18 +11,19 @@ from app.cli.publishing import scene_of
 
 if TYPE_CHECKING:
     from app.bridge import SessionPublisher
-    from app.bridge.control import SessionChanges, TwistLimiter
+    from app.bridge.control import MarginParameterServer, SessionChanges, TwistLimiter
     from app.case import Case, LiveCase
     from app.session import LiveSession, SessionSetup, StepResult
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveGuard:
-    """``live`` steps, ``changes`` changes it, ``publisher`` is its node; made by `guarding`."""
+    """``live`` steps, ``changes`` and ``margins`` change it; made by `guarding`."""
 
     live: "LiveSession"
     changes: "SessionChanges"
-    publisher: "SessionPublisher"
+    margins: "MarginParameterServer"
+    _publisher: "SessionPublisher"
     _twists: "TwistLimiter"
 
     def steps(self) -> Iterator["StepResult"]:
@@ -84,7 +85,7 @@ def guarding(
     ) as publisher:
         RearmService(publisher.ros, publisher.constraints, live.rearm)
         changes = SessionChanges(live.between_steps, publisher, scene)
-        MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
+        margins = MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
         OperatorServices(publisher.ros, changes)
         buffer = TransformBuffer()
         TfListener(publisher.ros, buffer)
@@ -98,7 +99,7 @@ def guarding(
             joints = listen_to_joints(publisher.ros, robot.joint_states, offset_ns, add_joints)
             counted.append(joints.counts)
         try:
-            yield LiveGuard(live, changes, publisher, twists)
+            yield LiveGuard(live, changes, margins, publisher, twists)
         finally:
             twists.close()
             source.close()

@@ -94,3 +94,15 @@ def test_milliseconds_and_nanoseconds_are_the_same_time(stale_ns, frozen_ns):
 def test_a_value_that_is_not_given_is_not_made_up():
     with pytest.raises(MarginParameterError, match="stop_mm None is not a number"):
         margins_of({})
+
+
+def test_this_process_sets_them_as_another_one_does(ros, scene):
+    used = []
+    server = MarginParameterServer(ros, scene.margins, used.append)
+    server.set(stop_mm=6.0, warn_mm=9.0)
+    assert used == [server.margins] == [scene.margins.replaced(stop_mm=6.0, warn_mm=9.0)]
+    assert ros.node.get_parameter("stop_mm").value == 6.0
+    with pytest.raises(MarginParameterError, match="warn_mm 7 is not more than stop_mm 8"):
+        server.set(stop_mm=8.0, warn_mm=7.0)
+    assert ros.node.get_parameter("warn_mm").value == 9.0
+    assert len(used) == 1
