@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.bridge import topics
 from app.bridge.control import GuidancePublisher
 from app.fixture import GuidanceParameters
 from app.geometry import Transform
@@ -21,9 +22,18 @@ def turned(step):
     return replace(step, tumor_from_tip=pose)
 
 
+def listening(ros, start_receiver, count):
+    """Another process that hears all of what is sent from now on: both sides know each other."""
+    receiver = start_receiver(
+        f"/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:{count}"
+    )
+    assert ros.wait_for_subscribers(topics.GUIDANCE_WRENCH, 1, timeout_s=30.0)
+    return receiver
+
+
 def test_half_way_in_it_is_half_the_force_along_the_tips_own_axes(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, QUICK)
-    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:1")
+    receiver = listening(ros, start_receiver, 1)
     step = turned(make_step(0))
     guidance.publish(step)
     message = receiver.take(1)[0]["message"]
@@ -38,7 +48,7 @@ def test_half_way_in_it_is_half_the_force_along_the_tips_own_axes(ros, make_step
 
 def test_beside_the_tip_it_turns_the_tool(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, QUICK)
-    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:1")
+    receiver = listening(ros, start_receiver, 1)
     guidance.publish(make_step(0))
     torque = receiver.take(1)[0]["message"]["wrench"]["torque"]
     # r x f with r = (1, 2, 17.5) mm and f = (0, 0, 2) N.
@@ -47,7 +57,7 @@ def test_beside_the_tip_it_turns_the_tool(ros, make_step, start_receiver):
 
 def test_a_tool_that_is_lost_lets_the_force_fade_at_its_rate(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
-    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:5")
+    receiver = listening(ros, start_receiver, 5)
     guidance.publish(make_step(0, lost=True))  # nothing: the tool was never seen
     for index in (1, 2):
         guidance.publish(make_step(index))
@@ -60,7 +70,7 @@ def test_a_tool_that_is_lost_lets_the_force_fade_at_its_rate(ros, make_step, sta
 
 def test_planes_of_an_earlier_pose_let_the_force_fade(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
-    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:3")
+    receiver = listening(ros, start_receiver, 3)
     for index in (1, 2):
         guidance.publish(make_step(index))
     step = make_step(3)
