@@ -20,7 +20,8 @@ PERIOD_NS = NS_PER_S
 
 
 class Diagnostics:
-    """Speaks once a second of the session's time, and whenever the state or a reason changes.
+    """Speaks once a second of the session's time, and whenever the state, a reason or the robot's
+    being known changes.
 
     ``counts`` are those of a live source: what it has received, and what was left out and why.
     """
@@ -29,7 +30,6 @@ class Diagnostics:
         self._counts = counts
         self._samples: dict[tuple[str, str], TrackedTransform] = {}
         self._lost: dict[tuple[str, str], int] = {}
-        self._joints_stamp: Stamp | None = None
         self._last_ns: int | None = None
         self._last_key: object = None
 
@@ -40,17 +40,16 @@ class Diagnostics:
             self._samples[edge] = sample
             lost = sample.status is not TrackingStatus.OK
             self._lost[edge] = self._lost.get(edge, 0) + lost
-        if step.joints is not None:
-            self._joints_stamp = step.joints.stamp
         now = step.frame.stamp
-        key = (step.decision.state, step.decision.reasons)
+        # Whether, not which: the words may have numbers in them that change at every step.
+        key = (step.decision.state, step.decision.reasons, bool(step.robot_problem))
         elapsed_ns = None if self._last_ns is None else now.ns - self._last_ns
         if key == self._last_key and elapsed_ns is not None and 0 <= elapsed_ns < PERIOD_NS:
             return None
         self._last_ns, self._last_key = now.ns, key
         status = [_margin_status(step), self._tracking_status(now)]
-        if self._joints_stamp is not None:
-            status.append(_joints_status(now, self._joints_stamp))
+        if step.joints is not None or step.robot_problem:
+            status.append(_robot_status(step))
         if self._counts is not None:
             counts = {name: str(count) for name, count in self._counts().items()}
             status.append(_status("source", DiagnosticStatus.OK, "live", counts))
@@ -93,8 +92,13 @@ def _margin_status(step: StepResult) -> DiagnosticStatus:
     return _status("margin", LEVEL_OF_STATE[decision.state], margin_text(decision), values)
 
 
-def _joints_status(now: Stamp, stamp: Stamp) -> DiagnosticStatus:
-    return _status("joints", DiagnosticStatus.OK, "received", {"age_ms": _age_ms(now, stamp)})
+def _robot_status(step: StepResult) -> DiagnosticStatus:
+    """Without usable joints nobody sees a registration that drifts: the margin alone is watched."""
+    values = {}
+    if step.joints is not None:
+        values["age_ms"] = _age_ms(step.frame.stamp, step.joints.stamp)
+    level = DiagnosticStatus.WARN if step.robot_problem else DiagnosticStatus.OK
+    return _status("joints", level, step.robot_problem or "received", values)
 
 
 def _age_ms(now: Stamp, stamp: Stamp) -> str:

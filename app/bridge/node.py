@@ -4,6 +4,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from copy import copy
 from types import TracebackType
 from typing import Any, Self
 
@@ -37,7 +38,8 @@ class RosNode:
     services, subscriptions and discovery events; publishing is done from whatever thread has
     something to say. A callback that raises is said in the log and counted in `failures`: it must
     not take the others with it. Endpoints that do not hear each other because of their quality of
-    service are said in the log and kept in `incompatible`.
+    service are said in the log and kept in `incompatible`. What ROS itself declares as parameters
+    (``use_sim_time``) keeps the value of the start: nobody stops a guard's clock from outside.
 
     ``ros_args`` are ROS's own (``--ros-args -r old:=new``); ``sys.argv`` is not read.
     ``make_node`` makes another kind of node, from the same arguments as `rclpy.node.Node`.
@@ -69,6 +71,11 @@ class RosNode:
         self._at_close: list[Callable[[], None]] = []
         self._closing = threading.Event()
         self._wake = self.node.create_guard_condition(lambda: None)
+        for name in self.node.list_parameters([], 0).names:
+            descriptor = copy(self.node.describe_parameter(name))
+            if not descriptor.read_only:
+                descriptor.read_only = True
+                self.node.set_descriptor(name, descriptor)
         self._thread = threading.Thread(
             target=self._spin,
             name=f"{name} executor",

@@ -1,5 +1,7 @@
 """Said once a second of the player's time and at every change; lost poses are counted."""
 
+from dataclasses import replace
+
 import pytest
 
 from app.bridge.diagnostics import Diagnostics
@@ -64,3 +66,23 @@ def test_lost_poses_are_named_and_counted(make_step):
     assert tracking.message == "lost: tracker -> cautery"
     assert tracking.level == b"\x01"
     assert values(tracking)["tracker -> cautery: status"] == "INVALID"
+
+
+def test_a_robot_whose_joints_cannot_be_used_is_said_at_once_and_why(make_step):
+    diagnostics = Diagnostics()
+    diagnostics.report(make_step(0))
+    silent = [
+        replace(make_step(index), robot_problem=f"joint positions are {index} ms old")
+        for index in (1, 2)
+    ]
+    joints = parts(diagnostics.report(silent[0]))["joints"]
+    assert joints.message == "joint positions are 1 ms old"
+    assert joints.level == b"\x01"
+    assert diagnostics.report(silent[1]) is None
+    assert parts(diagnostics.report(make_step(3)))["joints"].level == b"\x00"
+
+
+def test_a_robot_that_never_spoke_is_said_too(make_step):
+    never = replace(make_step(0), joints=None, robot_problem="no joint positions yet")
+    joints = parts(Diagnostics().report(never))["joints"]
+    assert (joints.message, values(joints)) == ("no joint positions yet", {})

@@ -75,6 +75,22 @@ def test_what_a_start_asks_for_goes_the_same_way(domain_id, scene):
         start("stop_mm:=9.0")
 
 
+def test_parameters_of_ros_itself_cannot_be_set_and_spoil_the_set(ros, scene, start_receiver):
+    used = []
+    MarginParameterServer(ros, scene.margins, used.append)
+    asked = [
+        {"use_sim_time": True},
+        {"stop_mm": 2.0, "use_sim_time": True},
+        {"nonsense": 1.0},
+    ]
+    setter = start_receiver("marginguard", *map(json.dumps, asked), script=SETTER)
+    for refused in setter.take(3):
+        assert not refused["ok"]
+        assert refused["reason"]
+    assert used == []
+    assert ros.node.get_parameter("use_sim_time").value is False
+
+
 @given(st.integers(1, 10**10), st.integers(1, 6 * 10**10))
 def test_milliseconds_and_nanoseconds_are_the_same_time(stale_ns, frozen_ns):
     margins = MarginParameters(1.0, 5.0, 2.0, 50.0, stale_ns, 3, 0.5, frozen_ns)
