@@ -29,7 +29,7 @@ class LiveGuard:
     def steps(self) -> Iterator["StepResult"]:
         """Publish each step as it happens, and yield it; ends with ``live.stop``."""
         for step in self.live.steps():
-            if self.publisher.publish(step):
+            if self._publisher.publish(step):
                 self._twists.allow(step, self.changes.scene.margins.stale_after_ns)
             else:
                 self.live.hold()
