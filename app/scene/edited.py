@@ -19,7 +19,7 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkCommonTransforms import vtkGeneralTransform
-from vtkmodules.vtkFiltersCore import vtkCleanPolyData, vtkTriangleFilter
+from vtkmodules.vtkFiltersCore import vtkStaticCleanPolyData, vtkTriangleFilter
 
 from app.geometry import FloatArray, MarginGuardError, SurfaceMesh, Transform
 from app.scene.convert import numpy_array, vtk_array
@@ -144,7 +144,7 @@ def _mesh(
     frame: str,
     frame_node: vtkMRMLTransformNode | None,
 ) -> SurfaceMesh:
-    clean = vtkCleanPolyData()
+    clean = vtkStaticCleanPolyData()
     clean.SetInputData(surface)
     triangles = vtkTriangleFilter()
     triangles.SetInputConnection(clean.GetOutputPort())
