@@ -103,6 +103,7 @@ class TimedModel:
     def __init__(self, model: ProximityModel) -> None:
         self._model = model
         self.radius_mm = model.radius_mm
+        self.frames = model.frames
         self.cpu_ns = 0
 
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:

@@ -13,7 +13,7 @@ from app.fixture import (
     RecentWitnesses,
     path_mm,
 )
-from app.geometry import Stamp, Transform
+from app.geometry import FrameError, Stamp, Transform
 from app.registration import RegistrationDrift, check_drift, predict_tre
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
@@ -64,7 +64,7 @@ class Session:
             moving_frames=_moving_frames(setup),
         )
         self._recent = RecentWitnesses()
-        self._monitor = MarginMonitor(setup.margins)
+        self._monitor = MarginMonitor(setup.margins, frame=setup.frame_from_tumor.source)
         self._follower = _follower(setup.robot)
         self._joints: JointSample | None = None
         self._drifted = False
@@ -136,8 +136,12 @@ class Session:
 
         With another tumour, tool, registration or place of one of them nothing is known of the
         margin any more: the state is UNKNOWN up to the next full evaluation, and ``hold`` is
-        latched until `rearm` if the margin was known before.
+        latched until `rearm` if the margin was known before. Raises `FrameError` for a tumour in
+        another frame, since that is what the constraint is given in.
         """
+        tumor, known = setup.frame_from_tumor.source, self.setup.frame_from_tumor.source
+        if tumor != known:
+            raise FrameError(f"the tumour's frame is {tumor!r}: {known!r} wanted, as before")
         before, self.setup = self.setup, setup
         self._poses.stale_after_ns = setup.margins.stale_after_ns
         self._poses.frozen_after_ns = setup.margins.frozen_after_ns

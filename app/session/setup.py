@@ -20,6 +20,10 @@ class ProximityModel(Protocol):
 
     radius_mm: float
 
+    @property
+    def frames(self) -> tuple[str, str | None]:
+        """The frames of the tumour and of the tool; None for a tool that may be given in any."""
+
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
         """The signed distance in mm of the tool at this pose, negative inside the tumour."""
 
@@ -70,7 +74,8 @@ class SessionSetup:
 
     ``tool_from_tip``: the tip in the tool's tracked frame; ``frame_from_tumor``: the tumour in
     the tracked frame that it moves with; ``proximity``: measures the tool, given in the tip's
-    frame, against the tumour; ``robot``: None where the tool is held by hand.
+    frame, against the tumour; ``robot``: None where the tool is held by hand. Raises `FrameError`
+    for shapes in other frames than those of the two transforms.
     """
 
     tool_from_tip: Transform
@@ -78,6 +83,18 @@ class SessionSetup:
     proximity: ProximityModel
     margins: MarginParameters
     robot: RobotSetup | None
+
+    def __post_init__(self) -> None:
+        tumor, tool = self.proximity.frames
+        for what, frame, edge in (
+            ("tumour", tumor, self.frame_from_tumor),
+            ("tool", tool, self.tool_from_tip),
+        ):
+            if frame is not None and frame != edge.source:
+                raise FrameError(
+                    f"the {what}'s shape is in {frame!r}: {edge.source!r} wanted, which is placed "
+                    f"in {edge.target!r}"
+                )
 
     @property
     def static_edges(self) -> tuple[Transform, ...]:

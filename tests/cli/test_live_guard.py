@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from app.cli.live_guard import LiveGuard
 from app.fixture import Reason
-from tests.session.doubles import PARAMETERS
+from tests.doubles import PARAMETERS
 from tests.session.test_live import World, track
 
 
@@ -39,7 +39,7 @@ def test_a_constraint_that_was_late_holds_what_follows_until_rearmed():
     world.at(300, world.live.rearm)
     world.at(390, world.live.stop)
     changes = SimpleNamespace(scene=SimpleNamespace(margins=PARAMETERS))
-    guard = LiveGuard(world.live, changes, Publisher(late=8), twists)
+    guard = LiveGuard(world.live, changes, None, Publisher(late=8), twists)
     steps = list(guard.steps())
     assert twists.allowed == [*steps[:7], None, *steps[8:]]
     assert not any(step.decision.hold for step in steps[4:8])

@@ -13,7 +13,7 @@ from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
 from benchmarks.session import failures, measure
 from benchmarks.session_trajectory import Trajectory
-from tests.session.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
+from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
 RATE_HZ = 1000
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
 from app.session import LiveSession, Session, SessionSetup
-from tests.session.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
+from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS
 HOST_MS = 5_000_000

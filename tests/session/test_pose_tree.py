@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from app.fixture import Reason
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.session.pose_tree import REASON_OF_STATUS, PoseTree
-from tests.session.doubles import frame, lost, sample
+from tests.doubles import frame, lost, sample
 
 
 @pytest.fixture

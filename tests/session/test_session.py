@@ -8,11 +8,11 @@ from app.fixture import (
     Reason,
     limit_twist,
 )
-from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
-from tests.session.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
+from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
 TOOL_FROM_TIP = Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 70.0])
 NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
@@ -326,3 +326,30 @@ def test_what_cannot_be_a_robot_setup_is_refused(touch):
         RobotSetup(touch, "robot_base", "gripper", None, DriftBound(5.0, 0.05))
     with pytest.raises(Exception, match="reference_from_robot_base wanted"):
         registered(touch, given_registration(Transform.identity("tracker", "robot_base")))
+
+
+class Lump(AnalyticSphere):
+    """Test double: the sphere in a frame of another name, for a tool in ``cautery_tip`` alone."""
+
+    frames = ("lump", "cautery_tip")
+
+    def __init__(self) -> None:
+        super().__init__(10.0)
+
+
+def test_shapes_in_other_frames_are_refused_before_the_first_step():
+    with pytest.raises(FrameError, match=r"the tumour's shape is in 'lump': 'tumor' wanted"):
+        SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, Lump(), PARAMETERS, None)
+    lump = Transform.identity("needle", "lump")
+    with pytest.raises(FrameError, match=r"the tool's shape is in 'cautery_tip': 'knife' wanted"):
+        SessionSetup(Transform.identity("cautery", "knife"), lump, Lump(), PARAMETERS, None)
+
+
+def test_the_constraint_is_in_the_tumours_frame_whatever_it_is_called():
+    lump = Transform("needle", "lump", NEEDLE_FROM_TUMOR.rotation, [5.0, -4.0, 30.0])
+    session = Session(SessionSetup(TOOL_FROM_TIP, lump, Lump(), PARAMETERS, None))
+    (step,) = steps(session, [17.0])
+    assert step.decision.constraint.frame == "lump"
+    assert step.virtual_fixture.target == "lump"
+    with pytest.raises(FrameError, match="frame is 'tumor': 'lump' wanted"):
+        session.use(make_setup())

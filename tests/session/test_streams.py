@@ -30,7 +30,7 @@ from app.geometry import NS_PER_MS, Stamp, SurfaceMesh, TrackingStatus, Transfor
 from app.registration import DriftBound, register_points
 from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
-from tests.session.doubles import PARAMETERS, joint_sample
+from tests.doubles import PARAMETERS, joint_sample
 
 ROUNDS = int(os.environ.get("MARGINGUARD_TEST_ROUNDS", "1"))
 """How many times as many examples as in the suite: for a long run by hand."""

@@ -19,7 +19,7 @@ from app.fixture import LimiterParameters, MarginState, Reason
 from app.geometry import Stamp, Transform
 from app.session import Session, SessionSetup
 from tests.bridge.conftest import DEADLINE_S, START_NS
-from tests.session.doubles import PARAMETERS, AnalyticSphere, frame, sample
+from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
 
 SENDER = Path(__file__).resolve().parent / "twist_sender.py"
 LONG_NS = 10**12

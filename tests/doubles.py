@@ -1,12 +1,22 @@
-"""Test doubles of the session's inputs, named as such."""
+"""Test doubles of what the fixture and the session are handed, named as such."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from app.case import JointSample, TrackingFrame
-from app.fixture import MarginParameters, Proximity, SweptProximity, Witnesses
-from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.fixture import (
+    FixtureDecision,
+    MarginMonitor,
+    MarginObservation,
+    MarginParameters,
+    Proximity,
+    Reason,
+    SweptProximity,
+    Witnesses,
+)
+from app.geometry import NS_PER_MS, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 
 PARAMETERS = MarginParameters(
     stop_mm=1.0,
@@ -18,12 +28,66 @@ PARAMETERS = MarginParameters(
     release_band_mm=0.5,
     frozen_after_ns=1000 * NS_PER_MS,
 )
+STEP_NS = 20 * NS_PER_MS
+
+
+def near(
+    distance_mm: float,
+    *,
+    slack_mm: float = 0.005,
+    contact: bool = False,
+    stamp: Stamp | None = None,
+) -> Proximity:
+    """The tool this far above a tumour whose top is at z = 10."""
+    witness = Witnesses.single(
+        distance_mm,
+        np.array([0.0, 0.0, 10.0 + distance_mm]),
+        np.array([0.0, 0.0, 10.0]),
+        np.array([0.0, 0.0, 1.0]),
+    )
+    return Proximity(distance_mm - slack_mm, witness, stamp, contact)
+
+
+@dataclass
+class Runner:
+    """Feeds a monitor one observation a step, 20 ms apart."""
+
+    monitor: MarginMonitor = field(default_factory=lambda: MarginMonitor(PARAMETERS))
+    now_ns: int = 1_000_000_000
+
+    def observation(
+        self,
+        proximity: Proximity | float | None,
+        *problems: Reason,
+        age_ns: int = 0,
+        sigma_mm: float = 0.0,
+        unchanged_ns: int = 0,
+        advance_ns: int = STEP_NS,
+        stamp: bool = True,
+        tumor_twist: FloatArray | None = None,
+    ) -> MarginObservation:
+        self.now_ns += advance_ns
+        return MarginObservation(
+            now=Stamp(self.now_ns),
+            stamp=Stamp(self.now_ns - age_ns) if stamp else None,
+            proximity=near(proximity) if isinstance(proximity, float) else proximity,
+            problems=frozenset(problems),
+            sigma_tre_mm=sigma_mm,
+            unchanged_ns=unchanged_ns,
+            tumor_twist=tumor_twist,
+        )
+
+    def step(
+        self, proximity: Proximity | float | None, *problems: Reason, **rest: object
+    ) -> FixtureDecision:
+        return self.monitor.update(self.observation(proximity, *problems, **rest))  # type: ignore[arg-type]
 
 
 class AnalyticSphere:
     """Test double of a proximity engine: the tip against a sphere of which everything is known."""
 
     radius_mm = 0.0
+    frames = ("tumor", None)
 
     def __init__(self, sphere_mm: float) -> None:
         self.sphere_mm = sphere_mm
