@@ -45,6 +45,7 @@ from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap, values_reader
 from app.case.mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
 from app.case.message_definition import message_definition
+from app.case.mrml_recording import MRML_ENDINGS, read_mrml
 from app.case.player import Player
 from app.case.plus_config import PlusConfiguration, read_plus_config
 from app.case.recorder import Recorder, write_recording
@@ -66,6 +67,7 @@ from app.case.watchdog import with_watchdog
 
 __all__ = [
     "MESH_ENDINGS",
+    "MRML_ENDINGS",
     "POINT_ENDINGS",
     "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
@@ -121,6 +123,7 @@ __all__ = [
     "read_igsio",
     "read_landmarks",
     "read_mcap",
+    "read_mrml",
     "read_plus_config",
     "read_transform",
     "tumor_from_contour",

@@ -19,6 +19,7 @@ from app.case.manifest import (
 from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap
 from app.case.mesh_file import load_mesh
+from app.case.mrml_recording import MRML_ENDINGS, check_mrml, read_mrml
 from app.case.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
 from app.case.samples import TrackingFrame
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
@@ -26,7 +27,8 @@ from app.case.watchdog import with_watchdog
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 _IGSIO_ENDINGS = (".igs.mha", ".igs.nrrd")
-_READABLE = ".mcap, a rosbag2 folder, .igs.mha or .igs.nrrd"
+_WITHOUT_JOINTS = (*_IGSIO_ENDINGS, *MRML_ENDINGS)
+_READABLE = ".mcap, a rosbag2 folder, .igs.mha, .igs.nrrd, .mrb or .mrml"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +58,7 @@ class Case:
     def recorded_frames(self) -> Iterator[TrackingFrame]:
         """The recording's own frames, streamed, joint stamps on the tracker's clock.
 
-        MCAP frames come ordered by acquisition stamp, IGSIO frames as the file has them.
+        MCAP and MRML frames come ordered by acquisition stamp, IGSIO frames as the file has them.
         """
         # A second reading says the same again.
         self._notes.clear()
@@ -65,6 +67,8 @@ class Case:
             raise InputError(f"{self.manifest.file}: a live case has no recording to be read")
         if path.name.lower().endswith(_IGSIO_ENDINGS):
             return read_igsio(path, self._notes.append)
+        if path.name.lower().endswith(MRML_ENDINGS):
+            return read_mrml(path, self._notes.append)
         robot, clock = self.manifest.robot, self.manifest.clock
         if self.has_joints and clock.estimate:
             raise InputError(
@@ -191,7 +195,7 @@ class Case:
 
 
 def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
-    """Check the case in ``folder``: manifest, names, existence, SHA-256, the IGSIO header.
+    """Check the case in ``folder``: manifest, names, existence, SHA-256, IGSIO header or scene.
 
     Raises `InputError` for the first thing that is wrong. Meshes are read when asked for.
     """
@@ -203,7 +207,7 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     case = Case(folder, manifest, recording, tuple(package_dirs))
     _check_recording(recording, entry.sha256)
     case.check_files()
-    if case.has_joints and recording.name.lower().endswith(_IGSIO_ENDINGS):
+    if case.has_joints and recording.name.lower().endswith(_WITHOUT_JOINTS):
         raise InputError(
             f"case.yaml: robot.joint_states is given: {recording.name} cannot hold joints"
         )
@@ -219,7 +223,7 @@ def _check_recording(path: Path, sha256: str | None) -> None:
         for part in path.iterdir():
             resolve_inside(path, part.name, f"a part of the recording {path}")
         return
-    if not name.endswith((".mcap", *_IGSIO_ENDINGS)):
+    if not name.endswith((".mcap", *_WITHOUT_JOINTS)):
         raise InputError(f"case.yaml: recording.path is {path.name!r}: {_READABLE} can be read")
     if sha256 is not None:
         found = sha256_of(path)
@@ -227,3 +231,5 @@ def _check_recording(path: Path, sha256: str | None) -> None:
             raise InputError(f"case.yaml: recording.sha256 is {sha256}: {path.name} has {found}")
     if name.endswith(_IGSIO_ENDINGS):
         check_igsio_header(path)
+    elif name.endswith(MRML_ENDINGS):
+        check_mrml(path)

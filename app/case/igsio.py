@@ -6,9 +6,11 @@ the header, compressed or not; they are never read, and ``ImageStatus`` does not
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -30,30 +32,39 @@ DEFAULT_PARENT = "tracker"
 """The target of a transform that is named without ``To``."""
 
 Note = Callable[[str], None]
+FramesOf = Callable[[str], tuple[str, str] | None]
 
-_FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(\w+)", re.ASCII)
+_FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(\S+)", re.ASCII)
 _STATUS_SUFFIX, _TRANSFORM_SUFFIX = "TransformStatus", "Transform"
 _MAX_LINE_BYTES = 1_000_000
 
 
 def check_igsio_header(path: Path) -> None:
     """Raise `InputError` unless the header of ``path`` is whole; reads the header's text only."""
-    for _ in _fields(path):
-        pass
+    with _opened(path) as file:
+        for _ in _fields(file, str(path)):
+            pass
 
 
 def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
-    """Yield the frames of ``path`` in the file's order, clock jumps and all.
+    """Yield the frames of ``path`` in the file's order, clock jumps and all; see `read_header`."""
+    with _opened(path) as file:
+        yield from read_header(file, str(path), FrameNames(note).of, note)
+
+
+def read_header(
+    file: IO[bytes], path: str, frames_of: FramesOf, note: Note
+) -> Iterator[TrackingFrame]:
+    """Yield the frames of a header in its order; what ``path`` ends with tells its kind.
 
     An absent status counts as OK; numbers that are no pose become NOT_FINITE or NOT_RIGID. A frame
-    without time cannot be placed: it is skipped and told to ``note``, as are transforms whose name
-    gives no pair of frames. Raises `InputError`, with the line, for anything malformed, and for a
-    file without any frame.
+    without time cannot be placed: it is skipped and told to ``note``. ``frames_of`` gives source
+    and target by a transform's name, None for one to be skipped. Raises `InputError`, with the
+    line, for anything malformed, and for a header without any frame.
     """
-    names = _FrameNames(note)
     draft: _Draft | None = None
     placed = 0
-    for line, key, value in _fields(path):
+    for line, key, value in _fields(file, path):
         match = _FRAME_FIELD.fullmatch(key)
         if match is None:
             continue
@@ -64,13 +75,13 @@ def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
                     f"{path} line {line}: frame {index} comes after frame {draft.index}, "
                     "rising numbers wanted"
                 )
-            if frame := draft.finished(path, names, note):
+            if frame := draft.finished(path, frames_of, note):
                 placed += 1
                 yield frame
             draft = None
         draft = draft or _Draft(index)
         draft.fields[match[2]] = (line, value)
-    if draft is not None and (frame := draft.finished(path, names, note)):
+    if draft is not None and (frame := draft.finished(path, frames_of, note)):
         placed += 1
         yield frame
     if not placed:
@@ -84,7 +95,7 @@ class _Draft:
     index: int
     fields: dict[str, tuple[int, str]] = field(default_factory=dict)
 
-    def finished(self, path: Path, names: "_FrameNames", note: Note) -> TrackingFrame | None:
+    def finished(self, path: str, frames_of: FramesOf, note: Note) -> TrackingFrame | None:
         """The frame; None when it has no time."""
         stamp = self._stamp(path, "Timestamp")
         if stamp is None:
@@ -94,15 +105,16 @@ class _Draft:
         for name, (line, value) in self.fields.items():
             if not name.endswith(_TRANSFORM_SUFFIX):
                 continue
-            frames = names.of(name.removesuffix(_TRANSFORM_SUFFIX))
+            frames = frames_of(name.removesuffix(_TRANSFORM_SUFFIX))
             if frames is not None:
                 place = f"{path} line {line} (frame {self.index}, {name})"
-                poses.append(self._sample(name, value, frames, stamp, place))
+                _, status = self.fields.get(f"{name}Status", (0, "OK"))
+                poses.append(tracked_sample(sixteen_numbers(value, place), status, frames, stamp))
         return TrackingFrame(
             stamp, tuple(poses), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
         )
 
-    def _stamp(self, path: Path, name: str) -> Stamp | None:
+    def _stamp(self, path: str, name: str) -> Stamp | None:
         if name not in self.fields:
             return None
         line, value = self.fields[name]
@@ -111,26 +123,29 @@ class _Draft:
         except MarginGuardError as error:
             raise InputError(f"{path} line {line} (frame {self.index}, {name}): {error}") from error
 
-    def _sample(
-        self, name: str, value: str, frames: tuple[str, str], stamp: Stamp, place: str
-    ) -> TrackedTransform:
-        source, target = frames
-        numbers = _numbers(value, place)
-        _, word = self.fields.get(f"{name}Status", (0, "OK"))
-        # A word that is none of ours says at least that the tracker did not call the pose good.
-        status = TrackingStatus.__members__.get(word, TrackingStatus.INVALID)
-        if status is TrackingStatus.OK and not np.isfinite(numbers).all():
-            status = TrackingStatus.NOT_FINITE
-        if status is TrackingStatus.OK:
-            try:
-                pose = Transform.from_matrix(numbers, target=target, source=source)
-                return TrackedTransform(pose, stamp, status)
-            except TransformError:
-                status = TrackingStatus.NOT_RIGID
-        return TrackedTransform.lost(target, source, stamp, status)
+
+def tracked_sample(
+    numbers: Sequence[float], status_name: str, frames: tuple[str, str], stamp: Stamp
+) -> TrackedTransform:
+    """The sample of 16 numbers, row by row, with the status that IGSIO calls ``status_name``.
+
+    ``frames`` are source and target.
+    """
+    source, target = frames
+    # A word that is none of ours says at least that the tracker did not call the pose good.
+    status = TrackingStatus.__members__.get(status_name, TrackingStatus.INVALID)
+    if status is TrackingStatus.OK and not np.isfinite(numbers).all():
+        status = TrackingStatus.NOT_FINITE
+    if status is TrackingStatus.OK:
+        try:
+            pose = Transform.from_matrix(numbers, target=target, source=source)
+            return TrackedTransform(pose, stamp, status)
+        except TransformError:
+            status = TrackingStatus.NOT_RIGID
+    return TrackedTransform.lost(target, source, stamp, status)
 
 
-class _FrameNames:
+class FrameNames:
     """Transform names to (source, target), each worked out and remarked upon once."""
 
     def __init__(self, note: Note) -> None:
@@ -138,6 +153,7 @@ class _FrameNames:
         self._known: dict[str, tuple[str, str] | None] = {}
 
     def of(self, name: str) -> tuple[str, str] | None:
+        """Source and target of a transform, None for a name that gives none."""
         if name not in self._known:
             self._known[name] = self._split(name)
         return self._known[name]
@@ -157,7 +173,8 @@ class _FrameNames:
         return frames
 
 
-def _numbers(text: str, place: str) -> list[float]:
+def sixteen_numbers(text: str, place: str) -> list[float]:
+    """The numbers of a matrix; `InputError`, with the ``place``, for anything else."""
     words = text.split()
     if len(words) != 16:
         raise InputError(f"{place} has {len(words)} numbers: 16 wanted")
@@ -172,38 +189,43 @@ def _numbers(text: str, place: str) -> list[float]:
     return numbers
 
 
-def _fields(path: Path) -> Iterator[tuple[int, str, str]]:
+def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
     """Line number, key and value of each header field; `InputError` unless the header ends."""
-    nrrd = path.name.lower().endswith(".nrrd")
+    nrrd = path.lower().endswith(".nrrd")
     last = "before any frame"
     line = 0
-    try:
-        with path.open("rb") as file:
-            while raw := file.readline(_MAX_LINE_BYTES + 1):
-                line += 1
-                if len(raw) > _MAX_LINE_BYTES:
-                    raise InputError(
-                        f"{path} line {line} is longer than {_MAX_LINE_BYTES} bytes: no header"
-                    )
-                text = raw.decode("utf-8", errors="replace").strip()
-                if nrrd and not text and raw.endswith(b"\n"):
-                    return
-                found = _nrrd_field(text, line) if nrrd else _mha_field(text)
-                if found is None:
-                    if raw.endswith(b"\n"):
-                        raise InputError(f"{path} line {line}: {text[:60]!r} is no header field")
-                    break
-                key, value = found
-                if key == "ElementDataFile" and not nrrd:
-                    return
-                if match := _FRAME_FIELD.match(key):
-                    last = f"in frame {int(match[1])}"
-                if key:
-                    yield line, key, value
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    while raw := file.readline(_MAX_LINE_BYTES + 1):
+        line += 1
+        if len(raw) > _MAX_LINE_BYTES:
+            raise InputError(
+                f"{path} line {line} is longer than {_MAX_LINE_BYTES} bytes: no header"
+            )
+        text = raw.decode("utf-8", errors="replace").strip()
+        if nrrd and not text and raw.endswith(b"\n"):
+            return
+        found = _nrrd_field(text, line) if nrrd else _mha_field(text)
+        if found is None:
+            if raw.endswith(b"\n"):
+                raise InputError(f"{path} line {line}: {text[:60]!r} is no header field")
+            break
+        key, value = found
+        if key == "ElementDataFile" and not nrrd:
+            return
+        if match := _FRAME_FIELD.match(key):
+            last = f"in frame {int(match[1])}"
+        if key:
+            yield line, key, value
     wanted = "the empty line that ends it" if nrrd else "its last field, ElementDataFile"
     raise InputError(f"{path} is cut at line {line}, {last}: the header lacks {wanted}")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[IO[bytes]]:
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def _mha_field(text: str) -> tuple[str, str] | None:

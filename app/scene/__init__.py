@@ -17,12 +17,14 @@ from app.scene.edited import (
 from app.scene.errors import OffscreenError, SceneError
 from app.scene.fixture_plane import FixturePlane
 from app.scene.framing import Camera
-from app.scene.moment import Moment, ShownRobot, moment_png
+from app.scene.moment import Moment, MomentScene, ShownRobot, moment_png
 from app.scene.offscreen import use_offscreen_rendering
 from app.scene.picture import scene_png
 from app.scene.poses import PoseNodes
 from app.scene.robot_model import RobotModel
 from app.scene.scene import MarginGuardScene
+from app.scene.scene_file import check_scene_path, load_scene, save_scene
+from app.scene.sequences import add_sequences
 from app.scene.transform_tree import TransformTree
 from app.scene.view import OffscreenView, draw_once_an_update, offscreen_view
 from app.scene.watchdog import Freshness, TransformHealth, TransformWatchdog
@@ -36,6 +38,7 @@ __all__ = [
     "Freshness",
     "MarginGuardScene",
     "Moment",
+    "MomentScene",
     "OffscreenError",
     "OffscreenView",
     "PoseNodes",
@@ -47,9 +50,12 @@ __all__ = [
     "TransformHealth",
     "TransformTree",
     "TransformWatchdog",
+    "add_sequences",
     "bullseye",
+    "check_scene_path",
     "draw_once_an_update",
     "forward_of",
+    "load_scene",
     "look_through",
     "mesh_of_model",
     "mesh_of_segment",
@@ -57,6 +63,7 @@ __all__ = [
     "offscreen_view",
     "points_of_markups",
     "preset_camera",
+    "save_scene",
     "scene_png",
     "use_offscreen_rendering",
 ]

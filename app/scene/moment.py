@@ -1,4 +1,4 @@
-"""One moment of a case as a picture: from plain values to PNG, in a scene of its own."""
+"""A moment of a case: from plain values to a scene of its own, and to a picture of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -52,8 +52,12 @@ class Moment:
 
     def root(self) -> str:
         """The frame to show it in: "reference", or the tumour's holder when that is not known."""
-        holder = self._fixed_edge(self.tumor.frame).target
+        holder = self.holder()
         return _REFERENCE if _REFERENCE in poses_in(holder, self.measured) else holder
+
+    def holder(self) -> str:
+        """The tracked frame that the tumour moves with."""
+        return self._fixed_edge(self.tumor.frame).target
 
     def judged_edges(self) -> tuple[Transform, ...]:
         """The measured edges, and the tool relative to the tumour as it was judged.
@@ -77,28 +81,55 @@ class Moment:
         )
 
 
+class MomentScene:
+    """A scene of its own that shows ``moment``, and later other moments of the same case.
+
+    A robot whose base is not known relative to the tumour at the first moment is left out.
+    """
+
+    def __init__(self, moment: Moment) -> None:
+        self.application = SceneApplication(vtkMRMLScene())
+        self.scene = MarginGuardScene(self.application.scene, reference=moment.root())
+        self._holder = moment.holder()
+        self._holder_pose: Transform | None = None
+        self._move(moment)
+        self.scene.add_tumor(moment.tumor)
+        if moment.tool is None:
+            self.scene.add_tip(moment.tip_frame)
+        else:
+            self.scene.add_tool(moment.tool)
+        robot = moment.robot
+        if robot is not None and self.scene.tree.node(robot.base_frame) is not None:
+            model = self.scene.add_robot(robot.robot.name, robot.robot, robot.base_frame)
+            if robot.tool_link in model.models:
+                model.models[robot.tool_link].GetDisplayNode().SetOpacity(_GRIP_OPACITY)
+        self._show(moment)
+
+    def show(self, moment: Moment) -> None:
+        """Show another moment. What is not known of it stays where it was, in grey."""
+        with self.scene.update():
+            self._move(moment)
+            self._show(moment)
+
+    def _move(self, moment: Moment) -> None:
+        measured = moment.judged_edges()
+        known = poses_in(self.scene.reference, measured)
+        if self._holder not in known and self._holder_pose is not None:
+            # Where the tumour is in the room is not known now, where the tool is to it may be.
+            measured = (*measured, self._holder_pose)
+            known = poses_in(self.scene.reference, measured)
+        self._holder_pose = known.get(self._holder, self._holder_pose)
+        self.scene.set_poses(measured, [edge for edge in moment.fixed if edge.target in known])
+
+    def _show(self, moment: Moment) -> None:
+        links = {} if moment.robot is None else {moment.robot.robot.name: moment.robot.links}
+        self.scene.show(moment.decision, {name: links.get(name, {}) for name in self.scene.robots})
+
+
 def moment_png(moment: Moment, size: tuple[int, int] = SIZE) -> bytes:
     """Draw ``moment`` in a scene of its own, as PNG of ``size`` (width, height).
 
-    Raises `OffscreenError` where nothing can be drawn without a screen. A robot whose base is not
-    known relative to the tumour is left out.
+    Raises `OffscreenError` where nothing can be drawn without a screen.
     """
-    application = SceneApplication(vtkMRMLScene())
-    scene = MarginGuardScene(application.scene, reference=moment.root())
-    measured = moment.judged_edges()
-    known = poses_in(moment.root(), measured)
-    scene.set_poses(measured, [edge for edge in moment.fixed if edge.target in known])
-    scene.add_tumor(moment.tumor)
-    if moment.tool is None:
-        scene.add_tip(moment.tip_frame)
-    else:
-        scene.add_tool(moment.tool)
-    links = {}
-    robot = moment.robot
-    if robot is not None and scene.tree.node(robot.base_frame) is not None:
-        model = scene.add_robot(robot.robot.name, robot.robot, robot.base_frame)
-        if robot.tool_link in model.models:
-            model.models[robot.tool_link].GetDisplayNode().SetOpacity(_GRIP_OPACITY)
-        links[robot.robot.name] = robot.links
-    scene.show(moment.decision, links)
-    return scene_png(application, scene, moment.decision, size)
+    shown = MomentScene(moment)
+    return scene_png(shown.application, shown.scene, moment.decision, size)

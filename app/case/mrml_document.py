@@ -1,0 +1,139 @@
+"""What a recording needs of an MRML scene file: its sequences of transforms, and plain transforms.
+
+Walked by expat itself, which stops at a document type before it has read one declaration: entities,
+which MRML never has, cannot be expanded or fetched.
+"""
+
+from dataclasses import dataclass, field
+from urllib.parse import unquote
+from xml.parsers import expat
+
+from app.geometry import InputError
+
+_TRANSFORM_NODES = ("vtkMRMLLinearTransformNode", "vtkMRMLTransformNode")
+_TRANSFORM_TAGS = ("LinearTransform", "Transform")
+_STORAGE_ENDING = "SequenceStorage"
+_LOST = "MarginGuard.Lost"
+_DERIVED = "MarginGuard.Derived"
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceEntry:
+    """A sequence of transforms over time.
+
+    ``name`` is the transform's, as far as the scene tells it; ``file_name`` relative to the scene;
+    ``index`` the IDs of its items and their times in s, in order; ``lost`` times and statuses of
+    samples that it does not hold.
+    """
+
+    name: str
+    file_name: str
+    index: tuple[tuple[str, str], ...]
+    lost: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TransformEntry:
+    """A linear transform node: 16 numbers to its parent as text, and its tracking status."""
+
+    matrix: str
+    status: str
+
+
+@dataclass(slots=True)
+class MrmlDocument:
+    """The nodes of one scene file that are read: `read_mrml_document`."""
+
+    sequences: list[SequenceEntry] = field(default_factory=list)
+    transforms: dict[str, TransformEntry] = field(default_factory=dict)
+
+
+def read_mrml_document(content: bytes, place: str) -> MrmlDocument:
+    """Read an MRML scene file; ``place`` is for messages.
+
+    Sequences that were computed of measured ones, and those of other things than transforms, are
+    left out. Raises `InputError` for text that is not MRML, for a document type, and for a
+    sequence of transforms that is not over time in seconds or has no file.
+    """
+    walk = _Walk(place)
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = walk.refuse_doctype
+    parser.StartElementHandler = walk.start
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        raise InputError(f"{place} is not well-formed XML: {error}") from error
+    return walk.document()
+
+
+@dataclass(slots=True)
+class _Walk:
+    place: str
+    is_mrml: bool = False
+    storages: dict[str, str] = field(default_factory=dict)
+    sequences: list[dict[str, str]] = field(default_factory=list)
+    transforms: dict[str, TransformEntry] = field(default_factory=dict)
+
+    def refuse_doctype(self, *_: object) -> None:
+        raise InputError(f"{self.place} has a document type (DOCTYPE): none is allowed")
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        if not self.is_mrml:
+            if tag != "MRML":
+                raise InputError(f"{self.place} is a {tag[:60]!r}: an MRML scene wanted")
+            self.is_mrml = True
+        identity = attributes.get("id", "")
+        if tag == "Sequence":
+            self.sequences.append(attributes)
+        elif tag.endswith(_STORAGE_ENDING):
+            self.storages[identity] = unquote(attributes.get("fileName", ""))
+        elif tag in _TRANSFORM_TAGS:
+            status = _pairs(attributes.get("attributes", "")).get("TransformStatus", "OK")
+            matrix = attributes.get("matrixTransformToParent", "")
+            self.transforms[identity] = TransformEntry(matrix, status)
+
+    def document(self) -> MrmlDocument:
+        entries = [self._entry(attributes) for attributes in self.sequences]
+        return MrmlDocument([entry for entry in entries if entry is not None], self.transforms)
+
+    def _entry(self, node: dict[str, str]) -> SequenceEntry | None:
+        known = _pairs(node.get("attributes", ""))
+        if known.get("DataNodeClassName") not in _TRANSFORM_NODES or _DERIVED in known:
+            return None
+        name = node.get("name", "")
+        place = f"{self.place}: sequence {name!r}"
+        over = (
+            node.get("indexName", ""),
+            node.get("indexUnit", ""),
+            node.get("indexType", "numeric"),
+        )
+        if over != ("time", "s", "numeric"):
+            raise InputError(
+                f"{place} is over {over[0]!r} in {over[1]!r} ({over[2]}): time in 's' wanted"
+            )
+        storage = _pairs(node.get("references", "")).get("storage", "")
+        if not self.storages.get(storage):
+            raise InputError(f"{place} has no file: storage {storage!r} is not in the scene")
+        return SequenceEntry(
+            known.get("Sequences.Source") or name,
+            self.storages[storage],
+            tuple(_split(item, ":", place) for item in _items(node.get("indexValues", ""))),
+            tuple(_split(item, "=", place) for item in known.get(_LOST, "").split()),
+        )
+
+
+def _items(text: str) -> list[str]:
+    return [item for item in text.split(";") if item]
+
+
+def _pairs(text: str) -> dict[str, str]:
+    """``name:value;name:value`` with what would be read as a separator percent-encoded."""
+    pairs = (item.partition(":") for item in _items(text))
+    return {unquote(name): unquote(value) for name, _, value in pairs}
+
+
+def _split(item: str, at: str, place: str) -> tuple[str, str]:
+    left, found, right = item.partition(at)
+    if not found:
+        raise InputError(f"{place}: {item[:60]!r} is no pair, {at!r} wanted between its parts")
+    return unquote(left), unquote(right)

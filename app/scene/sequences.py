@@ -1,0 +1,233 @@
+"""A recording as Slicer sequences: what was tracked, and what the scene showed, over time.
+
+A sequence of transforms keeps six digits and no status, so a lost sample is not in it: when it was
+lost, and how, stands in an attribute of the sequence. `app.case` reads both again.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from itertools import pairwise
+
+from slicer import (
+    vtkMRMLDisplayableNode,
+    vtkMRMLLinearTransformNode,
+    vtkMRMLNode,
+    vtkMRMLScene,
+    vtkMRMLSequenceBrowserNode,
+    vtkMRMLSequenceNode,
+    vtkMRMLTextNode,
+)
+
+from app.fixture import MarginState
+from app.geometry import (
+    NS_PER_S,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+    join_transform_name,
+)
+from app.scene.convert import vtk_matrix
+from app.scene.errors import SceneError
+from app.scene.frame_graph import poses_in
+from app.scene.margin_display import banner
+from app.scene.models import Rgb
+from app.scene.scene import TOOL_COLOR, MarginGuardScene
+
+BROWSER_NAME = "MarginGuard"
+CLOCK_NAME = "ReplayTime"
+"""A text node: seconds since the recording's first frame, while it is played."""
+LOST_ATTRIBUTE = "MarginGuard.Lost"
+"""Of a sequence: ``1.020000000=INVALID 1.040000000=MISSING``, the samples that it does not hold."""
+DERIVED_ATTRIBUTE = "MarginGuard.Derived"
+"""Marks a sequence that was computed of measured ones: it moves the scene, it is no measurement."""
+
+_SAME_INDEX_S = 1e-9
+
+
+def add_sequences(
+    scene: MarginGuardScene,
+    frames: Iterable[Sequence[TrackedTransform]],
+    states: Iterable[tuple[int, MarginState]],
+    now_ns: int,
+) -> vtkMRMLSequenceBrowserNode:
+    """Add a recording to ``scene``, which shows its moment ``now_ns``; Slicer plays the result.
+
+    ``frames`` are the samples of one acquisition each, stamps rising; ``states`` is what was judged
+    when, in ns. Every measured edge becomes a sequence, and so does every pose in the reference
+    that a node of the scene shows, marked as derived. While they are played, colours and banner
+    follow the states; distance, line and plane are known, and shown, at ``now_ns`` alone. Raises
+    `SceneError` where times do not rise, for sequences are ordered by time, and for a recording
+    without a good sample of the frames in the scene.
+    """
+    tracks = _tracks(scene, frames)
+    played = {name: track for name, track in tracks.items() if track.node is not None}
+    if not played:
+        raise SceneError("the recording has no good sample of the frames in the scene")
+    browser = scene.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", BROWSER_NAME)
+    browser.SetIndexDisplayFormat("%.3f")
+    sequences = {name: _transforms(scene.scene, name, track) for name, track in tracks.items()}
+    stamps = sorted({ns for track in played.values() for ns in track.poses})
+    # The first one is the master. Of transforms it may not be: their reader empties the sequence
+    # first, so that a browser that is loaded would go to its first item, and take the node along.
+    clock = scene.scene.AddNewNodeByClass("vtkMRMLTextNode", CLOCK_NAME)
+    times = {ns: f"{(ns - stamps[0]) / NS_PER_S:.3f} s" for ns in stamps}
+    _play(browser, _texts(scene.scene, CLOCK_NAME, times), clock)
+    for name, track in played.items():
+        _play(browser, sequences[name], track.node)
+    for sequence, node in _margin(scene, list(states), stamps, now_ns):
+        _play(browser, sequence, node)
+    browser.SetSelectedItemByIndexValue(_index(now_ns), False)
+    return browser
+
+
+@dataclass(slots=True)
+class _Track:
+    """One edge over time, by stamp in ns; ``node`` shows it, where one does."""
+
+    derived: bool
+    node: vtkMRMLLinearTransformNode | None
+    poses: dict[int, Transform] = field(default_factory=dict)
+    lost: dict[int, TrackingStatus] = field(default_factory=dict)
+
+
+def _tracks(
+    scene: MarginGuardScene, frames: Iterable[Sequence[TrackedTransform]]
+) -> dict[str, _Track]:
+    """Every edge with a good sample, by its name."""
+    tracks: dict[str, _Track] = {}
+
+    def track(target: str, source: str, *, derived: bool) -> _Track:
+        name = join_transform_name(source, target)
+        if name not in tracks:
+            node = scene.tree.node(source)
+            shown = node is not None and node.GetName() == name
+            tracks[name] = _Track(derived, node if shown else None)
+        return tracks[name]
+
+    last_ns: int | None = None
+    for samples in frames:
+        for sample in samples:
+            ns = sample.stamp.ns
+            if last_ns is not None and ns <= last_ns and sample is samples[0]:
+                raise SceneError(
+                    f"a frame at {_index(ns)} s comes after one at {_index(last_ns)} s: "
+                    "sequences are ordered by time"
+                )
+            last_ns = ns
+            edge = track(sample.target, sample.source, derived=False)
+            if sample.transform is None:
+                edge.lost[ns] = sample.status
+            else:
+                edge.poses[ns] = sample.transform
+        known = [sample.transform for sample in samples if sample.transform is not None]
+        for frame, pose in poses_in(scene.reference, known).items():
+            if frame != scene.reference and scene.tree.node(frame) is not None:
+                edge = track(scene.reference, frame, derived=True)
+                if edge.derived:
+                    edge.poses[samples[0].stamp.ns] = pose
+    return {name: track for name, track in tracks.items() if track.poses}
+
+
+def _transforms(scene: vtkMRMLScene, name: str, track: _Track) -> vtkMRMLSequenceNode:
+    node = vtkMRMLLinearTransformNode()  # the sequence keeps copies
+    node.SetName(name)
+    sequence = _sequence(scene, name)
+    for ns, pose in track.poses.items():
+        node.SetMatrixTransformToParent(vtk_matrix(pose))
+        sequence.SetDataNodeAtValue(node, _index(ns))
+    if sequence.GetNumberOfDataNodes() != len(track.poses):
+        raise SceneError(
+            f"{name} has samples too near in time for a sequence, whose index is a double in s"
+        )
+    if track.lost:
+        lost = " ".join(f"{_index(ns)}={status.name}" for ns, status in track.lost.items())
+        sequence.SetAttribute(LOST_ATTRIBUTE, lost)
+    if track.derived:
+        sequence.SetAttribute(DERIVED_ATTRIBUTE, "true")
+    return sequence
+
+
+def _margin(
+    scene: MarginGuardScene,
+    states: Sequence[tuple[int, MarginState]],
+    stamps: Sequence[int],
+    now_ns: int,
+) -> Iterator[tuple[vtkMRMLSequenceNode, vtkMRMLNode]]:
+    """What the margin showed, with the node that shows it; entries only where it changed."""
+    margin, tumor = scene.margin, scene.tumor
+    if margin is None or tumor is None:
+        return
+    began = dict(states[:1])
+    began |= {ns: state for (_, last), (ns, state) in pairwise(states) if state is not last}
+    after_ns = next((ns for ns in stamps if ns > now_ns), None)
+    then = next((state for ns, state in reversed(states) if ns == after_ns), None)
+    texts = {ns: banner(state, None) for ns, state in began.items()}
+    texts[now_ns] = margin.status.GetText()
+    if after_ns is not None and then is not None:
+        texts[after_ns] = banner(then, None)
+    yield _texts(scene.scene, margin.status.GetName(), texts), margin.status
+
+    colors = {ns: state.color for ns, state in began.items()}
+    yield _displays(scene.scene, tumor, colors), tumor.GetDisplayNode()
+    if scene.tool is not None:
+        tool = {
+            ns: state.color if state is MarginState.UNKNOWN else TOOL_COLOR
+            for ns, state in began.items()
+        }
+        yield _displays(scene.scene, scene.tool, tool), scene.tool.GetDisplayNode()
+    for node in (margin.line, margin.plane.node):
+        visible = {stamps[0]: False, now_ns: bool(node.GetDisplayNode().GetVisibility())}
+        if after_ns is not None:
+            visible[after_ns] = False
+        yield _displays(scene.scene, node, visible), node.GetDisplayNode()
+
+
+def _texts(scene: vtkMRMLScene, name: str, texts: Mapping[int, str]) -> vtkMRMLSequenceNode:
+    sequence = _sequence(scene, name)
+    node = vtkMRMLTextNode()
+    for ns in sorted(texts):
+        node.SetText(texts[ns])
+        sequence.SetDataNodeAtValue(node, _index(ns))
+    return sequence
+
+
+def _displays(
+    scene: vtkMRMLScene, node: vtkMRMLDisplayableNode, changes: Mapping[int, Rgb | bool]
+) -> vtkMRMLSequenceNode:
+    """The display of ``node`` as it is, but for another colour, or whether it is seen."""
+    sequence = _sequence(scene, f"{node.GetName()}Display")
+    for ns in sorted(changes):
+        display = node.GetDisplayNode().NewInstance()
+        display.Copy(node.GetDisplayNode())
+        change = changes[ns]
+        if isinstance(change, bool):
+            display.SetVisibility(change)
+        else:
+            display.SetColor(*change)
+        sequence.SetDataNodeAtValue(display, _index(ns))
+    return sequence
+
+
+def _sequence(scene: vtkMRMLScene, source: str) -> vtkMRMLSequenceNode:
+    """An empty sequence over time, named as Slicer would name it when it is read again."""
+    sequence = scene.AddNewNodeByClass("vtkMRMLSequenceNode", f"{BROWSER_NAME}-{source}-Seq")
+    sequence.SetAttribute("Sequences.Source", source)
+    sequence.SetIndexName("time")
+    sequence.SetIndexUnit("s")
+    sequence.SetNumericIndexValueTolerance(_SAME_INDEX_S)
+    return sequence
+
+
+def _play(
+    browser: vtkMRMLSequenceBrowserNode, sequence: vtkMRMLSequenceNode, node: vtkMRMLNode
+) -> None:
+    modifying = browser.StartModify()  # or the sequences logic would make a node of its own
+    browser.AddSynchronizedSequenceNode(sequence.GetID())
+    browser.AddProxyNode(node, sequence, False)
+    browser.EndModify(modifying)
+
+
+def _index(ns: int) -> str:
+    """Nanoseconds as decimal seconds, exactly."""
+    return f"{Decimal(ns).scaleb(-9):f}"

@@ -1,0 +1,292 @@
+"""Scenes with recordings, their text written here; what MRML writes is read in tests/scene."""
+
+import io
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from app.case import TrackingFrame, open_case, read_mrml
+from app.geometry import InputError, MarginGuardError
+
+NEEDLE = "1 0 0 1.5 0 1 0 -2 0 0 1 3e-005 0 0 0 1"
+CAUTERY = "1 0 0 100.125 0 1 0 0 0 0 1 7 0 0 0 1"
+
+
+def header(name: str, *rows: tuple[str, str]) -> str:
+    lines = ["ObjectType = Image", "NDims = 3", f"DimSize = 0 0 {len(rows)}"]
+    for number, (time, matrix) in enumerate(rows):
+        lines += [
+            f"Seq_Frame{number:04}_{name}Transform ={matrix} ",
+            f"Seq_Frame{number:04}_{name}TransformStatus = OK",
+            f"Seq_Frame{number:04}_Timestamp = {time}",
+        ]
+    return "\n".join([*lines, "ElementDataFile = LOCAL"])
+
+
+def sequence(number: int, name: str, file: str, *, more: str = "", **changes: str) -> str:
+    known = {
+        "name": name,
+        "attributes": f"DataNodeClassName:vtkMRMLLinearTransformNode{more}",
+        "references": f"storage:vtkMRMLLinearTransformSequenceStorageNode{number};",
+        "indexName": "time",
+        "indexUnit": "s",
+        "indexType": "numeric",
+        **changes,
+    }
+    words = " ".join(f'{key}="{value}"' for key, value in known.items())
+    return (
+        f'<Sequence id="vtkMRMLSequenceNode{number}" {words}></Sequence>\n'
+        f'<LinearTransformSequenceStorage id="vtkMRMLLinearTransformSequenceStorageNode{number}" '
+        f'fileName="{file}"></LinearTransformSequenceStorage>\n'
+    )
+
+
+def scene(*nodes: str) -> str:
+    return '<?xml version="1.0" encoding="UTF-8"?>\n<MRML>\n' + "".join(nodes) + "</MRML>\n"
+
+
+SCENE = scene(
+    sequence(1, "NeedleToTracker-Sequence", "Data/Needle%20To.seq.mha"),
+    sequence(
+        2,
+        "Recording-CauteryToTracker-Seq",
+        "Data/Cautery.seq.mha",
+        more=";MarginGuard.Lost:2.5=MISSING 1.000000001=INVALID;Sequences.Source:CauteryToTracker",
+    ),
+    sequence(3, "Slow", "Data/none.seq.mha", more=";MarginGuard.Derived:true"),
+    sequence(4, "Image", "Data/i.seq.nrrd", attributes="DataNodeClassName:vtkMRMLScalarVolumeNode"),
+)
+FILES = {
+    "a/a.mrml": SCENE,
+    "a/Data/Needle To.seq.mha": header(
+        "NeedleToTracker-Sequence", ("1.000000001", NEEDLE), ("2.5", NEEDLE), ("3", NEEDLE)
+    ),
+    "a/Data/Cautery.seq.mha": header("CauteryToTracker", ("3.000", CAUTERY)),
+}
+
+
+def bundle(path: Path, files: dict[str, str | bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in files.items():
+            file.writestr(name, content)
+    return path
+
+
+def folder(path: Path, files: dict[str, str | bytes]) -> Path:
+    for name, content in files.items():
+        place = path / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path / "a" / "a.mrml"
+
+
+def read(path: Path) -> tuple[list[TrackingFrame], list[str]]:
+    notes: list[str] = []
+    return list(read_mrml(path, notes.append)), notes
+
+
+def told(frames: list[TrackingFrame]) -> list[tuple[int, dict[tuple[str, str], str]]]:
+    return [
+        (one.stamp.ns, {(p.target, p.source): p.status.name for p in one.poses}) for one in frames
+    ]
+
+
+@pytest.mark.parametrize("write", [bundle, folder])
+def test_samples_of_one_time_are_one_frame(
+    tmp_path: Path, write: Callable[[Path, dict[str, Any]], Path]
+) -> None:
+    frames, notes = read(write(tmp_path / "x.mrb", FILES))
+    needle, cautery = ("tracker", "needle"), ("tracker", "cautery")
+    assert told(frames) == [
+        (1_000_000_001, {needle: "OK", cautery: "INVALID"}),
+        (2_500_000_000, {needle: "OK", cautery: "MISSING"}),
+        (3_000_000_000, {needle: "OK", cautery: "OK"}),
+    ]
+    assert notes == []
+    poses = {pose.source: pose.transform for pose in frames[2].poses}
+    assert poses["needle"].translation_mm.tolist() == [1.5, -2.0, 3e-5]
+    assert poses["cautery"].translation_mm.tolist() == [100.125, 0.0, 7.0]
+
+
+def nested() -> dict[str, str | bytes]:
+    """As Slicer stores a sequence of any other nodes: a scene with a node an item."""
+    items = scene(
+        f'<LinearTransform id="t1" name="N" matrixTransformToParent="{NEEDLE}"></LinearTransform>',
+        f'<LinearTransform id="t2" name="N" attributes="TransformStatus:OUT_OF_VIEW" '
+        f'matrixTransformToParent="{NEEDLE}"></LinearTransform>',
+    )
+    inner = io.BytesIO()
+    with zipfile.ZipFile(inner, "w") as file:
+        file.writestr("Needle.seq/Needle.mrml", items)
+    outer = sequence(1, "NeedleToTracker", "Data/Needle.seq.mrb", indexValues="t1:0.5;t2:0.75")
+    return {
+        "a/a.mrml": scene(outer),
+        "a/Data/Needle.seq.mrb": inner.getvalue(),
+        "a/Data/Needle.seq.mrml": items,
+    }
+
+
+@pytest.mark.parametrize("kind", [".seq.mrb", ".seq.mrml"])
+def test_a_sequence_may_be_a_scene_of_its_own(tmp_path: Path, kind: str) -> None:
+    files = nested()
+    files["a/a.mrml"] = files["a/a.mrml"].replace(".seq.mrb", kind)
+    frames, _ = read(bundle(tmp_path / "x.mrb", files))
+    edge = ("tracker", "needle")
+    assert told(frames) == [(500_000_000, {edge: "OK"}), (750_000_000, {edge: "OUT_OF_VIEW"})]
+
+
+def test_names_that_give_no_frames_are_told(tmp_path: Path) -> None:
+    other = sequence(9, "Movement", "Data/none.seq.mha")
+    files = {**FILES, "a/a.mrml": SCENE.replace("</MRML>", f"{other}</MRML>")}
+    frames, notes = read(bundle(tmp_path / "x.mrb", files))
+    assert len(frames) == 3
+    assert notes == ["sequence 'Movement' skipped: one name as NeedleToReference wanted, 0 found"]
+
+
+def one(name: str = "NeedleToTracker", file: str = "Data/N.seq.mha", **changes: str) -> str:
+    return scene(sequence(1, name, file, **changes))
+
+
+BOMB = '<!DOCTYPE MRML [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><MRML>&b;</MRML>'
+FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
+    "no scene": ({"a/x": ""}, r"0 scenes \(\.mrml\) in it: 1 wanted"),
+    "two scenes": ({"a/a.mrml": SCENE, "a/b.mrml": SCENE}, "2 scenes"),
+    "no sequence": ({"a/a.mrml": scene()}, "no sequence of transforms"),
+    "not MRML": ({"a/a.mrml": "<html></html>"}, "is a 'html': an MRML scene wanted"),
+    "cut": ({"a/a.mrml": SCENE[:-20]}, "not well-formed XML"),
+    "entities": ({"a/a.mrml": BOMB}, "has a document type"),
+    "over angles": ({"a/a.mrml": one(indexUnit="deg")}, "over 'time' in 'deg' .*: time in 's'"),
+    "no storage": ({"a/a.mrml": one(references="")}, "has no file"),
+    "no file": ({"a/a.mrml": one()}, r"has no file 'a/Data/N\.seq\.mha'"),
+    "up and away": (
+        {"a/a.mrml": one(file="../../etc/N.seq.mha"), "etc/N.seq.mha": header("NeedleToTracker")},
+        r"has no file 'a/\.\./\.\./etc/N\.seq\.mha'",
+    ),
+    "absolute": ({"a/a.mrml": one(file="/etc/N.seq.mha")}, "has no file '/etc/N.seq.mha'"),
+    "unknown kind": (
+        {"a/a.mrml": one(file="Data/N.h5"), "a/Data/N.h5": b""}, r"N\.h5 cannot be read: \.mha, "
+    ),
+    "another transform": (
+        {"a/a.mrml": one(), "a/Data/N.seq.mha": header("ProbeToTracker", ("1", NEEDLE))},
+        "holds no sample of NeedleToTracker",
+    ),
+    "bad numbers": (
+        {"a/a.mrml": one(), "a/Data/N.seq.mha": header("NeedleToTracker", ("1", "1 2 3"))},
+        r"N\.seq\.mha line 4 .*3 numbers: 16 wanted",
+    ),
+    "bad time": (
+        {"a/a.mrml": one(), "a/Data/N.seq.mha": header("NeedleToTracker", ("soon", NEEDLE))},
+        "time 'soon'",
+    ),
+    "bad loss": (
+        {
+            "a/a.mrml": one(more=";MarginGuard.Lost:1=OK"),
+            "a/Data/N.seq.mha": header("NeedleToTracker", ("1", NEEDLE)),
+        },
+        "a lost sample has status 'OK'",
+    ),
+    "item without node": (
+        {**nested(), "a/a.mrml": one(file="Data/Needle.seq.mrml", indexValues="t7:1")},
+        "has no transform 't7', which is at 1 s",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_cannot_be_read_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
+    files, message = FAULTS[fault]
+    with pytest.raises(InputError, match=message) as caught:
+        read(bundle(tmp_path / "x.mrb", files))
+    assert "\n" not in str(caught.value)
+    assert "x.mrb" in str(caught.value)
+
+
+def test_a_scene_names_no_file_outside_of_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "secret.seq.mha").write_text(header("NeedleToTracker", ("1", NEEDLE)))
+    for name in ("../secret.seq.mha", str(tmp_path / "secret.seq.mha")):
+        path = folder(tmp_path / "x", {"a/a.mrml": one(file=name)})
+        with pytest.raises(InputError, match="a relative path without"):
+            read(path)
+    path = folder(tmp_path / "x", {"a/a.mrml": one(file="link.seq.mha")})
+    (path.parent / "link.seq.mha").symlink_to(tmp_path / "secret.seq.mha")
+    with pytest.raises(InputError, match="leaves the folder"):
+        read(path)
+
+
+def test_bombs_are_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.case.mrml_recording._MAX_SCENE_BYTES", 10_000)
+    monkeypatch.setattr("app.case.mrml_recording._MAX_HEADER_BYTES", 10_000)
+    monkeypatch.setattr("app.case.mrml_recording._MAX_MEMBERS", 5)
+    much = b" " * 20_000
+    for files, message in (
+        ({"a/a.mrml": much}, "more than the 10000 bytes allowed"),
+        ({"a/a.mrml": one(), "a/Data/N.seq.mha": much}, "unpacks to 20000 bytes: 10000 allowed"),
+        ({f"a/{n}": b"" for n in range(6)}, "6 files in it: 5 allowed"),
+        ({**nested(), "a/Data/Needle.seq.mrb": much}, "20000 bytes: 10000 allowed"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read(bundle(tmp_path / "x.mrb", files))
+
+
+def test_a_changed_byte_behind_the_header_is_seen_too(tmp_path: Path) -> None:
+    text = header("NeedleToTracker", ("1", NEEDLE)).encode() + b"\n" + bytes(5_000_000)
+    path = tmp_path / "x.mrb"
+    with zipfile.ZipFile(path, "w") as file:  # stored, as MRML does it
+        file.writestr("a/a.mrml", one())
+        file.writestr("a/Data/N.seq.mha", text)
+    content = bytearray(path.read_bytes())
+    content[4_000_000] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"is no whole bundle: Bad CRC-32 .*N\.seq\.mha"):
+        read(path)
+
+
+def test_what_is_no_bundle(tmp_path: Path) -> None:
+    path = tmp_path / "x.mrb"
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        read(path)
+    path.write_bytes(b"PK or not")
+    with pytest.raises(InputError, match=r"is no whole bundle: .*not a zip"):
+        read(path)
+
+
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255), cut=st.booleans())
+def test_a_damaged_bundle_is_refused_or_says_the_same(
+    tmp_path: Path, place: float, bits: int, cut: bool
+) -> None:
+    path = bundle(tmp_path / "x.mrb", FILES)
+    wanted = told(read(path)[0])
+    content = bytearray(path.read_bytes())
+    at = int(place * len(content))
+    if cut:
+        del content[at:]
+    else:
+        content[at] ^= bits
+    path.write_bytes(content)
+    try:
+        frames, _ = read(path)
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert told(frames) == wanted
+
+
+def test_a_case_of_a_bundle(write_case: Callable[..., Path], manifest: dict[str, Any]) -> None:
+    case_folder = write_case(manifest)
+    bundle(case_folder / "x.mrb", FILES)
+    manifest["recording"] = {"path": "x.mrb"}
+    (case_folder / "case.yaml").write_text(yaml.safe_dump(manifest))
+    case = open_case(case_folder)
+    assert next(frame.stamp.ns for frame in case.recorded_frames()) == 1_000_000_001
+    bundle(case_folder / "x.mrb", {**FILES, "a/Data/Cautery.seq.mha": "ObjectType = Image\n"})
+    with pytest.raises(MarginGuardError, match=r"Cautery\.seq\.mha is cut at line 1"):
+        open_case(case_folder)

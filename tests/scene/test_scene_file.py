@@ -1,0 +1,260 @@
+import json
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import slicer
+import slicer.util
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from slicer import vtkMRMLScene
+from trame_slicer.core import SlicerApp
+
+from app.fixture import FixtureDecision, MarginState
+from app.geometry import SurfaceMesh, Transform
+from app.robot import Robot
+from app.scene import MarginGuardScene, SceneApplication, SceneError, load_scene, save_scene
+from tests.scene.scene_content import content
+
+ROOT = Path(__file__).resolve().parents[2]
+DIGITS = 1e-12
+
+
+@pytest.fixture
+def application() -> SceneApplication:
+    return SceneApplication(vtkMRMLScene())
+
+
+@pytest.fixture
+def shown(
+    application: SceneApplication,
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    tool: SurfaceMesh,
+    arm: Robot,
+    decision: Callable[[MarginState, float | None], FixtureDecision],
+) -> MarginGuardScene:
+    scene = MarginGuardScene(application.scene)
+    scene.set_poses(edges, fixed)
+    scene.add_tumor(tumor)
+    scene.add_tool(tool)
+    scene.add_robot("arm", arm, "robot_base")
+    links = arm.forward_kinematics({"shoulder": 0.7, "elbow": -0.4})
+    scene.show(decision(MarginState.POSITIVE, -3.25), {"arm": links})
+    return scene
+
+
+@pytest.fixture
+def saved(shown: MarginGuardScene, tmp_path: Path) -> Path:
+    path = tmp_path / "scene.mrb"
+    save_scene(shown.scene, path)
+    return path
+
+
+def in_a_fresh_process(path: Path) -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.scene.scene_content", str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
+    assert done.stderr == ""
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def assert_same(found: Any, wanted: Any, place: str = "") -> None:
+    """Equal names, texts and structure; numbers to the last digits of a double."""
+    if isinstance(wanted, dict):
+        assert found.keys() == wanted.keys(), place
+        for key in wanted:
+            assert_same(found[key], wanted[key], f"{place}/{key}")
+    elif isinstance(wanted, list):
+        assert len(found) == len(wanted), place
+        if all(isinstance(value, float) for value in wanted):
+            np.testing.assert_allclose(found, wanted, rtol=DIGITS, atol=DIGITS, err_msg=place)
+        else:
+            for one, other in zip(found, wanted, strict=True):
+                assert_same(one, other, place)
+    elif isinstance(wanted, float):
+        assert found == pytest.approx(wanted, rel=DIGITS, abs=DIGITS), place
+    else:
+        assert found == wanted, place
+
+
+def test_a_fresh_process_finds_the_same_scene(
+    shown: MarginGuardScene, saved: Path, edges: tuple[Transform, ...], arm: Robot
+) -> None:
+    found = in_a_fresh_process(saved)
+    assert_same(found, content(shown.scene))
+    # And against what was put in, without MRML between.
+    tracker_from_reference, tracker_from_needle, _ = edges
+    needle = (tracker_from_reference.inverse() @ tracker_from_needle).matrix
+    np.testing.assert_allclose(
+        np.reshape(found["NeedleToReference"]["to_world"], (4, 4)), needle, atol=1e-9
+    )
+    assert found["Tumor"]["display"]["color"] == [1.0, 0.0, 0.0]
+    assert found["Tumor"]["display"]["opacity"] == 0.4
+    assert found["Tumor"]["parent"] == "TumorToNeedle"
+    assert found["MarginStatus"]["text"] == "POSITIVE: in the tumour, -3.2 mm"
+    assert [point[3] for point in found["ClosestPoints"]["points"]] == ["-3.2 mm", ""]
+    blue, magenta = [0, 0, 255], [255, 0, 255]
+    assert {tuple(c) for c in found["fore_arm_model"]["cell_colors"]} == {(*blue,), (*magenta,)}
+    assert {f"{link.name}_model" for link in arm.links} <= found.keys()
+
+
+def test_what_was_loaded_can_be_saved_again(saved: Path, shown: MarginGuardScene) -> None:
+    again = saved.with_name("again.mrb")
+    loaded = SceneApplication(vtkMRMLScene())
+    load_scene(loaded.scene, saved)
+    save_scene(loaded.scene, again)
+    third = SceneApplication(vtkMRMLScene())
+    load_scene(third.scene, again)
+    assert_same(content(third.scene), content(shown.scene))
+
+
+def test_the_functions_of_slicer_find_the_nodes(
+    saved: Path, shown: MarginGuardScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theirs = SlicerApp()
+    assert theirs.io_manager.load_scene(saved)
+    assert_same(content(theirs.scene), content(shown.scene))
+    monkeypatch.setattr(slicer, "mrmlScene", theirs.scene, raising=False)
+    matrix = slicer.util.arrayFromTransformMatrix(
+        slicer.util.getNode("ForeArmToBase"), toWorld=True
+    )
+    wanted = content(shown.scene)["ForeArmToBase"]["to_world"]
+    np.testing.assert_allclose(matrix.ravel(), wanted, atol=1e-9)
+    points = slicer.util.arrayFromModelPoints(slicer.util.getNode("Tumor"))
+    np.testing.assert_array_equal(points, content(shown.scene)["Tumor"]["points"])
+
+
+class ApplicationDouble:
+    """A test double of desktop Slicer's ``slicer.app``, which the wheel lacks: one file reader."""
+
+    def __init__(self, scene: vtkMRMLScene) -> None:
+        self._scene = scene
+
+    def coreIOManager(self) -> "ApplicationDouble":  # noqa: N802
+        return self
+
+    def loadNodes(self, kind: str, properties: dict[str, Any], *_: object) -> bool:  # noqa: N802
+        assert kind == "SceneFile"
+        load_scene(self._scene, Path(properties["fileName"]))
+        return True
+
+
+def test_slicer_util_load_scene(
+    saved: Path,
+    application: SceneApplication,
+    shown: MarginGuardScene,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    loaded = SceneApplication(vtkMRMLScene())
+    monkeypatch.setattr(slicer, "app", ApplicationDouble(loaded.scene), raising=False)
+    slicer.util.loadScene(str(saved))
+    assert_same(content(loaded.scene), content(shown.scene))
+
+
+def test_a_scene_takes_the_place_of_another_and_leaves_nothing_beside(
+    application: SceneApplication, saved: Path
+) -> None:
+    before = saved.read_bytes()
+    application.scene.AddNewNodeByClass("vtkMRMLTextNode", "Further")
+    save_scene(application.scene, saved)
+    assert saved.read_bytes() != before
+    assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("scene.mrml", "is no scene file: .mrb wanted"),
+        ("none/scene.mrb", "a file in a folder that is there wanted"),
+        ("folder.mrb", "a file in a folder that is there wanted"),
+    ],
+)
+def test_places_that_cannot_be_written(
+    application: SceneApplication, tmp_path: Path, name: str, message: str
+) -> None:
+    (tmp_path / "folder.mrb").mkdir()
+    with pytest.raises(SceneError, match=message):
+        save_scene(application.scene, tmp_path / name)
+
+
+def bundle(path: Path, **members: str) -> Path:
+    with zipfile.ZipFile(path, "w") as file:
+        for name, text in members.items():
+            file.writestr(f"a/{name}.mrml" if name == "scene" else name, text)
+    return path
+
+
+MODEL = (
+    "<MRML><Model id='vtkMRMLModelNode1' name='x' references='storage:vtkMRMLModelStorageNode1;'/>"
+    "<ModelStorage id='vtkMRMLModelStorageNode1' fileName='Data/none.vtk'/></MRML>"
+)
+
+
+@pytest.mark.parametrize(
+    ("write", "message"),
+    [
+        (lambda path: path, "cannot be read: No such file"),
+        (lambda path: path.write_text("hello"), "is no whole scene bundle: .*not a zip"),
+        (lambda path: bundle(path, other="x"), "no .mrml file is in it"),
+        (lambda path: bundle(path, scene="<MRML>"), "cannot be read as a scene: Syntax error"),
+        (lambda path: bundle(path, scene="<MRML></MRML>"), "it has no nodes"),
+        (lambda path: bundle(path, scene=MODEL), "Failed to read node x"),
+    ],
+    ids=["missing", "no zip", "no scene", "cut", "empty", "no data"],
+)
+def test_foreign_files_are_refused_in_one_line(
+    application: SceneApplication,
+    tmp_path: Path,
+    write: Callable[[Path], object],
+    message: str,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    write(tmp_path / "foreign.mrb")
+    with pytest.raises(SceneError, match=message) as caught:
+        load_scene(application.scene, tmp_path / "foreign.mrb")
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255))
+def test_a_damaged_byte_is_seen_or_changes_nothing(
+    saved: Path, shown: MarginGuardScene, place: float, bits: int
+) -> None:
+    damaged = bytearray(saved.read_bytes())
+    damaged[int(place * len(damaged))] ^= bits
+    path = saved.with_name("damaged.mrb")
+    path.write_bytes(damaged)
+    loaded = SceneApplication(vtkMRMLScene())
+    try:
+        load_scene(loaded.scene, path)
+    except SceneError as error:
+        assert "\n" not in str(error)
+    else:
+        assert_same(content(loaded.scene), content(shown.scene))
+
+
+def test_a_bundle_that_grows_too_large_is_not_unpacked(
+    application: SceneApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.scene.scene_file._MAX_BYTES", 10_000)
+    path = tmp_path / "bomb.mrb"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("a/a.mrml", "<MRML></MRML>")
+        file.writestr("a/Data/much", bytes(20_000))
+    with pytest.raises(SceneError, match=r"2 files of 20013 bytes: .* 10000 bytes"):
+        load_scene(application.scene, path)

@@ -1,0 +1,222 @@
+"""Sequences as MRML writes them, played by MRML, and read by the reader of cases."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene, vtkMRMLSequenceNode
+
+from app.case import read_mrml
+from app.fixture import FixtureDecision, MarginState
+from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
+from app.scene import (
+    MarginGuardScene,
+    SceneApplication,
+    SceneError,
+    add_sequences,
+    load_scene,
+    save_scene,
+)
+from app.scene.convert import vtk_matrix, world_matrix
+
+COUNT = 40
+NOW = 25
+SIX_DIGITS_MM = 0.0005  # half a unit of the sixth digit, below 1000 mm
+START_NS = 1_700_000_000_123_456_789
+Frames = list[tuple[TrackedTransform, ...]]
+
+
+def stamp(index: int) -> Stamp:
+    return Stamp(START_NS + index * 20_000_001)
+
+
+@pytest.fixture
+def frames(edges: tuple[Transform, ...]) -> Frames:
+    """The cautery turns and sinks; the needle is lost in two ways."""
+    reference, needle, cautery = edges
+    found: Frames = []
+    for index in range(COUNT):
+        turn = Transform.from_rotation_vector(
+            [0.0, 0.02 * index, 0.0], [0.0, 0.1 * index, 1.0 / 3.0],
+            target="cautery", source="cautery",
+        )  # fmt: skip
+        samples = [
+            TrackedTransform(pose, stamp(index), TrackingStatus.OK)
+            for pose in (reference, needle, cautery @ turn)
+        ]
+        if index in (10, 11):
+            status = TrackingStatus.INVALID if index == 10 else TrackingStatus.OUT_OF_VIEW
+            samples[1] = TrackedTransform.lost("tracker", "needle", stamp(index), status)
+        found.append(tuple(samples))
+    return found
+
+
+@pytest.fixture
+def states() -> list[tuple[int, MarginState]]:
+    def state(index: int) -> MarginState:
+        if index in (10, 11):
+            return MarginState.UNKNOWN
+        return MarginState.POSITIVE if 20 <= index < 30 else MarginState.NEGATIVE
+
+    return [(stamp(index).ns, state(index)) for index in range(COUNT)]
+
+
+@pytest.fixture
+def shown(
+    frames: Frames,
+    fixed: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    tool: SurfaceMesh,
+    decision: Callable[[MarginState, float | None], FixtureDecision],
+) -> MarginGuardScene:
+    scene = MarginGuardScene(SceneApplication(vtkMRMLScene()).scene)
+    scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform], fixed)
+    scene.add_tumor(tumor)
+    scene.add_tool(tool)
+    scene.show(decision(MarginState.POSITIVE, -3.25), {})
+    return scene
+
+
+@pytest.fixture
+def saved(
+    shown: MarginGuardScene,
+    frames: Frames,
+    states: list[tuple[int, MarginState]],
+    tmp_path: Path,
+) -> Path:
+    add_sequences(shown, frames, states, stamp(NOW).ns)
+    path = tmp_path / "recording.mrb"
+    save_scene(shown.scene, path)
+    return path
+
+
+def assert_read(path: Path, wanted: Frames) -> None:
+    notes: list[str] = []
+    found = list(read_mrml(path, notes.append))
+    assert notes == []
+    assert [frame.stamp for frame in found] == [samples[0].stamp for samples in wanted]
+    for frame, samples in zip(found, wanted, strict=True):
+        by_edge = {(pose.target, pose.source): pose for pose in frame.poses}
+        assert by_edge.keys() == {(sample.target, sample.source) for sample in samples}
+        for sample in samples:
+            read = by_edge[sample.target, sample.source]
+            assert read.status is sample.status
+            if sample.transform is None or read.transform is None:
+                assert read.transform is sample.transform
+                continue
+            np.testing.assert_allclose(
+                read.transform.translation_mm,
+                sample.transform.translation_mm,
+                rtol=0,
+                atol=SIX_DIGITS_MM,
+            )
+            np.testing.assert_allclose(
+                read.transform.rotation, sample.transform.rotation, rtol=0, atol=2e-6
+            )
+
+
+def test_a_case_reads_what_was_tracked_and_nothing_that_was_derived(
+    saved: Path, frames: Frames
+) -> None:
+    assert_read(saved, frames)
+
+
+def test_the_scene_that_is_loaded_shows_the_moment_and_can_be_played(
+    saved: Path, shown: MarginGuardScene, frames: Frames
+) -> None:
+    application = SceneApplication(vtkMRMLScene())
+    loaded = application.scene
+    load_scene(loaded, saved)
+
+    def node(name: str) -> object:
+        return loaded.GetFirstNodeByName(name)
+
+    cautery = node("CauteryToReference")
+    np.testing.assert_allclose(
+        world_matrix(cautery), world_matrix(shown.tree.node("cautery")), atol=1e-9
+    )
+    assert node("MarginStatus").GetText() == "POSITIVE: in the tumour, -3.2 mm"
+    browser = node("MarginGuard")
+    assert browser.GetNumberOfItems() == COUNT
+    assert browser.GetSelectedItemNumber() == NOW
+    for index, color, text, line in (
+        (0, (0, 1, 0), "NEGATIVE: clear", False),
+        (10, (0.5, 0.5, 0.5), "UNKNOWN: not to be trusted", False),
+        (12, (0, 1, 0), "NEGATIVE: clear", False),
+        (NOW, (1, 0, 0), "POSITIVE: in the tumour, -3.2 mm", True),
+        (NOW + 1, (1, 0, 0), "POSITIVE: in the tumour", False),
+        (COUNT - 1, (0, 1, 0), "NEGATIVE: clear", False),
+    ):
+        browser.SetSelectedItemNumber(index)
+        assert node("Tumor").GetDisplayNode().GetColor() == color
+        assert node("MarginStatus").GetText() == text
+        assert node("ClosestPoints").GetDisplayNode().GetVisibility() == line
+        grey = node("Tool").GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+        assert grey == (text.startswith("UNKNOWN"))
+        assert node("ReplayTime").GetText() == f"{index * 0.020000001:.3f} s"
+        reference, _, tracked = (sample.transform for sample in frames[index])
+        wanted = (reference.inverse() @ tracked).matrix
+        np.testing.assert_allclose(world_matrix(cautery), wanted, atol=2 * SIX_DIGITS_MM)
+
+
+def test_every_name_is_that_of_slicer_igt(saved: Path, shown: MarginGuardScene) -> None:
+    names = {
+        f"MarginGuard-{edge}-Seq"
+        for edge in (
+            "ReferenceToTracker", "NeedleToTracker", "CauteryToTracker",
+            "TrackerToReference", "NeedleToReference", "CauteryToReference",
+        )
+    }  # fmt: skip
+    loaded = SceneApplication(vtkMRMLScene())
+    load_scene(loaded.scene, saved)
+    for scene in (shown.scene, loaded.scene):
+        found = {
+            scene.GetNthNodeByClass(n, "vtkMRMLSequenceNode").GetName()
+            for n in range(scene.GetNumberOfNodesByClass("vtkMRMLSequenceNode"))
+        }
+        assert names <= found
+    measured = shown.scene.GetFirstNodeByName("MarginGuard-NeedleToTracker-Seq")
+    assert (measured.GetIndexName(), measured.GetIndexUnit()) == ("time", "s")
+    assert measured.GetNumberOfDataNodes() == COUNT - 2
+    assert measured.GetNthIndexValue(1) == "1700000000.143456790"
+
+
+@pytest.mark.parametrize("storage", [None, "vtkMRMLSequenceStorageNode"])
+@pytest.mark.parametrize("named", [True, False])
+def test_recordings_of_slicer_itself(
+    frames: Frames, tmp_path: Path, storage: str | None, named: bool
+) -> None:
+    """Made by MRML's calls alone, as Slicer's sequence browser makes them, in both its storages."""
+    scene = SceneApplication(vtkMRMLScene()).scene
+    for place, (source, target) in enumerate(
+        (("Reference", "Tracker"), ("Needle", "Tracker"), ("Cautery", "Tracker"))
+    ):
+        sequence: vtkMRMLSequenceNode = scene.AddNewNodeByClass(
+            "vtkMRMLSequenceNode", f"{source}To{target}-Sequence"
+        )
+        sequence.SetIndexName("time")
+        sequence.SetIndexUnit("s")
+        if named:
+            sequence.SetAttribute("Sequences.Source", f"{source}To{target}")
+        if storage is not None:
+            node = scene.AddNewNodeByClass(storage)
+            sequence.SetAndObserveStorageNodeID(node.GetID())
+        for samples in frames:
+            if samples[place].transform is not None:
+                item = vtkMRMLLinearTransformNode()
+                item.SetName(f"{source}To{target}")
+                item.SetMatrixTransformToParent(vtk_matrix(samples[place].transform))
+                ns = samples[place].stamp.ns
+                sequence.SetDataNodeAtValue(item, f"{ns // 10**9}.{ns % 10**9:09d}")
+    path = tmp_path / "theirs.mrb"
+    save_scene(scene, path)
+    # A sample that was lost is not in it, and nothing says so.
+    assert_read(path, [tuple(s for s in samples if s.transform) for samples in frames])
+
+
+def test_times_that_do_not_rise_are_refused(shown: MarginGuardScene, frames: Frames) -> None:
+    with pytest.raises(SceneError, match=r"a frame at 1700000000\.\d+ s comes after one at .* s"):
+        add_sequences(shown, [frames[1], frames[0]], [], stamp(0).ns)
+    with pytest.raises(SceneError, match="no good sample"):
+        add_sequences(shown, [], [], stamp(0).ns)
