@@ -19,6 +19,10 @@ BROUGHT_BY = {
     "slicer_core": "trame-slicer",
     "vtk": "trame-slicer",
     "vtkmodules": "trame-slicer",
+    "trame_rca": "trame-slicer",
+    "trame_server": "trame-slicer",
+    "wslink": "trame-slicer",
+    "aiohttp": "trame-slicer",
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
 }

@@ -20,6 +20,7 @@ MAY_IMPORT = {
     "bridge": {"geometry", "registration", "robot", "case", "fixture", "session"},
     "scene": {"geometry", "robot", "fixture", "registration", "session"},
     "report": {"geometry", "registration", "case", "fixture", "session"},
+    "viewer": {"geometry", "robot", "case", "fixture", "session", "scene"},
 }
 EVERYTHING = set(MAY_IMPORT)
 ONLY_IN = {
@@ -30,6 +31,10 @@ ONLY_IN = {
     "vtk": {"scene", "viewer"},
     "vtkmodules": {"scene", "viewer"},
     "trame": {"viewer"},
+    "trame_rca": {"viewer"},
+    "trame_server": {"viewer"},
+    "wslink": {"viewer"},
+    "aiohttp": {"viewer"},
     "trame_slicer": {"scene", "viewer"},
     "fcl": {"fixture"},
     "yourdfpy": {"robot"},

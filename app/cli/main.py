@@ -24,11 +24,13 @@ from app.cli.commands import (
     replay,
     serve,
     tumor,
+    view,
 )
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
     "serve": serve,
+    "view": view,
     "live": live,
     "record": record,
     "register": register,

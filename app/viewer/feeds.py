@@ -1,0 +1,95 @@
+"""Where a page has its steps from: a recording that was stepped through, or a session that runs."""
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from app.fixture import MarginState
+from app.geometry import NS_PER_MS, NS_PER_S
+from app.session import StepResult
+from app.viewer.replay import ReplayControl
+from app.viewer.shown import Shown, Watcher
+
+_QUIET_NS = NS_PER_S
+"""Without a source a session steps every tenth of a second: quiet for so long, it has ended."""
+
+
+class Feed(Protocol):
+    """What is to be seen now."""
+
+    def now(self) -> Shown | None:
+        """The step of the present, grey when there is none; None before the first one came."""
+
+
+class ReplayFeed:
+    """The steps of a recording, all of them computed before the first is shown.
+
+    So a frame that is sought is the same as one that was played to, whatever came before.
+    """
+
+    def __init__(self, shown: Sequence[Shown], clock_ns: Callable[[], int]) -> None:
+        self.shown = tuple(shown)
+        self.control = ReplayControl([each.step.frame.stamp.ns for each in shown], clock_ns)
+
+    def now(self) -> Shown:
+        """The step of the frame at which the replay stands."""
+        return self.shown[self.control.frame]
+
+
+class LiveFeed:
+    """The newest step of a session that runs in another thread.
+
+    A session steps when a frame comes and when one does not: when it has said nothing for longer
+    than poses may be used, nobody knows the present any more, and the last step is shown as
+    UNKNOWN. ``clock_ns`` is the steady clock of this machine.
+    """
+
+    def __init__(self, watcher: Watcher, stale_after_ns: int, clock_ns: Callable[[], int]) -> None:
+        self._watcher = watcher
+        self._stale_after_ns = stale_after_ns
+        self._clock_ns = clock_ns
+        self._lock = threading.Lock()
+        self._newest: Shown | None = None
+        self._came_ns = 0
+        self._ended = ""
+        self._wake: Callable[[], None] | None = None
+
+    def wakes(self, wake: Callable[[], None]) -> None:
+        """Call ``wake`` at each step that comes, in the thread of the session."""
+        self._wake = wake
+
+    def put(self, step: StepResult) -> None:
+        """Take the next step; every one is looked at, the newest is shown."""
+        shown = self._watcher.see(step)
+        with self._lock:
+            self._newest, self._came_ns = shown, self._clock_ns()
+        self._tell()
+
+    def end(self, why: str) -> None:
+        """Say that no step will come any more, and why."""
+        with self._lock:
+            self._ended = why
+        self._tell()
+
+    def now(self) -> Shown | None:
+        """The newest step, as UNKNOWN when it is too old to be the present."""
+        with self._lock:
+            newest, age_ns, ended = self._newest, self._clock_ns() - self._came_ns, self._ended
+        if newest is None:
+            return None
+        if ended:
+            return newest.as_unknown(ended)
+        patience_ns = _QUIET_NS if _is_unknown(newest) else self._stale_after_ns
+        if age_ns > patience_ns:
+            return newest.as_unknown(
+                f"the session has said nothing for more than {patience_ns // NS_PER_MS} ms"
+            )
+        return newest
+
+    def _tell(self) -> None:
+        if self._wake is not None:
+            self._wake()
+
+
+def _is_unknown(shown: Shown) -> bool:
+    return shown.step.decision.state is MarginState.UNKNOWN

@@ -1,0 +1,52 @@
+"""The page in the server: what the stage shows, and what is said beside the picture."""
+
+from trame_server.state import State
+
+from app.viewer.area import PictureArea
+from app.viewer.cameras import Cameraman
+from app.viewer.feeds import Feed
+from app.viewer.readout import readout
+from app.viewer.shown import Shown
+from app.viewer.stage import Stage
+from app.viewer.timeline import Timeline
+
+
+class Page:
+    """Brings the stage to what ``feed`` says, and says the same in words with the same picture.
+
+    ``state`` is trame's, which every open page sees. All calls are those of the page's thread.
+    """
+
+    def __init__(self, state: State, stage: Stage, feed: Feed, timeline: Timeline) -> None:
+        self.stage = stage
+        self.area = PictureArea(stage.view)
+        self.cameraman = Cameraman(stage)
+        self._state = state
+        self._feed = feed
+        self._timeline = timeline
+        self._now: Shown | None = None
+        self._drawn: object = None
+        state.now = {**readout(None), **timeline.at(None), "number": 0}
+        state.look = ""
+
+    def prepare(self) -> bool:
+        """Bring the scene to the present; whether that changed anything."""
+        now = self._now = self._feed.now()
+        if self.area.was_grabbed():
+            self.cameraman.let_go()
+        if self.area.was_resized():
+            self.cameraman.place_anew()
+        moment = None if now is None else (now.step.index, now.silent)
+        drawn, self._drawn = self._drawn, (moment, self._timeline.mark())
+        if now is not None and drawn != self._drawn:
+            self.stage.show(now)
+        self.cameraman.follow()
+        return drawn != self._drawn
+
+    def sent(self, number: int) -> None:
+        """Say what picture ``number`` shows."""
+        look = self.cameraman.look
+        with self._state as state:
+            state.now = {**readout(self._now), **self._timeline.at(self._now), "number": number}
+            state.look = "" if look is None else look.value
+            state.update(self._timeline.news())

@@ -1,0 +1,103 @@
+"""The distance over time as the shapes of an SVG, whose picture is 1000 wide and 100 high."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from app.fixture import MarginState
+from app.geometry import NS_PER_S, FloatArray
+
+WIDTH, HEIGHT = 1000.0, 100.0
+_LONGEST = 1500
+"""Columns that a curve is reduced to, each with its lowest and its highest point."""
+_HIGHEST_MM = 30.0
+"""Further away than this the distance is of no interest, and the curve leaves the picture."""
+_LOWEST_MM = -2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A step on the plot; ``distance_mm`` is None where it is UNKNOWN."""
+
+    time_ns: int
+    state: MarginState
+    distance_mm: float | None
+
+
+def plot(
+    points: Sequence[Point], breaches: Sequence[tuple[int, int]], begin_ns: int, end_ns: int
+) -> dict[str, Any]:
+    """Curve, bands of the states, marks of the breaches (begin and end) and lines of the scale.
+
+    ``points``, one or more, are in the order of time from ``begin_ns`` to ``end_ns``.
+    """
+    span_ns = max(end_ns - begin_ns, 1)
+    per_ns = WIDTH / span_ns
+    x = np.array([per_ns * (point.time_ns - begin_ns) for point in points])
+    mm = np.array([np.nan if p.distance_mm is None else p.distance_mm for p in points], dtype=float)
+    known = mm[np.isfinite(mm)]
+    low = float(min(known.min(initial=0.0) - 1.0, _LOWEST_MM))
+    high = float(min(max(known.max(initial=0.0) + 1.0, 10.0), _HIGHEST_MM))
+    scale = HEIGHT / (high - low)
+    y = (high - np.clip(mm, low, high)) * scale
+    return {
+        "curve": _curve(x, y),
+        "bands": _bands(x, [point.state.name for point in points]),
+        "breaches": [
+            {"x": round(per_ns * (first - begin_ns), 2), "w": round(per_ns * (last - first), 2)}
+            for first, last in breaches
+        ],
+        "lines": [
+            {"y": round((high - value) * scale, 2), "label": f"{value:g}"}
+            for value in (0, 5, 10, 20)
+            if low < value < high
+        ],
+        "seconds": round(span_ns / NS_PER_S, 3),
+    }
+
+
+def _curve(x: FloatArray, y: FloatArray) -> str:
+    """The path of an SVG, with a gap where nothing is known."""
+    path: list[str] = []
+    columns = np.floor(x * (_LONGEST / WIDTH)).astype(int) if len(x) > 2 * _LONGEST else None
+    drawing = False
+    for index in range(len(x)) if columns is None else _extremes(columns, y):
+        if not np.isfinite(y[index]):
+            drawing = False
+            continue
+        path.append(f"{'L' if drawing else 'M'}{x[index]:.2f} {y[index]:.2f}")
+        drawing = True
+    return "".join(path)
+
+
+def _extremes(columns: FloatArray, y: FloatArray) -> list[int]:
+    """The indices of the lowest, the highest and an unknown point of each column, in order."""
+    kept: set[int] = set()
+    begin = 0
+    for _, group in groupby(columns.tolist()):
+        end = begin + sum(1 for _ in group)
+        part = y[begin:end]
+        finite = np.isfinite(part)
+        if finite.any():
+            kept |= {begin + int(np.nanargmin(part)), begin + int(np.nanargmax(part))}
+        if not finite.all():
+            kept.add(begin + int(np.argmin(finite)))
+        begin = end
+    return sorted(kept)
+
+
+def _bands(x: FloatArray, names: list[str]) -> list[dict[str, Any]]:
+    """From each change of the state to the next."""
+    bands: list[dict[str, Any]] = []
+    for index, name in enumerate(names):
+        if bands and bands[-1]["state"] == name:
+            continue
+        if bands:
+            bands[-1]["w"] = round(float(x[index]) - bands[-1]["x"], 2)
+        bands.append({"state": name, "x": round(float(x[index]), 2), "w": 0.0})
+    if bands:
+        bands[-1]["w"] = round(float(x[-1]) - bands[-1]["x"], 2)
+    return bands

@@ -1,0 +1,71 @@
+"""What the page says beside the picture, as plain values: the picture's number is ``seq``."""
+
+from typing import Any
+
+from app.fixture import MarginState, Reason
+from app.geometry import NS_PER_MS
+from app.scene.watchdog import Freshness, TransformHealth
+from app.viewer.shown import Shown
+from app.viewer.words import STATE_WORDS, distance_digits, why
+
+
+def readout(shown: Shown | None) -> dict[str, Any]:
+    """State in a word, its reason, distance, trend, hold, breaches so far, lamps."""
+    if shown is None:
+        return _values(MarginState.UNKNOWN, "nothing has been measured yet")
+    decision = shown.step.decision
+    return _values(
+        decision.state,
+        shown.silent or why(decision.state, decision.reasons),
+        distance=distance_digits(shown.distance_mm),
+        trend=str(shown.trend),
+        hold=Reason.LATCHED in decision.reasons,
+        breaches=shown.breaches,
+        stop="" if decision.margin is None else f"{decision.margin.total_mm:.1f}",
+        warn="" if decision.margin is None else f"{decision.margin.warn_total_mm:.1f}",
+        tre="" if not decision.margin else f"{decision.margin.tre_mm:.2f} mm",
+        lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
+    )
+
+
+def _values(
+    state: MarginState,
+    reason: str,
+    *,
+    distance: str = distance_digits(None),
+    trend: str = "",
+    hold: bool = False,
+    breaches: int = 0,
+    stop: str = "",
+    warn: str = "",
+    tre: str = "",
+    lamps: list[dict[str, str]] | None = None,
+) -> dict[str, Any]:
+    return {
+        "state": state.name,
+        "word": STATE_WORDS[state],
+        "why": reason,
+        "distance": distance,
+        "trend": trend,
+        "hold": hold,
+        "breaches": breaches,
+        "stop": stop,
+        "warn": warn,
+        "tre": tre,
+        "lamps": lamps or [],
+    }
+
+
+def _lamp(lamp: TransformHealth, *, silent: bool) -> dict[str, str]:
+    # Where nothing comes any more, ages have stopped: no lamp may say "valid".
+    stopped = silent and lamp.freshness is Freshness.VALID
+    light = Freshness.STALE if stopped else lamp.freshness
+    age = "" if silent else _age(lamp.age_ns)
+    return {"name": lamp.name, "light": light.value, "age": age}
+
+
+def _age(age_ns: int | None) -> str:
+    if age_ns is None:
+        return "never seen"
+    milliseconds = age_ns / NS_PER_MS
+    return f"{milliseconds:.0f} ms" if milliseconds < 1000.0 else f"{milliseconds / 1000.0:.1f} s"

@@ -1,0 +1,95 @@
+"""One step of a session with all that a page shows of it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from app.case import TrackingFrame
+from app.fixture import MarginState, Reason
+from app.geometry import Transform
+from app.scene.watchdog import Freshness, TransformHealth, TransformWatchdog
+from app.session import REFERENCE, SessionSetup, StepResult
+from app.viewer.trend import Trend, TrendMeter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What one step found, and what the steps before it leave to be shown.
+
+    ``measured``: the last good sample of every edge so far. ``breaches``: how often the state has
+    become POSITIVE so far, so that a page that leaves steps out misses none. ``silent``: why the
+    step is not of the present, in words, empty while it is.
+    """
+
+    step: StepResult
+    measured: tuple[Transform, ...]
+    lamps: tuple[TransformHealth, ...]
+    trend: Trend
+    breaches: int
+    silent: str = ""
+
+    @property
+    def distance_mm(self) -> float | None:
+        """The signed distance that may be shown: None while the state is UNKNOWN."""
+        return known_distance_mm(self.step)
+
+    def as_unknown(self, why: str) -> "Shown":
+        """The same moment when nothing has come after it: grey, without a distance."""
+        reasons = (Reason.STALE, *(r for r in self.step.decision.reasons if r is Reason.LATCHED))
+        decision = replace(self.step.decision, state=MarginState.UNKNOWN, reasons=reasons)
+        step = replace(self.step, decision=decision)
+        return replace(self, step=step, trend=Trend.NONE, silent=why)
+
+
+def known_distance_mm(step: StepResult) -> float | None:
+    """The signed distance of ``step``, None while its state is UNKNOWN."""
+    decision = step.decision
+    if decision.state is MarginState.UNKNOWN or decision.proximity is None:
+        return None
+    return float(decision.proximity.signed_distance_mm)
+
+
+class Watcher:
+    """Looks at every step of a session in turn, and says what there is to show of it."""
+
+    def __init__(self, setup: SessionSetup) -> None:
+        self._wanted = tuple(_wanted_frames(setup))
+        self._named: set[str] = set()
+        self._watchdog = TransformWatchdog(setup.margins.stale_after_ns)
+        self._trend = TrendMeter()
+        self._edges: dict[tuple[str, str], Transform] = {}
+        self._measured: tuple[Transform, ...] = ()
+        self._breaches = 0
+        self._inside = False
+
+    def see(self, step: StepResult) -> Shown:
+        """What is to be shown of ``step``, which follows the one before."""
+        good = [pose.transform for pose in step.frame.poses if pose.transform is not None]
+        if good:
+            self._edges |= {(edge.target, edge.source): edge for edge in good}
+            self._measured = tuple(self._edges.values())
+        inside = step.decision.state is MarginState.POSITIVE
+        self._breaches += inside and not self._inside
+        self._inside = inside
+        return Shown(
+            step=step,
+            measured=self._measured,
+            lamps=self._lamps(step.frame),
+            trend=self._trend.see(step.frame.stamp.ns, known_distance_mm(step)),
+            breaches=self._breaches,
+        )
+
+    def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:
+        """How every tracked frame is, and those without which there is no margin if never named."""
+        for sample in frame.poses:
+            self._watchdog.saw(sample)
+        known = {sample.source for sample in frame.poses} | self._named
+        self._named = known
+        never = (
+            TransformHealth(n, Freshness.MISSING, None) for n in self._wanted if n not in known
+        )
+        return (*self._watchdog.check(frame.stamp.ns), *never)
+
+
+def _wanted_frames(setup: SessionSetup) -> Iterable[str]:
+    frames = [setup.tool_from_tip.target, setup.frame_from_tumor.target]
+    return frames if setup.robot is None else [*frames, REFERENCE]

@@ -1,0 +1,201 @@
+"""The scene of a page: MRML nodes filled from steps, a view of them, and who is seen how."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from slicer import vtkMRMLDisplayNode, vtkMRMLScene
+from trame_slicer.views import ThreeDView
+from trame_slicer.views.render_scheduler import NoScheduleRendering
+
+from app.geometry import SurfaceMesh, Transform
+from app.robot import Robot
+from app.scene import MarginGuardScene, Moment, SceneApplication, use_offscreen_rendering
+from app.scene.frame_graph import poses_in
+from app.viewer.errors import ViewerError
+from app.viewer.shown import Shown
+
+_INK = (0.92, 0.95, 0.98)
+"""Of the closest-point line and its words, before a dark background."""
+_BOTTOM, _TOP = (0.035, 0.05, 0.065), (0.11, 0.14, 0.17)
+_GRIP_OPACITY = 0.35
+
+
+class Part(Enum):
+    """What can be shown, hidden and made translucent by itself; the value is its label."""
+
+    TUMOR = "Tumour"
+    MARGIN = "Margin surface"
+    TOOL = "Tool"
+    ROBOT = "Robot"
+
+
+_ALONG = {Part.TOOL: 0.25, Part.ROBOT: 0.0}
+"""How much of it there is in a view along the tool."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cast:
+    """What is on the stage, the same from the first step to the last.
+
+    ``tumor`` in the frame "tumor", ``margin`` in the same, ``tool`` in its tip's frame: None shows
+    the tip alone. ``fixed``: the calibrations and the registration. ``robot`` stands at
+    ``base_frame`` and holds the tool by its link ``tool_link``.
+    """
+
+    tumor: SurfaceMesh
+    margin: SurfaceMesh | None
+    tool: SurfaceMesh | None
+    tip_frame: str
+    fixed: tuple[Transform, ...]
+    robot: Robot | None = None
+    base_frame: str = ""
+    tool_link: str = ""
+
+
+class Stage:
+    """Shows one step after the other. Everything here belongs to one thread, the page's.
+
+    Nothing stands on it before a step in which tool and tumour are both known: before that nobody
+    knows where things are.
+    """
+
+    def __init__(self, cast: Cast) -> None:
+        use_offscreen_rendering()
+        self.cast = cast
+        self.application = SceneApplication(vtkMRMLScene())
+        self.scene: MarginGuardScene | None = None
+        self.view = _view(self.application)
+        self._strengths = dict.fromkeys(Part, 1.0)
+        self._hidden: set[Part] = set()
+        self._along = dict.fromkeys(Part, 1.0)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Those that this cast has."""
+        has = {Part.TUMOR, Part.TOOL}
+        has |= {Part.MARGIN} if self.cast.margin is not None else set()
+        has |= {Part.ROBOT} if self.cast.robot is not None else set()
+        return tuple(part for part in Part if part in has)
+
+    def visible(self, part: Part) -> bool:
+        """Whether it is not hidden."""
+        return part not in self._hidden
+
+    def strength(self, part: Part) -> float:
+        """How much of its own opacity it has, 0 to 1."""
+        return self._strengths[part]
+
+    def show(self, shown: Shown) -> None:
+        """Bring the scene to this step."""
+        step = shown.step
+        moment = Moment(
+            decision=step.decision,
+            tumor=self.cast.tumor,
+            tool=self.cast.tool,
+            tip_frame=self.cast.tip_frame,
+            measured=shown.measured,
+            fixed=self.cast.fixed,
+            tumor_from_tip=step.tumor_from_tip,
+        )
+        scene = self.scene
+        if scene is None:
+            if step.tumor_from_tip is None:
+                return
+            logic = self.application.logic
+            scene = MarginGuardScene(self.application.scene, moment.root(), logic=logic)
+        with scene.update():
+            measured = moment.judged_edges()
+            known = poses_in(scene.reference, measured)
+            scene.set_poses(measured, [edge for edge in self.cast.fixed if edge.target in known])
+            if self.scene is None:
+                self.scene = scene
+                self._enter(scene)
+            robot = self.cast.robot
+            links = {robot.name: step.links} if robot and robot.name in scene.robots else {}
+            scene.show(step.decision, links)
+
+    def set_visible(self, part: Part, visible: bool) -> None:
+        """Show or hide a part."""
+        (self._hidden.discard if visible else self._hidden.add)(part)
+        self._dress(part)
+
+    def set_strength(self, part: Part, strength: float) -> None:
+        """Make a part more or less translucent than it is by itself, 0 to 1."""
+        if not 0.0 <= strength <= 1.0:
+            raise ViewerError(f"opacity {strength} of {part.value.lower()}: 0 to 1 wanted")
+        self._strengths[part] = strength
+        self._dress(part)
+
+    def look_along(self, along: bool) -> None:
+        """Whether the view is along the tool: then what is behind the tip hides nothing."""
+        self._along = {part: _ALONG.get(part, 1.0) if along else 1.0 for part in Part}
+        for part in Part:
+            self._dress(part)
+
+    def _enter(self, scene: MarginGuardScene) -> None:
+        scene.add_tumor(self.cast.tumor)
+        if self.cast.margin is not None:
+            scene.add_margin_surface(self.cast.margin)
+        if self.cast.tool is None:
+            scene.add_tip(self.cast.tip_frame)
+        else:
+            scene.add_tool(self.cast.tool)
+        robot = self.cast.robot
+        if robot is not None and scene.tree.node(self.cast.base_frame) is not None:
+            scene.add_robot(robot.name, robot, self.cast.base_frame)
+        _ink(scene)
+        self._own = {
+            part: [(display, display.GetOpacity()) for display in self._displays(scene, part)]
+            for part in Part
+        }
+        for part in Part:
+            self._dress(part)
+
+    def _displays(self, scene: MarginGuardScene, part: Part) -> list[vtkMRMLDisplayNode]:
+        robots = scene.robots.values()
+        nodes = {
+            Part.TUMOR: [scene.tumor],
+            Part.MARGIN: [scene.margin_surface],
+            Part.TOOL: [scene.tool],
+            Part.ROBOT: [model for robot in robots for model in robot.models.values()],
+        }[part]
+        for robot in robots:
+            # The link that holds the tool would hide it.
+            if part is Part.ROBOT and self.cast.tool_link in robot.models:
+                robot.models[self.cast.tool_link].GetDisplayNode().SetOpacity(_GRIP_OPACITY)
+        return [node.GetDisplayNode() for node in nodes if node is not None]
+
+    def _dress(self, part: Part) -> None:
+        if self.scene is None:
+            return
+        with self.scene.update():
+            for display, own in self._own[part]:
+                display.SetOpacity(own * self._strengths[part] * self._along[part])
+                display.SetVisibility(self.visible(part) and self._along[part] > 0.0)
+
+
+def _view(application: SceneApplication) -> ThreeDView:
+    view = ThreeDView(
+        application.scene,
+        application.logic,
+        "MarginGuard",
+        scheduled_render_strategy=NoScheduleRendering(),
+    )
+    node = view.get_view_node()
+    node.SetBoxVisible(False)
+    node.SetAxisLabelsVisible(False)
+    node.SetBackgroundColor(*_BOTTOM)
+    node.SetBackgroundColor2(*_TOP)
+    view.render_window().SetMultiSamples(0)
+    return view
+
+
+def _ink(scene: MarginGuardScene) -> None:
+    if scene.margin is None:
+        return
+    display = scene.margin.line.GetDisplayNode()
+    display.SetSelectedColor(*_INK)
+    display.SetColor(*_INK)
+    text = display.GetTextProperty()
+    text.SetBackgroundColor(*np.clip(np.array(_BOTTOM), 0.0, 1.0).tolist())

@@ -1,0 +1,29 @@
+// The keyboard: space plays, arrows step, digits choose the camera, m mutes, s saves the picture.
+
+export function listenToKeys(trame) {
+  const replay = !trame.state.get("title").live;
+
+  function act(event) {
+    const looks = trame.state.get("looks");
+    if (event.key >= "1" && event.key <= String(looks.length)) {
+      return trame.trigger("look", [looks[Number(event.key) - 1]]);
+    }
+    if (event.key === "m") return window.marginguard.mute();
+    if (event.key === "s") return document.getElementById("screenshot").click();
+    if (!replay) return undefined;
+    if (event.key === " ") return trame.trigger("play");
+    if (event.key === "ArrowLeft") return trame.trigger("step", [event.shiftKey ? -25 : -1]);
+    if (event.key === "ArrowRight") return trame.trigger("step", [event.shiftKey ? 25 : 1]);
+    return undefined;
+  }
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const at = event.target;
+    // A slider, a list and a button have keys of their own.
+    if (at.matches?.("input, select")) return;
+    if (event.key === " " && at.matches?.("button, a")) return;
+    if (event.key === " " || event.key.startsWith("Arrow")) event.preventDefault();
+    act(event);
+  });
+}

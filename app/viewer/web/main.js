@@ -1,0 +1,8 @@
+// Everything of the page that is no template. Loaded before the page is mounted.
+import { watchServer } from "./watch.js";
+import { soundAlarm } from "./alarm.js";
+import { listenToKeys } from "./keys.js";
+
+watchServer(window.trame);
+soundAlarm(window.trame);
+listenToKeys(window.trame);

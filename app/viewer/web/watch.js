@@ -1,0 +1,69 @@
+// The page's own watch over the server. A picture that stands still after the server has died looks
+// like a tool that is held still: when no heartbeat comes, the page itself turns grey and says so.
+
+const PATIENCE_MS = 1000;
+const AREA = "stage";
+
+export function watchServer(trame) {
+  const page = crypto.randomUUID();
+  const session = trame.client.getConnection().getSession();
+  const began = performance.now();
+  let heard = began; // the last heartbeat
+  let complete = began; // the last time that no picture was missing
+  let last = 0; // the number of the last picture here
+  let connected = true;
+
+  const cover = document.createElement("div");
+  cover.id = "lost";
+  cover.setAttribute("role", "alert");
+  cover.innerHTML = "<strong></strong><span></span><button type='button'>Reload</button>";
+  cover.querySelector("button").addEventListener("click", () => window.location.reload());
+  document.body.append(cover);
+
+  function say(words, more) {
+    if (document.body.dataset.lost === words) return;
+    if (words) {
+      cover.querySelector("strong").textContent = words;
+      cover.querySelector("span").textContent = more;
+      document.body.dataset.lost = words;
+    } else {
+      delete document.body.dataset.lost;
+    }
+  }
+
+  function judge() {
+    const now = performance.now();
+    if (!connected) say("CONNECTION LOST", "Nothing here is live any more.");
+    else if (last === 0) say("CONNECTING", "Waiting for the first picture.");
+    else if (now - heard > PATIENCE_MS) say("CONNECTION LOST", "The server does not answer.");
+    else if (now - complete > PATIENCE_MS) say("PICTURE LATE", "Pictures do not arrive in time.");
+    else say("", "");
+  }
+
+  function tell() {
+    if (connected) session.call("marginguard.seen", [page, last]).catch(() => {});
+  }
+
+  session.subscribe("marginguard.beat", ([beat]) => {
+    heard = performance.now();
+    if (last >= beat.number) complete = heard;
+    tell();
+    judge();
+  });
+  session.subscribe("trame.rca.topic.stream", ([picture]) => {
+    if (picture.name !== AREA) return;
+    last = picture.meta.number;
+    complete = performance.now();
+    tell();
+    judge();
+  });
+  const lose = () => {
+    connected = false;
+    judge();
+  };
+  trame.client.onConnectionClose(lose);
+  trame.client.onConnectionError(lose);
+  setInterval(judge, 100);
+  document.addEventListener("visibilitychange", judge);
+  judge();
+}
