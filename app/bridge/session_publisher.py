@@ -7,16 +7,16 @@ from types import TracebackType
 from typing import Self
 
 from rclpy.publisher import Publisher
-from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64, String
 
 from app.bridge import messages, topics
 from app.bridge.constraint import ConstraintBuilder
 from app.bridge.control.constraint_stream import ConstraintStream
 from app.bridge.diagnostics import Diagnostics
+from app.bridge.errors import BridgeError
 from app.bridge.frame_tree import ALONE, FrameTree, Voice
-from app.bridge.markers import Markers
 from app.bridge.node import RosNode
+from app.bridge.prepared_shapes import PreparedShapes
 from app.bridge.qos import Topic
 from app.bridge.replay_scene import ReplayScene
 from app.bridge.tf.broadcaster import tf_message
@@ -71,7 +71,7 @@ class SessionPublisher:
             self._edges_left_out: set[tuple[str, str]] = set()
             self._diagnostics = Diagnostics(counts)
             self._constraint_builder = ConstraintBuilder(scene)
-            self._make_surfaces(scene)
+            self._shapes = PreparedShapes(scene)
             self._latch(scene)
             if scene.robot_description is not None:
                 description = self._publisher(topics.ROBOT_DESCRIPTION)
@@ -102,17 +102,20 @@ class SessionPublisher:
             self._send(topics.DIAGNOSTICS, report)
         return in_time
 
-    def use(self, scene: ReplayScene) -> None:
+    def use(self, scene: ReplayScene, shapes: PreparedShapes | None = None) -> None:
         """Go on with other margins, another tumour or registration from the next step on.
 
-        The robot's description stays as it was.
+        ``shapes`` are those of ``scene``, made before because that takes long; None where tumour
+        and tool stay as they are. Raises `BridgeError` for those of another scene. The robot's
+        description stays as it was.
         """
+        shapes = shapes or self._shapes
+        if not shapes.are_of(scene):
+            raise BridgeError("the shapes that were prepared are not those of the scene")
         before, self._scene = self._scene, scene
         self._constraint_builder.use(scene)
-        new_surfaces = scene.tumor is not before.tumor or scene.tool is not before.tool
-        if new_surfaces:
-            self._make_surfaces(scene)
-        if new_surfaces or scene.static_edges != before.static_edges:
+        if shapes is not self._shapes or scene.static_edges != before.static_edges:
+            self._shapes = shapes
             self._latch(scene)
 
     def close(self) -> None:
@@ -160,20 +163,13 @@ class SessionPublisher:
             distance_mm = float(decision.proximity.signed_distance_mm)
         self._send(topics.MARGIN_MM, Float64(data=distance_mm))
         self._send(topics.MARGIN_COLOR, messages.color_message(decision.state.color))
-        self._send(topics.MARKERS, self._markers.words(decision))
+        self._send(topics.MARKERS, self._shapes.words(decision))
         self._show_surfaces(decision.state)
 
     def _show_surfaces(self, state: MarginState) -> None:
         if state is not self._surfaces_state:
-            self._surfaces_publisher.publish(self._surfaces[state])
+            self._surfaces_publisher.publish(self._shapes.surfaces(state))
             self._surfaces_state = state
-
-    def _make_surfaces(self, scene: ReplayScene) -> None:
-        """Serialise them once a state: a tumour of 80k triangles takes long to convert."""
-        self._markers = Markers(scene)
-        self._surfaces = {
-            state: serialize_message(self._markers.surfaces(state)) for state in MarginState
-        }
 
     def _latch(self, scene: ReplayScene) -> None:
         """Say what stays the same for as long as ``scene`` does; the surfaces are grey again."""

@@ -6,8 +6,11 @@ import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from app.bridge import topics
+from app.bridge.errors import BridgeError
+from app.bridge.prepared_shapes import PreparedShapes
 from app.bridge.session_publisher import SessionPublisher
 from app.fixture import MarginState
+from app.geometry import SurfaceMesh
 
 TF = "/tf:tf2_msgs/msg/TFMessage"
 TF_STATIC = "/tf_static:tf2_msgs/msg/TFMessage"
@@ -217,6 +220,30 @@ def test_a_case_without_robot_has_no_description(domain_id, scene, make_step):
         names = dict(ros.ros.node.get_topic_names_and_types())
     assert "/robot_description" not in names
     assert "/tf" in names
+
+
+def test_another_tumor_is_shown_by_the_shapes_that_were_made_of_it(
+    domain_id, scene, make_step, start_receiver
+):
+    larger = SurfaceMesh("tumor", 2.0 * scene.tumor.vertices_mm, scene.tumor.faces)
+    after = replace(scene, tumor=larger)
+    with SessionPublisher(scene, domain_id=domain_id) as ros:
+        receiver = start_receiver(f"{MARKERS}:4:latched")
+        receiver.take(1)
+        with pytest.raises(BridgeError, match="not those of the scene"):
+            ros.use(after)
+        ros.use(after, PreparedShapes(after))
+        ros.publish(make_step(0))
+        tumors = [
+            marker
+            for line in receiver.take(3)
+            for marker in line["message"]["markers"]
+            if marker["ns"] == "tumor"
+        ]
+    greens = [marker["color"]["g"] for marker in tumors]
+    assert greens == [0.5, 1.0]  # grey until there is a step
+    for marker in tumors:
+        assert max(point["x"] for point in marker["points"]) == 0.02
 
 
 def test_closing_twice_is_closing_once(domain_id, scene):

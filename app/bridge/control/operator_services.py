@@ -19,14 +19,15 @@ MOST_POINTS = 1_000
 class OperatorServices:
     """Serves both until the node is closed; a refusal says why, and then nothing has changed.
 
-    The field of a new tumour takes seconds, so ``~/set_tumor`` is answered from a thread of its
-    own, one request at a time, while the old tumour is guarded.
+    Each is answered from a thread of its own, one request at a time: the field of a new tumour
+    takes seconds, in which the old one is guarded, and any change waits for the step that is being
+    taken, in which samples have to be heard.
     """
 
     def __init__(self, ros: RosNode, changes: SessionChanges) -> None:
         self._changes = changes
         ServiceServer(ros, SetTumor, "~/set_tumor", self._set_tumor, in_thread=True)
-        ServiceServer(ros, Register, "~/register", self._register)
+        ServiceServer(ros, Register, "~/register", self._register, in_thread=True)
 
     def _set_tumor(self, request: SetTumor.Request, response: SetTumor.Response) -> None:
         frame = self._changes.setup.frame_from_tumor.source

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from app.bridge.errors import BridgeError
+from app.bridge.prepared_shapes import PreparedShapes
 from app.bridge.replay_scene import ReplayScene
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.geometry import SurfaceMesh, Transform
@@ -19,15 +20,15 @@ BetweenSteps = Callable[[], AbstractContextManager[Session]]
 class ShowsScene(Protocol):
     """What publishes the session: `SessionPublisher` is one."""
 
-    def use(self, scene: ReplayScene) -> None:
-        """Go on with this scene from the next step on."""
+    def use(self, scene: ReplayScene, shapes: PreparedShapes | None = None) -> None:
+        """Go on with this scene from the next step on; ``shapes`` are new surfaces of it."""
 
 
 class SessionChanges:
     """Gives new margins, a new tumour or a new registration to a session and to its publisher.
 
-    What is slow (fields of a new tumour) is done before the session is held up; what is refused
-    is refused before anything is changed.
+    What is slow (fields and surfaces of a new tumour) is done before the session is held up; what
+    is refused is refused before anything is changed.
     """
 
     def __init__(
@@ -71,11 +72,13 @@ class SessionChanges:
                 f"{known.target!r}"
             )
         proximity = self._model(setup, tumor)
+        shapes = PreparedShapes(replace(self._scene, tumor=tumor))
         with self._between_steps() as session:
             self._go_on(
                 session,
                 replace(session.setup, frame_from_tumor=frame_from_tumor, proximity=proximity),
                 replace(self._scene, tumor=tumor, static_edges=self._edges(frame_from_tumor)),
+                shapes,
             )
         return self._scene.model_id
 
@@ -110,7 +113,13 @@ class SessionChanges:
         kept = (edge for edge in self._scene.static_edges if edge.source != changed.source)
         return (*kept, changed)
 
-    def _go_on(self, session: Session, setup: SessionSetup, scene: ReplayScene) -> None:
-        self._publisher.use(scene)
+    def _go_on(
+        self,
+        session: Session,
+        setup: SessionSetup,
+        scene: ReplayScene,
+        shapes: PreparedShapes | None = None,
+    ) -> None:
         session.use(setup)
+        self._publisher.use(scene, shapes)
         self._scene = scene

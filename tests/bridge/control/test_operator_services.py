@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from app.bridge.control import OperatorServices, SessionChanges
+from app.bridge.control import OperatorServices, SessionChanges, session_changes
+from app.bridge.prepared_shapes import PreparedShapes
 from app.case import open_case
+from app.geometry import SurfaceMesh
 from app.session import Session, setup_from_case
+from tests.bridge.conftest import DEADLINE_S
 
 CALLER = Path(__file__).resolve().parent / "operator_caller.py"
 
@@ -19,9 +22,11 @@ class Shown:
 
     def __init__(self):
         self.scenes = []
+        self.shapes = []
 
-    def use(self, scene):
+    def use(self, scene, shapes=None):
         self.scenes.append(scene)
+        self.shapes.append(shapes)
 
 
 @pytest.fixture(scope="module")
@@ -44,14 +49,36 @@ def shown():
     return Shown()
 
 
+class StepLock:
+    """Test double of the lock that is held while a step is taken; tells when somebody wants it."""
+
+    def __init__(self):
+        self._lock = threading.Lock()
+        self.wanted = threading.Event()
+
+    def __enter__(self):
+        self.wanted.set()
+        self._lock.acquire()
+
+    def __exit__(self, *_):
+        self._lock.release()
+
+    def locked(self):
+        return self._lock.locked()
+
+
 @pytest.fixture
-def changes(ros, session, shown, scene, case, setup):
+def stepping():
+    return StepLock()
+
+
+@pytest.fixture
+def changes(ros, session, shown, scene, case, setup, stepping):
     """On a session of the recorded case, with the node serving."""
-    lock = threading.Lock()
 
     @contextmanager
     def between_steps():
-        with lock:
+        with stepping:
             yield session
 
     real = replace(
@@ -89,6 +116,38 @@ def test_a_sound_tumor_is_taken_and_others_leave_what_was(
     assert edges["needle", "tumor"] is session.setup.frame_from_tumor
     assert len(edges) == len(setup.static_edges)
     assert session.setup.proximity is not setup.proximity
+
+
+def test_the_session_goes_on_while_all_of_a_new_tumor_is_made(
+    changes, shown, case, stepping, monkeypatch
+):
+    held_up = []
+
+    class Watched(PreparedShapes):
+        def __init__(self, scene):
+            held_up.append(stepping.locked())
+            super().__init__(scene)
+
+    monkeypatch.setattr(session_changes, "PreparedShapes", Watched)
+    other = case.tumor_mesh()
+    other = SurfaceMesh(other.frame, other.vertices_mm * 0.9, other.faces)
+    changes.set_tumor(changes.setup.frame_from_tumor, other)
+    assert held_up == [False]
+    assert shown.shapes[0].are_of(shown.scenes[0])
+    assert shown.scenes[0].tumor is other
+
+
+def test_the_node_hears_others_while_a_change_waits_for_a_step(
+    ros, changes, stepping, start_receiver
+):
+    heard = threading.Event()
+    with stepping:
+        stepping.wanted.clear()
+        caller = start_receiver("register", "0.00001", script=CALLER)
+        assert stepping.wanted.wait(DEADLINE_S)
+        ros.call_soon(heard.set)
+        assert heard.wait(DEADLINE_S)
+    assert caller.take(1)[0]["success"]
 
 
 def test_a_good_registration_is_used_and_a_bad_one_leaves_what_was(
