@@ -4,6 +4,7 @@ import fcntl
 import os
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,13 +13,12 @@ HIGHEST = 100
 """Ports of domains above 101 lie in Linux's ephemeral range."""
 
 
-@pytest.fixture
-def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS domain that no other test of this machine uses now, kept on this machine.
+@contextmanager
+def held_domain() -> Iterator[int]:
+    """Hold a ROS domain that no other test of this machine uses now.
 
     Processes agree by locked files, which a process that dies gives back.
     """
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     for offset in range(HIGHEST):
         domain = 1 + (os.getpid() + offset) % HIGHEST
         path = Path(tempfile.gettempdir()) / f"marginguard-ros-domain-{domain}.lock"
@@ -27,7 +27,20 @@ def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
             yield domain
             return
     pytest.fail(f"all ROS domains from 1 to {HIGHEST} are in use by other tests")
+
+
+def environment_of(domain: int) -> dict[str, str]:
+    """What keeps a process in the domain, and on this machine."""
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(domain)}
+
+
+@pytest.fixture
+def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A domain for one test."""
+    with held_domain() as domain:
+        for name, value in environment_of(domain).items():
+            monkeypatch.setenv(name, value)
+        yield domain

@@ -183,6 +183,26 @@ class RosNode:
         """Call ``callback()`` in the node's thread, after what it is at."""
         self._executor.create_task(callback)
 
+    def call(self, callback: Callable[[], None]) -> None:
+        """Call ``callback()`` in the node's thread and return when it is done.
+
+        Nothing is called on a closed node. Raises `BridgeError` when the thread is held up.
+        """
+        if self.in_own_thread:
+            callback()
+            return
+        done = threading.Event()
+
+        def work() -> None:
+            try:
+                callback()
+            finally:
+                done.set()
+
+        self.call_soon(work)
+        if self.is_open and not done.wait(_JOIN_S):
+            raise BridgeError(f"the thread of ROS node {self.node.get_name()!r} is held up")
+
     def wake(self) -> None:
         """Let the node's thread look again at what its callbacks wait for."""
         self._executor.wake()

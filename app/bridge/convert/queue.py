@@ -15,8 +15,9 @@ from app.bridge.qos import Topic
 class TopicQueue:
     """The messages since the last `take`, as bytes: at most as many as ``qos.depth``.
 
-    A newer one takes the place of the oldest in a full queue, and `lost` counts that. Messages
-    over 256 MB are left out and counted in `too_long`.
+    A newer one takes the place of the oldest in a full queue, and `lost` counts that; it does not
+    count what DDS, whose own queue is as long, lets go before the node's thread comes for it.
+    Messages over 256 MB are left out and counted in `too_long`.
     """
 
     def __init__(self, ros: RosNode, kind: str | type, name: str, qos: QoSProfile) -> None:
@@ -40,8 +41,8 @@ class TopicQueue:
         return read_message(raw, self.topic)
 
     def close(self) -> None:
-        """Leave the graph, soon; needed only before the node itself is closed."""
-        self._ros.call_soon(lambda: self._ros.unsubscribe(self._subscription))
+        """Leave the graph; needed only before the node itself is closed."""
+        self._ros.call(lambda: self._ros.unsubscribe(self._subscription))
 
     def _take_in(self, raw: bytes) -> None:
         if len(raw) > MOST_BYTES:

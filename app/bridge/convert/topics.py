@@ -44,8 +44,8 @@ class TopicPublisher:
         return int(self._publisher.get_subscription_count())
 
     def close(self) -> None:
-        """Leave the graph, soon; needed only before the node itself is closed."""
-        self._ros.call_soon(lambda: self._ros.withdraw(self._publisher))
+        """Leave the graph; needed only before the node itself is closed."""
+        self._ros.call(lambda: self._ros.withdraw(self._publisher))
 
 
 class TopicSubscriber:

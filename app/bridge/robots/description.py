@@ -119,7 +119,7 @@ class DescriptionListener:
         if threading.current_thread() is not self._thread:
             self._thread.join(_CLOSE_S)
         self._ros.not_on_close(self.close)
-        self._ros.call_soon(self._leave)
+        self._ros.call(self._leave)
 
     def _leave(self) -> None:
         if self._subscription is not None:

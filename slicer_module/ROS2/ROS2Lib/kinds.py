@@ -1,0 +1,191 @@
+"""The kinds of topics and services by the names that SlicerROS2's scripts use.
+
+A kind is named by its short name (``Pose``), by the class of its node
+(``vtkMRMLROS2PublisherPoseNode``), or by its type in ROS (``geometry_msgs/msg/Twist``), which may
+be any that is installed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from vtkmodules.vtkCommonCore import (
+    vtkDoubleArray,
+    vtkIntArray,
+    vtkPoints,
+    vtkTypeUInt8Array,
+)
+from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData, vtkTable
+
+from app.bridge.convert import (
+    cloud_message,
+    cloud_points_mm,
+    from_plain,
+    image_array,
+    image_message,
+    message_type,
+    service_type,
+    to_plain,
+)
+from app.bridge.convert.types import SHORT_NAMES
+from app.geometry import Stamp
+from ROS2Lib import vtk_values
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.ros_message import message_of, value_of
+
+SERVICES = MappingProxyType(
+    {
+        "Empty": "std_srvs/srv/Empty",
+        "SetBool": "std_srvs/srv/SetBool",
+        "SetBoolString": "std_srvs/srv/SetBool",
+        "Spawn": "turtlesim/srv/Spawn",
+        "Trigger": "std_srvs/srv/Trigger",
+    }
+)
+"""Short names of services; `SetBoolString` is SlicerROS2's for `SetBool`."""
+
+TOPICS = tuple(SHORT_NAMES)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A type of message and the value that stands for it in Slicer."""
+
+    name: str
+    type: Any
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any]
+    blank: Callable[[], Any]
+
+
+def kind_of(name: str) -> Kind:
+    """The kind of a topic; raises `UnknownTypeError`."""
+    kind = message_type(name)
+    read, write, blank = _SPECIAL.get(name, (None, None, None))
+    return Kind(
+        name.rpartition("/")[2],
+        kind,
+        read or value_of,
+        (lambda value: write(kind, value)) if write else (lambda value: message_of(value, kind)),
+        blank or (lambda: value_of(kind())),
+    )
+
+
+def service_kind(name: str) -> Any:
+    """The type of a service; raises `UnknownTypeError`."""
+    return service_type(SERVICES.get(name, name))
+
+
+def _data(message: Any) -> Any:
+    return message.data
+
+
+def _with_data(kind: Any, value: Any) -> Any:
+    return from_plain(kind, {"data": value})
+
+
+def _with_numbers(kind: Any, value: Any) -> Any:
+    data = vtk_values.numbers(value)
+    dimension = {"label": "x", "size": len(data), "stride": len(data)}
+    return from_plain(kind, {"layout": {"dim": [dimension]}, "data": data})
+
+
+def _with_table(kind: Any, value: Any) -> Any:
+    return from_plain(kind, vtk_values.multi_array(value))
+
+
+def _read_uint8(message: Any) -> vtkTypeUInt8Array:
+    """A tuple a row of the image, a component a byte of it."""
+    found = image_array(message)
+    if found.dtype != np.uint8:
+        raise Ros2Error(f"an image of {message.encoding} is none of bytes: take an Image")
+    rows = vtkTypeUInt8Array()
+    rows.SetNumberOfComponents(message.width * (found.shape[2] if found.ndim == 3 else 1))
+    rows.SetNumberOfTuples(message.height)
+    vtk_values.numbers(rows)[:] = found.reshape(-1)
+    return rows
+
+
+def _write_uint8(_: Any, value: Any) -> Any:
+    flat = vtk_values.numbers(value)
+    return _image(flat.reshape(value.GetNumberOfTuples(), -1))
+
+
+_SWAPPED = MappingProxyType({"bgr8": [2, 1, 0], "bgra8": [2, 1, 0, 3]})
+_ENCODINGS = MappingProxyType(
+    {
+        ("uint8", 2): "mono8",
+        ("uint16", 2): "mono16",
+        ("int16", 2): "16SC1",
+        ("int32", 2): "32SC1",
+        ("float32", 2): "32FC1",
+        ("float64", 2): "64FC1",
+    }
+)
+_COLOURS = MappingProxyType({3: "rgb8", 4: "rgba8"})
+
+
+def _read_image(message: Any) -> vtkImageData:
+    found = image_array(message)
+    order = _SWAPPED.get(message.encoding)
+    return vtk_values.image(found if order is None else found[:, :, order])
+
+
+def _write_image(_: Any, value: Any) -> Any:
+    return _image(vtk_values.pixels(value))
+
+
+def _image(pixels: Any) -> Any:
+    encoding = _ENCODINGS.get((pixels.dtype.name, pixels.ndim))
+    if pixels.ndim == 3 and pixels.dtype == np.uint8:
+        encoding = _COLOURS.get(pixels.shape[2])
+    if encoding is None:
+        raise Ros2Error(f"an image {pixels.shape} of {pixels.dtype} has no encoding in ROS")
+    return image_message(pixels, encoding, "", Stamp(0))
+
+
+def _read_points(message: Any) -> vtkPoints:
+    each = to_plain(message)["points"]
+    rows = [[point[axis] for axis in "xyz"] for point in each]
+    return vtk_values.points(np.array(rows, dtype=np.float64).reshape(-1, 3))
+
+
+def _write_points(kind: Any, value: Any) -> Any:
+    rows = vtk_values.positions_mm(value).tolist()
+    return from_plain(kind, {"points": [dict(zip("xyz", row, strict=True)) for row in rows]})
+
+
+def _read_cloud(message: Any) -> vtkPolyData:
+    return vtk_values.cloud(cloud_points_mm(message))
+
+
+def _write_cloud(_: Any, value: Any) -> Any:
+    return cloud_message(vtk_values.positions_mm(value), "", Stamp(0))
+
+
+_SPECIAL: dict[str, tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Callable[[], Any]]] = {
+    "Empty": (lambda _: "", lambda kind, _: kind(), str),
+    "String": (_data, _with_data, str),
+    "Bool": (_data, _with_data, bool),
+    "Int": (_data, _with_data, int),
+    "Double": (_data, _with_data, float),
+    "IntArray": (lambda m: vtk_values.array(m.data, vtkIntArray), _with_numbers, vtkIntArray),
+    "DoubleArray": (
+        lambda m: vtk_values.array(m.data, vtkDoubleArray),
+        _with_numbers,
+        vtkDoubleArray,
+    ),
+    "IntTable": (lambda m: vtk_values.table(to_plain(m), vtkIntArray), _with_table, vtkTable),
+    "DoubleTable": (
+        lambda m: vtk_values.table(to_plain(m), vtkDoubleArray),
+        _with_table,
+        vtkTable,
+    ),
+    "UInt8Image": (_read_uint8, _write_uint8, vtkTypeUInt8Array),
+    "Image": (_read_image, _write_image, vtkImageData),
+    "PointCloud": (_read_points, _write_points, vtkPoints),
+    "PolyData": (_read_cloud, _write_cloud, vtkPolyData),
+}
+"""Where the short name says more than the type in ROS: reading, writing, and a blank value."""

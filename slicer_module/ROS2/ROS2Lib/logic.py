@@ -1,0 +1,113 @@
+"""What scripts ask the module for: the default ROS node, robots, and to spin."""
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from slicer import vtkMRMLScene
+
+from ROS2Lib.classes import kind_class
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.node import vtkMRMLROS2NodeNode
+from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
+from ROS2Lib.publisher import vtkMRMLROS2PublisherNode
+from ROS2Lib.robot import vtkMRMLROS2RobotNode
+from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
+from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
+from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
+from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+
+DEFAULT_NODE = "slicer"
+_LOOK_AGAIN_S = 0.02
+
+_CLASSES = (
+    vtkMRMLROS2NodeNode,
+    vtkMRMLROS2ParameterNode,
+    vtkMRMLROS2RobotNode,
+    vtkMRMLROS2Tf2BroadcasterNode,
+    vtkMRMLROS2Tf2LookupNode,
+)
+_FAMILIES = (
+    vtkMRMLROS2PublisherNode,
+    vtkMRMLROS2SubscriberNode,
+    vtkMRMLROS2ServiceClientNode,
+)
+
+
+def node_class(name: str) -> type:
+    """A class of ours by its name in SlicerROS2; raises `Ros2Error`."""
+    for each in _CLASSES:
+        if name == each.__name__:
+            return each
+    for base in _FAMILIES:
+        prefix = base.__name__.removesuffix("Node")
+        if name.startswith(prefix) and name.endswith("Node") and name != base.__name__:
+            return kind_class(base, name)
+    raise Ros2Error(f"{name!r} is no class of the ROS2 module")
+
+
+class Ros2Api:
+    """The logic of the module; ``scene`` is handed in."""
+
+    def __init__(self, scene: vtkMRMLScene) -> None:
+        self.scene = scene
+
+    def GetDefaultROS2Node(self) -> vtkMRMLROS2NodeNode:
+        """The ROS node ``slicer``, made where it is not there yet."""
+        for node in self.nodes():
+            if node.GetROS2NodeName() == DEFAULT_NODE:
+                return node
+        made = self.AddNewNodeByClass(vtkMRMLROS2NodeNode.__name__)
+        made.Create(DEFAULT_NODE)
+        return made
+
+    def AddNewNodeByClass(self, className: str, name: str = "") -> Any:
+        """As the scene's own, for classes of this module, which the scene cannot make."""
+        node = node_class(className)()
+        if name:
+            node.SetName(name)
+        self.scene.AddNode(node)
+        return node
+
+    def Spin(self) -> None:
+        """Bring what has come into the scene, for every ROS node in it; often, in its thread."""
+        for node in self.nodes():
+            node.Spin()
+
+    def AddRobot(
+        self,
+        robotName: str,
+        parameterNodeName: str,
+        parameterName: str = "robot_description",
+        fixedFrame: str = "",
+        tfPrefix: str = "",
+    ) -> vtkMRMLROS2RobotNode | None:
+        """A robot on the default node; see `vtkMRMLROS2NodeNode.CreateAndAddRobotNode`."""
+        return self.GetDefaultROS2Node().CreateAndAddRobotNode(
+            robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix
+        )
+
+    def RemoveRobot(self, robotName: str) -> bool:
+        """Take a robot of the default node away; False when there is none."""
+        return self.GetDefaultROS2Node().RemoveAndDeleteRobotNode(robotName)
+
+    def WaitForServiceResponse(
+        self, client: vtkMRMLROS2ServiceClientNode, timeoutSec: float
+    ) -> bool:
+        """Spin until the last request is over, ``timeoutSec`` at most; whether it was answered."""
+        until = time.monotonic() + timeoutSec
+        while client.IsRequestInProgress() and time.monotonic() < until:
+            client.wait(min(_LOOK_AGAIN_S, max(0.0, until - time.monotonic())))
+            self.Spin()
+        return client.GetLastResponseStatus()
+
+    def Destroy(self) -> None:
+        """Take every ROS node out of the scene; once is enough."""
+        for node in tuple(self.nodes()):
+            node.Destroy()
+
+    def nodes(self) -> Iterator[vtkMRMLROS2NodeNode]:
+        """The ROS nodes in the scene."""
+        found = self.scene.GetNodesByClass("vtkMRMLScriptedModuleNode")
+        each = [found.GetItemAsObject(n) for n in range(found.GetNumberOfItems())]
+        return (node for node in each if isinstance(node, vtkMRMLROS2NodeNode))

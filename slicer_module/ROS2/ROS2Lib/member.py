@@ -1,0 +1,68 @@
+"""What all nodes in the scene that hang on a ROS node have in common."""
+
+import logging
+from typing import TYPE_CHECKING, Any
+
+from app.geometry import MarginGuardError
+
+if TYPE_CHECKING:
+    from ROS2Lib.host import RosHost
+
+
+class Member:
+    """Mixed into a class of MRML nodes; `ROLE` and `_key` say which of its ROS node's it is.
+
+    A subclass gives `_start` (join the graph; raises `MarginGuardError`), `_stop` (leave it) and
+    `_spin` (bring what has come into the scene, in the thread that owns it).
+    """
+
+    ROLE = ""
+    _owner: "RosHost | None" = None
+
+    def GetClassName(self) -> str:
+        """The name that the class has in SlicerROS2; the scene itself knows the one below it."""
+        return type(self).__name__
+
+    def AddToROS2Node(self, nodeId: str, *names: str) -> bool:
+        """Join the graph as part of the ROS node ``nodeId``; False, and said, when refused."""
+        scene = self.GetScene()  # type: ignore[attr-defined]
+        owner = None if scene is None else scene.GetNodeByID(nodeId)
+        if not hasattr(owner, "adopt"):
+            logging.error(f"{self.GetClassName()}: no ROS 2 node {nodeId!r} in its scene")
+            return False
+        try:
+            owner.adopt(self, names)
+        except MarginGuardError as error:
+            logging.error(str(error))
+            return False
+        return True
+
+    def IsAddedToROS2Node(self) -> bool:
+        """Whether it is part of a ROS node now."""
+        return self._owner is not None
+
+    def join(self, owner: "RosHost", names: tuple[str, ...]) -> None:
+        """For the ROS node alone: become its member."""
+        self._start(owner, *names)
+        self._owner = owner
+        self.SetNodeReferenceID("node", owner.GetID())  # type: ignore[attr-defined]
+
+    def leave(self) -> None:
+        """For the ROS node alone: be nobody's member."""
+        if self._owner is not None:
+            self._stop()
+            self._owner = None
+
+    def spin(self) -> None:
+        """For the ROS node alone: bring what has come into the scene."""
+
+    @classmethod
+    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+        """What tells it from the others of its role on one ROS node."""
+        raise NotImplementedError
+
+    def _start(self, owner: "RosHost", *names: Any) -> None:
+        raise NotImplementedError
+
+    def _stop(self) -> None:
+        raise NotImplementedError

@@ -1,0 +1,158 @@
+"""A ROS node in the scene, with the calls that SlicerROS2's scripts make."""
+
+from ROS2Lib.classes import kind_class, kind_class_name
+from ROS2Lib.host import RosHost
+from ROS2Lib.kinds import SERVICES, TOPICS
+from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
+from ROS2Lib.publisher import vtkMRMLROS2PublisherNode
+from ROS2Lib.robot import vtkMRMLROS2RobotNode
+from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
+from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
+from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
+from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+
+
+class vtkMRMLROS2NodeNode(RosHost):
+    """`RosHost` says how it lives; here is what can hang on it."""
+
+    # Publishers, subscribers and service clients.
+
+    def CreateAndAddPublisherNode(
+        self, className: str, topic: str
+    ) -> vtkMRMLROS2PublisherNode | None:
+        """A publisher of a kind (`ROS2Lib.kinds`); None when the topic has one already."""
+        return self._create(kind_class(vtkMRMLROS2PublisherNode, className), topic)
+
+    def CreateAndAddSubscriberNode(
+        self, className: str, topic: str
+    ) -> vtkMRMLROS2SubscriberNode | None:
+        """A subscriber of a kind; None when the topic has one already."""
+        return self._create(kind_class(vtkMRMLROS2SubscriberNode, className), topic)
+
+    def CreateAndAddServiceClientNode(
+        self, className: str, service: str
+    ) -> vtkMRMLROS2ServiceClientNode | None:
+        """A client of a kind of service; None when the service has one already."""
+        return self._create(kind_class(vtkMRMLROS2ServiceClientNode, className), service)
+
+    def GetPublisherNodeByTopic(self, topic: str) -> vtkMRMLROS2PublisherNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2PublisherNode, topic)
+
+    def GetSubscriberNodeByTopic(self, topic: str) -> vtkMRMLROS2SubscriberNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2SubscriberNode, topic)
+
+    def GetServiceClientNodeByService(self, service: str) -> vtkMRMLROS2ServiceClientNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2ServiceClientNode, service)
+
+    def RemoveAndDeletePublisherNode(self, topic: str) -> bool:
+        """False when there is none."""
+        return self._remove(self.GetPublisherNodeByTopic(topic), f"publisher of {topic!r}")
+
+    def RemoveAndDeleteSubscriberNode(self, topic: str) -> bool:
+        """False when there is none."""
+        return self._remove(self.GetSubscriberNodeByTopic(topic), f"subscriber to {topic!r}")
+
+    def RemoveAndDeleteServiceClientNode(self, service: str) -> bool:
+        """False when there is none."""
+        return self._remove(self.GetServiceClientNodeByService(service), f"client of {service!r}")
+
+    def RegisteredROS2PublisherNodes(self) -> str:
+        """The classes that have a short name, one a line."""
+        return "\n".join(kind_class_name(vtkMRMLROS2PublisherNode, name) for name in TOPICS)
+
+    def RegisteredROS2SubscriberNodes(self) -> str:
+        """The classes that have a short name, one a line."""
+        return "\n".join(kind_class_name(vtkMRMLROS2SubscriberNode, name) for name in TOPICS)
+
+    def RegisteredROS2ServiceClientNodes(self) -> str:
+        """The classes that have a short name, one a line."""
+        return "\n".join(kind_class_name(vtkMRMLROS2ServiceClientNode, name) for name in SERVICES)
+
+    # Parameters of other nodes.
+
+    def CreateAndAddParameterNode(self, nodeName: str) -> vtkMRMLROS2ParameterNode | None:
+        """The parameters of another ROS node; None when they are monitored already."""
+        return self._create(vtkMRMLROS2ParameterNode, nodeName)
+
+    def GetParameterNodeByNode(self, nodeName: str) -> vtkMRMLROS2ParameterNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2ParameterNode, nodeName)
+
+    def RemoveAndDeleteParameterNode(self, nodeName: str) -> bool:
+        """False when there is none."""
+        return self._remove(self.GetParameterNodeByNode(nodeName), f"parameters of {nodeName!r}")
+
+    # tf.
+
+    def CreateAndAddTf2BroadcasterNode(
+        self, parent: str, child: str
+    ) -> vtkMRMLROS2Tf2BroadcasterNode | None:
+        """None when there is one already."""
+        return self._create(vtkMRMLROS2Tf2BroadcasterNode, parent, child)
+
+    def CreateAndAddTf2LookupNode(self, parent: str, child: str) -> vtkMRMLROS2Tf2LookupNode | None:
+        """None when there is one already."""
+        return self._create(vtkMRMLROS2Tf2LookupNode, parent, child)
+
+    def GetTf2BroadcasterNodeByParentChild(
+        self, parent: str, child: str
+    ) -> vtkMRMLROS2Tf2BroadcasterNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2Tf2BroadcasterNode, parent, child)
+
+    def GetTf2LookupNodeByParentChild(
+        self, parent: str, child: str
+    ) -> vtkMRMLROS2Tf2LookupNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2Tf2LookupNode, parent, child)
+
+    def GetTf2BroadcasterNodeByID(self, nodeID: str) -> vtkMRMLROS2Tf2BroadcasterNode | None:
+        """None when there is none."""
+        return self._by_id(vtkMRMLROS2Tf2BroadcasterNode, nodeID)
+
+    def GetTf2LookupNodeByID(self, nodeID: str) -> vtkMRMLROS2Tf2LookupNode | None:
+        """None when there is none."""
+        return self._by_id(vtkMRMLROS2Tf2LookupNode, nodeID)
+
+    def RemoveAndDeleteTf2BroadcasterNode(self, parent: str, child: str = "") -> bool:
+        """By parent and child, or by the id of the node; False when there is none."""
+        found = (
+            self.GetTf2BroadcasterNodeByParentChild(parent, child)
+            if child
+            else self.GetTf2BroadcasterNodeByID(parent)
+        )
+        return self._remove(found, f"broadcaster {parent!r} {child!r}")
+
+    def RemoveAndDeleteTf2LookupNode(self, parent: str, child: str = "") -> bool:
+        """By parent and child, or by the id of the node; False when there is none."""
+        found = (
+            self.GetTf2LookupNodeByParentChild(parent, child)
+            if child
+            else self.GetTf2LookupNodeByID(parent)
+        )
+        return self._remove(found, f"lookup {parent!r} {child!r}")
+
+    # Robots.
+
+    def CreateAndAddRobotNode(
+        self,
+        robotName: str,
+        parameterNodeName: str,
+        parameterName: str = "robot_description",
+        fixedFrame: str = "",
+        tfPrefix: str = "",
+    ) -> vtkMRMLROS2RobotNode | None:
+        """A robot that a parameter of another node describes; None when the name is in use."""
+        names = (robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix)
+        return self._create(vtkMRMLROS2RobotNode, *names)
+
+    def GetRobotNodeByName(self, robotName: str) -> vtkMRMLROS2RobotNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2RobotNode, robotName)
+
+    def RemoveAndDeleteRobotNode(self, robotName: str) -> bool:
+        """The robot with its lookups and models; False when there is none."""
+        return self._remove(self.GetRobotNodeByName(robotName), f"robot {robotName!r}")

@@ -1,0 +1,176 @@
+"""Robots described by a parameter, placed by tf: a lookup node and a model a link."""
+
+import logging
+from typing import TYPE_CHECKING
+
+from slicer import vtkMRMLScriptedModuleNode
+
+from app.bridge.mailbox import Mailbox
+from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
+from app.geometry import MarginGuardError
+from app.robot import Robot
+from app.scene import RobotModel
+from app.scene.convert import vtk_matrix
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Member
+from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+
+if TYPE_CHECKING:
+    from ROS2Lib.node import vtkMRMLROS2NodeNode
+
+
+_STALE_COLOR = (0.5, 0.5, 0.5)
+
+
+class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
+    """A model ``<link>_model`` a link, each under its lookup ``ros2:tf2lookup:<parent>To<child>``.
+
+    Links stand at their zero pose until tf places them, and all are grey while any is not `valid`:
+    a robot in colour is where it was measured. It is built anew when the description changes.
+    ``ModifiedEvent`` comes when it was built and when it turns grey or coloured.
+    """
+
+    ROLE = "robot"
+
+    def __init__(self) -> None:
+        self._settings: RobotSettings | None = None
+        self._description: DescriptionListener | None = None
+        self._described: Mailbox[Robot] = Mailbox()
+        self._model: RobotModel | None = None
+        self._lookups: dict[str, vtkMRMLROS2Tf2LookupNode] = {}
+        self._own: list[tuple[str, str]] = []
+        self._is_stale = True
+
+    def GetRobotName(self) -> str:
+        """The name that it was added by."""
+        return "" if self._settings is None else self._settings.name
+
+    def GetLinkNames(self) -> tuple[str, ...]:
+        """Its links, parents before children; none before the description has come."""
+        return tuple(self._lookups)
+
+    def IsStale(self) -> bool:
+        """Whether it is not there yet, or any link is not where it was measured of late."""
+        return self._is_stale
+
+    def GetProblem(self) -> str:
+        """What is wrong with its description or its poses, a sentence; empty when nothing is."""
+        if not self._lookups:
+            return "" if self._description is None else self._description.problem
+        stale = (
+            f"link {link!r} is {node.GetState()} {node.GetProblem()}".strip()
+            for link, node in self._lookups.items()
+            if node.IsStale()
+        )
+        return next(stale, "")
+
+    @classmethod
+    def key(cls, owner: "vtkMRMLROS2NodeNode", *names: str) -> tuple[str, ...]:
+        """Its name."""
+        return (names[0],)
+
+    def spin(self) -> None:
+        """Build it when its description is new, and show whether its poses are."""
+        robot = self._described.take(0.0)
+        if robot is not None:
+            self._clear()
+            self._build(robot)
+        if not self._lookups:
+            return
+        is_stale = any(node.IsStale() for node in self._lookups.values())
+        if is_stale != self._is_stale or robot is not None:
+            self._is_stale = is_stale
+            self._paint()
+            self.Modified()
+
+    def _start(
+        self,
+        owner: "vtkMRMLROS2NodeNode",
+        name: str,
+        node: str,
+        parameter: str,
+        fixed_frame: str,
+        tf_prefix: str,
+    ) -> None:
+        if not node.strip("/"):
+            raise Ros2Error(f"robot {name!r}: the node that describes it has no name")
+        self._settings = RobotSettings(name, tf_prefix=tf_prefix, fixed_frame=fixed_frame)
+        source = DescriptionSource(f"/{node.strip('/')}", parameter, topic="")
+        self._description = DescriptionListener(
+            owner.ros, self._settings, source, self._described.put
+        )
+        self.SetName(f"ros2:robot:{name}")
+        self.SetModuleName("ROS2")
+
+    def _stop(self) -> None:
+        if self._description is not None:
+            self._description.close()
+            self._description = None
+        self._clear()
+
+    def _build(self, robot: Robot) -> None:
+        owner, settings = self._owner, self._settings
+        if owner is None or settings is None:
+            return
+        root = robot.root_link
+        self._lookups[root] = self._lookup(settings.root_frame(robot), settings.frame(root))
+        waiting = list(robot.joints)
+        while waiting:
+            ready = [joint for joint in waiting if joint.origin.target in self._lookups]
+            for joint in ready:
+                waiting.remove(joint)
+                parent, child = joint.origin.target, joint.origin.source
+                node = self._lookup(settings.frame(parent), settings.frame(child))
+                node.SetAndObserveTransformNodeID(self._lookups[parent].GetID())
+                if node.GetStampNanoseconds() is None:
+                    node.SetMatrixTransformToParent(vtk_matrix(joint.origin))
+                self._lookups[child] = node
+        try:
+            self._model = RobotModel(self.GetScene(), robot, self._lookups[root], root)
+        except MarginGuardError as error:
+            logging.error(f"robot {settings.name!r} has no models: {error}")
+            return
+        for link, model in self._model.models.items():
+            model.SetAndObserveTransformNodeID(self._lookups[link].GetID())
+        # The lookups take the place of the model's own transforms.
+        for link in [link for link in self._model.transforms if link != root]:
+            self.GetScene().RemoveNode(self._model.transforms.pop(link))
+        for node in self._lookups.values():
+            node.spin()
+            self.AddNodeReferenceID("lookup", node.GetID())
+        for model in self._model.models.values():
+            self.AddNodeReferenceID("model", model.GetID())
+
+    def _lookup(self, parent: str, child: str) -> vtkMRMLROS2Tf2LookupNode:
+        """A node for the edge: one that is there already stays its maker's."""
+        if self._owner is None:
+            raise Ros2Error(f"{self.GetName()} is not on a ROS node")
+        there = self._owner.GetTf2LookupNodeByParentChild(parent, child)
+        if there is not None:
+            return there
+        made = self._owner.CreateAndAddTf2LookupNode(parent, child)
+        if made is None:
+            raise Ros2Error(f"{self.GetName()}: no lookup from {parent!r} to {child!r}")
+        self._own.append((parent, child))
+        return made
+
+    def _clear(self) -> None:
+        if self._model is not None:
+            self._model.remove()
+            self._model = None
+        if self._owner is not None:
+            for parent, child in self._own:
+                if self._owner.GetTf2LookupNodeByParentChild(parent, child) is not None:
+                    self._owner.RemoveAndDeleteTf2LookupNode(parent, child)
+        self._own.clear()
+        self._lookups.clear()
+        self._is_stale = True
+        self.RemoveNodeReferenceIDs("lookup")
+        self.RemoveNodeReferenceIDs("model")
+
+    def _paint(self) -> None:
+        for model in self._model.models.values() if self._model is not None else ():
+            display = model.GetDisplayNode()
+            # A link of one colour has it in the surface's cells, as those of many have.
+            display.SetScalarVisibility(not self._is_stale)
+            display.SetColor(*_STALE_COLOR)

@@ -1,0 +1,168 @@
+"""Messages with ``Get`` and ``Set`` for each field, and VTK's values where it has them.
+
+A pose or a transform is a vtkMatrix4x4 in mm; a wrench, a twist or an acceleration an array of
+six; a list a tuple. Lengths are scaled by `app.bridge.convert`, field by field.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from rosidl_parser.definition import AbstractNestedType, AbstractType, NamespacedType
+from vtkmodules.vtkCommonTransforms import vtkTransform, vtkTransformCollection
+
+from app.bridge.convert import from_plain, to_plain, type_name
+from ROS2Lib import vtk_values
+from ROS2Lib.errors import Ros2Error
+
+Plain = Mapping[str, Any]
+
+
+class RosMessage:
+    """``message.GetHeader().SetFrameId("needle")``: a field ``frame_id`` is ``FrameId`` here."""
+
+    def __init__(self, kind: type, values: dict[str, Any]) -> None:
+        self._kind = kind
+        self._values = values
+        self._fields = {camel(field): field for field in values}
+
+    def GetClassName(self) -> str:
+        """``vtkGeometryMsgsPoseStamped``, as SlicerROS2 calls the class."""
+        package, _, name = type_name(self._kind).split("/")
+        return f"vtk{camel(package)}{name}"
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        field = self.__dict__.get("_fields", {}).get(name[3:])
+        if field is None or name[:3] not in ("Get", "Set"):
+            raise AttributeError(
+                f"{self._kind.__name__} has no {name}: Get and Set of {', '.join(self._fields)}"
+            )
+        if name[:3] == "Get":
+            return lambda: self._values[field]
+
+        def put(value: Any) -> None:
+            self._values[field] = value
+
+        return put
+
+    def __dir__(self) -> Iterable[str]:
+        each = (f"{way}{field}" for field in self._fields for way in ("Get", "Set"))
+        return (*super().__dir__(), *each)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{field}={value!r}" for field, value in self._values.items())
+        return f"{self._kind.__name__}({shown})"
+
+
+def value_of(message: Any) -> Any:
+    """The value of a message of ROS; lengths are in mm."""
+    return _value(to_plain(message), type(message))
+
+
+def message_of(value: Any, kind: type) -> Any:
+    """A message of ``kind`` from its value, or from a plain mapping of fields, lengths in mm.
+
+    A type with a header takes what it is the header of as well: a PoseStamped a bare matrix, a
+    PoseArray a vtkTransformCollection.
+    """
+    return from_plain(kind, _plain(value, kind))
+
+
+def camel(name: str) -> str:
+    """``child_frame_id`` as ``ChildFrameId``."""
+    return "".join(part[:1].upper() + part[1:] for part in name.split("_"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Equivalent:
+    """A type that VTK has a value for: from the fields, in mm, and back."""
+
+    value: Callable[[Plain], Any]
+    plain: Callable[[Any], Plain]
+
+
+def _pose(translation: str, rotation: str) -> _Equivalent:
+    return _Equivalent(
+        value=lambda plain: vtk_values.matrix(plain[translation], plain[rotation]),
+        plain=lambda value: dict(
+            zip((translation, rotation), vtk_values.translation_and_rotation(value), strict=True)
+        ),
+    )
+
+
+def _two_vectors(first: str, second: str) -> _Equivalent:
+    return _Equivalent(
+        value=lambda plain: vtk_values.six(plain[first], plain[second]),
+        plain=lambda value: dict(zip((first, second), vtk_values.two_vectors(value), strict=True)),
+    )
+
+
+_EQUIVALENTS = {
+    "geometry_msgs/msg/Pose": _pose("position", "orientation"),
+    "geometry_msgs/msg/Transform": _pose("translation", "rotation"),
+    "geometry_msgs/msg/Wrench": _two_vectors("force", "torque"),
+    "geometry_msgs/msg/Twist": _two_vectors("linear", "angular"),
+    "geometry_msgs/msg/Accel": _two_vectors("linear", "angular"),
+}
+
+
+def _value(plain: Plain, kind: Any) -> Any:
+    equivalent = _EQUIVALENTS.get(type_name(kind))
+    if equivalent is not None:
+        return equivalent.value(plain)
+    return RosMessage(
+        kind, {field: _field_value(plain[field], slot) for field, slot in _slots(kind)}
+    )
+
+
+def _field_value(plain: Any, slot: AbstractType) -> Any:
+    if isinstance(slot, NamespacedType):
+        return _value(plain, _class(slot))
+    if isinstance(slot, AbstractNestedType) and isinstance(slot.value_type, NamespacedType):
+        return tuple(_value(each, _class(slot.value_type)) for each in plain)
+    if isinstance(plain, np.ndarray):
+        return tuple(plain.tolist())
+    return tuple(plain) if isinstance(plain, list) else plain
+
+
+def _plain(value: Any, kind: Any) -> Plain:
+    if isinstance(value, Mapping):
+        return value
+    equivalent = _EQUIVALENTS.get(type_name(kind))
+    if equivalent is not None:
+        return equivalent.plain(value)
+    slots = dict(_slots(kind))
+    if isinstance(value, RosMessage):
+        if value._kind is not kind:
+            raise Ros2Error(f"a {value._kind.__name__} is no {kind.__name__}")
+        return {field: _field_plain(value._values[field], slots[field]) for field in slots}
+    if len(slots) == 2 and "header" in slots:
+        (field,) = slots.keys() - {"header"}
+        return {field: _field_plain(value, slots[field])}
+    raise Ros2Error(
+        f"a {type(value).__name__} is no {kind.__name__}: a blank message, filled in, wanted"
+    )
+
+
+def _field_plain(value: Any, slot: AbstractType) -> Any:
+    if isinstance(slot, NamespacedType):
+        return _plain(value, _class(slot))
+    if isinstance(slot, AbstractNestedType) and isinstance(slot.value_type, NamespacedType):
+        kind = _class(slot.value_type)
+        if isinstance(value, vtkTransformCollection):
+            each = (value.GetItemAsObject(n) for n in range(value.GetNumberOfItems()))
+            value = [item.GetMatrix() for item in each if isinstance(item, vtkTransform)]
+        if not isinstance(value, Iterable):
+            raise Ros2Error(f"a {type(value).__name__} is no list of {kind.__name__}")
+        return [_plain(item, kind) for item in value]
+    return value
+
+
+def _slots(kind: Any) -> list[tuple[str, AbstractType]]:
+    return list(zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True))
+
+
+def _class(slot: NamespacedType) -> Any:
+    return getattr(import_module(".".join(slot.namespaces)), slot.name)

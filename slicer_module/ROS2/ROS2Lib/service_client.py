@@ -1,0 +1,150 @@
+"""Services of other nodes, asked without holding up the scene."""
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from slicer import vtkMRMLScriptedModuleNode
+
+from app.bridge.calls import CallError, ServiceClient
+from app.bridge.convert import type_name
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.kinds import service_kind
+from ROS2Lib.member import Member
+from ROS2Lib.ros_message import message_of, value_of
+
+if TYPE_CHECKING:
+    from ROS2Lib.host import RosHost
+
+
+_TIMEOUT_S = 5.0
+
+
+class _Call:
+    """One request under way, in a thread that waits for the server and for its answer."""
+
+    def __init__(self, client: ServiceClient, request: Any, timeout_s: float) -> None:
+        self.reply: Any = None
+        self.error = ""
+        self.done = threading.Event()
+        self.cancel = threading.Event()
+        self._work = (client, request, timeout_s)
+        threading.Thread(target=self._run, name=f"call of {client.name}", daemon=True).start()
+
+    def _run(self) -> None:
+        client, request, timeout_s = self._work
+        try:
+            self.reply = client.call(request, timeout_s, self.cancel)
+        except CallError as error:
+            self.error = str(error)
+        self.done.set()
+
+
+class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
+    """``ModifiedEvent`` comes in `Spin` when a request is answered, or will not be."""
+
+    ROLE = "service client"
+    KIND = ""
+
+    def __init__(self) -> None:
+        self._type = service_kind(self.KIND)
+        self._client: ServiceClient | None = None
+        self._service = ""
+        self._call: _Call | None = None
+        self._response: Any = None
+        self._error = "no request was sent"
+        self._calls = 0
+        self._sent = 0
+        self._timeout_s = _TIMEOUT_S
+
+    def GetService(self) -> str:
+        """The name as it was given."""
+        return self._service
+
+    def GetROSType(self) -> str:
+        """``std_srvs/srv/Trigger``."""
+        return type_name(self._type)
+
+    def CreateBlankRequest(self) -> Any:
+        """A request to be filled in and sent."""
+        return value_of(self._type.Request())
+
+    def SendAsyncRequest(self, request: Any) -> int:
+        """Ask; gives 1. One that is under way is not waited for any more.
+
+        Raises `MarginGuardError`, with nothing sent, for a request of another type.
+        """
+        self._calls += 1
+        if self._client is None:
+            raise Ros2Error(f"{self.GetName()}: the service client is not on a ROS node")
+        message = message_of(request, self._type.Request)
+        self._give_up()
+        self._response, self._error = None, "the request is under way"
+        self._call = _Call(self._client, message, self._timeout_s)
+        self._sent += 1
+        return 1
+
+    def GetLastResponse(self) -> Any:
+        """The answer to the last request; None while it has none."""
+        return self._response
+
+    def GetLastResponseStatus(self) -> bool:
+        """Whether the last request has been answered."""
+        return self._response is not None
+
+    def GetLastError(self) -> str:
+        """Why the last request has no answer (nobody serves it, no reply in time); else empty."""
+        return self._error
+
+    def IsRequestInProgress(self) -> bool:
+        """Whether a request waits for its answer, or for the `Spin` that takes it."""
+        return self._call is not None
+
+    def SetTimeoutSeconds(self, seconds: float) -> None:
+        """How long a request may take from now on, the search for its server included."""
+        if not 0.0 < seconds <= 1e6:
+            raise Ros2Error(f"{self.GetName()}: a timeout of {seconds} s: 0 to 1e6 s wanted")
+        self._timeout_s = seconds
+
+    def GetNumberOfCalls(self) -> int:
+        """How often `SendAsyncRequest` was called."""
+        return self._calls
+
+    def GetNumberOfRequestsSent(self) -> int:
+        """How many of the calls have sent a request."""
+        return self._sent
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when the request is over, or after ``timeout_s``."""
+        if self._call is not None:
+            self._call.done.wait(timeout_s)
+
+    @classmethod
+    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+        """The service, however it was spelt."""
+        return (owner.resolve(names[0]),)
+
+    def spin(self) -> None:
+        """Take the answer in."""
+        call = self._call
+        if call is not None and call.done.is_set():
+            self._call = None
+            self._error = call.error
+            self._response = None if call.error else value_of(call.reply)
+            self.Modified()
+
+    def _start(self, owner: "RosHost", service: str) -> None:
+        self._client = ServiceClient(owner.ros, self._type, service)
+        self._service = service
+        self.SetName(f"ros2:srv:client:{service}")
+        self.SetModuleName("ROS2")
+
+    def _stop(self) -> None:
+        self._give_up()
+        if self._client is not None and self._owner is not None:
+            self._owner.ros.call(self._client.close)
+        self._client = None
+
+    def _give_up(self) -> None:
+        if self._call is not None:
+            self._call.cancel.set()
+            self._call = None

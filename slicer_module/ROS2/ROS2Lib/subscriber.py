@@ -1,0 +1,121 @@
+"""Subscribers: a topic to values of Slicer, one event a message."""
+
+import logging
+from typing import TYPE_CHECKING, Any
+
+from slicer import vtkMRMLModelNode, vtkMRMLVolumeNode
+
+from app.bridge.convert import TopicQueue
+from app.geometry import MarginGuardError
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.topic_node import TopicNode
+from ROS2Lib.yaml_text import yaml_text
+
+if TYPE_CHECKING:
+    from ROS2Lib.host import RosHost
+
+
+_TARGETS = {"Image": vtkMRMLVolumeNode, "PolyData": vtkMRMLModelNode}
+
+
+class vtkMRMLROS2SubscriberNode(TopicNode):
+    """Its ``ModifiedEvent`` comes once for each message, in `Spin`, with that message the last.
+
+    Messages wait in a queue as long as the history is deep; those beyond it are lost, and counted.
+    """
+
+    ROLE = "subscriber"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._queue: TopicQueue | None = None
+        self._raw: bytes | None = None
+        self._message: Any = None
+        self._count = 0
+        self._lost = 0
+        self._target = ""
+
+    def GetLastMessage(self) -> Any:
+        """The value of the last message; None before the first.
+
+        Raises `MarginGuardError` for a message that has no such value: bytes that are none of the
+        type, an integer beyond VTK's 32 bits, a quaternion that is no rotation.
+        """
+        message = self._read()
+        return None if message is None else self.kind.read(message)
+
+    def GetLastMessageYAML(self) -> str:
+        """The last message as ROS has it, lengths in m; empty before the first."""
+        message = self._read()
+        return "" if message is None else yaml_text(message)
+
+    def GetNumberOfMessages(self) -> int:
+        """How many messages have come into the scene."""
+        return self._count
+
+    def GetNumberOfMessagesLost(self) -> int:
+        """How many came faster than `Spin` was called, beyond the queue's length."""
+        return self._lost if self._queue is None else self._queue.lost
+
+    def SetTargetNodeID(self, nodeId: str) -> None:
+        """The volume (Image) or model (PolyData) that shows the newest message; empty: none."""
+        wanted = _TARGETS.get(self.KIND)
+        if wanted is None:
+            raise Ros2Error(f"a {self.KIND} has no target: {' or '.join(_TARGETS)} wanted")
+        if nodeId and not isinstance(self.GetScene().GetNodeByID(nodeId), wanted):
+            raise Ros2Error(f"target {nodeId!r} of {self.GetName()} is no {wanted.__name__}")
+        self._target = nodeId
+
+    def GetTargetNodeID(self) -> str:
+        """The node that shows the newest message."""
+        return self._target
+
+    def spin(self) -> None:
+        """Make each message the last one, in order, and say so."""
+        taken = [] if self._queue is None else self._queue.take()
+        for raw in taken:
+            if self._queue is None:
+                return  # an observer has removed it
+            self._raw, self._message = raw, None
+            self._count += 1
+            self.Modified()
+        if taken and self._target and self._queue is not None:
+            self._show()
+
+    def _read(self) -> Any:
+        if self._message is None and self._raw is not None and self._queue is not None:
+            self._message = self._queue.read(self._raw)
+        return self._message
+
+    def _show(self) -> None:
+        target = self.GetScene().GetNodeByID(self._target)
+        if target is None:
+            self._target = ""
+            return
+        try:
+            value = self.GetLastMessage()
+        except MarginGuardError as error:
+            logging.error(f"{self.GetName()}: {error}")
+            return
+        if self.KIND == "Image":
+            target.SetAndObserveImageData(value)
+        else:
+            target.SetAndObservePolyData(value)
+
+    def _start(self, owner: "RosHost", topic: str) -> None:
+        self._queue = TopicQueue(owner.ros, self.kind.type, topic, self.quality())
+        self.named("ros2:sub:", topic)
+
+    def _stop(self) -> None:
+        if self._queue is not None:
+            self._read_last()
+            self._lost = self._queue.lost
+            self._queue.close()
+            self._queue = None
+
+    def _read_last(self) -> None:
+        """Keep the last message readable by who still holds the node."""
+        try:
+            self._read()
+        except MarginGuardError:
+            self._raw = None

@@ -1,0 +1,94 @@
+"""Poses of the scene to tf, each stamped with when it was said, or measured."""
+
+import logging
+from typing import TYPE_CHECKING
+
+from slicer import vtkMRMLScriptedModuleNode, vtkMRMLTransformNode
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+
+from app.geometry import MarginGuardError, Stamp, check_frame
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Member
+from ROS2Lib.vtk_values import transform
+
+if TYPE_CHECKING:
+    from ROS2Lib.host import RosHost
+
+
+class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
+    """``Broadcast(matrix)``: where the child is in its parent, mm in the scene and m in tf."""
+
+    ROLE = "broadcaster"
+
+    def __init__(self) -> None:
+        self._parent = ""
+        self._child = ""
+        self._count = 0
+        self._observed: vtkMRMLTransformNode | None = None
+        self._observer = 0
+
+    def GetParentID(self) -> str:
+        """The parent's frame."""
+        return self._parent
+
+    def GetChildID(self) -> str:
+        """The child's frame."""
+        return self._child
+
+    def GetNumberOfBroadcasts(self) -> int:
+        """How many have been sent."""
+        return self._count
+
+    def Broadcast(
+        self, pose: vtkMatrix4x4 | vtkMRMLTransformNode, stampNs: int | None = None
+    ) -> bool:
+        """Send a matrix, or a transform node's matrix to its parent, in mm.
+
+        ``stampNs`` is when it was measured; without it, it is true now. Raises
+        `MarginGuardError`, with nothing sent, for a matrix that is not rigid.
+        """
+        if self._owner is None:
+            raise Ros2Error(f"{self.GetName()}: the broadcaster is not on a ROS node")
+        if isinstance(pose, vtkMRMLTransformNode):
+            matrix = vtkMatrix4x4()
+            pose.GetMatrixTransformToParent(matrix)
+            pose = matrix
+        stamp = Stamp(self._owner.now_ns() if stampNs is None else stampNs)
+        sample = (transform(pose, self._parent, self._child), stamp)
+        self._owner.broadcaster.send([sample])
+        self._count += 1
+        return True
+
+    def ObserveTransformNode(self, node: vtkMRMLTransformNode | None) -> None:
+        """Broadcast whenever ``node`` moves, and now; None: no more."""
+        if self._observed is not None:
+            self._observed.RemoveObserver(self._observer)
+        self._observed = node
+        self.SetNodeReferenceID("ObservedTransform", None if node is None else node.GetID())
+        if node is not None:
+            self._observer = node.AddObserver(
+                vtkMRMLTransformNode.TransformModifiedEvent, self._moved
+            )
+            self._moved(node, "")
+
+    @classmethod
+    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+        """Parent and child."""
+        parent, child = names
+        return (check_frame(parent), check_frame(child))
+
+    def _moved(self, node: vtkMRMLTransformNode, _: str) -> None:
+        try:
+            self.Broadcast(node)
+        except MarginGuardError as error:  # an observer has nobody to raise it to
+            logging.error(f"{self.GetName()}: {error}")
+
+    def _start(self, owner: "RosHost", parent: str, child: str) -> None:
+        if parent == child:
+            raise Ros2Error(f"frame {child!r} cannot be broadcast as its own parent")
+        self._parent, self._child = parent, child
+        self.SetName(f"ros2:tf2broadcaster:{parent}To{child}")
+        self.SetModuleName("ROS2")
+
+    def _stop(self) -> None:
+        self.ObserveTransformNode(None)

@@ -1,0 +1,140 @@
+"""Poses of tf in the scene: a transform node that knows how old it is."""
+
+from typing import TYPE_CHECKING
+
+from slicer import vtkMRMLLinearTransformNode
+
+from app.bridge.robots.settings import STALE_AFTER_NS
+from app.bridge.tf import Lookup, TfError
+from app.geometry import NS_PER_S, check_frame
+from app.scene.convert import vtk_matrix
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Member
+
+if TYPE_CHECKING:
+    from ROS2Lib.host import RosHost
+
+
+MISSING, VALID, STALE = "missing", "valid", "stale"
+
+
+class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
+    """Where the child is in its parent, in mm; ``TransformModifiedEvent`` once for each new sample.
+
+    The attribute ``ros2.state`` is ``missing`` before the first sample, ``valid``, or ``stale``
+    while the oldest of the newest samples on the way is older than `GetStaleAfterSeconds`, or from
+    as far in the future; ``ros2.stamp_ns`` is that sample's own stamp. A stale node keeps its pose.
+    """
+
+    ROLE = "lookup"
+
+    def __init__(self) -> None:
+        self._parent = ""
+        self._child = ""
+        self._found: Lookup | None = None
+        self._state = ""
+        self._problem = ""
+        self._stale_after_ns = STALE_AFTER_NS
+        self._always_modified = False
+
+    def GetParentID(self) -> str:
+        """The parent's frame."""
+        return self._parent
+
+    def GetChildID(self) -> str:
+        """The child's frame."""
+        return self._child
+
+    def IsParentAndChildSet(self) -> bool:
+        """Whether both are known."""
+        return bool(self._parent and self._child)
+
+    def SetModifiedOnLookup(self, always: bool) -> None:
+        """Whether each `Spin` that finds a pose is an event, new or not; False at first."""
+        self._always_modified = always
+
+    def GetModifiedOnLookup(self) -> bool:
+        """Whether each `Spin` that finds a pose is an event."""
+        return self._always_modified
+
+    def GetState(self) -> str:
+        """``missing``, ``valid`` or ``stale``."""
+        return self._state
+
+    def IsStale(self) -> bool:
+        """Whether the pose must not be trusted: too old, or not there."""
+        return self._state != VALID
+
+    def GetProblem(self) -> str:
+        """Why tf has no answer now; empty where it has one."""
+        return self._problem
+
+    def GetStampNanoseconds(self) -> int | None:
+        """The stamp of the oldest of the samples of the pose; None: none, or they hold always."""
+        return None if self._found is None else self._found.stamp_ns
+
+    def GetAgeSeconds(self) -> float | None:
+        """How old that is on the node's clock; None before the first, 0 for what holds always."""
+        if self._found is None or self._owner is None:
+            return None
+        stamp_ns = self._found.stamp_ns
+        return 0.0 if stamp_ns is None else (self._owner.now_ns() - stamp_ns) / NS_PER_S
+
+    def SetStaleAfterSeconds(self, seconds: float) -> None:
+        """From what age on the pose is stale."""
+        if not seconds > 0.0:
+            raise Ros2Error(f"{self.GetName()}: stale after {seconds} s: more than 0 wanted")
+        self._stale_after_ns = round(seconds * NS_PER_S)
+
+    def GetStaleAfterSeconds(self) -> float:
+        """From what age on the pose is stale."""
+        return self._stale_after_ns / NS_PER_S
+
+    @classmethod
+    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+        """Parent and child."""
+        parent, child = names
+        return (check_frame(parent), check_frame(child))
+
+    def spin(self) -> None:
+        """Look the pose up, and how old it is."""
+        if self._owner is None:
+            return
+        try:
+            found = self._owner.buffer.lookup(self._parent, self._child)
+            self._problem = ""
+        except TfError as error:
+            found, self._problem = None, str(error)
+        modifying = self.StartModify()
+        if found is not None and (self._always_modified or self._is_new(found)):
+            self._found = found
+            self.SetAttribute("ros2.stamp_ns", str(found.stamp_ns or 0))
+            self.SetMatrixTransformToParent(vtk_matrix(found.transform))
+        self._judge()
+        self.EndModify(modifying)
+
+    def _is_new(self, found: Lookup) -> bool:
+        last = self._found
+        return (
+            last is None
+            or last.stamp_ns != found.stamp_ns
+            or bool((last.transform.matrix != found.transform.matrix).any())
+        )
+
+    def _judge(self) -> None:
+        age = self.GetAgeSeconds()
+        limit = self.GetStaleAfterSeconds()
+        state = MISSING if age is None else VALID if abs(age) <= limit else STALE
+        if state != self._state:
+            self._state = state
+            self.SetAttribute("ros2.state", state)
+
+    def _start(self, owner: "RosHost", parent: str, child: str) -> None:
+        owner.listen()
+        self._parent, self._child = parent, child
+        self.SetName(f"ros2:tf2lookup:{parent}To{child}")
+        self._judge()
+
+    def _stop(self) -> None:
+        self._state = STALE if self._found is not None else MISSING
+        self.SetAttribute("ros2.state", self._state)

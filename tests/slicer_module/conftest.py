@@ -1,0 +1,124 @@
+"""The ROS2 module in a scene of its own, beside one process that uses rclpy alone."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.ros_domain import environment_of, held_domain
+
+PEER = Path(__file__).resolve().parent / "ros2_peer.py"
+DEADLINE_S = 30.0
+"""After this an answer of the other process will not come; it takes less than a second."""
+WAIT_S = 15.0
+TICK_S = 0.005
+
+
+class Peer:
+    """``peer("publish", topic=..., ...)`` gives what the other process answers."""
+
+    def __init__(self, domain: int, log: Path) -> None:
+        self._log = log
+        with log.open("w") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, str(PEER)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                env={**os.environ, **environment_of(domain)},
+            )
+
+    def __call__(self, do: str, **told: Any) -> Any:
+        self.tell(do, **told)
+        return self.answer()
+
+    def tell(self, do: str, **told: Any) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps({"do": do, **told}) + "\n")
+        self._process.stdin.flush()
+
+    def answer(self) -> Any:
+        assert self._process.stdout is not None
+        deadline = threading.Timer(DEADLINE_S, self._process.kill)
+        deadline.start()
+        line = self._process.stdout.readline()
+        deadline.cancel()
+        answer = json.loads(line) if line else {"failed": self._log.read_text()}
+        if "failed" in answer:
+            pytest.fail(f"the other process: {answer['failed']}")
+        return answer["done"]
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+
+@pytest.fixture(scope="session")
+def ros_domain() -> Iterator[int]:
+    with held_domain() as domain:
+        yield domain
+
+
+@pytest.fixture(scope="session")
+def peer(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Peer]:
+    process = Peer(ros_domain, tmp_path_factory.mktemp("peer") / "peer.log")
+    yield process
+    process.close()
+
+
+@pytest.fixture(scope="session")
+def session_logic() -> Iterator[Any]:
+    from slicer import vtkMRMLScene
+
+    from app.scene import SceneApplication
+    from ROS2Lib.logic import Ros2Api
+
+    application = SceneApplication(vtkMRMLScene())
+    made = Ros2Api(application.scene)
+    yield made
+    made.Destroy()
+
+
+@pytest.fixture
+def logic(session_logic: Any, ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The module's logic; nodes that it makes are in the domain of `peer`."""
+    for name, value in environment_of(ros_domain).items():
+        monkeypatch.setenv(name, value)
+    return session_logic
+
+
+@pytest.fixture
+def node(logic: Any) -> Any:
+    return logic.GetDefaultROS2Node()
+
+
+def wait_until(ready: Callable[[], Any], meanwhile: Callable[[], Any] = lambda: None) -> None:
+    """Return when ``ready()``, and call ``meanwhile()`` until then as the module's timer would."""
+    pause = threading.Event()
+    for _ in range(int(WAIT_S / TICK_S)):
+        meanwhile()
+        if ready():
+            return
+        pause.wait(TICK_S)
+    pytest.fail(f"not within {WAIT_S:g} s")
+
+
+@pytest.fixture
+def spin_until(logic: Any) -> Callable[[Callable[[], Any]], None]:
+    """Spin until ``ready()``."""
+    return lambda ready: wait_until(ready, logic.Spin)
+
+
+@pytest.fixture(name="wait_until")
+def wait_without_spinning() -> Callable[..., None]:
+    return wait_until

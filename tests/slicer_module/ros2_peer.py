@@ -1,0 +1,210 @@
+"""An independent ROS process, by rclpy alone, that does what lines of JSON on its stdin tell it.
+
+It answers each line with one of its own. It imports nothing of the project.
+
+    /peer parameters        one of every type, `quiet` without a value
+    /peer/echo              SetBool: replies what it got
+    /peer/mute              Trigger: never replies
+    /robot_state_publisher  a node of its own with the parameter robot_description
+"""
+
+import json
+import os
+import sys
+import threading
+from importlib import import_module
+
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_srvs.srv import SetBool, Trigger
+from tf2_msgs.msg import TFMessage
+
+DEADLINE_S = 20.0
+
+rclpy.init()
+node = rclpy.create_node("peer")
+robot = rclpy.create_node("robot_state_publisher")
+changed = threading.Condition()
+publishers = {}
+heard = {}
+tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+
+for name, value in {
+    "flag": True,
+    "count": 7,
+    "gain": 1.5,
+    "text": "ü",
+    "flags": [True, False],
+    "counts": [1, -2, 3],
+    "gains": [0.5, 2.5],
+    "texts": ["a", "b"],
+}.items():
+    node.declare_parameter(name, value)
+node.declare_parameter("quiet", descriptor=ParameterDescriptor(dynamic_typing=True))
+robot.declare_parameter("robot_description", "")
+
+
+def type_of(name):
+    package, folder, last = name.split("/")
+    return getattr(import_module(f"{package}.{folder}"), last)
+
+
+def filled(kind, values):
+    message = kind()
+    types = kind.get_fields_and_field_types()
+    for field, value in values.items():
+        inner = types[field].removeprefix("sequence<").removesuffix(">")
+        if isinstance(value, dict):
+            value = filled(type(getattr(message, field)), value)
+        elif isinstance(value, list) and "/" in inner:
+            package, last = inner.split("/")
+            value = [filled(type_of(f"{package}/msg/{last}"), each) for each in value]
+        setattr(message, field, value)
+    return message
+
+
+def plain(value):
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, str | bool | int | float):
+        return value
+    return [plain(each) for each in value] if not hasattr(value, "tolist") else value.tolist()
+
+
+def wait(ready, what):
+    with changed:
+        while not ready():
+            if not changed.wait(0.01) and what.expired():
+                raise TimeoutError(what.text)
+
+
+class Limit:
+    def __init__(self, text):
+        self.text = text
+        self._timer = threading.Timer(DEADLINE_S, lambda: None)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def expired(self):
+        return not self._timer.is_alive()
+
+
+def listen(topic, type, latched=False):
+    def take(message):
+        with changed:
+            heard[topic].append(plain(message))
+            changed.notify_all()
+
+    heard[topic] = []
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    node.create_subscription(
+        type_of(type), topic, take, QoSProfile(depth=100, durability=durability)
+    )
+    if not latched:
+        wait(lambda: node.count_publishers(topic) > 0, Limit(f"nobody publishes {topic}"))
+
+
+def take(topic, count=1):
+    wait(lambda: len(heard[topic]) >= count, Limit(f"{len(heard[topic])} messages on {topic}"))
+    messages, heard[topic] = heard[topic], []
+    return messages
+
+
+def publish(topic, type, messages, best_effort=False):
+    if topic not in publishers:
+        reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+        publishers[topic] = node.create_publisher(
+            type_of(type), topic, QoSProfile(depth=100, reliability=reliability)
+        )
+    publisher = publishers[topic]
+    wait(lambda: publisher.get_subscription_count() > 0, Limit(f"nobody listens to {topic}"))
+    for each in messages:
+        publisher.publish(filled(type_of(type), each))
+
+
+def send_tf(edges, age_s=0.0):
+    wait(lambda: tf.get_subscription_count() > 0, Limit("nobody listens to /tf"))
+    now = node.get_clock().now() - rclpy.duration.Duration(nanoseconds=int(age_s * 1e9))
+    sent = []
+    for parent, child, translation in edges:
+        edge = TransformStamped(child_frame_id=child)
+        edge.header.frame_id = parent
+        edge.header.stamp = now.to_msg()
+        edge.transform.translation.x, edge.transform.translation.y = translation[:2]
+        edge.transform.translation.z = translation[2]
+        sent.append(edge)
+    tf.publish(TFMessage(transforms=sent))
+    return now.nanoseconds
+
+
+def set_parameter(name, value, of="peer"):
+    (result,) = {"peer": node, "robot": robot}[of].set_parameters([Parameter(name, value=value)])
+    return result.successful
+
+
+def endpoints(topic):
+    return [node.count_publishers(topic), node.count_subscribers(topic)]
+
+
+def nodes():
+    return sorted(node.get_node_names())
+
+
+def clients_of(name):
+    return sorted(service for service, _ in node.get_client_names_and_types_by_node(name, "/"))
+
+
+def wait_until(call, value):
+    """Until ``call`` gives ``value``, which discovery may take a moment for."""
+    found = []
+
+    def same():
+        found[:] = [COMMANDS[call["do"]](**{k: v for k, v in call.items() if k != "do"})]
+        return found[0] == value
+
+    wait(same, Limit(f"{call} does not become {value}"))
+
+
+def echo(request, response):
+    response.success, response.message = request.data, "echoed"
+    return response
+
+
+def mute(_, __):
+    threading.Event().wait()
+
+
+COMMANDS = {
+    each.__name__: each
+    for each in (
+        listen,
+        take,
+        publish,
+        send_tf,
+        set_parameter,
+        endpoints,
+        nodes,
+        clients_of,
+        wait_until,
+    )
+}
+
+node.create_service(SetBool, "~/echo", echo)
+node.create_service(Trigger, "~/mute", mute, callback_group=ReentrantCallbackGroup())
+executor = MultiThreadedExecutor(3)
+executor.add_node(node)
+executor.add_node(robot)
+threading.Thread(target=executor.spin, daemon=True).start()
+for line in sys.stdin:
+    told = json.loads(line)
+    try:
+        answer = {"done": COMMANDS[told.pop("do")](**told)}
+    except Exception as error:
+        answer = {"failed": f"{type(error).__name__}: {error}"}
+    print(json.dumps(answer), flush=True)
+os._exit(0)  # a service of its never returns
