@@ -43,9 +43,9 @@ class TransformTree:
         self._batch.hold(node)
         self._hang(node, frame, target)
         matrix = vtk_matrix(parent_from_frame)
+        if frame in self._edited:
+            self._edited[frame].expect(parent_from_frame)
         if not is_at(node, matrix):
-            if frame in self._edited:
-                self._edited[frame].expect(parent_from_frame)
             node.SetMatrixTransformToParent(matrix)
         self._edges[frame] = parent_from_frame
         return node

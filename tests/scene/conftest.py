@@ -1,6 +1,8 @@
 """A small case for the scene: a ball as tumour, a rod as tool, an arm of two boxes."""
 
+import importlib.metadata
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -143,3 +145,14 @@ def can_draw() -> None:
         use_offscreen_rendering()
     except OffscreenError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def example_urdfs() -> tuple[Path, Path]:
+    """UR5 (COLLADA surfaces) and Panda (mimic) of example-robot-data, a peer's test data."""
+    try:
+        files = importlib.metadata.files("example-robot-data") or []
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("the example-robot-data wheel is not installed")
+    found = {f.name: Path(str(f.locate())) for f in files}
+    return found["ur5_robot.urdf"], found["panda.urdf"]

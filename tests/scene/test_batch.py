@@ -1,0 +1,192 @@
+"""Events counted by observers: one a node that changed, one drawing, whatever happened between."""
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from slicer import vtkMRMLScene, vtkMRMLTransformableNode
+from trame_slicer.views import ThreeDView
+from trame_slicer.views.render_scheduler import DirectRendering
+from vtkmodules.vtkCommonCore import vtkCommand
+
+from app.fixture import FixtureDecision, MarginState
+from app.geometry import SurfaceMesh, Transform
+from app.robot import Robot
+from app.scene import (
+    Batch,
+    MarginGuardScene,
+    SceneApplication,
+    draw_once_an_update,
+    use_offscreen_rendering,
+)
+
+Decide = Callable[[MarginState, float | None], FixtureDecision]
+TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
+
+
+def moved(edge: Transform, millimetres: float) -> Transform:
+    shift = np.array([millimetres, 0.0, 0.0])
+    return Transform(edge.target, edge.source, edge.rotation, edge.translation_mm + shift)
+
+
+class Counts:
+    """The events of every node of a scene, by its name."""
+
+    def __init__(self, scene: vtkMRMLScene) -> None:
+        self.transform: Counter[str] = Counter()
+        self.modified: Counter[str] = Counter()
+        for place in range(scene.GetNumberOfNodes()):
+            node = scene.GetNthNode(place)
+            self._count(node, TRANSFORM_MODIFIED, self.transform)
+            self._count(node, vtkCommand.ModifiedEvent, self.modified)
+
+    def clear(self) -> None:
+        self.transform.clear()
+        self.modified.clear()
+
+    @staticmethod
+    def _count(node: vtkMRMLTransformableNode, event: int, counter: Counter[str]) -> None:
+        name = node.GetName() or node.GetID()
+        node.AddObserver(event, lambda *_: counter.update([name]))
+
+
+@pytest.fixture
+def application() -> SceneApplication:
+    return SceneApplication(vtkMRMLScene())
+
+
+@pytest.fixture
+def scene(
+    application: SceneApplication,
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    tool: SurfaceMesh,
+    arm: Robot,
+) -> MarginGuardScene:
+    scene = MarginGuardScene(application.scene, logic=application.logic)
+    scene.set_poses(edges, fixed)
+    scene.add_tumor(tumor)
+    scene.add_tool(tool)
+    scene.add_robot("arm", arm, "robot_base")
+    return scene
+
+
+def test_every_transform_that_moved_tells_it_once(
+    scene: MarginGuardScene,
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    decision: Decide,
+    arm: Robot,
+) -> None:
+    links = arm.forward_kinematics({"shoulder": 0.3, "elbow": 0.2})
+    scene.show(decision(MarginState.NEGATIVE, 9.0), {"arm": links})
+    counts = Counts(scene.scene)
+    links = arm.forward_kinematics({"shoulder": 0.4, "elbow": 0.1})
+    with scene.update():
+        # Moved twice, with its parents' and children's moves between: still once each.
+        for step in (1.0, 2.0):
+            needle, cautery = moved(edges[1], step), moved(edges[2], step)
+            base = moved(fixed[2], step)
+            scene.set_poses((edges[0], needle, cautery), (fixed[0], moved(fixed[1], step), base))
+            scene.show(decision(MarginState.WARNING, step), {"arm": links})
+        assert not counts.transform and not counts.modified
+    transforms = {
+        "NeedleToReference",
+        "TumorToNeedle",
+        "CauteryToReference",
+        "CauteryTipToCautery",
+        "RobotBaseToReference",
+        "BaseToRobotBase",
+        "UpperToBase",
+        "ForeArmToBase",
+    }
+    models = {"Tumor", "Tool", "base_model", "upper_model", "fore_arm_model"}
+    markups = {"ClosestPoints", "FixturePlane", "BreachMarkers"}
+    assert dict(counts.transform) == dict.fromkeys(transforms | models | markups, 1)
+    assert max(counts.modified.values()) == 1
+
+
+def test_what_stays_tells_nothing(
+    scene: MarginGuardScene,
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    decision: Decide,
+    arm: Robot,
+) -> None:
+    links = arm.forward_kinematics({"shoulder": 0.3, "elbow": 0.2})
+    shown = decision(MarginState.NEGATIVE, 9.0)
+    scene.show(shown, {"arm": links})
+    counts = Counts(scene.scene)
+    with scene.update():
+        scene.set_poses(edges, fixed)
+        scene.show(shown, {"arm": links})
+    assert not counts.transform
+    assert set(counts.modified) <= {"ClosestPoints"}  # its points are written anew
+
+
+def test_events_come_also_after_an_error(
+    scene: MarginGuardScene, edges: tuple[Transform, ...]
+) -> None:
+    counts = Counts(scene.scene)
+    drawn: list[int] = []
+    scene.batch.on_end(lambda: drawn.append(1))
+    with pytest.raises(ZeroDivisionError), scene.update():
+        scene.set_poses((edges[0], moved(edges[1], 4.0)))
+        raise ZeroDivisionError
+    assert counts.transform["NeedleToReference"] == 1
+    assert drawn == [1]
+    counts.clear()
+    scene.set_poses((edges[0], moved(edges[1], 5.0)))
+    assert counts.transform["NeedleToReference"] == 1
+    assert drawn == [1, 1]
+
+
+def test_listeners_are_called_once_an_outermost_update_with_all_in_place() -> None:
+    batch = Batch(vtkMRMLScene())
+    seen: list[str] = []
+    batch.on_end(lambda: seen.append("drawn"))
+    with batch.changes():
+        with batch.changes():
+            pass
+        with batch.content():
+            pass
+        assert seen == []
+    assert seen == ["drawn"]
+
+
+def test_a_view_draws_once_an_update(
+    can_draw: None,
+    application: SceneApplication,
+    scene: MarginGuardScene,
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    decision: Decide,
+    arm: Robot,
+) -> None:
+    use_offscreen_rendering()
+    view = ThreeDView(application.scene, application.logic, "Counted", DirectRendering())
+    view.render_window().SetMultiSamples(0)
+    view.render_window().SetSize(160, 120)
+    drawn: list[int] = []
+    view.render_window().AddObserver("EndEvent", lambda *_: drawn.append(1))
+    view.render()
+    shown = decision(MarginState.POSITIVE, -2.0)
+
+    def update(step: float) -> int:
+        drawn.clear()
+        links = arm.forward_kinematics({"shoulder": step / 10.0})
+        with scene.update():
+            scene.set_poses((edges[0], moved(edges[1], step), moved(edges[2], step)), fixed)
+            scene.show(shown, {"arm": links})
+        return len(drawn)
+
+    assert update(1.0) > 5  # as trame-slicer does it by itself
+    draw_once_an_update(application.logic, view)
+    assert update(2.0) == 1
+    assert update(3.0) == 1
+    view.set_render_blocked(True)  # one that is not in the layout stays so
+    assert update(4.0) == 0
+    assert view.is_render_blocked
+    view.finalize()

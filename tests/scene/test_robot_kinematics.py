@@ -1,0 +1,188 @@
+"""Every link's world position in the scene beside Pinocchio's, which reads the same URDF itself."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from slicer import vtkMRMLScene
+
+from app.geometry import Transform
+from app.robot import Robot, load_robot
+from app.scene import MarginGuardScene, RobotModel
+from app.scene.convert import world_matrix, world_points
+
+pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
+
+CONFIGURATIONS = 50
+WORLD_MM = 1e-6
+BASES = {
+    "left": Transform.from_rotation_vector(
+        [0.3, -0.2, 0.9], [-400.0, 30.0, -20.0], target="reference", source="left_base"
+    ),
+    "right": Transform.from_rotation_vector(
+        [0.0, 0.1, 2.4], [500.0, -80.0, 15.0], target="reference", source="right_base"
+    ),
+}
+RAS_FROM_REFERENCE = Transform.from_rotation_vector(
+    [0.5, 1.0, -0.3], [17.0, 28.0, -39.0], target="ras", source="reference"
+)
+
+
+class Peer:
+    """A robot at random configurations within its limits, posed by Pinocchio."""
+
+    def __init__(self, urdf: Path, robot: Robot, seed: int) -> None:
+        self.model = pin.buildModelFromUrdf(str(urdf))
+        self.data = self.model.createData()
+        self.robot = robot
+        self.rng = np.random.default_rng(seed)
+
+    def configure(self) -> dict[str, float]:
+        """Go somewhere; the positions of the joints that lead."""
+        low, high = (
+            np.nan_to_num(
+                [getattr(joint, side) for joint in self.robot.joints], posinf=3, neginf=-3
+            )
+            for side in ("lower", "upper")
+        )
+        places = dict(zip(self.robot.joints, self.rng.uniform(low, high), strict=True))
+        given = {j.name: float(x) for j, x in places.items() if j.moves and j.mimic is None}
+        configuration = pin.neutral(self.model)
+        for joint in self.robot.joints:
+            if joint.moves:
+                leader = joint.mimic
+                at = (
+                    given[joint.name]
+                    if leader is None
+                    else given[leader.leader] * leader.multiplier + leader.offset
+                )
+                theirs = self.model.joints[self.model.getJointId(joint.name)]
+                value = [at] if theirs.nq == 1 else [math.cos(at), math.sin(at)]
+                configuration[theirs.idx_q : theirs.idx_q + theirs.nq] = value
+        pin.framesForwardKinematics(self.model, self.data, configuration)
+        return given
+
+    def root_from(self, link: str) -> np.ndarray:
+        """The link's pose (4, 4) in the root link, in mm."""
+        root, at = (
+            self.data.oMf[self.model.getFrameId(name, pin.FrameType.BODY)]
+            for name in (self.robot.root_link, link)
+        )
+        matrix = np.array(root.actInv(at).homogeneous)
+        matrix[:3, 3] *= 1000.0
+        return matrix
+
+
+def assert_where_the_peer_has_them(
+    model: RobotModel, peer: Peer, ras_from_base: np.ndarray
+) -> None:
+    assert set(model.transforms) == {link.name for link in peer.robot.links}
+    for link, node in model.transforms.items():
+        wanted = ras_from_base @ peer.root_from(link)
+        found = world_matrix(node)
+        np.testing.assert_allclose(found[:3, 3], wanted[:3, 3], rtol=0, atol=WORLD_MM)
+        np.testing.assert_allclose(found[:3, :3], wanted[:3, :3], rtol=0, atol=1e-9)
+    for link, shown in model.models.items():
+        assert shown.GetParentTransformNode() is model.transforms[link]
+        assert shown.GetName() == f"{link}_model"
+
+
+def new_scene() -> MarginGuardScene:
+    scene = MarginGuardScene(vtkMRMLScene(), ras_from_reference=RAS_FROM_REFERENCE)
+    scene.set_poses((), BASES.values())
+    return scene
+
+
+def ras_from(side: str) -> np.ndarray:
+    return RAS_FROM_REFERENCE.matrix @ BASES[side].matrix
+
+
+def test_two_robots_at_once_are_each_where_pinocchio_puts_them(
+    example_urdfs: tuple[Path, Path],
+) -> None:
+    scene = new_scene()
+    peers = {}
+    for seed, (side, urdf) in enumerate(zip(BASES, example_urdfs, strict=True)):
+        robot = load_robot(urdf)
+        assert robot.warnings == ()
+        peers[side] = Peer(urdf, robot, seed)
+        scene.add_robot(side, robot, f"{side}_base")
+    for _ in range(CONFIGURATIONS):
+        with scene.update():
+            for side, peer in peers.items():
+                links = peer.robot.forward_kinematics(peer.configure())
+                scene.robots[side].set_links(links)
+        for side, peer in peers.items():
+            assert_where_the_peer_has_them(scene.robots[side], peer, ras_from(side))
+
+
+def assert_one_robot_agrees(urdf: Path, robot: Robot) -> None:
+    scene = new_scene()
+    model = scene.add_robot("one", robot, "left_base")
+    peer = Peer(urdf, robot, 3)
+    for _ in range(CONFIGURATIONS):
+        model.set_links(robot.forward_kinematics(peer.configure()))
+        assert_where_the_peer_has_them(model, peer, ras_from("left"))
+
+
+def test_our_arm(project_root: Path) -> None:
+    urdf = project_root / "data" / "robots" / "touch" / "touch.urdf"
+    assert_one_robot_agrees(urdf, load_robot(urdf))
+
+
+def test_omni(shared_data: Path) -> None:
+    folder = shared_data / "omni"
+    urdf = folder / "urdf" / "omni.urdf"
+    assert_one_robot_agrees(urdf, load_robot(urdf, package_dirs=(folder,)))
+
+
+def test_the_comparison_can_fail(project_root: Path) -> None:
+    urdf = project_root / "data" / "robots" / "touch" / "touch.urdf"
+    robot = load_robot(urdf)
+    scene = new_scene()
+    model = scene.add_robot("one", robot, "left_base")
+    peer = Peer(urdf, robot, 3)
+    model.set_links(robot.forward_kinematics(peer.configure()))
+    moved = ras_from("left")
+    moved[0, 3] += 2.0 * WORLD_MM
+    with pytest.raises(AssertionError):
+        assert_where_the_peer_has_them(model, peer, moved)
+
+
+def test_every_visual_of_a_collada_robot_is_where_pinocchio_and_trimesh_put_it(
+    example_urdfs: tuple[Path, Path],
+) -> None:
+    """Boxes around each link's surfaces: placed by Pinocchio's parser, read by trimesh."""
+    urdf = example_urdfs[0]
+    robot = load_robot(urdf)
+    scene = new_scene()
+    model = scene.add_robot("one", robot, "left_base")
+    peer = Peer(urdf, robot, 4)
+    model.set_links(robot.forward_kinematics(peer.configure()))
+    packages = [str(urdf.parents[4])]
+    visuals = pin.buildGeomFromUrdf(
+        peer.model, str(urdf), pin.GeometryType.VISUAL, package_dirs=packages
+    )
+    placed: dict[str, list[np.ndarray]] = {}
+    for visual in visuals.geometryObjects:
+        frame = peer.model.frames[visual.parentFrame]
+        # Pinocchio places visuals in the joint above; the link's frame stands in it too.
+        link_from_visual = frame.placement.actInv(visual.placement)
+        points = (
+            vertices_m(Path(visual.meshPath)) * visual.meshScale
+        ) @ link_from_visual.rotation.T + link_from_visual.translation
+        link = ras_from("left") @ peer.root_from(frame.name)
+        placed.setdefault(frame.name, []).append(1000.0 * points @ link[:3, :3].T + link[:3, 3])
+    assert set(placed) == set(model.models)
+    for name, parts in placed.items():
+        wanted, found = np.concatenate(parts), world_points(model.models[name])
+        np.testing.assert_allclose(found.min(axis=0), wanted.min(axis=0), atol=1e-3)
+        np.testing.assert_allclose(found.max(axis=0), wanted.max(axis=0), atol=1e-3)
+
+
+def vertices_m(path: Path) -> np.ndarray:
+    loaded: Any = trimesh.load(path, force="scene")
+    return np.asarray(loaded.to_geometry().vertices)
