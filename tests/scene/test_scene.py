@@ -1,14 +1,16 @@
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from slicer import vtkMRMLScene
 
-from app.fixture import FixtureDecision, MarginState
-from app.geometry import SurfaceMesh, Transform
+from app.fixture import FixtureDecision, MarginState, constrain, margin_surface
+from app.geometry import Stamp, SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene import MarginGuardScene, SceneError
 from app.scene.convert import world_matrix, world_points
+from app.scene.scene import TOOL_COLOR
 
 Decide = Callable[[MarginState, float | None], FixtureDecision]
 
@@ -41,6 +43,8 @@ def test_names_are_those_of_slicer_igt(shown: MarginGuardScene) -> None:
         "Tool",
         "ClosestPoints",
         "MarginStatus",
+        "FixturePlane",
+        "BreachMarkers",
     ):
         assert shown.scene.GetFirstNodeByName(name) is not None, name
 
@@ -105,13 +109,226 @@ def test_show_moves_the_links(shown: MarginGuardScene, decision: Decide, arm: Ro
     )
 
 
-def test_clear_takes_everything_of_ours(shown: MarginGuardScene, decision: Decide) -> None:
-    shown.show(decision(MarginState.POSITIVE, -1.0), {})
+def test_clear_takes_everything_of_ours(
+    shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh
+) -> None:
+    shown.add_margin_surface(margin_surface(tumor, 2.0, spacing_mm=2.0))
+    shown.show(constrained(decision(MarginState.POSITIVE, -1.0)), {})
     shown.scene.AddNewNodeByClass("vtkMRMLModelNode", "Theirs")
     shown.clear()
-    for kind in ("Model", "LinearTransform", "Markups", "Text", "ModelDisplay", "MarkupsDisplay"):
-        count = shown.scene.GetNumberOfNodesByClass(f"vtkMRML{kind}Node")
-        assert count == (1 if kind == "Model" else 0), kind
+    left = [shown.scene.GetNthNode(place) for place in range(shown.scene.GetNumberOfNodes())]
+    assert [node.GetName() for node in left] == ["Theirs"]
+
+
+def constrained(
+    decision: FixtureDecision, *, current: bool = True, stamp_ns: int | None = None
+) -> FixtureDecision:
+    """``decision`` with planes 1 mm outside of the tumour, and the stamp of its data."""
+    assert decision.proximity is not None
+    return replace(
+        decision,
+        constraint=constrain(decision.proximity, 1.0, frame="tumor"),
+        constraint_is_current=current,
+        stamp=decision.stamp if stamp_ns is None else Stamp(stamp_ns),
+    )
+
+
+def test_plane_is_shown_where_it_is_known(shown: MarginGuardScene, decision: Decide) -> None:
+    plane = shown.margin.plane.node
+    assert not plane.GetDisplayNode().GetVisibility()
+    shown.show(constrained(decision(MarginState.NEGATIVE, 9.0)), {})
+    assert plane.GetDisplayNode().GetVisibility()
+    center = np.zeros(3)
+    plane.GetCenterWorld(center)
+    ras_from_tumor = world_matrix(shown.tree.node("tumor"))
+    assert np.allclose(center, (ras_from_tumor @ [0, 0, 13, 1])[:3])
+    # The last known planes belong to a place that the tool may have left.
+    shown.show(constrained(decision(MarginState.UNKNOWN, 9.0), current=False), {})
+    assert not plane.GetDisplayNode().GetVisibility()
+    shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+    assert not plane.GetDisplayNode().GetVisibility()
+
+
+def test_breaches_leave_marks_in_the_tumor(
+    shown: MarginGuardScene, decision: Decide, edges: tuple[Transform, ...]
+) -> None:
+    marks = shown.margin.breaches
+    for state, distance_mm in (
+        (MarginState.NEGATIVE, 9.0),
+        (MarginState.POSITIVE, 0.5),  # not yet released, but outside
+        (MarginState.UNKNOWN, -3.0),
+        (MarginState.UNKNOWN, None),
+    ):
+        shown.show(decision(state, distance_mm), {})
+    assert len(marks) == 0
+    for distance_mm in (-2.0, -2.5, -4.0, -2.0):
+        shown.show(decision(MarginState.POSITIVE, distance_mm), {})
+    assert len(marks) == 2
+    shift = Transform("needle", "tumor", np.eye(3), np.array([5.0, 0.0, 0.0]))
+    shown.set_poses((), [shift])  # tissue moves, and its marks with it
+    found = [marks.node.GetNthControlPointPositionWorld(place) for place in range(2)]
+    ras_from_tumor = world_matrix(shown.tree.node("tumor"))
+    for point, depth_mm in zip(found, (2.0, 4.0), strict=True):
+        assert np.allclose(point, (ras_from_tumor @ [0, 0, 12 - depth_mm, 1])[:3])
+    marks.clear()
+    assert len(marks) == 0
+
+
+def test_margin_surface_is_faint_around_the_tumor(
+    shown: MarginGuardScene, tumor: SurfaceMesh
+) -> None:
+    for margin_mm in (1.0, 2.5):  # the second takes the first one's place
+        node = shown.add_margin_surface(margin_surface(tumor, margin_mm, spacing_mm=2.0))
+        assert node.GetName() == "MarginSurface"
+        assert node.GetParentTransformNode() is shown.tree.node("tumor")
+        assert 0.0 < node.GetDisplayNode().GetOpacity() < 0.3
+        center = world_matrix(shown.tree.node("tumor"))[:3, 3]
+        radii = np.linalg.norm(world_points(node) - center, axis=1)
+        assert radii.max() == pytest.approx(12.0 + margin_mm, abs=0.1)
+    assert shown.scene.GetNumberOfNodesByClass("vtkMRMLModelNode") == 6
+
+
+GREY = MarginState.UNKNOWN.color
+STALE_NS = 200_000_000
+
+
+@pytest.fixture
+def live(
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    tool: SurfaceMesh,
+    arm: Robot,
+) -> MarginGuardScene:
+    scene = MarginGuardScene(vtkMRMLScene(), stale_after_ns=STALE_NS)
+    scene.set_poses(edges, fixed)
+    scene.add_tumor(tumor)
+    scene.add_tool(tool)
+    scene.add_robot("arm", arm, "robot_base")
+    return scene
+
+
+def assert_shown_stale(scene: MarginGuardScene, why: str) -> None:
+    assert scene.tumor.GetDisplayNode().GetColor() == GREY
+    assert scene.tool.GetDisplayNode().GetColor() == GREY
+    assert not scene.margin.line.GetDisplayNode().GetVisibility()
+    assert not scene.margin.plane.node.GetDisplayNode().GetVisibility()
+    assert scene.margin.status.GetText() == f"UNKNOWN: not to be trusted, {why}"
+
+
+def assert_shown_green(scene: MarginGuardScene) -> None:
+    assert scene.tumor.GetDisplayNode().GetColor() == MarginState.NEGATIVE.color
+    assert scene.tool.GetDisplayNode().GetColor() == TOOL_COLOR
+    assert scene.margin.line.GetDisplayNode().GetVisibility()
+    assert scene.margin.plane.node.GetDisplayNode().GetVisibility()
+    assert scene.margin.status.GetText() == "NEGATIVE: clear, 9.0 mm"
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "why"),
+    [
+        (0, None),
+        (STALE_NS, None),
+        (STALE_NS + 1, "data 0.2 s old"),
+        (30_000_000_000, "data 30.0 s old"),
+        (-1_500_000_000, "data from 1.5 s ahead"),
+    ],
+)
+def test_a_decision_of_old_data_is_shown_grey(
+    live: MarginGuardScene, decision: Decide, age_ns: int, why: str | None
+) -> None:
+    clear = constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=10**12)
+    live.show(clear, {}, 10**12 + age_ns)
+    if why is None:
+        assert_shown_green(live)
+    else:
+        assert_shown_stale(live, why)
+        # An alarm is not hidden by its age either: it is grey, and leaves no mark.
+        live.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=clear.stamp), {}, 0)
+        assert live.tumor.GetDisplayNode().GetColor() == GREY
+        assert len(live.margin.breaches) == 0
+
+
+def test_a_source_that_died_turns_everything_grey_although_nothing_is_shown(
+    live: MarginGuardScene, decision: Decide, arm: Robot
+) -> None:
+    links = {"arm": arm.forward_kinematics({})}
+    clear = constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=10**12)
+    live.show(clear, links, 10**12)
+    live.check(10**12 + STALE_NS)
+    assert_shown_green(live)
+    link = live.robots["arm"].models["upper"].GetDisplayNode()
+    assert link.GetScalarVisibility()
+    live.check(10**12 + STALE_NS + 1)
+    assert_shown_stale(live, "data 0.2 s old")
+    assert not link.GetScalarVisibility() and link.GetColor() == GREY
+    live.check(10**12 + 3 * 10**9)
+    assert_shown_stale(live, "data 3.0 s old")
+    live.show(replace(clear, stamp=Stamp(2 * 10**12)), links, 2 * 10**12)
+    assert_shown_green(live)
+    assert link.GetScalarVisibility()
+
+
+def test_before_the_first_decision_everything_is_grey(live: MarginGuardScene) -> None:
+    assert live.check(10**12) == ()
+    assert_shown_stale(live, "no data yet")
+
+
+def test_a_decision_without_a_stamp_is_not_green(live: MarginGuardScene, decision: Decide) -> None:
+    live.show(replace(decision(MarginState.NEGATIVE, 9.0), stamp=None), {}, 10**12)
+    assert_shown_stale(live, "no data yet")
+
+
+def test_tool_is_grey_while_the_margin_is_unknown(
+    shown: MarginGuardScene, decision: Decide
+) -> None:
+    for state in MarginState:
+        shown.show(decision(state, 2.0), {})
+        assert (shown.tool.GetDisplayNode().GetColor() == GREY) == (state is MarginState.UNKNOWN)
+
+
+def test_a_robot_whose_links_are_not_known_is_grey_and_stays_so_until_they_are(
+    live: MarginGuardScene, decision: Decide, arm: Robot
+) -> None:
+    link = live.robots["arm"].models["upper"].GetDisplayNode()
+    fresh = replace(decision(MarginState.NEGATIVE, 9.0), stamp=Stamp(0))
+    for links, known in ((arm.forward_kinematics({}), True), ({}, False)):
+        live.show(fresh, {"arm": links}, 0)
+        live.check(1)
+        assert link.GetScalarVisibility() == known
+
+
+def test_the_present_is_told_where_the_scene_ages_and_only_there(
+    shown: MarginGuardScene, live: MarginGuardScene, decision: Decide
+) -> None:
+    with pytest.raises(SceneError, match="now_ns None for a decision in a scene that ages"):
+        live.show(decision(MarginState.NEGATIVE, 9.0), {})
+    with pytest.raises(SceneError, match="now_ns 5 for a decision in a scene that does not age"):
+        shown.show(decision(MarginState.NEGATIVE, 9.0), {}, 5)
+    with pytest.raises(SceneError, match="does not age: nothing to check"):
+        shown.check(5)
+
+
+def test_another_tumor_in_the_same_node(
+    live: MarginGuardScene, decision: Decide, tumor: SurfaceMesh
+) -> None:
+    node, now_ns = live.tumor, 10**12
+    live.add_margin_surface(margin_surface(tumor, 2.0, spacing_mm=2.0))
+    live.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=Stamp(now_ns)), {}, now_ns)
+    assert len(live.margin.breaches) == 1
+    half = SurfaceMesh("tumor", 0.5 * tumor.vertices_mm, tumor.faces)
+    assert live.set_tumor(half) is node
+    assert np.linalg.norm(
+        world_points(node) - world_matrix(live.tree.node("tumor"))[:3, 3], axis=1
+    ).max() == pytest.approx(6.0, abs=1e-3)
+    assert len(live.margin.breaches) == 0
+    assert live.margin_surface is None
+    assert live.scene.GetFirstNodeByName("MarginSurface") is None
+    assert_shown_stale(live, "no data yet")
+    live.check(now_ns)
+    assert_shown_stale(live, "no data yet")
+    with pytest.raises(SceneError, match="the new tumour is in frame 'needle'"):
+        live.set_tumor(SurfaceMesh("needle", tumor.vertices_mm, tumor.faces))
 
 
 def test_scenes_do_not_share_anything(
@@ -131,6 +348,8 @@ def test_what_does_not_fit_is_refused(
         shown.add_tumor(tumor)
     with pytest.raises(SceneError, match="a tool already"):
         shown.add_tool(tool)
+    with pytest.raises(SceneError, match="no robot 'other' in the scene"):
+        shown.show(decision(MarginState.NEGATIVE, 9.0), {"other": {}})
     empty = MarginGuardScene(vtkMRMLScene())
     with pytest.raises(SceneError, match="frame 'tumor' has no pose"):
         empty.add_tumor(tumor)
