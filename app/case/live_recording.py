@@ -1,6 +1,8 @@
 """A case folder around a live recording: all of a case but the recording, there from the start."""
 
 import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import yaml
@@ -8,10 +10,32 @@ import yaml
 from app.case.convert import copy_named_files
 from app.case.live_file import IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest_file import MANIFEST_NAME
+from app.case.mcap import CHANGES_NAME
 from app.case.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.geometry import InputError
 
 RECORDING_FOLDER = "tracking"
+
+
+@dataclass(frozen=True, slots=True)
+class SessionChange:
+    """From a message received at ``received_ns`` (since 1970) on, these are what a session has."""
+
+    received_ns: int
+    model_id: str
+    registration_id: str
+
+
+def write_changes(changes: Sequence[SessionChange], recording: Path) -> None:
+    """Say beside the messages of ``recording``, a folder, what was replaced while it was made."""
+    path = recording / CHANGES_NAME
+    partial = recording / f".{CHANGES_NAME}.partial"
+    text = yaml.safe_dump({"changes": [asdict(change) for change in changes]}, sort_keys=False)
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from error
 
 
 def begin_case(live: LiveCase, folder: Path) -> None:

@@ -53,6 +53,9 @@ from app.geometry import InputError, MarginGuardError, Stamp
 
 Note = Callable[[str], None]
 
+CHANGES_NAME = "changes.yaml"
+"""Lies in a folder during whose recording a session got another tumour or registration."""
+
 
 def read_mcap(
     path: Path, note: Note, *, joint_states_topic: str | None, offset_ns: int = 0
@@ -63,6 +66,11 @@ def read_mcap(
     damaged or unreadable is skipped and told to ``note``. Raises `InputError` when the recording
     holds no tracked transform at all.
     """
+    if (path / CHANGES_NAME).is_file():
+        note(
+            f"{path.name}/{CHANGES_NAME}: tumour or registration were replaced while this was "
+            "recorded; here they are those of the case throughout"
+        )
     frames = 0
     for frame in _Reading(note, joint_states_topic, offset_ns).frames(_messages(path, note)):
         frames += 1

@@ -3,11 +3,13 @@
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.rearming import RearmService
 from app.bridge.live.recorder import RosRecorder
+from app.bridge.live.session_watch import SessionWatch
 from app.bridge.live.source import Source, TfSource, TrackedTransformSource, source_of
 
 __all__ = [
     "RearmService",
     "RosRecorder",
+    "SessionWatch",
     "Source",
     "TfSource",
     "TrackedTransformSource",

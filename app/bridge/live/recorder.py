@@ -4,7 +4,8 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from app.case import BagTopic, BagWriter, message_definition
 from app.geometry import NS_PER_S, InputError, MarginGuardError
 
 _DEPTH = 1000
+_MOST_REMEMBERED = 10_000
 _INFINITE_NS = 2**63 - 1
 
 
@@ -35,12 +37,16 @@ class RosRecorder:
     killed. Messages are written as they arrive, in the node's thread. What cannot be recorded is
     in `refused`, by topic. An error of the bag is raised by the next `flush`, and nothing is
     written after it.
+
+    Each publisher is heard as reliably as it promises, also one that joins later with a weaker
+    promise: a topic has a subscription for each promise, and what comes by two is written once.
     """
 
     def __init__(self, ros: RosNode, bag: BagWriter, topics: Sequence[str]) -> None:
         self._ros = ros
         self._bag = bag
         self._wanted = list(dict.fromkeys(topics))
+        self._recorded: dict[str, _Recorded] = {}
         self._lock = threading.Lock()
         self._error: MarginGuardError | None = None
         self.refused: dict[str, str] = {}
@@ -60,7 +66,19 @@ class RosRecorder:
                 self.refused[name] = str(error)
             else:
                 begun.append(name)
+        for name, recorded in self._recorded.items():
+            self._hear(recorded, self._ros.node.get_publishers_info_by_topic(name))
         return begun
+
+    def want(self, topic: str) -> None:
+        """Record this topic too, once it appears."""
+        if topic not in self._wanted and topic not in self._recorded:
+            self._wanted.append(topic)
+
+    def last(self, topic: str) -> tuple[int, bytes] | None:
+        """When the newest message of ``topic`` came, in ns since 1970, and its bytes."""
+        recorded = self._recorded.get(topic)
+        return None if recorded is None else recorded.last
 
     def flush(self) -> None:
         """Hand what has arrived to the operating system; raises what went wrong since."""
@@ -81,24 +99,58 @@ class RosRecorder:
             tuple(_offered(info.qos_profile) for info in publishers),
             str(publishers[0].topic_type_hash),
         )
-        message_class = _message_class(kind)
+        recorded = _Recorded(name, _message_class(kind), self._write)
         with self._lock:
             self._bag.add_topic(topic)
+        self._recorded[name] = recorded
+        self._hear(recorded, publishers)
 
-        def take(data: bytes, info: Mapping[str, int]) -> None:
-            received_ns = info["received_timestamp"] or time.time_ns()
-            published_ns = info["source_timestamp"] or received_ns
-            with self._lock:
-                if self._error is not None:
-                    return
-                try:
-                    self._bag.write(name, data, received_ns=received_ns, published_ns=published_ns)
-                except MarginGuardError as error:
-                    self._error = error
+    def _hear(self, recorded: "_Recorded", publishers: Sequence[TopicEndpointInfo]) -> None:
+        for info in publishers:
+            promise = (info.qos_profile.reliability, info.qos_profile.durability)
+            if promise in recorded.promises:
+                continue
+            recorded.promises.add(promise)
+            heard = Topic(recorded.name, recorded.message_class, _as_promised(*promise))
+            # rclpy hands the times to a callback of two arguments.
+            self._ros.subscribe(heard, recorded.take, raw=True)  # type: ignore[arg-type]
 
-        # rclpy hands the times to a callback of two arguments.
-        heard = Topic(name, message_class, _heard_from_all(publishers))
-        self._ros.subscribe(heard, take, raw=True)  # type: ignore[arg-type]
+    def _write(self, name: str, data: bytes, received_ns: int, published_ns: int) -> None:
+        with self._lock:
+            if self._error is not None:
+                return
+            try:
+                self._bag.write(name, data, received_ns=received_ns, published_ns=published_ns)
+            except MarginGuardError as error:
+                self._error = error
+
+
+class _Recorded:
+    """A topic that is recorded: the promises that it is heard by, and what came a moment ago."""
+
+    def __init__(
+        self, name: str, message_class: type, write: Callable[[str, bytes, int, int], None]
+    ) -> None:
+        self.name = name
+        self.message_class = message_class
+        self.promises: set[tuple[ReliabilityPolicy, DurabilityPolicy]] = set()
+        self.last: tuple[int, bytes] | None = None
+        self._write = write
+        self._seen: set[tuple[int, int, int]] = set()
+        self._in_order: deque[tuple[int, int, int]] = deque()
+
+    def take(self, data: bytes, info: Mapping[str, int]) -> None:
+        """Write a message, unless it has come by another subscription already."""
+        key = (info["source_timestamp"], info["publication_sequence_number"], hash(data))
+        if key in self._seen:
+            return
+        self._seen.add(key)
+        self._in_order.append(key)
+        if len(self._in_order) > _MOST_REMEMBERED:
+            self._seen.remove(self._in_order.popleft())
+        received_ns = info["received_timestamp"] or time.time_ns()
+        self.last = received_ns, data
+        self._write(self.name, data, received_ns, info["source_timestamp"] or received_ns)
 
 
 def ros_prefixes() -> tuple[Path, ...]:
@@ -116,16 +168,12 @@ def _message_class(kind: str) -> type:
     return found
 
 
-def _heard_from_all(publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
-    """The strictest promise that every publisher keeps."""
-    profiles = [info.qos_profile for info in publishers]
-    reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
-    latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+def _as_promised(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        reliability=reliability,
+        durability=durability,
     )
 
 

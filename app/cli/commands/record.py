@@ -20,14 +20,12 @@ if TYPE_CHECKING:
 
 SUMMARY = "record a live case over ROS 2"
 
-TOPICS = (
-    "/tf",
-    "/tf_static",
-    "/tracked_transforms",
-    "/joint_states",
-    "/marginguard/constraint",
-    "/marginguard/margin_mm",
-)
+TOPICS = ("/tf", "/tf_static", "/tracked_transforms", "/joint_states")
+CONSTRAINT = "/marginguard/constraint"
+OF_THE_SESSION = (CONSTRAINT, "/marginguard/margin_mm")
+SURFACES = "/marginguard/markers"
+"""Recorded once a session has another tumour than it began with: they hold its surface."""
+
 FLUSH_S = 0.1
 """What a crash of the process can cost."""
 
@@ -56,7 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--topics",
         nargs="+",
         metavar="TOPIC",
-        help=f"record these instead of {', '.join(TOPICS)}; full names",
+        help=f"record these instead of {', '.join(TOPICS + OF_THE_SESSION)}; full names",
+    )
+    parser.add_argument(
+        "--namespace", default="", metavar="NS", help="ROS namespace of the session's node"
     )
 
 
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         topics = _prepare(options)
         bag = BagWriter(options.output / RECORDING_FOLDER)
         try:
-            _record(bag, topics, stop)
+            _record(bag, topics, stop, options)
         finally:
             bag.close()
         counts = bag.counts
@@ -86,7 +87,9 @@ def _prepare(options: argparse.Namespace) -> list[str]:
     from app.case import begin_case, open_live
     from app.geometry import InputError
 
-    topics = list(options.topics or TOPICS)
+    topics = list(
+        options.topics or (*TOPICS, *(_session_topic(t, options) for t in OF_THE_SESSION))
+    )
     for topic in topics:
         if not topic.startswith("/"):
             raise InputError(f"topic {topic!r}: a full name, from '/' on, wanted")
@@ -102,11 +105,23 @@ def _prepare(options: argparse.Namespace) -> list[str]:
     return topics
 
 
-def _record(bag: "BagWriter", topics: list[str], stop: threading.Event) -> None:
-    from app.bridge import RosNode
-    from app.bridge.live import RosRecorder
+def _session_topic(name: str, options: argparse.Namespace) -> str:
+    """A topic of the session's node, in its namespace."""
+    namespace = str(options.namespace).strip("/")
+    return f"/{namespace}{name}" if namespace else name
 
-    with RosNode("marginguard_recorder") as ros:
+
+def _record(
+    bag: "BagWriter", topics: list[str], stop: threading.Event, options: argparse.Namespace
+) -> None:
+    from app.bridge import RosNode
+    from app.bridge.live import RosRecorder, SessionWatch
+    from app.case import RECORDING_FOLDER
+    from app.case.live_recording import write_changes
+
+    constraint = _session_topic(CONSTRAINT, options)
+    session = SessionWatch()
+    with RosNode("marginguard_recorder", namespace=options.namespace) as ros:
         recorder = RosRecorder(ros, bag, topics)
         synced_s = time.monotonic()
         while not stop.wait(FLUSH_S):
@@ -114,6 +129,10 @@ def _record(bag: "BagWriter", topics: list[str], stop: threading.Event) -> None:
                 print(f"recording {topic}", flush=True)
             for topic in [*recorder.refused]:
                 print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
+            if session.has_changed(recorder.last(constraint)):
+                print("tumour or registration of the session were replaced", flush=True)
+                write_changes(session.changes, options.output / RECORDING_FOLDER)
+                recorder.want(_session_topic(SURFACES, options))
             recorder.flush()
             if time.monotonic() - synced_s >= SYNC_S:
                 bag.sync()

@@ -4,19 +4,29 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 from collections import Counter
 from pathlib import Path
 
 import pytest
+import yaml
+from marginguard_msgs.srv import SetTumor
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Message
+from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker
 
+from app.bridge.calls import ServiceClient
+from app.bridge.convert import quality
+from app.bridge.node import RosNode
+from app.bridge.qos import STREAM, Topic
 from app.case import open_case
+from tests.bridge.control.operator_caller import tumor
 
 SENDER = Path(__file__).resolve().parent / "sender.py"
 TRACKED = {"tracked_transforms": {}, "clock": "host"}
@@ -125,3 +135,93 @@ def test_nothing_is_written_over(start, tmp_path):
     assert recorder.process.wait() == 2
     assert "is there already: it is not written over" in recorder.log.read_text()
     assert list((tmp_path / "case").iterdir()) == []
+
+
+def messages_of(case, topic):
+    """All that was recorded of a topic, by a reader of its own."""
+    types = get_typestore(Stores.EMPTY)
+    with Reader(case / "tracking") as bag:
+        (connection,) = bag.topics[topic].connections
+        types.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        for _, _, data in bag.messages([connection]):
+            yield types.deserialize_cdr(data, connection.msgtype)
+
+
+def test_publishers_that_promise_less_and_come_later_are_recorded_and_nothing_twice(
+    start, domain_id, tmp_path
+):
+    news = Topic("/news", String, STREAM)
+    weaker = Topic("/news", String, quality(reliability="best_effort", depth=100))
+    with RosNode("speaker", domain_id=domain_id) as ros:
+        reliable = ros.publisher(news)
+        recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "x"), "--topics", "/news")
+        recorder.line(lambda line: line == "recording /news\n")
+        assert ros.wait_for_subscribers(news, 1, timeout_s=30.0)
+        for number in range(100):
+            reliable.publish(String(data=f"first {number}"))
+        best_effort = ros.publisher(weaker)
+        assert ros.wait_for_subscribers(weaker, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(news, 2, timeout_s=30.0)
+        pause = threading.Event()
+        for number in range(100):
+            reliable.publish(String(data=f"second {number}"))
+            best_effort.publish(String(data=f"weak {number}"))
+            pause.wait(0.005)  # nothing is sent again to whoever was not ready
+    assert recorder.end(signal.SIGINT) == 130
+    counts = Counter(message.data for message in messages_of(tmp_path / "x", "/news"))
+    assert set(counts.values()) == {1}
+    for kind in ("first", "second"):
+        assert sum(text.startswith(kind) for text in counts) == 100
+    weak = [int(text.split()[1]) for text in counts if text.startswith("weak")]
+    assert weak == list(range(weak[0], 100))
+
+
+def surfaces_so_far(case):
+    """Whether each message that can be read by now, in a file still written, has triangles."""
+    topics = {}
+    with (case / "tracking" / "tracking_0.mcap").open("rb") as file:
+        try:
+            for record in StreamReader(file).records:
+                if isinstance(record, Channel):
+                    topics[record.id] = record.topic
+                elif isinstance(record, Message) and topics[record.channel_id].endswith("markers"):
+                    yield len(record.data) > 2_000
+        except McapError:
+            pass  # it has no end
+
+
+def test_another_tumour_in_a_session_is_in_its_recording(
+    start, live_yaml, frames_file, domain_id, tmp_path
+):
+    config = str(live_yaml(TRACKED))
+    case = tmp_path / "case"
+    of_session = ("--config", config, "--namespace", "theatre")
+    recorder = start("-m", "app.cli", "record", "-o", str(case), *of_session)
+    start("-m", "app.cli", "live", *of_session)
+    start(str(SENDER), str(frames_file), "tracked", "again")
+    recorder.line(lambda line: line == "recording /theatre/marginguard/constraint\n")
+    with RosNode("operator", domain_id=domain_id) as ros:
+        client = ServiceClient(ros, SetTumor, "/theatre/marginguard/set_tumor")
+        reply = client.call(tumor(0.02, "needle", is_open=False), 60.0)
+    assert reply.success, reply.message
+    recorder.line(lambda line: line == "tumour or registration of the session were replaced\n")
+    recorder.line(lambda line: line == "recording /theatre/marginguard/markers\n")
+    pause = threading.Event()
+    while not any(surfaces_so_far(case)):
+        assert recorder.process.poll() is None  # its deadline is that of this loop
+        pause.wait(0.1)
+    assert recorder.end(signal.SIGINT) == 130
+
+    (change,) = yaml.safe_load((case / "tracking" / "changes.yaml").read_text())["changes"]
+    assert change["model_id"] == reply.model_id
+    surfaces = [
+        marker
+        for message in messages_of(case, "/theatre/marginguard/markers")
+        for marker in message.markers
+        if marker.type == Marker.TRIANGLE_LIST and marker.ns == "tumor"
+    ]
+    corners = {(point.x, point.y, point.z) for point in surfaces[-1].points}
+    assert corners == {(0, 0, 0), (0.02, 0, 0), (0, 0.02, 0), (0, 0, 0.02)}
+    opened = open_case(case)
+    assert any(opened.recorded_frames())
+    assert any("changes.yaml: tumour or registration were replaced" in n for n in opened.notes())

@@ -1,0 +1,36 @@
+"""Which tumour and which registration a session on the ROS graph has, as its constraints say."""
+
+from marginguard_msgs.msg import FixtureConstraint
+from rclpy.serialization import deserialize_message
+
+from app.case.live_recording import SessionChange
+
+
+class SessionWatch:
+    """Is shown a constraint now and then, and keeps what was replaced since the first in `changes`.
+
+    Ten times a second is enough: a new tumour takes longer to be made ready.
+    """
+
+    def __init__(self) -> None:
+        self._shown: bytes | None = None
+        self._ids: tuple[str, str] | None = None
+        self.changes: list[SessionChange] = []
+
+    def has_changed(self, received: tuple[int, bytes] | None) -> bool:
+        """Whether this constraint, with the time at which it came, is of another tumour or base.
+
+        None for no constraint yet. Bytes that are no constraint tell of no change.
+        """
+        if received is None or received[1] is self._shown:
+            return False
+        at_ns, self._shown = received
+        try:
+            message = deserialize_message(self._shown, FixtureConstraint)
+        except Exception:  # whatever rclpy makes of a stranger's bytes, which are recorded as well
+            return False
+        before, self._ids = self._ids, (message.model_id, message.registration_id)
+        if before is None or before == self._ids:
+            return False
+        self.changes.append(SessionChange(at_ns, *self._ids))
+        return True
