@@ -151,8 +151,8 @@ def endpoints(topic):
     return [node.count_publishers(topic), node.count_subscribers(topic)]
 
 
-def nodes():
-    return sorted(node.get_node_names())
+def has_node(name):
+    return name in node.get_node_names()
 
 
 def clients_of(name):
@@ -188,7 +188,7 @@ COMMANDS = {
         send_tf,
         set_parameter,
         endpoints,
-        nodes,
+        has_node,
         clients_of,
         wait_until,
     )

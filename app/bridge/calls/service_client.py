@@ -42,6 +42,7 @@ class ServiceClient:
         self.late_replies = 0
         self.forgotten = 0
         self._settled = False
+        self._closed = False
         self._lock = threading.Lock()
         self._open: set[Future] = set()
         self._abandoned: deque[Future] = deque()
@@ -49,7 +50,10 @@ class ServiceClient:
     @property
     def is_there(self) -> bool:
         """Whether somebody serves it now."""
-        return self._ros.is_open and bool(self._client.service_is_ready())
+        with self._lock:
+            return (
+                not self._closed and self._ros.is_open and bool(self._client.service_is_ready())
+            )
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
@@ -98,8 +102,9 @@ class ServiceClient:
         with self._lock:
             if len(self._open) >= _MOST_OPEN:
                 raise CallError(f"{self.name}: {_MOST_OPEN} calls wait for a reply already")
-            if not self._ros.is_open:
-                raise CallError(f"service {self.name}: the node is closed")
+            if self._closed or not self._ros.is_open:
+                what = "client" if self._closed else "node"
+                raise CallError(f"service {self.name}: the {what} is closed")
             try:
                 future = self._client.call_async(request)
             except (TypeError, ValueError, AssertionError, SystemError) as error:
@@ -115,9 +120,11 @@ class ServiceClient:
         )
 
     def close(self) -> None:
-        """Leave the graph; a call under way ends with its timeout."""
-        if self._ros.is_open:
-            self._ros.node.destroy_client(self._client)
+        """Leave the graph; a call under way ends, since nobody is there for it any more."""
+        with self._lock:
+            if self._ros.is_open and not self._closed:
+                self._ros.node.destroy_client(self._client)
+            self._closed = True
 
     def _wait(self, limit: Limit, *, settle: bool = True) -> None:
         wait_until_there(self._ros, lambda: self.is_there, limit, f"service {self.name}")

@@ -186,3 +186,13 @@ def test_what_never_comes_is_forgotten_in_the_end(ros, peer):
     for _ in range(150):
         slow.start(Trigger.Request()).cancel()
     assert slow.forgotten == 50
+
+
+def test_a_closed_client_asks_nobody(ros, peer):
+    client = ServiceClient(ros, "std_srvs/srv/SetBool", "/peer/echo")
+    client.wait(30.0)
+    client.close()
+    client.close()
+    assert not client.is_there
+    with pytest.raises(CallError, match="/peer/echo: the client is closed"):
+        client.start({"data": True})

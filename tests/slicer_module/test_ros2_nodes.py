@@ -1,0 +1,180 @@
+"""ROS nodes of the ROS2 module: made, found, ended, and nothing left behind."""
+
+import gc
+import threading
+
+import pytest
+from slicer import vtkMRMLScene
+
+from app.geometry import MarginGuardError
+from tests.ros_domain import environment_of
+
+
+@pytest.fixture
+def scene():
+    return vtkMRMLScene()
+
+
+@pytest.fixture
+def api(scene, ros_domain, monkeypatch):
+    from ROS2Lib.logic import Ros2Api
+
+    for name, value in environment_of(ros_domain).items():
+        monkeypatch.setenv(name, value)
+    made = Ros2Api(scene)
+    yield made
+    made.Destroy()
+
+
+def test_the_default_node_is_one_and_is_found_by_its_name(api, scene):
+    node = api.GetDefaultROS2Node()
+    assert api.GetDefaultROS2Node() is node
+    assert node.GetName() == "ros2:node:slicer"
+    assert node.GetROS2NodeName() == "slicer"
+    assert node.GetClassName() == "vtkMRMLROS2NodeNode"
+    # Also when nobody in Python holds it: the scene gives back what it was.
+    identifier = node.GetID()
+    del node
+    gc.collect()
+    found = scene.GetFirstNodeByName("ros2:node:slicer")
+    assert found is scene.GetNodeByID(identifier)
+    assert found.CreateAndAddPublisherNode("String", "/found") is not None
+
+
+def test_more_nodes_by_class_or_by_name(api, scene, peer):
+    from ROS2Lib.node import vtkMRMLROS2NodeNode
+
+    one = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
+    one.Create("one")
+    other = vtkMRMLROS2NodeNode()
+    scene.AddNode(other)
+    other.Create("other")
+    assert [node.GetROS2NodeName() for node in api.nodes()] == ["one", "other"]
+    for name in ("one", "other"):
+        peer("wait_until", call={"do": "has_node", "name": name}, value=True)
+    # A topic has one publisher a node.
+    assert one.CreateAndAddPublisherNode("String", "/x") is not None
+    assert other.CreateAndAddPublisherNode("String", "/x") is not None
+    for wrong in ("vtkMRMLModelNode", "vtkMRMLROS2PublisherNode", "ROS2"):
+        with pytest.raises(MarginGuardError, match="no class of the ROS2 module"):
+            api.AddNewNodeByClass(wrong)
+
+
+def test_a_name_or_a_state_that_cannot_be_is_refused(api):
+    from ROS2Lib.node import vtkMRMLROS2NodeNode
+
+    with pytest.raises(MarginGuardError, match="in no scene"):
+        vtkMRMLROS2NodeNode().Create("x")
+    node = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
+    with pytest.raises(MarginGuardError, match="cannot be started"):
+        node.Create("two words")
+    assert node.CreateAndAddPublisherNode("String", "/x") is None
+    assert node.RemoveAndDeletePublisherNode("/x") is False
+    node.Create("fine")
+    with pytest.raises(MarginGuardError, match="there already"):
+        node.Create("again")
+
+
+def members_of_every_kind(node):
+    return [
+        node.CreateAndAddPublisherNode("String", "/x"),
+        node.CreateAndAddSubscriberNode("String", "/x"),
+        node.CreateAndAddServiceClientNode("Trigger", "/peer/mute"),
+        node.CreateAndAddParameterNode("/peer"),
+        node.CreateAndAddTf2BroadcasterNode("a", "b"),
+        node.CreateAndAddTf2LookupNode("a", "b"),
+        node.CreateAndAddRobotNode("robot1", "/robot_state_publisher"),
+    ]
+
+
+@pytest.mark.parametrize("how", ["Destroy", "RemoveNode", "Clear"])
+def test_the_end_of_a_node_is_the_end_of_all_of_it_and_may_come_twice(
+    api, scene, how, peer, wait_until
+):
+    before = scene.GetNumberOfNodes()
+    threads = set(threading.enumerate())
+    node = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
+    node.Create("ending")
+    members = members_of_every_kind(node)
+    assert all(members)
+    members[2].SendAsyncRequest({})
+    if how == "Destroy":
+        node.Destroy()
+    elif how == "RemoveNode":
+        scene.RemoveNode(node)
+    else:
+        scene.Clear()
+    assert scene.GetNumberOfNodes() == before
+    assert not node.IsCreated()
+    assert not any(member.IsAddedToROS2Node() for member in members)
+    peer("wait_until", call={"do": "endpoints", "topic": "/x"}, value=[0, 0])
+    peer("wait_until", call={"do": "has_node", "name": "ending"}, value=False)
+    for _ in range(2):
+        node.Destroy()
+        node.Spin()
+        api.Spin()
+    assert node.CreateAndAddPublisherNode("String", "/x") is None
+    wait_until(lambda: set(threading.enumerate()) <= threads)
+    api.Destroy()
+    api.Destroy()
+
+
+def test_a_member_that_is_taken_out_of_the_scene_leaves_the_graph(api, scene, peer):
+    node = api.GetDefaultROS2Node()
+    for member in members_of_every_kind(node):
+        scene.RemoveNode(member)
+        assert not member.IsAddedToROS2Node()
+    assert node.members == ()
+    assert scene.GetNumberOfNodes() == 1
+    peer("wait_until", call={"do": "endpoints", "topic": "/x"}, value=[0, 0])
+    api.Spin()
+
+
+def test_an_observer_may_end_everything_while_it_is_told(api):
+    node = api.GetDefaultROS2Node()
+    publisher = node.CreateAndAddPublisherNode("Int", "/end")
+    subscribers = [node.CreateAndAddSubscriberNode("Int", "/end")]
+    heard = []
+
+    def end(caller, _):
+        heard.append(caller.GetLastMessage())
+        node.Destroy()
+
+    subscribers[0].AddObserver("ModifiedEvent", end)
+    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+    publisher.Publish(1)
+    publisher.Publish(2)
+    pause = threading.Event()
+    for _ in range(1000):
+        api.Spin()
+        if heard:
+            break
+        pause.wait(0.005)
+    assert heard == [1]
+    assert not node.IsCreated()
+
+
+def test_a_member_belongs_to_one_node_only(api):
+    one, other = (api.AddNewNodeByClass("vtkMRMLROS2NodeNode") for _ in range(2))
+    one.Create("one")
+    other.Create("other")
+    publisher = one.CreateAndAddPublisherNode("String", "/x")
+    assert publisher.GetNodeReference("node") is one
+    assert publisher.AddToROS2Node(other.GetID(), "/y") is False
+    assert publisher.AddToROS2Node("nobody", "/y") is False
+    assert publisher.GetTopic() == "/x"
+
+
+def test_names_and_topics_are_in_a_saved_scene(api, scene, tmp_path):
+    node = api.GetDefaultROS2Node()
+    node.CreateAndAddPublisherNode("Pose", "/pose")
+    node.CreateAndAddTf2LookupNode("a", "b")
+    path = tmp_path / "scene.mrml"
+    scene.SetURL(str(path))
+    assert scene.Commit()
+    again = vtkMRMLScene()
+    again.SetURL(str(path))
+    assert again.Connect()
+    saved = again.GetFirstNodeByName("ros2:pub:/pose")
+    assert saved.GetAttribute("ros2.type") == "geometry_msgs/msg/Pose"
+    assert again.GetFirstNodeByName("ros2:tf2lookup:aTob").IsA("vtkMRMLLinearTransformNode")

@@ -1,0 +1,133 @@
+"""Parameters of a process of rclpy's, as the ROS2 module brings them into the scene."""
+
+import pytest
+
+from app.geometry import MarginGuardError
+
+# name, type, method, value
+PARAMETERS = [
+    ("flag", "bool", "Bool", True),
+    ("count", "integer", "Integer", 7),
+    ("gain", "double", "Double", 1.5),
+    ("text", "string", "String", "ü"),
+    ("flags", "bool_array", "VectorOfBools", (True, False)),
+    ("counts", "integer_array", "VectorOfIntegers", (1, -2, 3)),
+    ("gains", "double_array", "VectorOfDoubles", (0.5, 2.5)),
+    ("texts", "string_array", "VectorOfStrings", ("a", "b")),
+]
+
+
+@pytest.fixture
+def parameters(node, peer):
+    made = node.CreateAndAddParameterNode("/peer")
+    yield made
+    if made.IsAddedToROS2Node():
+        assert node.RemoveAndDeleteParameterNode("/peer")
+
+
+@pytest.fixture
+def events(parameters):
+    seen = []
+    parameters.AddObserver(parameters.ParameterModifiedEvent, lambda *_: seen.append(1))
+    return seen
+
+
+def test_every_type_comes_in_with_its_name_and_value(parameters, events, spin_until):
+    assert parameters.GetName() == "ros2:param:/peer"
+    assert parameters.GetMonitoredNodeName() == "/peer"
+    for name, *_ in PARAMETERS:
+        assert parameters.GetParameterType(name) == ""
+        assert parameters.AddParameter(name) is True
+        assert parameters.AddParameter(name) is False
+    spin_until(lambda: all(parameters.IsParameterSet(name) for name, *_ in PARAMETERS))
+    assert parameters.IsMonitoredNodeReady()
+    assert 1 <= len(events) <= len(PARAMETERS)
+    for name, kind, method, value in PARAMETERS:
+        assert parameters.GetParameterType(name) == kind
+        assert getattr(parameters, f"GetParameterAs{method}")(name) == value
+        assert parameters.PrintParameter(name) == str(value)
+    before = len(events)
+    for _ in range(5):
+        parameters.spin()
+    assert len(events) == before
+
+
+def test_a_change_is_one_event_whether_it_was_asked_for_or_not(
+    parameters, events, peer, spin_until
+):
+    parameters.AddParameter("count")
+    spin_until(lambda: parameters.IsParameterSet("count"))
+    before = len(events)
+    assert peer("set_parameter", name="count", value=150)
+    spin_until(lambda: parameters.GetParameterAsInteger("count") == 150)
+    assert len(events) == before + 1
+    assert not parameters.IsParameterSet("gain", True)
+    assert peer("set_parameter", name="gain", value=2.25)
+    spin_until(lambda: parameters.IsParameterSet("gain", True))
+    assert parameters.GetParameterAsDouble("gain") == 2.25
+    assert peer("set_parameter", name="count", value=7)
+    assert peer("set_parameter", name="gain", value=1.5)
+
+
+def test_what_is_not_set_or_another_type_has_no_value(parameters, peer, spin_until, caplog):
+    for name in ("quiet", "never", "text"):
+        parameters.AddParameter(name)
+    spin_until(lambda: parameters.IsParameterSet("text"))
+    for name in ("quiet", "never", "not monitored"):
+        assert parameters.IsParameterSet(name, True) is False
+        assert parameters.GetParameterType(name) == ""
+        assert parameters.PrintParameter(name) == "parameter not found"
+        with pytest.raises(MarginGuardError, match="is not known"):
+            parameters.GetParameterAsString(name)
+    with pytest.raises(MarginGuardError, match="'text' of /peer is string: no integer"):
+        parameters.GetParameterAsInteger("text")
+    assert not caplog.records
+    assert parameters.IsParameterSet("not monitored") is False
+    assert "'not monitored' is not monitored" in caplog.text
+    assert peer("set_parameter", name="quiet", value=3)
+    spin_until(lambda: parameters.IsParameterSet("quiet"))
+    assert parameters.GetParameterType("quiet") == "integer"
+    assert peer("set_parameter", name="quiet", value=None)
+    spin_until(lambda: not parameters.IsParameterSet("quiet"))
+
+
+def test_a_removed_parameter_is_heard_no_more(parameters, events, peer, spin_until):
+    for name in ("count", "gain"):
+        parameters.AddParameter(name)
+    spin_until(lambda: parameters.IsParameterSet("count") and parameters.IsParameterSet("gain"))
+    assert parameters.RemoveParameter("count") is True
+    assert parameters.RemoveParameter("count") is False
+    assert parameters.RemoveParameter("never") is False
+    before = len(events)
+    assert peer("set_parameter", name="count", value=8)
+    assert peer("set_parameter", name="gain", value=3.5)  # after it: so that one has come too
+    spin_until(lambda: parameters.GetParameterAsDouble("gain") == 3.5)
+    assert len(events) == before + 1
+    assert not parameters.IsParameterSet("count", True)
+    assert parameters.GetMonitoredParameters() == ("gain",)
+    assert peer("set_parameter", name="count", value=7)
+    assert peer("set_parameter", name="gain", value=1.5)
+
+
+def test_adding_and_removing(node, peer, parameters):
+    assert node.GetParameterNodeByNode("/peer") is parameters
+    assert node.GetParameterNodeByNode("peer") is parameters
+    assert node.CreateAndAddParameterNode("peer") is None
+    assert node.CreateAndAddParameterNode("") is None
+    services = {"do": "clients_of", "name": "slicer"}
+    assert "/peer/get_parameters" in peer("clients_of", name="slicer")
+    assert node.RemoveAndDeleteParameterNode("/peer") is True
+    assert node.RemoveAndDeleteParameterNode("/peer") is False
+    assert node.RemoveAndDeleteParameterNode("/random_name") is False
+    with pytest.raises(MarginGuardError, match="not on a ROS node"):
+        parameters.AddParameter("gain")
+    peer("wait_until", call=services, value=[])
+
+
+def test_a_node_that_is_not_there_is_waited_for_without_holding_up(node, spin_until):
+    waiting = node.CreateAndAddParameterNode("/not_there_yet")
+    waiting.AddParameter("gain")
+    node.Spin()
+    assert not waiting.IsMonitoredNodeReady()
+    assert not waiting.IsParameterSet("gain")
+    assert node.RemoveAndDeleteParameterNode("/not_there_yet")

@@ -1,0 +1,183 @@
+"""Robots that a node of rclpy's describes and tf places, as the ROS2 module shows them."""
+
+import numpy as np
+import pytest
+
+from app.scene.convert import world_matrix, world_points
+
+URDF = """<robot name="arm">
+  <link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry>
+    <material name="blue"><color rgba="0.1 0.2 0.6 1"/></material></visual></link>
+  <link name="wrist"/>
+  <link name="tip"><visual><origin xyz="0 0 0.05"/><geometry><box size="0.02 0.02 0.1"/></geometry>
+    <material name="red"><color rgba="1 0 0 1"/></material></visual></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="wrist"/>
+    <origin xyz="0 0 0.1"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="end" type="fixed"><parent link="wrist"/><child link="tip"/>
+    <origin xyz="0.3 0 0"/></joint>
+</robot>"""
+WHERE = ("/robot_state_publisher", "robot_description")
+
+
+@pytest.fixture
+def describe(peer):
+    """Say the description, and say nothing again at the end."""
+
+    def say(text):
+        assert peer("set_parameter", name="robot_description", value=text, of="robot")
+
+    say(URDF)
+    yield say
+
+
+@pytest.fixture
+def robots(logic):
+    added = []
+
+    def add(name, *arguments):
+        added.append(name)
+        return logic.AddRobot(name, *arguments)
+
+    yield add
+    for name in added:
+        if logic.GetDefaultROS2Node().GetRobotNodeByName(name) is not None:
+            logic.RemoveRobot(name)
+
+
+def names(scene):
+    return sorted(scene.GetNthNode(n).GetName() for n in range(scene.GetNumberOfNodes()))
+
+
+def is_coloured(scene, model):
+    return bool(scene.GetFirstNodeByName(model).GetDisplayNode().GetScalarVisibility())
+
+
+def test_a_robot_of_a_parameter_is_built_placed_and_coloured(
+    logic, node, peer, spin_until, describe, robots
+):
+    scene = logic.scene
+    robot = robots("robot1", *WHERE)
+    assert (robot.GetName(), robot.GetRobotName()) == ("ros2:robot:robot1", "robot1")
+    assert node.GetRobotNodeByName("robot1") is robot
+    assert robot.IsStale()
+    spin_until(robot.GetLinkNames)
+    assert robot.GetLinkNames() == ("base", "wrist", "tip")
+    # Without tf it stands at its zero pose, in grey, and says why.
+    assert np.allclose(
+        world_matrix(scene.GetFirstNodeByName("ros2:tf2lookup:wristTotip"))[:3, 3], [300, 0, 100]
+    )
+    assert not is_coloured(scene, "tip_model")
+    assert scene.GetFirstNodeByName("tip_model").GetDisplayNode().GetColor() == (0.5, 0.5, 0.5)
+    assert "missing" in robot.GetProblem()
+    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    tip = node.GetTf2LookupNodeByParentChild("wrist", "tip")
+    spin_until(lambda: tip.GetState() == "valid" and not robot.IsStale())
+    assert robot.GetProblem() == ""
+    assert tip.GetName() == "ros2:tf2lookup:wristTotip"
+    assert tip.GetParentTransformNode().GetName() == "ros2:tf2lookup:baseTowrist"
+    assert np.allclose(world_matrix(tip)[:3, 3], [400.0, 0.0, 200.0])
+    points = world_points(scene.GetFirstNodeByName("tip_model"))
+    assert np.allclose([points.min(axis=0), points.max(axis=0)], [[390, -10, 200], [410, 10, 300]])
+    assert is_coloured(scene, "tip_model")
+    assert scene.GetFirstNodeByName("wrist_model") is None
+    assert robot.GetNodeReference("model").GetName() == "base_model"
+    assert robot.GetNumberOfNodeReferences("lookup") == 3
+    # Nobody says anything more: it turns grey by itself.
+    events = []
+    robot.AddObserver("ModifiedEvent", lambda *_: events.append(robot.IsStale()))
+    spin_until(robot.IsStale)
+    assert events == [True]
+    assert not is_coloured(scene, "tip_model")
+    assert "stale" in robot.GetProblem()
+
+
+def test_a_robot_is_removed_without_leftovers_however_often(
+    logic, node, peer, spin_until, describe, robots
+):
+    node.listen()
+    before = names(logic.scene)
+    for _ in range(5):
+        robot = robots("robot1", *WHERE)
+        assert logic.AddRobot("robot1", *WHERE) is None
+        spin_until(robot.GetLinkNames)
+        assert len(names(logic.scene)) > len(before)
+        assert logic.RemoveRobot("robot1") is True
+        assert logic.RemoveRobot("robot1") is False
+        assert names(logic.scene) == before
+        assert node.GetTf2LookupNodeByParentChild("wrist", "tip") is None
+    assert logic.RemoveRobot("never") is False
+    assert robot.GetLinkNames() == ()
+    assert not node.ros._at_close
+    peer("wait_until", call={"do": "clients_of", "name": "slicer"}, value=[])
+
+
+def test_two_robots_with_prefixes_and_a_fixed_frame(
+    logic, node, peer, spin_until, describe, robots
+):
+    left = robots("left", *WHERE, "world", "left")
+    right = robots("right", *WHERE, "world", "right/")
+    spin_until(lambda: left.GetLinkNames() and right.GetLinkNames())
+    sent = [
+        ["world", f"{side}/base", [shift, 0.0, 0.0]]
+        for side, shift in (("left", -1.0), ("right", 1.0))
+    ]
+    sent += [[f"{side}/base", f"{side}/wrist", [0.0, 0.0, 0.1]] for side in ("left", "right")]
+    sent += [[f"{side}/wrist", f"{side}/tip", [0.0, 0.0, 0.1]] for side in ("left", "right")]
+    peer("send_tf", edges=sent)
+    spin_until(lambda: not left.IsStale() and not right.IsStale())
+    places = []
+    for index in range(2):
+        found = logic.scene.GetNodesByName("tip_model")
+        places.append(world_points(found.GetItemAsObject(index)).mean(axis=0).round(6).tolist())
+    assert places == [[-1000.0, 0.0, 250.0], [1000.0, 0.0, 250.0]]
+    assert node.GetTf2LookupNodeByParentChild("world", "left/base") is not None
+    assert logic.RemoveRobot("left")
+    assert logic.scene.GetNodesByName("tip_model").GetNumberOfItems() == 1
+
+
+def test_a_lookup_of_the_user_stays_the_users(logic, node, spin_until, describe, robots):
+    mine = node.CreateAndAddTf2LookupNode("wrist", "tip")
+    robot = robots("robot1", *WHERE)
+    spin_until(robot.GetLinkNames)
+    assert node.GetTf2LookupNodeByParentChild("wrist", "tip") is mine
+    assert logic.RemoveRobot("robot1")
+    assert node.GetTf2LookupNodeByParentChild("wrist", "tip") is mine
+    assert mine.GetParentTransformNode() is None
+    assert node.RemoveAndDeleteTf2LookupNode("wrist", "tip")
+
+
+def test_a_description_that_changes_is_built_anew(logic, spin_until, describe, robots):
+    before = names(logic.scene)
+    robot = robots("robot1", *WHERE)
+    spin_until(robot.GetLinkNames)
+    describe(URDF.replace('"tip"', '"tool"'))
+    spin_until(lambda: robot.GetLinkNames() == ("base", "wrist", "tool"))
+    assert "tip_model" not in names(logic.scene)
+    assert "tool_model" in names(logic.scene)
+    describe("no robot")
+    spin_until(lambda: robot._description.refused)
+    assert robot.GetLinkNames() == ("base", "wrist", "tool")
+    assert logic.RemoveRobot("robot1")
+    assert names(logic.scene) == before
+
+
+def test_a_robot_that_nobody_describes_says_so(logic, node, robots):
+    robot = robots("robot1", "/not_there")
+    logic.Spin()
+    assert robot.GetProblem() == "no description yet"
+    assert robot.IsStale()
+    assert node.CreateAndAddRobotNode("robot2", "") is None
+    assert node.CreateAndAddRobotNode("", "/x") is None
+    assert logic.RemoveRobot("robot1")
+
+
+def test_a_robot_that_is_taken_out_of_the_scene_takes_its_links_along(
+    logic, node, spin_until, describe, robots
+):
+    before = names(logic.scene)
+    robot = robots("robot1", *WHERE)
+    spin_until(robot.GetLinkNames)
+    logic.scene.RemoveNode(robot)
+    assert names(logic.scene) == before
+    assert node.GetRobotNodeByName("robot1") is None

@@ -1,0 +1,105 @@
+"""Services of a process of rclpy's, asked by the ROS2 module."""
+
+import pytest
+
+from app.geometry import MarginGuardError
+
+
+def test_a_request_is_answered_with_one_event(node, peer, spin_until):
+    client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
+    assert client.GetName() == "ros2:srv:client:/peer/echo"
+    assert (client.GetService(), client.GetROSType()) == ("/peer/echo", "std_srvs/srv/SetBool")
+    events = []
+    client.AddObserver("ModifiedEvent", lambda *_: events.append(client.GetLastResponse()))
+    assert client.GetLastResponse() is None
+    assert client.GetLastResponseStatus() is False
+    for asked in (True, False):
+        request = client.CreateBlankRequest()
+        assert request.GetData() is False
+        request.SetData(asked)
+        assert client.SendAsyncRequest(request) == 1
+        assert client.IsRequestInProgress()
+        spin_until(client.GetLastResponseStatus)
+        response = client.GetLastResponse()
+        assert (response.GetSuccess(), response.GetMessage()) == (asked, "echoed")
+        assert client.GetLastError() == ""
+    assert len(events) == 2
+    assert (client.GetNumberOfCalls(), client.GetNumberOfRequestsSent()) == (2, 2)
+    assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
+
+
+def test_a_server_that_never_answers_ends_in_time_and_holds_up_nothing(logic, node, peer):
+    mute = node.CreateAndAddServiceClientNode("Trigger", "/peer/mute")
+    echo = node.CreateAndAddServiceClientNode("SetBoolString", "/peer/echo")
+    mute.SetTimeoutSeconds(1.0)
+    events = []
+    mute.AddObserver("ModifiedEvent", lambda *_: events.append(mute.GetLastError()))
+    mute.SendAsyncRequest(mute.CreateBlankRequest())
+    echo.SendAsyncRequest({"data": True})
+    assert logic.WaitForServiceResponse(echo, 10.0) is True
+    assert echo.GetLastResponse().GetSuccess() is True
+    assert logic.WaitForServiceResponse(mute, 10.0) is False
+    assert events == ["service /peer/mute: no reply within 1 s"]
+    assert mute.GetLastResponse() is None
+    assert not mute.IsRequestInProgress()
+    # One that is under way ends with its client, and the node with both.
+    mute.SetTimeoutSeconds(60.0)
+    mute.SendAsyncRequest(mute.CreateBlankRequest())
+    assert node.RemoveAndDeleteServiceClientNode("/peer/mute")
+    assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
+    peer("wait_until", call={"do": "clients_of", "name": "slicer"}, value=[])
+
+
+def test_a_service_that_nobody_serves_is_said(logic, node):
+    client = node.CreateAndAddServiceClientNode("Trigger", "/nobody")
+    client.SetTimeoutSeconds(0.1)
+    client.SendAsyncRequest({})
+    assert logic.WaitForServiceResponse(client, 5.0) is False
+    assert client.GetLastError() == "service /nobody: nobody serves it, waited 0.1 s"
+    assert node.RemoveAndDeleteServiceClientNode("/nobody")
+
+
+def test_a_second_request_takes_the_place_of_the_first(logic, node, peer):
+    client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
+    for asked in (False, False, True):
+        client.SendAsyncRequest({"data": asked})
+    assert logic.WaitForServiceResponse(client, 10.0)
+    assert client.GetLastResponse().GetSuccess() is True
+    assert client.GetNumberOfRequestsSent() == 3
+    assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
+
+
+def test_what_is_no_request_is_not_sent(node):
+    client = node.CreateAndAddServiceClientNode("vtkMRMLROS2ServiceClientSetBoolNode", "/x")
+    assert client.GetClassName() == "vtkMRMLROS2ServiceClientSetBoolNode"
+    other = node.CreateAndAddServiceClientNode("std_srvs/srv/Trigger", "/y").CreateBlankRequest()
+    for wrong in ({"data": 3}, {"no": 1}, other, 5):
+        with pytest.raises(MarginGuardError):
+            client.SendAsyncRequest(wrong)
+    assert client.GetNumberOfRequestsSent() == 0
+    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(MarginGuardError, match="timeout"):
+            client.SetTimeoutSeconds(wrong)
+    assert node.RemoveAndDeleteServiceClientNode("/x")
+    assert node.RemoveAndDeleteServiceClientNode("/y")
+    with pytest.raises(MarginGuardError, match="not on a ROS node"):
+        client.SendAsyncRequest({"data": True})
+
+
+def test_adding_and_removing(node, caplog):
+    before = node.GetScene().GetNumberOfNodes()
+    client = node.CreateAndAddServiceClientNode("Trigger", "/z")
+    assert node.GetServiceClientNodeByService("z") is client
+    assert node.CreateAndAddServiceClientNode("Trigger", "z") is None
+    assert node.CreateAndAddServiceClientNode("Nothing", "/w") is None
+    # A type that SlicerROS2 names and that is not installed here is said, and None.
+    assert node.CreateAndAddServiceClientNode("Spawn", "/spawn") is None
+    assert "turtlesim" in caplog.text
+    assert node.RemoveAndDeleteServiceClientNode("/z") is True
+    assert node.RemoveAndDeleteServiceClientNode("/z") is False
+    assert node.RemoveAndDeleteServiceClientNode("/never") is False
+    assert node.GetScene().GetNumberOfNodes() == before
+    names = node.RegisteredROS2ServiceClientNodes().split("\n")
+    assert {"vtkMRMLROS2ServiceClientSetBoolStringNode", "vtkMRMLROS2ServiceClientSpawnNode"} <= {
+        *names
+    }

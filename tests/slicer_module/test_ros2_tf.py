@@ -1,0 +1,186 @@
+"""Broadcasts and lookups of tf by the ROS2 module, against a process of rclpy's."""
+
+import numpy as np
+import pytest
+import vtk
+from slicer import vtkMRMLTransformNode
+
+from app.geometry import MarginGuardError
+
+
+def shifted(x_mm):
+    made = vtk.vtkMatrix4x4()
+    made.SetElement(0, 3, x_mm)
+    return made
+
+
+def x_mm(node):
+    found = vtk.vtkMatrix4x4()
+    node.GetMatrixTransformToParent(found)
+    return found.GetElement(0, 3)
+
+
+class Events:
+    def __init__(self, node):
+        self.seen = []
+        node.AddObserver(vtkMRMLTransformNode.TransformModifiedEvent, self._take)
+
+    def _take(self, caller, _):
+        self.seen.append(x_mm(caller))
+
+
+def test_66_mm_are_broadcast_as_66_mm_and_looked_up_as_such(node, peer, spin_until):
+    broadcaster = node.CreateAndAddTf2BroadcasterNode("Parent", "Child")
+    assert broadcaster.GetName() == "ros2:tf2broadcaster:ParentToChild"
+    lookup = node.CreateAndAddTf2LookupNode("Parent", "Child")
+    assert lookup.GetName() == "ros2:tf2lookup:ParentToChild"
+    assert node.GetScene().GetFirstNodeByName(lookup.GetName()) is lookup
+    assert lookup.IsA("vtkMRMLLinearTransformNode")
+    events = Events(lookup)
+    first = broadcaster.Broadcast(shifted(1.0))
+    peer("listen", topic="/tf", type="tf2_msgs/msg/TFMessage")
+    peer("wait_until", call={"do": "endpoints", "topic": "/tf"}, value=[2, 2])
+    before_ns = node.now_ns()
+
+    def arrived():
+        assert broadcaster.Broadcast(shifted(66.0))
+        return events.seen and events.seen[-1] == 66.0
+
+    spin_until(arrived)
+    assert first is True
+    edge = peer("take", topic="/tf")[-1]["transforms"][0]
+    assert (edge["header"]["frame_id"], edge["child_frame_id"]) == ("Parent", "Child")
+    assert edge["transform"]["translation"] == {"x": 0.066, "y": 0.0, "z": 0.0}
+    stamp = edge["header"]["stamp"]
+    assert before_ns <= stamp["sec"] * 10**9 + stamp["nanosec"] <= node.now_ns()
+    assert x_mm(lookup) == pytest.approx(66.0, abs=1e-9)
+    assert lookup.GetState() == "valid"
+    assert 0.0 <= lookup.GetAgeSeconds() < 15.0
+
+
+def test_a_new_sample_is_one_event_and_no_news_is_none(node, peer, spin_until):
+    lookup = node.CreateAndAddTf2LookupNode("hall", "door")
+    events = Events(lookup)
+    assert (lookup.GetState(), lookup.GetAgeSeconds()) == ("missing", None)
+    assert lookup.IsStale()
+    stamp_ns = peer("send_tf", edges=[["hall", "door", [0.25, 0.0, 0.0]]])
+    spin_until(lambda: events.seen)
+    assert lookup.GetStampNanoseconds() == stamp_ns
+    assert lookup.GetAttribute("ros2.stamp_ns") == str(stamp_ns)
+    for _ in range(5):
+        node.Spin()
+    assert events.seen == [250.0]
+    lookup.SetModifiedOnLookup(True)
+    node.Spin()
+    assert events.seen == [250.0, 250.0]
+    # The same pose at another time is news: it is not stale.
+    lookup.SetModifiedOnLookup(False)
+    later_ns = peer("send_tf", edges=[["hall", "door", [0.25, 0.0, 0.0]]])
+    spin_until(lambda: len(events.seen) == 3)
+    assert lookup.GetStampNanoseconds() == later_ns > stamp_ns
+
+
+def test_a_pose_that_is_old_is_stale_and_says_how_old(node, peer, spin_until):
+    lookup = node.CreateAndAddTf2LookupNode("shelf", "box")
+    lookup.SetStaleAfterSeconds(2.0)
+    peer("send_tf", edges=[["shelf", "box", [0.1, 0.0, 0.0]]], age_s=60.0)
+    spin_until(lambda: lookup.GetState() != "missing")
+    assert (lookup.GetState(), lookup.GetAttribute("ros2.state")) == ("stale", "stale")
+    assert lookup.IsStale()
+    assert 60.0 <= lookup.GetAgeSeconds() < 80.0
+    peer("send_tf", edges=[["shelf", "box", [0.1, 0.0, 0.0]]])
+    lookup.SetStaleAfterSeconds(20.0)
+    spin_until(lambda: lookup.GetState() == "valid")
+    assert not lookup.IsStale()
+    for wrong in (0.0, -1.0, float("nan")):
+        with pytest.raises(MarginGuardError, match="more than 0 wanted"):
+            lookup.SetStaleAfterSeconds(wrong)
+
+
+def test_a_fresh_parent_does_not_hide_a_stale_child(node, peer, spin_until):
+    lookup = node.CreateAndAddTf2LookupNode("cart", "tip")
+    edges = [["arm", "tip", [0.0, 0.0, 0.1]], ["cart", "arm", [0.1, 0.0, 0.0]]]
+    peer("send_tf", edges=edges, age_s=5.0)
+    spin_until(lambda: lookup.GetState() == "stale")
+    peer("send_tf", edges=[["cart", "arm", [0.2, 0.0, 0.0]]])
+    other = node.CreateAndAddTf2LookupNode("cart", "arm")
+    other.SetStaleAfterSeconds(20.0)
+    spin_until(lambda: other.GetState() == "valid" and x_mm(other) == pytest.approx(200.0))
+    assert lookup.GetState() == "stale"
+
+
+def test_frames_that_nobody_connects_are_missing_and_say_why(node):
+    lookup = node.CreateAndAddTf2LookupNode("nowhere", "never")
+    node.Spin()
+    assert lookup.GetState() == "missing"
+    assert "'nowhere' is not known" in lookup.GetProblem()
+
+
+def test_an_observed_transform_is_broadcast_whenever_it_moves(node, peer, spin_until):
+    moved = node.GetScene().AddNewNodeByClass("vtkMRMLLinearTransformNode", "moved")
+    broadcaster = node.CreateAndAddTf2BroadcasterNode("bench", "vice")
+    lookup = node.CreateAndAddTf2LookupNode("bench", "vice")
+    broadcaster.ObserveTransformNode(moved)
+    assert broadcaster.GetNodeReference("ObservedTransform") is moved
+    count = broadcaster.GetNumberOfBroadcasts()
+    places = iter(range(1, 10_000))
+
+    def arrived():
+        moved.SetMatrixTransformToParent(shifted(float(next(places))))
+        return lookup.GetState() == "valid"
+
+    spin_until(arrived)
+    assert broadcaster.GetNumberOfBroadcasts() == count + round(x_mm(moved))
+    broadcaster.ObserveTransformNode(None)
+    moved.SetMatrixTransformToParent(shifted(5.0))
+    assert broadcaster.GetNumberOfBroadcasts() < count + next(places)
+    sheared = shifted(0.0)
+    sheared.SetElement(0, 1, 0.5)
+    with pytest.raises(MarginGuardError, match="rotation"):
+        broadcaster.Broadcast(sheared)
+
+
+def test_a_broadcast_may_tell_when_it_was_measured(node, spin_until):
+    broadcaster = node.CreateAndAddTf2BroadcasterNode("table", "pen")
+    lookup = node.CreateAndAddTf2LookupNode("table", "pen")
+    stamps = iter(range(1_000_000_007, 10**12))
+
+    def arrived():
+        broadcaster.Broadcast(shifted(1.0), next(stamps))
+        return lookup.GetStampNanoseconds() is not None
+
+    spin_until(arrived)
+    assert 1_000_000_007 <= lookup.GetStampNanoseconds() < next(stamps)
+    assert lookup.GetState() == "stale"
+
+
+@pytest.mark.parametrize("role", ["Lookup", "Broadcaster"])
+def test_adding_and_removing_by_frames_and_by_id(node, role):
+    create = getattr(node, f"CreateAndAddTf2{role}Node")
+    get = getattr(node, f"GetTf2{role}NodeByParentChild")
+    get_by_id = getattr(node, f"GetTf2{role}NodeByID")
+    remove = getattr(node, f"RemoveAndDeleteTf2{role}Node")
+    before = node.GetScene().GetNumberOfNodes()
+    made = create("a", "b")
+    assert (made.GetParentID(), made.GetChildID()) == ("a", "b")
+    assert get("a", "b") is get_by_id(made.GetID()) is made
+    assert create("a", "b") is None
+    assert get("b", "a") is None
+    assert create("a", "no frame") is None
+    assert (remove("a", "b"), remove("a", "b"), remove("x", "y")) == (True, False, False)
+    made = create("a", "b")
+    identifier = made.GetID()
+    assert (remove(identifier), remove(identifier)) == (True, False)
+    assert node.GetScene().GetNumberOfNodes() == before
+
+
+def test_a_removed_lookup_is_nobodys_and_stale(node, peer, spin_until):
+    lookup = node.CreateAndAddTf2LookupNode("shed", "rake")
+    peer("send_tf", edges=[["shed", "rake", [0.0, 0.5, 0.0]]])
+    spin_until(lambda: lookup.GetStampNanoseconds() is not None)
+    node.RemoveAndDeleteTf2LookupNode("shed", "rake")
+    assert lookup.IsStale()
+    assert lookup.GetAgeSeconds() is None
+    found = vtk.vtkMatrix4x4()
+    lookup.GetMatrixTransformToParent(found)
+    assert np.isclose(found.GetElement(1, 3), 500.0)
