@@ -20,7 +20,7 @@ MAY_IMPORT = {
     "bridge": {"geometry", "registration", "robot", "case", "fixture", "session"},
     "scene": {"geometry", "robot", "fixture", "registration", "session"},
     "report": {"geometry", "registration", "case", "fixture", "session"},
-    "viewer": {"geometry", "robot", "case", "fixture", "session", "scene"},
+    "viewer": {"geometry", "registration", "robot", "case", "fixture", "session", "scene"},
 }
 EVERYTHING = set(MAY_IMPORT)
 ONLY_IN = {

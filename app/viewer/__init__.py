@@ -4,12 +4,13 @@ Imports slicer, vtk and trame, which takes some seconds. Knows neither ROS nor f
 hands it the steps of a session, recorded or live.
 """
 
+from app.viewer.cast import Cast, stop_surface
 from app.viewer.errors import ViewerError
 from app.viewer.feeds import LiveFeed, ReplayFeed
 from app.viewer.gate import new_token
 from app.viewer.server import Address, Title, Viewer
 from app.viewer.shown import Shown, Watcher
-from app.viewer.stage import Cast, Stage
+from app.viewer.stage import Stage
 from app.viewer.timeline import LiveTimeline, ReplayTimeline
 
 __all__ = [
@@ -26,4 +27,5 @@ __all__ = [
     "ViewerError",
     "Watcher",
     "new_token",
+    "stop_surface",
 ]

@@ -7,6 +7,7 @@ from typing import Protocol
 from app.fixture import MarginState
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.session import StepResult
+from app.viewer.cast import Cast
 from app.viewer.replay import ReplayControl
 from app.viewer.shown import Shown, Watcher
 
@@ -58,8 +59,9 @@ class LiveFeed:
         """Call ``wake`` at each step that comes, in the thread of the session."""
         self._wake = wake
 
-    def put(self, step: StepResult) -> None:
-        """Take the next step; every one is looked at, the newest is shown."""
+    def put(self, step: StepResult, cast: Cast) -> None:
+        """Take the next step, of ``cast``; every one is looked at, the newest is shown."""
+        self._watcher.cast = cast
         shown = self._watcher.see(step)
         with self._lock:
             self._newest, self._came_ns = shown, self._clock_ns()

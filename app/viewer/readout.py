@@ -5,6 +5,7 @@ from typing import Any
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_MS
 from app.scene.watchdog import Freshness, TransformHealth
+from app.viewer.cast import Cast
 from app.viewer.shown import Shown
 from app.viewer.words import STATE_WORDS, distance_digits, why
 
@@ -23,7 +24,8 @@ def readout(shown: Shown | None) -> dict[str, Any]:
         breaches=shown.breaches,
         stop="" if decision.margin is None else f"{decision.margin.total_mm:.1f}",
         warn="" if decision.margin is None else f"{decision.margin.warn_total_mm:.1f}",
-        tre="" if not decision.margin else f"{decision.margin.tre_mm:.2f} mm",
+        tre="" if decision.margin is None else f"{decision.margin.tre_mm:.2f} mm",
+        registration=_registration(shown.cast),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
     )
 
@@ -39,6 +41,7 @@ def _values(
     stop: str = "",
     warn: str = "",
     tre: str = "",
+    registration: dict[str, str | bool] | None = None,
     lamps: list[dict[str, str]] | None = None,
 ) -> dict[str, Any]:
     return {
@@ -52,8 +55,23 @@ def _values(
         "stop": stop,
         "warn": warn,
         "tre": tre,
+        "registration": registration or {"word": "", "ok": False, "numbers": ""},
         "lamps": lamps or [],
     }
+
+
+def _registration(cast: Cast) -> dict[str, str | bool]:
+    """The verdict in a word, and what its numbers are."""
+    result = cast.registration
+    if cast.robot is None:
+        return {"ok": True, "word": "no robot", "numbers": ""}
+    if result is None:
+        return {"ok": False, "word": "missing", "numbers": ""}
+    numbers = [f"{len(result.used)} points"] if len(result.used) else []
+    numbers += [] if result.fre_mm is None else [f"FRE {result.fre_mm:.2f} mm"]
+    numbers += ["uncertainty not known"] if result.covariance is None else []
+    word = "accepted" if result.accepted else "refused"
+    return {"ok": result.accepted, "word": word, "numbers": ", ".join(numbers)}
 
 
 def _lamp(lamp: TransformHealth, *, silent: bool) -> dict[str, str]:

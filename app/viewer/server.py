@@ -2,7 +2,7 @@
 
 import asyncio
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from app.viewer.hands import ReplayHands, StageHands
 from app.viewer.link import PageLink
 from app.viewer.page import Page
 from app.viewer.pictures import Pictures
+from app.viewer.quiet import expect_pages_to_go
 from app.viewer.replay import ReplayControl
 from app.viewer.screenshot import screenshot
 from app.viewer.stage import Stage
@@ -44,7 +45,6 @@ class Title:
 
     case: str
     live: bool
-    registration: Mapping[str, Any]
     report: Callable[[], bytes] | None = None
 
 
@@ -101,6 +101,7 @@ class Viewer:
         server = self._server
         server.add_protocol_to_configure(lambda protocol: protocol.registerLinkProtocol(link))
         server.controller.on_server_bind.add(lambda bound: self._open(bound.app, address))
+        expect_pages_to_go()
         serving = asyncio.ensure_future(_start(server, address))
         ready = asyncio.ensure_future(server.ready)
         await asyncio.wait({serving, ready}, return_when=asyncio.FIRST_COMPLETED)
@@ -160,7 +161,6 @@ def _server(title: Title) -> Server:
     state.title = {
         "case": title.case,
         "live": title.live,
-        "registration": title.registration,
         "report": title.report is not None,
     }
     return server

@@ -8,6 +8,7 @@ from app.fixture import MarginState, Reason
 from app.geometry import Transform
 from app.scene.watchdog import Freshness, TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
+from app.viewer.cast import Cast
 from app.viewer.trend import Trend, TrendMeter
 
 
@@ -15,12 +16,13 @@ from app.viewer.trend import Trend, TrendMeter
 class Shown:
     """What one step found, and what the steps before it leave to be shown.
 
-    ``measured``: the last good sample of every edge so far. ``breaches``: how often the state has
-    become POSITIVE so far, so that a page that leaves steps out misses none. ``silent``: why the
-    step is not of the present, in words, empty while it is.
+    ``cast``: whom the step is of. ``measured``: the last good sample of every edge so far.
+    ``breaches``: how often the state has become POSITIVE so far, so that a page that leaves steps
+    out misses none. ``silent``: why the step is not of the present, in words, empty while it is.
     """
 
     step: StepResult
+    cast: Cast
     measured: tuple[Transform, ...]
     lamps: tuple[TransformHealth, ...]
     trend: Trend
@@ -49,9 +51,13 @@ def known_distance_mm(step: StepResult) -> float | None:
 
 
 class Watcher:
-    """Looks at every step of a session in turn, and says what there is to show of it."""
+    """Looks at every step of a session in turn, and says what there is to show of it.
 
-    def __init__(self, setup: SessionSetup) -> None:
+    Whoever changes the session sets ``cast`` before the first step after it.
+    """
+
+    def __init__(self, setup: SessionSetup, cast: Cast) -> None:
+        self.cast = cast
         self._wanted = tuple(_wanted_frames(setup))
         self._named: set[str] = set()
         self._watchdog = TransformWatchdog(setup.margins.stale_after_ns)
@@ -72,6 +78,7 @@ class Watcher:
         self._inside = inside
         return Shown(
             step=step,
+            cast=self.cast,
             measured=self._measured,
             lamps=self._lamps(step.frame),
             trend=self._trend.see(step.frame.stamp.ns, known_distance_mm(step)),

@@ -1,6 +1,5 @@
 """The scene of a page: MRML nodes filled from steps, a view of them, and who is seen how."""
 
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -8,10 +7,9 @@ from slicer import vtkMRMLDisplayNode, vtkMRMLScene
 from trame_slicer.views import ThreeDView
 from trame_slicer.views.render_scheduler import NoScheduleRendering
 
-from app.geometry import SurfaceMesh, Transform
-from app.robot import Robot
 from app.scene import MarginGuardScene, Moment, SceneApplication, use_offscreen_rendering
 from app.scene.frame_graph import poses_in
+from app.viewer.cast import Cast
 from app.viewer.errors import ViewerError
 from app.viewer.shown import Shown
 
@@ -30,27 +28,8 @@ class Part(Enum):
     ROBOT = "Robot"
 
 
-_ALONG = {Part.TOOL: 0.25, Part.ROBOT: 0.0}
+_ALONG = {Part.TOOL: 0.0, Part.ROBOT: 0.0}
 """How much of it there is in a view along the tool."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cast:
-    """What is on the stage, the same from the first step to the last.
-
-    ``tumor`` in the frame "tumor", ``margin`` in the same, ``tool`` in its tip's frame: None shows
-    the tip alone. ``fixed``: the calibrations and the registration. ``robot`` stands at
-    ``base_frame`` and holds the tool by its link ``tool_link``.
-    """
-
-    tumor: SurfaceMesh
-    margin: SurfaceMesh | None
-    tool: SurfaceMesh | None
-    tip_frame: str
-    fixed: tuple[Transform, ...]
-    robot: Robot | None = None
-    base_frame: str = ""
-    tool_link: str = ""
 
 
 class Stage:
@@ -88,6 +67,8 @@ class Stage:
 
     def show(self, shown: Shown) -> None:
         """Bring the scene to this step."""
+        if shown.cast is not self.cast:
+            self._recast(shown.cast)
         step = shown.step
         moment = Moment(
             decision=step.decision,
@@ -132,6 +113,14 @@ class Stage:
         self._along = {part: _ALONG.get(part, 1.0) if along else 1.0 for part in Part}
         for part in Part:
             self._dress(part)
+        self._show_label(not along)
+
+    def _recast(self, cast: Cast) -> None:
+        """Another tumour or registration: nothing of the old one may stay."""
+        self.cast = cast
+        if self.scene is not None:
+            self.scene.clear()
+            self.scene = None
 
     def _enter(self, scene: MarginGuardScene) -> None:
         scene.add_tumor(self.cast.tumor)
@@ -151,6 +140,12 @@ class Stage:
         }
         for part in Part:
             self._dress(part)
+        self._show_label(self._along[Part.TOOL] > 0.0)
+
+    def _show_label(self, shown: bool) -> None:
+        """The distance beside the closest-point line, which would hide what the tool points at."""
+        if self.scene is not None and self.scene.margin is not None:
+            self.scene.margin.line.GetDisplayNode().SetPointLabelsVisibility(shown)
 
     def _displays(self, scene: MarginGuardScene, part: Part) -> list[vtkMRMLDisplayNode]:
         robots = scene.robots.values()

@@ -6,10 +6,16 @@ A page of this machine, with a token in its address. Runs until SIGINT (exit sta
 
 import argparse
 import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs
-from app.cli.signals import Received, note_signals
+from app.cli.signals import note_signals
+
+if TYPE_CHECKING:
+    from app.viewer import Viewer
 
 SUMMARY = "watch a replay or a live session in the browser"
 
@@ -19,10 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "case", type=Path, nargs="?", metavar="CASE", help="folder with a case.yaml, to be replayed"
     )
-    parser.add_argument("--live", action="store_true", help="a live session instead of a case")
-    parser.add_argument(
-        "--config", type=Path, metavar="FILE", help="with --live: live.yaml, docs/live.md"
-    )
+    parser.add_argument("--live", action="store_true", help="a live session instead of a CASE")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="its live.yaml: docs/live.md")
+    parser.add_argument("--namespace", default="", metavar="NS", help="its ROS namespace")
     add_package_dirs(parser)
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
@@ -31,36 +36,50 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--host", default="127.0.0.1", help="address to serve at; default: this machine alone"
     )
     parser.add_argument(
-        "--port", type=int, default=0, help="0, the default, takes one that is free"
+        "--port", type=int, default=0, metavar="N", help="default: 0, one that is free"
     )
     parser.add_argument("--token", help="what opens the page; default: a random one")
-    parser.add_argument("--browser", action="store_true", help="open the page in the browser")
+    parser.add_argument(
+        "--browser",
+        action=argparse.BooleanOptionalAction,
+        default=False,
+        help="open the page at once",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until a signal comes."""
     from app.geometry import InputError
 
-    if options.live is not (options.case is None) or options.live is not bool(options.config):
-        raise InputError("view takes a CASE, or --live with --config FILE: one of the two")
-    with note_signals() as received:
-        _view(options, received)
+    if options.live is (options.case is not None) or options.live is not bool(options.config):
+        raise InputError("view takes a CASE, or --live and --config FILE: one of the two wanted")
+    if options.token == "":
+        raise InputError("--token is empty: that would open the page to everybody")
+    with note_signals() as received, _viewer(options) as viewer:
+        from app.viewer import Address, new_token
+
+        address = Address(options.host, options.port, options.token or new_token())
+
+        def ready(url: str) -> None:
+            received.stops(viewer.stop)
+            print(url, flush=True)
+            if options.browser:
+                import webbrowser
+
+                webbrowser.open(url)
+
+        asyncio.run(viewer.serve(address, ready))
     return received.exit_status
 
 
-def _view(options: argparse.Namespace, received: Received) -> None:
-    from app.cli.viewing import replay_viewer
-    from app.viewer import Address, new_token
+@contextmanager
+def _viewer(options: argparse.Namespace) -> Iterator["Viewer"]:
+    if options.live:
+        from app.cli.live_page import live_page
 
-    address = Address(options.host, options.port, options.token or new_token())
-    viewer = replay_viewer(options.case, options.package_dirs, tip_only=options.tip_only)
-    received.stops(viewer.stop)
+        with live_page(options) as viewer:
+            yield viewer
+    else:
+        from app.cli.replay_page import replay_page
 
-    def ready(url: str) -> None:
-        print(url, flush=True)
-        if options.browser:
-            import webbrowser
-
-            webbrowser.open(url)
-
-    asyncio.run(viewer.serve(address, ready))
+        yield replay_page(options.case, options.package_dirs, tip_only=options.tip_only)

@@ -1,0 +1,69 @@
+"""The page of a recorded case: all of it is stepped through first, then looked at."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from app.cli.progress import with_progress
+from app.cli.scene_picture import ScenePainter
+
+if TYPE_CHECKING:
+    from app.case import Case
+    from app.report import ReplayLog
+    from app.session import SessionSetup
+    from app.viewer import Viewer
+
+
+def replay_page(folder: Path, package_dirs: Sequence[Path], *, tip_only: bool) -> "Viewer":
+    """A page for the case in ``folder``."""
+    from app.case import open_case
+    from app.report import ReplayLog, find_breaches
+    from app.session import Session, setup_from_case, with_estimated_clock, with_repaired_tumor
+    from app.viewer import Cast, ReplayFeed, ReplayTimeline, Stage, Title, Viewer, Watcher
+
+    opened = open_case(folder, package_dirs=package_dirs)
+    case, _ = with_estimated_clock(with_repaired_tumor(opened))
+    setup = setup_from_case(case, tip_only=tip_only)
+    cast = Cast.of(setup, case.tumor_mesh(), None if tip_only else case.tool_mesh())
+    session, watcher, log = Session(setup), Watcher(setup, cast), ReplayLog()
+    shown = []
+    for frame in with_progress(case.frames(), "stepping through frame"):
+        began_ns = time.perf_counter_ns()
+        step = session.step(frame)
+        log.add(step, time.perf_counter_ns() - began_ns)
+        shown.append(watcher.see(step))
+    feed = ReplayFeed(shown, time.monotonic_ns)
+    breaches = find_breaches(log.rows, setup.margins.stale_after_ns)
+    timeline = ReplayTimeline(feed, [(breach.first, breach.last) for breach in breaches])
+    title = Title(
+        case.manifest.name,
+        live=False,
+        report=lambda: _report(case, setup, log, tip_only=tip_only),
+    )
+    return Viewer(Stage(cast), feed, timeline, title, feed.control)
+
+
+def _report(case: "Case", setup: "SessionSetup", log: "ReplayLog", *, tip_only: bool) -> bytes:
+    """The page that ``replay --report`` writes, of the same steps."""
+    from app import __version__
+    from app.report import ReplayRecord, write_report
+
+    record = ReplayRecord(
+        case=case.manifest.name,
+        provenance=asdict(case.manifest.provenance),
+        rows=tuple(log.rows),
+        margins=setup.margins,
+        registration=None if setup.robot is None else setup.robot.registration,
+        expected=case.expected(),
+        durations_ns=tuple(log.durations_ns),
+        notes=case.notes(),
+        tip_only=tip_only,
+    )
+    with ScenePainter() as painter, TemporaryDirectory() as folder:
+        if log.deepest is not None:
+            painter.begin(case, setup, log.deepest, with_tool=not tip_only)
+        write_report(Path(folder), record, scene_png=painter.picture, version=__version__)
+        return (Path(folder) / "report.html").read_bytes()
