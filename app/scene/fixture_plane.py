@@ -16,7 +16,7 @@ class FixturePlane:
     """The governing half-space of a constraint as a square, around the tool's point on it.
 
     Hidden until `show`. In the frame of the constraint, which is ``pose``'s; its normal points to
-    where motion is allowed.
+    where motion is allowed. It is blue as seen from there, and grey from the tumour's side.
     """
 
     def __init__(self, scene: vtkMRMLScene, pose: vtkMRMLTransformNode) -> None:

@@ -1,8 +1,10 @@
 """The margin in the scene: the tumour's colour, line, plane and marks, the words of the banner."""
 
+from collections.abc import Iterable
+
 from slicer import vtkMRMLMarkupsDisplayNode, vtkMRMLModelNode, vtkMRMLScene, vtkMRMLTransformNode
 
-from app.fixture import FixtureDecision, MarginState, Proximity
+from app.fixture import FixtureDecision, MarginState, Proximity, Reason
 from app.geometry import NS_PER_S, FloatArray
 from app.scene.batch import Batch
 from app.scene.breach_markers import BreachMarkers
@@ -13,6 +15,7 @@ _INK = (0.08, 0.12, 0.16)
 _LINE_NAME = "ClosestPoints"
 _STATUS_NAME = "MarginStatus"
 _TEXT_SCALE = 4.2  # percent of the view's height
+_MOST_REASONS = 3
 _POINT_MM = 0.9
 _LINE_MM = 0.35
 
@@ -76,7 +79,7 @@ class MarginDisplay:
         self._color(decision.state)
         self._show_line(proximity)
         self.plane.show(decision.constraint if decision.constraint_is_current else None)
-        self._set_status(banner(decision.state, proximity))
+        self._set_status(banner(decision.state, proximity, decision.reasons))
         if proximity is not None and proximity.signed_distance_mm < 0.0:
             self._batch.hold(self.breaches.node)
             self.breaches.add(proximity.on_tool_mm)
@@ -126,9 +129,15 @@ class MarginDisplay:
         self.line.SetNthControlPointLabel(index, label)  # an empty one is replaced by a number
 
 
-def banner(state: MarginState, proximity: Proximity | None) -> str:
-    """The state in capitals, in words, and the signed distance in mm where it is known."""
+def banner(state: MarginState, proximity: Proximity | None, reasons: Iterable[Reason] = ()) -> str:
+    """The state in capitals, in words, and the signed distance in mm where it is known.
+
+    Of an UNKNOWN state also the faults among ``reasons``, worst first, `_MOST_REASONS` at most.
+    """
     text = f"{state.name}: {WORDS[state]}"
+    if state is MarginState.UNKNOWN:
+        faults = [reason.value.replace("_", " ") for reason in reasons if reason.is_fault]
+        return ", ".join([text, *faults[:_MOST_REASONS]])
     return text if proximity is None else f"{text}, {distance_text(proximity.signed_distance_mm)}"
 
 

@@ -26,7 +26,7 @@ from app.scene.watchdog import TransformHealth, TransformWatchdog
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
 _TUMOR_OPACITY = 0.4
-_MARGIN_COLOR = (0.95, 0.60, 0.25)
+_MARGIN_COLOR = (0.55, 0.62, 0.70)  # none of the colours of a state
 _MARGIN_OPACITY = 0.15
 _TIP_RADIUS_MM = 1.5
 
@@ -244,23 +244,25 @@ class MarginGuardScene:
 
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
         decision = self._decision
-        trusted = decision is not None and decision.state is not MarginState.UNKNOWN
-        if decision is None or (trusted and self._is_stale(decision, now_ns)):
-            stamp = None if decision is None else decision.stamp
-            margin.show_stale(None if stamp is None or now_ns is None else now_ns - stamp.ns)
+        if decision is None:
+            margin.show_stale(None)
+            trusted = False
+        elif now_ns is not None and self._is_stale(decision, now_ns):
+            margin.show_stale(None if decision.stamp is None else now_ns - decision.stamp.ns)
             trusted = False
         else:
             margin.show(decision)
+            trusted = decision.state is not MarginState.UNKNOWN
         if self.tool is not None:
             display = self.tool.GetDisplayNode()
             self.batch.hold(display)
             display.SetColor(*(TOOL_COLOR if trusted else MarginState.UNKNOWN.color))
 
-    def _is_stale(self, decision: FixtureDecision, now_ns: int | None) -> bool:
-        if now_ns is None or self.watchdog is None:
-            return False
-        stamp_ns = None if decision.stamp is None else decision.stamp.ns
-        return not self.watchdog.is_fresh(stamp_ns, now_ns)
+    def _is_stale(self, decision: FixtureDecision, now_ns: int) -> bool:
+        if decision.stamp is None:
+            # A decision that knows that it knows nothing says why itself.
+            return decision.state is not MarginState.UNKNOWN
+        return self.watchdog is not None and not self.watchdog.is_fresh(decision.stamp.ns, now_ns)
 
     def _show_robots(self, *, known: bool) -> None:
         for name, links_known in self._links_known.items():

@@ -1,6 +1,6 @@
 """A 3D view of an MRML scene that draws into memory, with Slicer's own displayable managers."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from slicer import vtkMRMLApplicationLogic
@@ -58,8 +58,14 @@ class OffscreenView:
         look_through(self._view.get_camera_node(), camera, VIEW_ANGLE_DEG)
         self._view.renderer().ResetCameraClippingRange()
 
+    def fill(self, color: tuple[float, float, float]) -> None:
+        """Make the background of one color, without the gradient."""
+        self._view.get_view_node().SetBackgroundColor(*color)
+        self._view.get_view_node().SetBackgroundColor2(*color)
+
     def pixels(self) -> Pixels:
         """Draw, and return the picture."""
+        self._view.renderer().ResetCameraClippingRange()
         self._view.render()
         grab = vtkWindowToImageFilter()
         grab.SetInput(self._view.render_window())
@@ -77,11 +83,12 @@ class OffscreenView:
         self._scene.RemoveNode(node)
 
 
-def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: AbstractView) -> None:
+def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: AbstractView) -> Callable[[], None]:
     """Let a view of trame-slicer wait while ``logic`` pauses drawing, as desktop Slicer's views do.
 
     Every displayable manager asks for a drawing at each change, some forty in an update. After
-    this the view asks its own scheduler once, at the end of the update. Good while both live.
+    this the view asks its own scheduler once, at the end of the update. Returns what ends it, to
+    be called before the view is closed.
     """
     blocked: list[bool] = []
 
@@ -89,11 +96,20 @@ def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: AbstractView) -> N
         blocked.append(view.set_render_blocked(True))
 
     def resume(*_: object) -> None:
-        if not blocked.pop():
+        # A view that came within an update has nothing to resume.
+        if blocked and not blocked.pop():
             view.set_render_blocked(False)
 
-    logic.AddObserver(vtkMRMLApplicationLogic.PauseRenderEvent, pause)
-    logic.AddObserver(vtkMRMLApplicationLogic.ResumeRenderEvent, resume)
+    observers = (
+        logic.AddObserver(vtkMRMLApplicationLogic.PauseRenderEvent, pause),
+        logic.AddObserver(vtkMRMLApplicationLogic.ResumeRenderEvent, resume),
+    )
+
+    def stop() -> None:
+        for observer in observers:
+            logic.RemoveObserver(observer)
+
+    return stop
 
 
 @contextmanager

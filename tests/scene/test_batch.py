@@ -183,10 +183,14 @@ def test_a_view_draws_once_an_update(
         return len(drawn)
 
     assert update(1.0) > 5  # as trame-slicer does it by itself
-    draw_once_an_update(application.logic, view)
+    with scene.update():  # one that comes within an update resumes nothing
+        stop = draw_once_an_update(application.logic, view)
     assert update(2.0) == 1
     assert update(3.0) == 1
     view.set_render_blocked(True)  # one that is not in the layout stays so
     assert update(4.0) == 0
     assert view.is_render_blocked
+    view.set_render_blocked(False)
+    stop()
+    assert update(5.0) > 5
     view.finalize()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from slicer import vtkMRMLScene
 
-from app.fixture import FixtureDecision, MarginState, constrain, margin_surface
+from app.fixture import FixtureDecision, MarginState, Reason, constrain, margin_surface
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene import MarginGuardScene, SceneError
@@ -277,6 +277,27 @@ def test_before_the_first_decision_everything_is_grey(live: MarginGuardScene) ->
 def test_a_decision_without_a_stamp_is_not_green(live: MarginGuardScene, decision: Decide) -> None:
     live.show(replace(decision(MarginState.NEGATIVE, 9.0), stamp=None), {}, 10**12)
     assert_shown_stale(live, "no data yet")
+
+
+def test_unknown_says_why(live: MarginGuardScene, decision: Decide) -> None:
+    lost = replace(
+        decision(MarginState.UNKNOWN, None),
+        reasons=(Reason.MISSING, Reason.FROZEN, Reason.LATCHED),
+        stamp=None,
+    )
+    live.show(lost, {}, 10**12)
+    assert_shown_stale(live, "missing, frozen")
+
+
+def test_planes_of_an_unknown_margin_go_when_their_data_are_old(
+    live: MarginGuardScene, decision: Decide
+) -> None:
+    """Where the registration alone is at fault, the planes are those of the present."""
+    drifted = constrained(decision(MarginState.UNKNOWN, 9.0), stamp_ns=0)
+    live.show(drifted, {}, 0)
+    assert live.margin.plane.node.GetDisplayNode().GetVisibility()
+    live.check(STALE_NS + 1)
+    assert_shown_stale(live, "data 0.2 s old")
 
 
 def test_tool_is_grey_while_the_margin_is_unknown(
