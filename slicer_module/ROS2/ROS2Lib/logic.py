@@ -8,6 +8,7 @@ from slicer import vtkMRMLScene
 
 from ROS2Lib.classes import kind_class
 from ROS2Lib.errors import Ros2Error
+from ROS2Lib.kinds import SERVICES, TOPICS
 from ROS2Lib.node import vtkMRMLROS2NodeNode
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
 from ROS2Lib.publisher import vtkMRMLROS2PublisherNode
@@ -44,6 +45,16 @@ def node_class(name: str) -> type:
         if name.startswith(prefix) and name.endswith("Node") and name != base.__name__:
             return kind_class(base, name)
     raise Ros2Error(f"{name!r} is no class of the ROS2 module")
+
+
+def offer_classes(namespace: Any) -> None:
+    """Put every class where scripts look for those of a compiled module: ``slicer`` itself."""
+    for each in _CLASSES:
+        setattr(namespace, each.__name__, each)
+    for base, names in zip(_FAMILIES, (TOPICS, TOPICS, SERVICES), strict=True):
+        for name in names:
+            made = kind_class(base, name)
+            setattr(namespace, made.__name__, made)
 
 
 class Ros2Api:
@@ -105,6 +116,14 @@ class Ros2Api:
         """Take every ROS node out of the scene; once is enough."""
         for node in tuple(self.nodes()):
             node.Destroy()
+
+    def listing(self) -> str:
+        """What is on the graph, one a line, for a person to read."""
+        lines = []
+        for node in self.nodes():
+            lines.append(node.GetName())
+            lines += [f"    {each.GetName()}: {each.status()}" for each in node.members]
+        return "\n".join(lines)
 
     def nodes(self) -> Iterator[vtkMRMLROS2NodeNode]:
         """The ROS nodes in the scene."""

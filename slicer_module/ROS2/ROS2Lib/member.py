@@ -53,6 +53,10 @@ class Member:
             self._stop()
             self._owner = None
 
+    def status(self) -> str:
+        """How it does, in a few words."""
+        raise NotImplementedError
+
     def spin(self) -> None:
         """For the ROS node alone: bring what has come into the scene."""
 

@@ -123,6 +123,11 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         """The monitored node, with or without the first slash."""
         return (names[0].strip("/"),)
 
+    def status(self) -> str:
+        """Whether the node is there, and how many of its parameters are known."""
+        known = sum(value is not None for value in self._values.values())
+        return f"{known} known{'' if self.IsMonitoredNodeReady() else ', the node is not there'}"
+
     def spin(self) -> None:
         """Take in what is new, and say so when anything is."""
         if self._watch is None:

@@ -44,6 +44,10 @@ class vtkMRMLROS2PublisherNode(TopicNode):
         """How many of the calls have sent a message."""
         return 0 if self._publisher is None else self._publisher.count
 
+    def status(self) -> str:
+        """How much it has sent."""
+        return f"{self.GetROSType()}, {self.GetNumberOfMessagesSent()} sent"
+
     def _start(self, owner: "RosHost", topic: str) -> None:
         self._publisher = TopicPublisher(owner.ros, self.kind.type, topic, self.quality())
         self.named("ros2:pub:", topic)

@@ -69,6 +69,10 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         """Its name."""
         return (names[0],)
 
+    def status(self) -> str:
+        """What is wrong with it, if anything is."""
+        return self.GetProblem() or f"{len(self._lookups)} links"
+
     def spin(self) -> None:
         """Build it when its description is new, and show whether its poses are."""
         robot = self._described.take(0.0)

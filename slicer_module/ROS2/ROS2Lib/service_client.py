@@ -123,6 +123,10 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         """The service, however it was spelt."""
         return (owner.resolve(names[0]),)
 
+    def status(self) -> str:
+        """How the last request went."""
+        return f"{self.GetROSType()}, {self._error or 'answered'}"
+
     def spin(self) -> None:
         """Take the answer in."""
         call = self._call

@@ -70,6 +70,10 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
         """The node that shows the newest message."""
         return self._target
 
+    def status(self) -> str:
+        """How much has come."""
+        return f"{self.GetROSType()}, {self._count} received"
+
     def spin(self) -> None:
         """Make each message the last one, in order, and say so."""
         taken = [] if self._queue is None else self._queue.take()

@@ -77,6 +77,10 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
         parent, child = names
         return (check_frame(parent), check_frame(child))
 
+    def status(self) -> str:
+        """How much it has sent."""
+        return f"{self._count} sent"
+
     def _moved(self, node: vtkMRMLTransformNode, _: str) -> None:
         try:
             self.Broadcast(node)

@@ -96,6 +96,11 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         parent, child = names
         return (check_frame(parent), check_frame(child))
 
+    def status(self) -> str:
+        """Whether its pose can be trusted, and how old it is."""
+        age = self.GetAgeSeconds()
+        return self._state if age is None else f"{self._state}, {age:.1f} s old"
+
     def spin(self) -> None:
         """Look the pose up, and how old it is."""
         if self._owner is None:

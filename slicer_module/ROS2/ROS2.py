@@ -1,0 +1,132 @@
+"""ROS 2 in desktop 3D Slicer: a small panel, and the logic that scripts ask for.
+
+``slicer.util.getModuleLogic('ROS2')`` gives the logic; what it offers is in `ROS2Lib`, and that is
+imported when the panel is made, so that a Slicer that cannot have it says so in one line.
+"""
+
+import sys
+
+import qt
+import slicer
+from slicer.ScriptedLoadableModule import ScriptedLoadableModule, ScriptedLoadableModuleWidget
+from slicer.util import VTKObservationMixin
+
+SPIN_MS = 20
+LIST_EVERY_SPINS = 10
+
+
+class ROS2(ScriptedLoadableModule):
+    """What Slicer tells of the module."""
+
+    def __init__(self, parent):
+        ScriptedLoadableModule.__init__(self, parent)
+        parent.title = "ROS2"
+        parent.categories = ["IGT"]
+        parent.dependencies = []
+        parent.contributors = ["MarginGuard developers"]
+        parent.helpText = (
+            "Topics, parameters, services, tf and robots of ROS 2 as nodes of the scene, with the "
+            "calls that scripts for SlicerROS2 make: "
+            "<code>slicer.util.getModuleLogic('ROS2').GetDefaultROS2Node()</code>. "
+            "docs/ros2_module.md of MarginGuard lists them, and where they differ.<br><br>"
+            "<b>Not a medical device</b>: a research tool that must not guide a treatment."
+        )
+        parent.acknowledgementText = (
+            "Part of MarginGuard, Apache-2.0. The names of the calls are those of SlicerROS2."
+        )
+
+
+class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
+    """Spins the logic, lists what is on the graph, adds and removes robots."""
+
+    def __init__(self, parent=None):
+        ScriptedLoadableModuleWidget.__init__(self, parent)
+        VTKObservationMixin.__init__(self)
+        self.logic = None
+        self._timer = None
+        self._spins = 0
+        self._listed = ""
+
+    def setup(self):
+        """Make the panel and the default ROS node; without ROS it is one line that says why."""
+        ScriptedLoadableModuleWidget.setup(self)
+        try:
+            from app.bridge.mailbox import SWITCH_INTERVAL_S
+            from ROS2Lib.logic import Ros2Api, offer_classes
+        except ImportError as error:
+            self.layout.addWidget(
+                qt.QLabel(
+                    f"ROS 2 cannot be loaded ({' '.join(str(error).split())}): "
+                    "start Slicer with 'marginguard slicer --slicer PATH'"
+                )
+            )
+            return
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        offer_classes(slicer)
+        panel = slicer.util.loadUI(self.resourcePath("UI/ROS2.ui"))
+        self.layout.addWidget(panel)
+        self.ui = slicer.util.childWidgetVariables(panel)
+        self.ui.addRobotButton.clicked.connect(self.on_add_robot)
+        self.ui.removeRobotButton.clicked.connect(self.on_remove_robot)
+        self.logic = Ros2Api(slicer.mrmlScene)
+        self._make_default_node()
+        # Closing the scene takes every node out of it; scripts look for the default one by name.
+        self.addObserver(
+            slicer.mrmlScene, slicer.vtkMRMLScene.EndCloseEvent, self._make_default_node
+        )
+        self._timer = qt.QTimer()
+        self._timer.setInterval(SPIN_MS)
+        self._timer.timeout.connect(self.spin)
+        self._timer.start()
+
+    def cleanup(self):
+        """Leave the graph: the module is being unloaded."""
+        if self.logic is None:
+            return
+        self._timer.stop()
+        self.removeObservers()
+        self.logic.Destroy()
+
+    def spin(self):
+        """Bring what has come into the scene: the timer calls this."""
+        self.logic.Spin()
+        self._spins += 1
+        if self._spins % LIST_EVERY_SPINS == 0:
+            self._list()
+
+    def on_add_robot(self, checked=False):
+        """Add robot: by the five fields."""
+        fields = (
+            self.ui.robotNameLineEdit,
+            self.ui.parameterNodeLineEdit,
+            self.ui.parameterLineEdit,
+            self.ui.fixedFrameLineEdit,
+            self.ui.tfPrefixLineEdit,
+        )
+        name, *rest = (field.property("text").strip() for field in fields)
+        robot = self.logic.AddRobot(name, *rest)
+        self._say("" if robot is not None else f"robot {name!r} was not added: see the log")
+
+    def on_remove_robot(self, checked=False):
+        """Remove robot: the one of that name."""
+        name = self.ui.robotNameLineEdit.property("text").strip()
+        self._say("" if self.logic.RemoveRobot(name) else f"there is no robot {name!r}")
+
+    def _make_default_node(self, caller=None, event=None):
+        from app.geometry import MarginGuardError
+
+        try:
+            self.logic.GetDefaultROS2Node()
+            self._say("")
+        except MarginGuardError as error:
+            self._say(str(error))
+
+    def _say(self, text):
+        self.ui.messageLabel.setText(text)
+        self._list()
+
+    def _list(self):
+        text = self.logic.listing()
+        if text != self._listed:
+            self._listed = text
+            self.ui.nodesLabel.setText(text)

@@ -1,0 +1,158 @@
+"""The panel of the ROS2 module, from its real .ui, under TEST DOUBLES of desktop Slicer's side."""
+
+import importlib.util
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+import slicer
+
+from app.scene import SceneApplication
+from tests.ros_domain import environment_of
+
+FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "ROS2"
+BUTTONS = {
+    element.get("name")
+    for element in ElementTree.parse(FOLDER / "Resources" / "UI" / "ROS2.ui").iter("widget")
+    if element.get("class") == "QPushButton"
+}
+
+
+@pytest.fixture(scope="module")
+def module():
+    """ROS2.py, loaded as Slicer loads it."""
+    qt_double = pytest.importorskip(
+        "tests.slicer_module.qt_double",
+        reason="PySide6 cannot be loaded: apt install libegl1 libxkbcommon0 libfontconfig1",
+        exc_type=ImportError,
+    )
+    from tests.slicer_module import slicer_double
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("QT_QPA_PLATFORM", "offscreen")
+        application = qt_double.QApplication.instance() or qt_double.QApplication([])
+        for name, stand_in in slicer_double.stand_ins().items():
+            patch.setitem(sys.modules, name, stand_in)
+        spec = importlib.util.spec_from_file_location("ROS2", FOLDER / "ROS2.py")
+        found = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(found)
+        yield found
+        application.processEvents()
+
+
+@pytest.fixture
+def make_panel(module, ros_domain, monkeypatch):
+    from tests.slicer_module.slicer_double import panel_parent
+
+    for name, value in environment_of(ros_domain).items():
+        monkeypatch.setenv(name, value)
+    application = SceneApplication(slicer.vtkMRMLScene())
+    monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
+    interval, before = sys.getswitchinterval(), set(dir(slicer))
+    made = []
+
+    def make():
+        made.append(module.ROS2Widget(panel_parent(FOLDER)))
+        made[-1].setup()
+        return made[-1]
+
+    yield make
+    for widget in made:
+        widget.cleanup()
+    sys.setswitchinterval(interval)
+    for name in set(dir(slicer)) - before:
+        delattr(slicer, name)
+
+
+def test_the_module_tells_what_it_is(module):
+    class Parent:
+        pass
+
+    parent = Parent()
+    module.ROS2(parent)
+    assert parent.title == "ROS2"
+    assert "docs/ros2_module.md" in parent.helpText
+
+
+def test_scripts_find_the_default_node_and_the_classes(make_panel):
+    panel = make_panel()
+    node = slicer.mrmlScene.GetFirstNodeByName("ros2:node:slicer")
+    assert panel.logic.GetDefaultROS2Node() is node
+    other = slicer.mrmlScene.AddNode(slicer.vtkMRMLROS2NodeNode())
+    other.Create("other")
+    publisher = slicer.mrmlScene.AddNode(slicer.vtkMRMLROS2PublisherStringNode())
+    assert publisher.AddToROS2Node(other.GetID(), "/words")
+    assert slicer.vtkMRMLROS2ParameterNode.ParameterModifiedEvent > 1000
+    panel.spin()
+    slicer.mrmlScene.Clear()
+    slicer.mrmlScene.InvokeEvent(slicer.vtkMRMLScene.EndCloseEvent)
+    again = slicer.mrmlScene.GetFirstNodeByName("ros2:node:slicer")
+    assert again is not node
+    assert again.IsCreated()
+    assert not node.IsCreated()
+
+
+def test_the_buttons_add_and_remove_a_robot(make_panel, peer):
+    panel = make_panel()
+    assert {"addRobotButton", "removeRobotButton"} == BUTTONS
+    defaults = [
+        getattr(panel.ui, f"{name}LineEdit").property("text")
+        for name in ("robotName", "parameterNode", "parameter", "fixedFrame", "tfPrefix")
+    ]
+    assert defaults == ["robot1", "/robot_state_publisher", "robot_description", "", ""]
+    panel.ui.addRobotButton.click()
+    assert panel.logic.GetDefaultROS2Node().GetRobotNodeByName("robot1") is not None
+    assert "ros2:robot:robot1: no description yet" in panel.ui.nodesLabel.text()
+    panel.ui.addRobotButton.click()
+    assert panel.ui.messageLabel.text() == "robot 'robot1' was not added: see the log"
+    panel.ui.removeRobotButton.click()
+    assert panel.ui.messageLabel.text() == ""
+    assert panel.ui.nodesLabel.text() == "ros2:node:slicer"
+    panel.ui.removeRobotButton.click()
+    assert panel.ui.messageLabel.text() == "there is no robot 'robot1'"
+
+
+def test_the_list_says_how_each_member_does(make_panel):
+    panel = make_panel()
+    node = panel.logic.GetDefaultROS2Node()
+    node.CreateAndAddPublisherNode("String", "/words").Publish("x")
+    node.CreateAndAddSubscriberNode("Pose", "/poses")
+    node.CreateAndAddServiceClientNode("Trigger", "/nobody")
+    node.CreateAndAddParameterNode("/nobody")
+    node.CreateAndAddTf2BroadcasterNode("a", "b")
+    node.CreateAndAddTf2LookupNode("c", "d")
+    for _ in range(10):
+        panel.spin()
+    assert panel.ui.nodesLabel.text().split("\n") == [
+        "ros2:node:slicer",
+        "    ros2:pub:/words: std_msgs/msg/String, 1 sent",
+        "    ros2:sub:/poses: geometry_msgs/msg/Pose, 0 received",
+        "    ros2:srv:client:/nobody: std_srvs/srv/Trigger, no request was sent",
+        "    ros2:param:/nobody: 0 known, the node is not there",
+        "    ros2:tf2broadcaster:aTob: 0 sent",
+        "    ros2:tf2lookup:cTod: missing",
+    ]
+
+
+def test_the_timer_spins_until_the_module_is_unloaded(make_panel, wait_until):
+    from tests.slicer_module.qt_double import QApplication
+
+    panel = make_panel()
+    wait_until(lambda: panel._spins >= 3, QApplication.processEvents)
+    panel.cleanup()
+    spins = panel._spins
+    QApplication.processEvents()
+    assert panel._spins == spins
+    assert not panel._timer.isActive()
+    assert slicer.mrmlScene.GetFirstNodeByName("ros2:node:slicer") is None
+    panel.cleanup()
+
+
+def test_without_ros_the_panel_says_why(module, make_panel, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ROS2Lib.logic", None)
+    panel = make_panel()
+    assert panel.logic is None
+    text = panel.layout.itemAt(0).widget().text()
+    assert text.startswith("ROS 2 cannot be loaded (")
+    assert text.endswith("start Slicer with 'marginguard slicer --slicer PATH'")
