@@ -169,7 +169,7 @@ class RosNode:
             return
         while self._at_close:
             self._at_close.pop()()
-        self._flush()
+        self.flush()
         # The thread first: an executor that is shut down under its own feet destroys the guard
         # condition that it waits for.
         self._closing.set()
@@ -178,6 +178,14 @@ class RosNode:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+
+    def flush(self) -> None:
+        """Wait until subscribers have got what was published, for a second at most."""
+        until_ns = time.monotonic_ns() + _FLUSH_NS
+        for _, publisher in self._publishers:
+            remaining_ns = max(0, until_ns - time.monotonic_ns())
+            if not publisher.wait_for_all_acked(Duration(nanoseconds=remaining_ns)):
+                return  # a subscriber that hangs, or has yet to say that it has got everything
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         """Call ``callback()`` in the node's thread, after what it is at."""
@@ -227,13 +235,6 @@ class RosNode:
             )
 
         return said
-
-    def _flush(self) -> None:
-        until_ns = time.monotonic_ns() + _FLUSH_NS
-        for _, publisher in self._publishers:
-            remaining_ns = max(0, until_ns - time.monotonic_ns())
-            if not publisher.wait_for_all_acked(Duration(nanoseconds=remaining_ns)):
-                return  # a subscriber that hangs, or has yet to say that it has got everything
 
     def __enter__(self) -> Self:
         return self

@@ -1,8 +1,9 @@
 """``live.yaml``: the words of ``case.yaml`` with a live ``source`` in the place of a recording."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from app.case.case import Case
 from app.case.document import Section
@@ -47,6 +48,12 @@ class IgtlSourceEntry:
 
 LiveSourceEntry = TfSourceEntry | TopicSourceEntry | IgtlSourceEntry
 
+ONLY_LIVE = ("source", "guidance", "limiter")
+"""The sections that a case does not have."""
+
+_GUIDANCE = ("force_n", "range_mm", "rate_n_s", "period_ms", "delay_ms", "damping_n_s_m")
+_LIMITER = ("tau_ms", "lever_mm", "retreat_mm_s", "most_mm_s", "most_rad_s")
+
 _LAST_PORT = 65_535
 _SOURCES = ("tf", "tracked_transforms", "igtl")
 
@@ -58,12 +65,16 @@ class LiveCase:
     ``stamps_of_host``: the source stamps by the clock of this machine; otherwise the offset of
     its clock is estimated as samples arrive. ``joints_of_host``: so does the robot; otherwise its
     stamps and ``clock.offset_robot_to_tracker_ms`` are a time on the source's clock, as in a case.
+    ``guidance`` has all the values of a guidance force, None without one, and ``limiter`` those of
+    the twist limiter that are given: by name, with seconds in the place of milliseconds.
     """
 
     case: Case
     source: LiveSourceEntry
     stamps_of_host: bool
     joints_of_host: bool
+    guidance: Mapping[str, float] | None
+    limiter: Mapping[str, float]
 
 
 def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
@@ -79,13 +90,13 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
             "schema",
             "name",
             "provenance",
-            "source",
             "clock",
             "tool",
             "tumor",
             "robot",
             "registration",
             "margins",
+            *ONLY_LIVE,
         ),
     )
     check_schema(document)
@@ -110,7 +121,32 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
         tuple(package_dirs),
     )
     case.check_files()
-    return LiveCase(case, source, stamps_of_host, joints_of_host=not document.has("clock"))
+    return LiveCase(
+        case,
+        source,
+        stamps_of_host,
+        joints_of_host=not document.has("clock"),
+        guidance=_given(document, "guidance", _GUIDANCE) if document.has("guidance") else None,
+        limiter=_given(document, "limiter", _LIMITER, partly=True)
+        if document.has("limiter")
+        else MappingProxyType({}),
+    )
+
+
+def _given(
+    document: Section, name: str, keys: Sequence[str], *, partly: bool = False
+) -> Mapping[str, float]:
+    """The numbers of a section; what they may be is for whoever uses them to say."""
+    block = document.section(name, keys)
+    found = {}
+    for key in keys:
+        if partly and not block.has(key):
+            continue
+        value = block.number(key, minimum=0.0)
+        if key.endswith("_ms"):
+            key, value = key.removesuffix("_ms") + "_s", value / 1000.0
+        found[key] = value
+    return MappingProxyType(found)
 
 
 def _source(document: Section) -> tuple[LiveSourceEntry, bool]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from app.case.convert import copy_named_files
-from app.case.live_file import IgtlSourceEntry, LiveCase, TopicSourceEntry
+from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest_file import MANIFEST_NAME
 from app.case.mcap import CHANGES_NAME
 from app.case.ros_messages import TRACKED_TRANSFORMS_TOPIC
@@ -70,10 +70,14 @@ def begin_case(live: LiveCase, folder: Path) -> None:
 
 def _write(live: LiveCase, folder: Path) -> None:
     copy_named_files(live.case, folder)
-    # It was validated when it was opened; all but the source stays as written.
+    # It was validated when it was opened; all that a case can have stays as written.
     path = live.case.folder / live.case.manifest.file
     values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    del values["source"]
+    for name in ONLY_LIVE:
+        values.pop(name, None)
+    robot = live.case.manifest.robot
+    if live.joints_of_host and not live.stamps_of_host and robot and robot.joint_states:
+        values["clock"] = {"estimate": True}  # the two clocks are as far apart as they happen to be
     values["recording"] = {"path": RECORDING_FOLDER}
     text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
     (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")

@@ -11,7 +11,13 @@ from app.cli.publishing import scene_of
 
 if TYPE_CHECKING:
     from app.bridge import SessionPublisher
-    from app.bridge.control import MarginParameterServer, SessionChanges, TwistLimiter
+    from app.bridge.control import (
+        GuidancePublisher,
+        MarginParameterServer,
+        SessionChanges,
+        TwistLimiter,
+    )
+    from app.bridge.node import RosNode
     from app.case import Case, LiveCase
     from app.session import LiveSession, SessionSetup, StepResult
 
@@ -25,15 +31,30 @@ class LiveGuard:
     margins: "MarginParameterServer"
     _publisher: "SessionPublisher"
     _twists: "TwistLimiter"
+    _guidance: "GuidancePublisher | None"
 
     def steps(self) -> Iterator["StepResult"]:
-        """Publish each step as it happens, and yield it; ends with ``live.stop``."""
+        """Publish each step as it happens, and yield it; ends with ``live.stop``.
+
+        The last word is then that of a rest: hold, no motion and no force.
+        """
+        try:
+            yield from self._steps()
+        finally:
+            self._publisher.constraints.rest("inactive")
+            self._twists.forbid()
+            if self._guidance is not None:
+                self._guidance.rest()
+
+    def _steps(self) -> Iterator["StepResult"]:
         for step in self.live.steps():
             if self._publisher.publish(step):
                 self._twists.allow(step, self.changes.scene.margins.stale_after_ns)
             else:
                 self.live.hold()
                 self._twists.forbid()
+            if self._guidance is not None:
+                self._guidance.publish(step)
             yield step
 
 
@@ -46,14 +67,17 @@ def guarding(
     namespace: str,
     constraint_hz: float,
     tip_only: bool,
+    ros: "RosNode | None" = None,
 ) -> Iterator[LiveGuard]:
     """Join the graph: listen to the source that ``config`` names, serve the operator.
 
-    ``case`` and ``setup`` are those of ``config``, the tumour repaired. ROS has to be loaded
-    (`app.cli.publishing.bridge_loaded`).
+    With ``ros`` through that node, and in its own thread; whose node it is takes back the services
+    and subscriptions. ``case`` and ``setup`` are those of ``config``, the tumour repaired. ROS has
+    to be loaded (`app.cli.publishing.bridge_loaded`).
     """
     from app.bridge import SessionPublisher, Voice
     from app.bridge.control import (
+        GuidancePublisher,
         MarginParameterServer,
         OperatorServices,
         SessionChanges,
@@ -63,9 +87,10 @@ def guarding(
     from app.bridge.tf import TransformBuffer
     from app.bridge.tf.listener import TfListener
     from app.case import TfSourceEntry
-    from app.session import LiveSession, Session
+    from app.session import LiveSession, Session, guidance_parameters, limiter_parameters
 
     entry = config.source
+    limits, guides = limiter_parameters(config), guidance_parameters(config)
     live = LiveSession(
         Session(setup),
         host_ns=_host_clock(config.stamps_of_host),
@@ -82,6 +107,7 @@ def guarding(
         heartbeat_hz=constraint_hz,
         voice=voice,
         counts=lambda: {name: n for counts in counted for name, n in counts().items()},
+        ros=ros,
     ) as publisher:
         RearmService(publisher.ros, publisher.constraints, live.rearm)
         changes = SessionChanges(live.between_steps, publisher, scene)
@@ -89,7 +115,8 @@ def guarding(
         OperatorServices(publisher.ros, changes)
         buffer = TransformBuffer()
         TfListener(publisher.ros, buffer)
-        twists = TwistLimiter(publisher.ros, buffer)
+        twists = TwistLimiter(publisher.ros, buffer, parameters=limits)
+        guidance = None if guides is None else GuidancePublisher(publisher.ros, guides)
         source = source_of(publisher.ros, entry, live.add)
         counted += [source.counts, lambda: {"callbacks that failed": publisher.ros.failures}]
         robot = case.manifest.robot
@@ -99,8 +126,9 @@ def guarding(
             joints = listen_to_joints(publisher.ros, robot.joint_states, offset_ns, add_joints)
             counted.append(joints.counts)
         try:
-            yield LiveGuard(live, changes, margins, publisher, twists)
+            yield LiveGuard(live, changes, margins, publisher, twists, guidance)
         finally:
+            margins.close()
             twists.close()
             source.close()
 

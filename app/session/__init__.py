@@ -8,6 +8,7 @@ Reads no clock and knows neither ROS nor VTK.
 from app.session.from_case import margin_parameters, setup_from_case
 from app.session.joint_clock import tip_signals, with_estimated_clock
 from app.session.live import LiveSession
+from app.session.live_control import guidance_parameters, limiter_parameters
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.session import Session, StepResult
 from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
@@ -23,6 +24,8 @@ __all__ = [
     "Session",
     "SessionSetup",
     "StepResult",
+    "guidance_parameters",
+    "limiter_parameters",
     "margin_parameters",
     "setup_from_case",
     "tip_signals",

@@ -99,6 +99,11 @@ class LiveSession:
             self._stopped = True
             self._changed.notify()
 
+    def resume(self) -> None:
+        """Undo `stop`, so that `steps` can be asked for again."""
+        with self._changed:
+            self._stopped = False
+
     def steps(self) -> Iterator[StepResult]:
         """Yield the steps as they happen, for ever; ends with `stop`."""
         while self._is_due():

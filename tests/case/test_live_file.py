@@ -13,7 +13,9 @@ from app.case import (
     open_case,
     open_live,
 )
+from app.fixture import GuidanceParameters, LimiterParameters
 from app.geometry import InputError
+from app.session import guidance_parameters, limiter_parameters
 
 
 @pytest.fixture
@@ -71,6 +73,35 @@ def test_joints_are_of_this_machine_where_no_clock_says_otherwise(tmp_path, valu
     assert opened(tmp_path, values).joints_of_host
 
 
+GUIDANCE = {
+    "force_n": 2.0,
+    "range_mm": 10.0,
+    "rate_n_s": 20.0,
+    "period_ms": 20.0,
+    "delay_ms": 5.0,
+    "damping_n_s_m": 5.0,
+}
+
+
+def test_guidance_and_limiter_are_what_they_are_written_as(tmp_path, values):
+    live = opened(tmp_path, values)
+    assert guidance_parameters(live) is None
+    assert limiter_parameters(live) == LimiterParameters()
+    given = {"guidance": GUIDANCE, "limiter": {"tau_ms": 80.0, "most_mm_s": 100.0}}
+    live = opened(tmp_path, values | given)
+    assert guidance_parameters(live) == GuidanceParameters(2.0, 10.0, 20.0, 0.02, 0.005, 5.0)
+    assert limiter_parameters(live) == LimiterParameters(tau_s=0.08, most_mm_s=100.0)
+
+
+def test_a_force_that_is_not_passive_and_a_limit_of_nothing_are_refused(tmp_path, values):
+    stiff = opened(tmp_path, values | {"guidance": GUIDANCE | {"delay_ms": 15.0}})
+    with pytest.raises(InputError, match=r"live.yaml: guidance: stiffness 200 N/m .* 200 N/m"):
+        guidance_parameters(stiff)
+    still = opened(tmp_path, values | {"limiter": {"most_mm_s": 0.0}})
+    with pytest.raises(InputError, match=r"live.yaml: limiter: most_mm_s 0.0"):
+        limiter_parameters(still)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -85,6 +116,9 @@ def test_joints_are_of_this_machine_where_no_clock_says_otherwise(tmp_path, valu
         ({"source": {"tf": {"edge": []}, "clock": "host"}}, "source.tf.edge is not known"),
         ({"source": {"tracked_transforms": {"topic": "a b"}, "clock": "host"}}, "topic is 'a b'"),
         ({"recording": {"path": "x.mcap"}}, "live.yaml: recording is not known"),
+        ({"guidance": {"force_n": 2.0}}, "live.yaml: guidance.range_mm is missing"),
+        ({"guidance": GUIDANCE | {"gain": 1.0}}, "guidance.gain is not known"),
+        ({"limiter": {"most_mm_s": -1.0}}, "limiter.most_mm_s is -1: at least 0 wanted"),
         ({"clock": {"estimate": True}}, "live.yaml: clock.estimate needs a recording"),
         (
             {
@@ -147,3 +181,13 @@ def test_a_topic_that_no_case_has_is_not_recorded_as_one(tmp_path, values):
     with pytest.raises(InputError, match="a case holds /tracked_transforms"):
         begin_case(opened(tmp_path, values), tmp_path / "case")
     assert not (tmp_path / "case").exists()
+
+
+def test_a_recorded_case_leaves_out_what_is_live_and_has_the_clocks_estimated(tmp_path, values):
+    values["source"]["clock"] = "estimate"
+    del values["clock"]
+    live = opened(tmp_path, values | {"guidance": GUIDANCE, "limiter": {"tau_ms": 80.0}})
+    begin_case(live, tmp_path / "case")
+    written = yaml.safe_load((tmp_path / "case" / "case.yaml").read_text())
+    assert not {"source", "guidance", "limiter"} & written.keys()
+    assert written["clock"] == {"estimate": True}

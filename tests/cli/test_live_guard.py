@@ -14,9 +14,15 @@ class Publisher:
     def __init__(self, late):
         self.late, self.count = late, 0
 
+        self.constraints = self
+        self.last_words = []
+
     def publish(self, step):
         self.count += 1
         return self.count != self.late
+
+    def rest(self, reason):
+        self.last_words.append(reason)
 
 
 class Twists:
@@ -39,9 +45,11 @@ def test_a_constraint_that_was_late_holds_what_follows_until_rearmed():
     world.at(300, world.live.rearm)
     world.at(390, world.live.stop)
     changes = SimpleNamespace(scene=SimpleNamespace(margins=PARAMETERS))
-    guard = LiveGuard(world.live, changes, None, Publisher(late=8), twists)
+    publisher = Publisher(late=8)
+    guard = LiveGuard(world.live, changes, None, publisher, twists, None)
     steps = list(guard.steps())
-    assert twists.allowed == [*steps[:7], None, *steps[8:]]
+    assert twists.allowed == [*steps[:7], None, *steps[8:], None]
+    assert publisher.last_words == ["inactive"]
     assert not any(step.decision.hold for step in steps[4:8])
     latched = [step.decision for step in steps[8:] if Reason.LATCHED in step.decision.reasons]
     assert latched == [step.decision for step in steps[8 : 8 + len(latched)]]

@@ -224,6 +224,16 @@ def test_one_stamp_from_the_future_is_one_fault(stamps_of_host, ahead_ms):
     assert last.decision.stamp.age_ns(last.frame.stamp) < 30 * NS_PER_MS
 
 
+def test_it_can_be_stopped_and_goes_on():
+    world = World()
+    track(world, 0, 600)
+    assert world.run(290)
+    world.live.resume()
+    again = world.run(590)
+    assert again[0][0] >= 290
+    assert len(again) >= 14
+
+
 def test_a_host_clock_set_back_does_not_put_the_watch_to_sleep():
     world = World()
     track(world, 0, 200)

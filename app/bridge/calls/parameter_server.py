@@ -99,6 +99,7 @@ class ParameterServer:
         accept: Callable[[Mapping[str, Plain]], None] | None = None,
     ) -> None:
         self.refused = 0
+        self._ros = ros
         self._declared = {parameter.name: parameter for parameter in parameters}
         self._accept = accept
         self._lock = threading.Lock()
@@ -121,6 +122,13 @@ class ParameterServer:
         """All values, as they were at one moment."""
         with self._lock:
             return dict(self._values)
+
+    def close(self) -> None:
+        """Declare them no more; read-only ones stay with the node, as ROS has it."""
+        self._ros.node.remove_on_set_parameters_callback(self._asked)
+        for name, each in self._declared.items():
+            if not each.read_only:
+                self._ros.node.undeclare_parameter(name)
 
     def _asked(self, parameters: list[Parameter]) -> SetParametersResult:
         asked = {

@@ -122,6 +122,7 @@ class TwistLimiter:
         if self._closing.is_set():
             return
         self._closing.set()
+        self._ros.not_on_close(self.close)
         self._watchdog.join()
         if self._commanded_ns is not None and self._ros.is_open:
             self._stop("closed")

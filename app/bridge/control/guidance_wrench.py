@@ -6,7 +6,7 @@ from geometry_msgs.msg import WrenchStamped
 from app.bridge import messages, topics
 from app.bridge.node import RosNode
 from app.fixture import Guidance, GuidanceParameters
-from app.geometry import NS_PER_S, Stamp, Transform
+from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.session import StepResult
 
 
@@ -20,6 +20,7 @@ class GuidancePublisher:
     """
 
     def __init__(self, ros: RosNode, parameters: GuidanceParameters) -> None:
+        self._parameters = parameters
         self._guidance = Guidance(parameters)
         self._most_ns = max(1, round(parameters.period_s * NS_PER_S))
         self._pose: Transform | None = None
@@ -40,9 +41,18 @@ class GuidancePublisher:
         wrench = self._guidance.update(
             constraint, self._pose.translation_mm, min(max(1, step_ns), self._most_ns)
         )
-        tip_from_tumor = self._pose.rotation.T
-        stamp = decision.stamp or now
-        message = WrenchStamped(header=messages.header_message(self._pose.source, stamp))
+        self._send(self._pose, wrench, decision.stamp or now)
+
+    def rest(self) -> None:
+        """No force as the last word up to the next step, since nobody would let it fade."""
+        self._guidance = Guidance(self._parameters)
+        if self._pose is not None and self._last is not None:
+            self._send(self._pose, np.zeros(6), self._last)
+
+    def _send(self, pose: Transform, wrench: FloatArray, stamp: Stamp) -> None:
+        """``wrench`` (6,) along the tumour's axes, turned to those of the tip."""
+        tip_from_tumor = pose.rotation.T
+        message = WrenchStamped(header=messages.header_message(pose.source, stamp))
         message.wrench.force = messages.vector_message(np.dot(tip_from_tumor, wrench[:3]))
         message.wrench.torque = messages.vector_message(np.dot(tip_from_tumor, wrench[3:]))
         self._publisher.publish(message)

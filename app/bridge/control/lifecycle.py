@@ -2,28 +2,39 @@
 
 =============== ==========================================================================
 unconfigured    publishes nothing but its life cycle, serves nothing else
-inactive        all is loaded; on the way here from *active* the last constraint says hold,
-                then there is silence, and for a controller silence means that we are gone
+inactive        all is loaded, what is latched is said; on the way here from *active* the last
+                constraint says hold, then there is silence, which to a controller means that we
+                are gone
 active          publishes
 finalized       as unconfigured, for good
 =============== ==========================================================================
 """
 
+import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
+from rclpy.client import Client
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.logging import get_logger
+from rclpy.publisher import Publisher
+from rclpy.service import Service
+from rclpy.subscription import Subscription
 
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
+
+_END_S = 10.0
+"""How long `LifecycleRosNode.close` waits for the node's thread, which may be configuring."""
 
 
 class Managed(Protocol):
     """What goes through the life cycle; every method is called in the node's thread.
 
     A `MarginGuardError` refuses the transition: the node stays in the state that it is in.
+    Endpoints of the node that `configure` made and nobody took back go with `clean_up`, or with a
+    `configure` that fails.
     """
 
     def configure(self, ros: RosNode) -> None:
@@ -44,6 +55,7 @@ class LifecycleRosNode(RosNode):
 
     A transition that is not possible in the present state is answered with ``success: false``. A
     fault that nobody foresaw takes the node back to *unconfigured*, cleaned up and said in the log.
+    `close` shuts an active node down first: with hold as the last word.
     """
 
     def __init__(
@@ -63,27 +75,50 @@ class LifecycleRosNode(RosNode):
             domain_id=domain_id,
             make_node=partial(_StateMachine, owner=self),
         )
+        self.on_close(self._shut_down)
+
+    def _shut_down(self) -> None:
+        ended = threading.Event()
+
+        def shut_down() -> None:
+            try:
+                cast(LifecycleNode, self.node).trigger_shutdown()
+            except RuntimeError as error:  # it is shut down already
+                self.node.get_logger().debug(str(error))
+            finally:
+                ended.set()
+
+        if self.in_own_thread:
+            shut_down()
+        else:
+            self.call_soon(shut_down)
+            ended.wait(_END_S)
 
 
 class _StateMachine(LifecycleNode):
     def __init__(self, name: str, *, owner: LifecycleRosNode, **options: Any) -> None:
         self._owner = owner
         self._log = get_logger(name)
+        self._before: frozenset[Any] = frozenset()
         super().__init__(name, **options)
         serve = self._service_change_state.callback
         self._service_change_state.callback = partial(self._answered, serve)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(lambda: self._owner.managed.configure(self._owner))
+        self._before = self._endpoints()
+        done = self._done(lambda: self._owner.managed.configure(self._owner))
+        if done is not TransitionCallbackReturn.SUCCESS:
+            self._take_back()
+        return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._done(self._owner.managed.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(self._owner.managed.deactivate)
+        return self._done(self._deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(self._owner.managed.clean_up)
+        return self._done(self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._done(lambda: self._end(state.label))
@@ -93,9 +128,36 @@ class _StateMachine(LifecycleNode):
 
     def _end(self, before: str) -> None:
         if before == "active":
-            self._owner.managed.deactivate()
+            self._deactivate()
         if before in ("active", "inactive"):
-            self._owner.managed.clean_up()
+            self._clean_up()
+
+    def _deactivate(self) -> None:
+        self._owner.managed.deactivate()
+        self._owner.flush()  # the last word; its publisher may be gone the next moment
+
+    def _clean_up(self) -> None:
+        self._owner.managed.clean_up()
+        self._take_back()
+
+    def _endpoints(self) -> frozenset[Any]:
+        return frozenset(
+            (*self.publishers, *self.subscriptions, *self.services, *self.clients, *self.timers)
+        )
+
+    def _take_back(self) -> None:
+        """Destroy what was made on the node since it began to be configured."""
+        for made in self._endpoints() - self._before:
+            if isinstance(made, Publisher):
+                self._owner.withdraw(made)
+            elif isinstance(made, Subscription):
+                self.destroy_subscription(made)
+            elif isinstance(made, Service):
+                self.destroy_service(made)
+            elif isinstance(made, Client):
+                self.destroy_client(made)
+            else:
+                self.destroy_timer(made)
 
     def _done(self, action: Callable[[], None]) -> TransitionCallbackReturn:
         # rclpy takes whatever a callback raises for an error and tells nobody.

@@ -47,6 +47,10 @@ class MarginParameterServer:
         """How many requests were refused."""
         return self._server.refused
 
+    def close(self) -> None:
+        """Serve them no more."""
+        self._server.close()
+
     def set(self, **changes: float) -> None:
         """Set some of them from this process, as a request over ROS does: whole or not at all.
 

@@ -6,15 +6,20 @@ SIGTERM (143); exit status 2 on bad input.
 
 import argparse
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.live_guard import guarding
+from app.cli.live_guard import LiveGuard, guarding
+from app.cli.live_life_cycle import GuardLifeCycle
 from app.cli.options import add_package_dirs
 from app.cli.publishing import bridge_loaded
 from app.cli.signals import Received, note_signals
 
 if TYPE_CHECKING:
+    from app.bridge.node import RosNode
     from app.session import StepResult
 
 SUMMARY = "guard the margin live, with samples as they arrive over ROS 2"
@@ -37,20 +42,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
+    parser.add_argument(
+        "--lifecycle",
+        action="store_true",
+        help="wait to be configured and activated by other nodes ('ros2 lifecycle set')",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Step and publish until a signal comes."""
     with note_signals() as received:
-        _guard(options, received)
+        bridge_loaded("a live session is ROS")
+        if options.lifecycle:
+            _be_managed(options, received)
+        else:
+            with _opened(options) as guard:
+                received.stops(guard.live.stop)
+                _tell(guard.steps())
     return received.exit_status
 
 
-def _guard(options: argparse.Namespace, received: Received) -> None:
+def _be_managed(options: argparse.Namespace, received: Received) -> None:
+    from app.bridge.control import LifecycleRosNode
+    from app.bridge.session_publisher import NODE_NAME
+
+    ended = threading.Event()
+    received.stops(ended.set)
+    life = GuardLifeCycle(lambda ros: _opened(options, ros), _tell)
+    with LifecycleRosNode(NODE_NAME, life, namespace=options.namespace):
+        print("unconfigured: configure and activate it", file=sys.stderr, flush=True)
+        ended.wait()
+
+
+@contextmanager
+def _opened(options: argparse.Namespace, ros: "RosNode | None" = None) -> Iterator[LiveGuard]:
     from app.case import open_live
     from app.session import setup_from_case, with_repaired_tumor
 
-    bridge_loaded("a live session is ROS")
     config = open_live(options.config, package_dirs=options.package_dirs)
     case = with_repaired_tumor(config.case)
     for note in case.notes():
@@ -63,14 +91,19 @@ def _guard(options: argparse.Namespace, received: Received) -> None:
         namespace=options.namespace,
         constraint_hz=options.constraint_hz,
         tip_only=options.tip_only,
+        ros=ros,
     ) as guard:
-        received.stops(guard.live.stop)
-        said: object = None
-        for step in guard.steps():
-            state = (step.decision.state, step.decision.reasons)
-            if state != said:
-                said = state
-                print(as_line(step), flush=True)
+        yield guard
+
+
+def _tell(steps: "Iterator[StepResult]") -> None:
+    """A line for each change of the state, or of a reason for it."""
+    said: object = None
+    for step in steps:
+        state = (step.decision.state, step.decision.reasons)
+        if state != said:
+            said = state
+            print(as_line(step), flush=True)
 
 
 def as_line(step: "StepResult") -> str:

@@ -78,3 +78,15 @@ def test_planes_of_an_earlier_pose_let_the_force_fade(ros, make_step, start_rece
     guidance.publish(replace(step, decision=earlier))
     forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(3)]
     assert forces == pytest.approx([1.0, 2.0, 1.0])
+
+
+def test_at_rest_there_is_no_force_and_it_grows_anew_afterwards(ros, make_step, start_receiver):
+    guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
+    receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:4")
+    guidance.rest()  # nothing was said: nothing is to be taken back
+    for index in (1, 2):
+        guidance.publish(make_step(index))
+    guidance.rest()
+    guidance.publish(make_step(3))
+    forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(4)]
+    assert forces == pytest.approx([1.0, 2.0, 0.0, 1.0])

@@ -4,6 +4,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from std_srvs.srv import Trigger
 
 from app.bridge.control import ConstraintStream, LifecycleRosNode
 from app.bridge.errors import BridgeError
@@ -38,7 +39,6 @@ class Speaker:
 
     def clean_up(self):
         self._note("clean_up")
-        self.ros.withdraw(self.publisher)
 
     def _note(self, name):
         self.calls.append(name)
@@ -104,3 +104,46 @@ def test_shutting_an_active_node_down_ends_what_it_did(ros, speaker, start_recei
     found = lead(start_receiver, "configure", "activate", "shutdown", "state")
     assert found == [True, True, True, "finalized"]
     assert speaker.calls == ["configure", "activate", "deactivate", "clean_up"]
+
+
+def test_closing_an_active_node_says_hold_first(domain_id, speaker, start_receiver):
+    ros = LifecycleRosNode("marginguard", speaker, domain_id=domain_id)
+    listener = start_receiver(
+        "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000", wait=False
+    )
+    assert lead(start_receiver, "configure", "activate") == [True, True]
+    listener.wait_until_ready()
+    listener.take(3)
+    ros.close()
+    ros.close()
+    last = listener.take(1)[0]["message"]
+    while not last["hold"]:
+        last = listener.take(1)[0]["message"]
+    assert (last["state"], last["reasons"]) == (3, ["inactive"])
+    assert last["seq"] == speaker.stream.seq - 1
+    assert speaker.calls == ["configure", "activate", "deactivate", "clean_up"]
+
+
+class Half(Speaker):
+    """Makes an endpoint of each kind, and fails with them there."""
+
+    def configure(self, ros):
+        super().configure(ros)
+        ros.subscribe(CONSTRAINT, lambda message: None)
+        ros.node.create_service(Trigger, "~/half", lambda request, response: response)
+        ros.node.create_client(Trigger, "~/half")
+        ros.node.create_timer(100.0, lambda: None)
+        raise BridgeError("half way")
+
+
+def test_a_configuration_that_fails_leaves_nothing_behind(domain_id, start_receiver):
+    with LifecycleRosNode("marginguard", Half(), domain_id=domain_id) as ros:
+        node = ros.node
+
+        def made():
+            kinds = (node.publishers, node.subscriptions, node.services, node.clients, node.timers)
+            return [len(list(each)) for each in kinds]
+
+        before = made()
+        assert lead(start_receiver, "configure", "state") == [False, "unconfigured"]
+        assert made() == before
