@@ -1,6 +1,7 @@
 """Options that several commands share."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -32,3 +33,14 @@ def folder_path(text: str) -> Path:
     if not text:
         raise argparse.ArgumentTypeError("the name of the folder is empty")
     return Path(text)
+
+
+def file_path(ending: str) -> Callable[[str], Path]:
+    """The type of an option that takes a file to be written, which must end so."""
+
+    def checked(text: str) -> Path:
+        if not text.lower().endswith(ending) or Path(text).name.lower() == ending:
+            raise argparse.ArgumentTypeError(f"{text!r} does not end with {ending}")
+        return Path(text)
+
+    return checked

@@ -1,44 +1,95 @@
-"""Draws the picture of one moment in a process of its own: ``python -m app.cli.scene_process``.
+"""Draws what a replay shows in a process of its own: ``python -m app.cli.scene_process``.
 
-It loads 3D Slicer's scene, which takes seconds, and only then reads the moment to draw, pickled,
-from standard input. The PNG goes to standard output; where it cannot be made there is none, and
-standard error says why. When the input ends without a moment it ends quietly.
+It loads 3D Slicer's scene, which takes seconds, and only then reads what is wanted, pickled, from
+standard input. The answer goes to standard output, pickled: by name the bytes, or why there are
+none. When the input ends without a request it ends quietly.
 """
 
 import os
 import pickle
 import sys
-from typing import IO, Any
+import tempfile
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from app.scene import Moment
+
+SCENE_NAME = "scene.mrb"
 
 
 def main() -> None:
-    """Draw the one moment that is asked for."""
-    # What a library prints must not get among the bytes of the picture.
+    """Answer the one request."""
+    # What a library prints must not get among the bytes of the answer.
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        answer.write(_drawn(sys.stdin.buffer))
+        answer.write(_answered(sys.stdin.buffer))
+    sys.stderr.flush()
+    # All is delivered; native libraries that are torn down have crashed here.
+    os._exit(0)
 
 
-def _drawn(request: IO[bytes]) -> bytes:
+def _answered(stream: IO[bytes]) -> bytes:
     try:
-        from app.scene import Moment, OffscreenError, SceneError, ShownRobot, moment_png
+        import app.scene  # noqa: F401
     except ImportError as error:
-        return _none(f"{error}; 'marginguard doctor' says what to install")
-    try:
-        values: dict[str, Any] = pickle.load(request)
-    except EOFError:
+        request = _read(stream)
+        reason = f"{error}; 'marginguard doctor' says what to install"
+        return pickle.dumps(dict.fromkeys(request["wanted"], reason)) if request else b""
+    request = _read(stream)
+    if request is None:
         return b""
-    robot = values.pop("robot")
-    moment = Moment(robot=None if robot is None else ShownRobot(**robot), **values)
+    return pickle.dumps({name: _content(name, request) for name in request["wanted"]})
+
+
+def _read(stream: IO[bytes]) -> dict[str, Any] | None:
     try:
-        return moment_png(moment)
+        request: dict[str, Any] = pickle.load(stream)
+    except EOFError:
+        return None
+    return request
+
+
+def _content(name: str, request: dict[str, Any]) -> bytes | str:
+    from app.scene import OffscreenError, SceneError
+
+    try:
+        return _MAKERS[name](_moment(request["moment"]), request)
     except (OffscreenError, SceneError) as error:
-        return _none(str(error))
+        return str(error)
 
 
-def _none(reason: str) -> bytes:
-    print(f"no scene.png: {reason}", file=sys.stderr)
-    return b""
+def _picture(moment: "Moment", _: dict[str, Any]) -> bytes:
+    from app.scene import moment_png
+
+    return moment_png(moment)
+
+
+def _scene(moment: "Moment", request: dict[str, Any]) -> bytes:
+    from app.scene import MomentScene, add_sequences, save_scene
+
+    shown = MomentScene(moment)
+    add_sequences(shown.scene, request["frames"], request["states"], request["now_ns"])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / SCENE_NAME
+        save_scene(shown.application.scene, path)
+        return path.read_bytes()
+
+
+def _movie(moment: "Moment", request: dict[str, Any]) -> bytes:
+    from app.scene import movie_gif
+
+    return movie_gif(moment, [(time_s, _moment(one)) for time_s, one in request["moments"]])
+
+
+def _moment(values: dict[str, Any]) -> "Moment":
+    from app.scene import Moment, ShownRobot
+
+    robot = values["robot"]
+    return Moment(**values | {"robot": None if robot is None else ShownRobot(**robot)})
+
+
+_MAKERS = {"picture": _picture, "scene": _scene, "movie": _movie}
 
 
 if __name__ == "__main__":

@@ -18,12 +18,13 @@ from app.scene.errors import OffscreenError, SceneError
 from app.scene.fixture_plane import FixturePlane
 from app.scene.framing import Camera
 from app.scene.moment import Moment, MomentScene, ShownRobot, moment_png
+from app.scene.movie import movie_gif
 from app.scene.offscreen import use_offscreen_rendering
 from app.scene.picture import scene_png
 from app.scene.poses import PoseNodes
 from app.scene.robot_model import RobotModel
 from app.scene.scene import MarginGuardScene
-from app.scene.scene_file import check_scene_path, load_scene, save_scene
+from app.scene.scene_file import load_scene, save_scene
 from app.scene.sequences import add_sequences
 from app.scene.transform_tree import TransformTree
 from app.scene.view import OffscreenView, draw_once_an_update, offscreen_view
@@ -52,7 +53,6 @@ __all__ = [
     "TransformWatchdog",
     "add_sequences",
     "bullseye",
-    "check_scene_path",
     "draw_once_an_update",
     "forward_of",
     "load_scene",
@@ -60,6 +60,7 @@ __all__ = [
     "mesh_of_model",
     "mesh_of_segment",
     "moment_png",
+    "movie_gif",
     "offscreen_view",
     "points_of_markups",
     "preset_camera",

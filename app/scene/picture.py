@@ -52,9 +52,9 @@ def scene_png(
 def _overview(
     application: SceneApplication, scene: MarginGuardScene, size: tuple[int, int]
 ) -> Pixels:
-    tumor, others = _content(scene)
+    tumor, others = content_points(scene)
     with offscreen_view(application, "MarginGuardOverview", size) as view:
-        _look(view, scene, best_direction(tumor, others, _up(scene)), tumor, others)
+        _look(view, scene, best_direction(tumor, others, upright(scene)), tumor, others)
         return view.pixels()
 
 
@@ -69,7 +69,7 @@ def _close_up(
     center = tumor.mean(axis=0)
     reach = _CLOSE_UP_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
     near = tool[np.linalg.norm(tool - center, axis=1) < reach]
-    towards = best_direction(tumor, tool, _up(scene), along=along)
+    towards = best_direction(tumor, tool, upright(scene), along=along)
     with offscreen_view(application, "MarginGuardCloseUp", size) as view:
         _look(view, scene, towards, tumor, near)
         return view.pixels()
@@ -83,11 +83,11 @@ def _look(
     others: FloatArray,
 ) -> None:
     points = np.concatenate([subject, others])
-    up = _up(scene)
+    up = upright(scene)
     view.look(fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=view.aspect))
 
 
-def _content(scene: MarginGuardScene) -> tuple[FloatArray, FloatArray]:
+def content_points(scene: MarginGuardScene) -> tuple[FloatArray, FloatArray]:
     """World points of the tumour, and of the tool and the robots."""
     models = _robot_models(scene) if scene.tool is None else [*_robot_models(scene), scene.tool]
     others = [world_points(model) for model in models]
@@ -122,7 +122,7 @@ def _along(line: vtkMRMLMarkupsLineNode) -> FloatArray | None:
     return along if np.linalg.norm(along) > 0.0 else None
 
 
-def _up(scene: MarginGuardScene) -> FloatArray:
+def upright(scene: MarginGuardScene) -> FloatArray:
     """Robots stand upright, +z of their base; without one the reference's +z is up."""
     nodes = [robot.base for robot in scene.robots.values()]
     axis = world_matrix(nodes[0] if nodes else scene.tree.node(scene.reference))[:3, 2]

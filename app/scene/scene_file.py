@@ -34,7 +34,7 @@ def save_scene(scene: vtkMRMLScene, path: Path) -> None:
     digits. Raises `SceneError` for another ending, a place that cannot be written, and whatever
     MRML refuses to write.
     """
-    check_scene_path(path)
+    _check_place(path)
     try:
         # In a folder beside it: a bundle is named like its file, inside and out.
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
@@ -67,14 +67,6 @@ def load_scene(scene: vtkMRMLScene, path: Path) -> None:
         raise SceneError(f"{path} cannot be read as a scene: it has no nodes")
 
 
-def check_scene_path(path: Path) -> None:
-    """Raise `SceneError` unless a scene can go to ``path``: ask before the work is done."""
-    if path.suffix.lower() != SCENE_ENDING:
-        raise SceneError(f"{path} is no scene file: {SCENE_ENDING} wanted")
-    if path.is_dir() or not path.parent.is_dir():
-        raise SceneError(f"{path} cannot be written: a file in a folder that is there wanted")
-
-
 def _check_bundle(path: Path) -> None:
     """What libarchive would unpack without a word: too much, and bytes that are not those saved."""
     try:
@@ -95,6 +87,13 @@ def _check_bundle(path: Path) -> None:
         raise SceneError(f"{path} is no whole scene bundle: {error}") from error
     if damaged is not None:
         raise SceneError(f"{path} is damaged: {damaged} in it is not what was saved")
+
+
+def _check_place(path: Path) -> None:
+    if path.suffix.lower() != SCENE_ENDING:
+        raise SceneError(f"{path} is no scene file: {SCENE_ENDING} wanted")
+    if path.is_dir() or not path.parent.is_dir():
+        raise SceneError(f"{path} cannot be written: a file in a folder that is there wanted")
 
 
 @contextmanager

@@ -1,17 +1,27 @@
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from app.cli.scene_picture import ScenePainter
+from app.cli.scene_picture import MOVIE, SCENE, ScenePainter
+from app.geometry import InputError
 
 PROCESS = [sys.executable, "-m", "app.cli.scene_process"]
+PNG = b"\x89PNG and more"
 
 
-def begin_anything(painter: ScenePainter, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.cli.scene_picture._moment", lambda *_, **__: {"much": bytes(10**6)})
-    painter.begin(None, None, None, with_tool=True)  # type: ignore[arg-type]
+def begin_anything(painter: ScenePainter) -> None:
+    painter._answer = painter._waiting.submit(painter._process.communicate, bytes(10**6))
+
+
+def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str) -> None:
+    """A test double of the process: it answers what ``answer`` holds, and ends by ``end``."""
+    script = tmp_path / "python"
+    script.write_text(f"#!/bin/sh\ncat >/dev/null\ncat {tmp_path}/answer 2>/dev/null\n{end}\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(script))
 
 
 @pytest.mark.parametrize(("end", "status"), [("exit 1", 1), ("kill -9 $$", -9)])
@@ -22,14 +32,51 @@ def test_a_process_that_fails_costs_the_picture_alone(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    script = tmp_path / "python"
-    script.write_text(f"#!/bin/sh\n{end}\n")
-    script.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(script))
+    stand_in(tmp_path, monkeypatch, end)
     with ScenePainter() as painter:
-        begin_anything(painter, monkeypatch)
+        begin_anything(painter)
         assert painter.picture() is None
-    assert capsys.readouterr().err == f"no scene.png: drawing it ended with status {status}\n"
+        assert capsys.readouterr().err == f"no scene.png: drawing it ended with status {status}\n"
+        # A file that was asked for by name is another matter.
+        with pytest.raises(InputError, match=f"no movie: drawing it ended with status {status}"):
+            painter.content(MOVIE)
+
+
+@pytest.mark.parametrize("cut", [1, 20])
+def test_half_an_answer_is_none(
+    cut: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand_in(tmp_path, monkeypatch, "exit 0")
+    (tmp_path / "answer").write_bytes(pickle.dumps({"picture": PNG})[:-cut])
+    with ScenePainter() as painter:
+        begin_anything(painter)
+        assert painter.picture() is None
+    assert "status 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("end", "status"), [("exit 3", 3), ("kill -11 $$", -11)])
+def test_a_whole_picture_counts_however_the_process_ended(
+    end: str,
+    status: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stand_in(tmp_path, monkeypatch, end)
+    (tmp_path / "answer").write_bytes(pickle.dumps({"picture": PNG, "scene": "no room"}))
+    with ScenePainter() as painter:
+        begin_anything(painter)
+        assert painter.picture() == PNG
+        with pytest.raises(InputError, match="no scene: no room"):
+            painter.content(SCENE)
+    told = capsys.readouterr().err
+    assert told == f"drawing the scene ended with status {status}, after all was drawn\n"
+
+
+def test_a_moment_that_was_never_known_gives_no_file() -> None:
+    never = r"no scene: the distance .* was never known"
+    with ScenePainter() as painter, pytest.raises(InputError, match=never):
+        painter.content(SCENE)
 
 
 def test_the_process_ends_with_the_context() -> None:
@@ -53,12 +100,16 @@ def test_the_process_finds_the_package_from_any_folder(
 def test_without_slicer_it_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "slicer.py").write_text("raise ImportError('no slicer here')\n")
     found = subprocess.run(
-        PROCESS, input=b"", capture_output=True, check=True, env={"PYTHONPATH": str(tmp_path)}
+        PROCESS,
+        input=pickle.dumps({"wanted": ("picture",)}),
+        capture_output=True,
+        check=True,
+        env={"PYTHONPATH": str(tmp_path)},
     )
-    assert found.stdout == b""
-    assert found.stderr.decode() == (
-        "no scene.png: no slicer here; 'marginguard doctor' says what to install\n"
-    )
+    assert pickle.loads(found.stdout) == {
+        "picture": "no slicer here; 'marginguard doctor' says what to install"
+    }
+    assert found.stderr == b""
 
 
 def test_it_ends_quietly_when_nothing_is_to_be_drawn() -> None:

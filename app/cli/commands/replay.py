@@ -12,10 +12,11 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_case, add_json, folder_path
+from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
 from app.cli.publishing import publishing
-from app.cli.scene_picture import ScenePainter
+from app.cli.scene_log import SceneLog
+from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter
 from app.cli.signals import Received, note_signals
 from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
 
+_PICTURES_PER_S = 12.5
+_MOST_MOVIE_S = 60.0
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard replay``."""
@@ -34,6 +38,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     parser.add_argument(
         "--report", type=folder_path, metavar="DIR", help="write the report files there"
+    )
+    parser.add_argument(
+        "--save-scene",
+        type=file_path(".mrb"),
+        metavar="FILE.mrb",
+        help="save the deepest moment as a scene of 3D Slicer, with the whole recording in it",
+    )
+    parser.add_argument(
+        "--movie", type=file_path(".gif"), metavar="FILE.gif", help="draw the replay, animated"
+    )
+    parser.add_argument(
+        "--movie-seconds",
+        type=_movie_seconds,
+        default=10.0,
+        metavar="S",
+        help="how long the movie may last (default: 10): time is compressed to that",
     )
     parser.add_argument(
         "--rate",
@@ -59,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace, received: Received) -> int:
-    if options.report is None:
+    if not _wanted(options):
         return _played(options, received, None)
     with ScenePainter() as painter:
         return _played(options, received, painter)
@@ -68,16 +88,22 @@ def _replay(options: argparse.Namespace, received: Received) -> int:
 def _played(options: argparse.Namespace, received: Received, painter: ScenePainter | None) -> int:
     watch = Stopwatch()
     from app import __version__
-    from app.case import Player, open_case
+    from app.case import Player, check_place, open_case, write_small
     from app.geometry import InputError
     from app.report import all_passed, check_writable, summarise, write_report
     from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
     watch.lap("load the program")
-    if options.loop and (options.rate is None or options.report is not None):
-        raise InputError("--loop is for watching: it takes --rate and no --report")
+    wanted = _wanted(options)
+    if options.loop and (options.rate is None or wanted):
+        raise InputError(
+            "--loop is for watching: it takes --rate, and no --report, --save-scene or --movie"
+        )
     if options.report is not None:
         check_writable(options.report)
+    for path in (options.save_scene, options.movie):
+        if path is not None:
+            check_place(path)
     opened = open_case(options.case, package_dirs=options.package_dirs)
     case, clock = with_estimated_clock(with_repaired_tumor(opened))
     watch.lap("open the case")
@@ -85,30 +111,60 @@ def _played(options: argparse.Namespace, received: Received, painter: ScenePaint
     watch.lap("meshes, robot, registration")
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     received.stops(player.stop)
-    record, deepest = _play(case, setup, player, options)
+    scene_log = SceneLog(
+        recording=SCENE in wanted,
+        pictures=round(_PICTURES_PER_S * options.movie_seconds) if MOVIE in wanted else None,
+    )
+    record, deepest = _play(case, setup, player, options, scene_log)
     watch.lap("read the frames and step")
     if received.number is not None:
         return received.exit_status
     if clock is not None:
         notes = (f"offset of the joints' clock: {clock.reason}", *record.notes)
         record = replace(record, notes=notes)
-    if painter is None:
+    if painter is not None and deepest is not None:
+        with_tool = not options.tip_only
+        painter.begin(case, setup, deepest, with_tool=with_tool, wanted=wanted, log=scene_log)
+    if painter is None or options.report is None:
         summary = summarise(record)
     else:
-        if deepest is not None:
-            painter.begin(case, setup, deepest, with_tool=not options.tip_only)
         summary = write_report(
             options.report, record, scene_png=painter.picture, version=__version__
         )
     watch.lap("write the report")
+    if painter is not None:
+        for name, path in ((SCENE, options.save_scene), (MOVIE, options.movie)):
+            if path is not None:
+                write_small(path, painter.content(name))
+        watch.lap("write scene and movie")
     if options.timing:
         watch.tell()
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
     return 0 if all_passed(summary) else 1
 
 
+def _wanted(options: argparse.Namespace) -> tuple[str, ...]:
+    """What 3D Slicer's scene is to give."""
+    asked = {PICTURE: options.report, SCENE: options.save_scene, MOVIE: options.movie}
+    return tuple(name for name, path in asked.items() if path is not None)
+
+
+def _movie_seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds") from error
+    if not 1.0 <= seconds <= _MOST_MOVIE_S:
+        raise argparse.ArgumentTypeError(f"{text} s: 1 to {_MOST_MOVIE_S:g} s allowed")
+    return seconds
+
+
 def _play(
-    case: "Case", setup: "SessionSetup", player: "Player", options: argparse.Namespace
+    case: "Case",
+    setup: "SessionSetup",
+    player: "Player",
+    options: argparse.Namespace,
+    scene_log: SceneLog,
 ) -> tuple["ReplayRecord", "StepResult | None"]:
     from app.report import ReplayLog, ReplayRecord
     from app.session import Session
@@ -123,6 +179,7 @@ def _play(
             duration_ns = time.perf_counter_ns() - started_ns
             if not options.loop:
                 log.add(step, duration_ns)
+                scene_log.add(step)
                 # Where a tool is out of reach is another place in every frame: the first is told.
                 kind = step.robot_problem.partition(":")[0]
                 robot_problems[first_of_kind.setdefault(kind, step.robot_problem)] += 1

@@ -1,0 +1,35 @@
+"""What of a replay goes into its scene file and its movie, kept while it runs."""
+
+from typing import TYPE_CHECKING
+
+from app.cli.reel import Reel
+
+if TYPE_CHECKING:
+    from app.fixture import MarginState
+    from app.geometry import TrackedTransform
+    from app.session import StepResult
+
+
+class SceneLog:
+    """Filled step by step; what is not wanted is not kept."""
+
+    def __init__(self, *, recording: bool, pictures: int | None) -> None:
+        """``pictures``: how many the movie may have; None for no movie."""
+        self._keeps_recording = recording
+        self.frames: list[tuple[TrackedTransform, ...]] = []
+        """The samples of each acquisition."""
+        self.states: list[tuple[int, MarginState]] = []
+        """What was judged, by the stamp in ns."""
+        self.reel = None if pictures is None else Reel(pictures)
+        self.first_ns: int | None = None
+
+    def add(self, step: "StepResult") -> None:
+        """Keep what is wanted of ``step``."""
+        if self.first_ns is None:
+            self.first_ns = step.frame.stamp.ns
+        if self._keeps_recording:
+            if step.frame.poses:
+                self.frames.append(step.frame.poses)
+            self.states.append((step.frame.stamp.ns, step.decision.state))
+        if self.reel is not None:
+            self.reel.add(step)

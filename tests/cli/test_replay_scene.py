@@ -1,0 +1,228 @@
+"""``--save-scene`` and ``--movie`` on the case that the project brings."""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from app.case import Case, open_case, read_mrml
+from app.cli.main import main
+from app.fixture import MarginState
+from app.geometry import Transform
+from app.scene import OffscreenError, use_offscreen_rendering
+from app.session import Session, StepResult, setup_from_case
+from tests.cli.small_case import write_small_case
+
+ROOT = Path(__file__).resolve().parents[2]
+RECORDED = ROOT / "data" / "recorded_case"
+DEEPEST_NS = 1_045_960_000_000
+
+
+def replay(case: Path, *options: str) -> int:
+    return main(["replay", str(case), "--no-ros", "--json", *options])
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "deepest.mrb"
+    assert replay(RECORDED, "--save-scene", str(path)) == 0
+    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+    return path
+
+
+@pytest.fixture(scope="module")
+def loaded(saved: Path) -> dict[str, Any]:
+    """What a process that has never seen the case finds in the file."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.scene.scene_content", str(saved)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return open_case(RECORDED)
+
+
+@pytest.fixture(scope="module")
+def deepest(case: Case) -> StepResult:
+    session = Session(setup_from_case(case, tip_only=False))
+    for frame in case.frames():
+        step = session.step(frame)
+        if frame.stamp.ns == DEEPEST_NS:
+            return step
+    raise AssertionError("the case has no such frame")
+
+
+def test_every_pose_of_the_case_is_in_the_scene(
+    loaded: dict[str, Any], case: Case, deepest: StepResult
+) -> None:
+    """From the recording, the manifest and the kinematics by matrix products, no MRML between."""
+    measured = {pose.source: pose.transform.matrix for pose in deepest.frame.poses}  # type: ignore[union-attr]
+    reference = np.linalg.inv(measured["reference"])
+    setup = setup_from_case(case, tip_only=False)
+    fixed: dict[str, Transform] = {edge.source: edge for edge in setup.static_edges}
+    wanted = {
+        "ReferenceToRas": np.eye(4),
+        "TrackerToReference": reference,
+        "NeedleToReference": reference @ measured["needle"],
+        "CauteryToReference": reference @ measured["cautery"],
+        "TumorToNeedle": reference @ measured["needle"] @ fixed["tumor"].matrix,
+        "CauteryTipToCautery": reference @ measured["cautery"] @ fixed["cautery_tip"].matrix,
+        "RobotBaseToReference": fixed["robot_base"].matrix,
+    }
+    for name, pose in deepest.links.items():
+        if name != "touch_base":
+            camel = "".join(word.capitalize() for word in name.split("_"))
+            wanted[f"{camel}ToTouchBase"] = fixed["robot_base"].matrix @ pose.matrix
+    for name, matrix in wanted.items():
+        found = np.reshape(loaded[name]["to_world"], (4, 4))
+        np.testing.assert_allclose(found, matrix, rtol=0, atol=1e-9, err_msg=name)
+    assert len(wanted) >= 12
+    transforms = {n for n, v in loaded.items() if v["class"] == "vtkMRMLLinearTransformNode"}
+    assert transforms == {*wanted, "TouchBaseToRobotBase"}
+
+
+def test_every_surface_and_colour_of_the_case_is_in_the_scene(
+    loaded: dict[str, Any], case: Case, deepest: StepResult
+) -> None:
+    for name, mesh in (("Tumor", case.tumor_mesh()), ("Tool", case.tool_mesh())):
+        found = {tuple(np.round(point, 4)) for point in loaded[name]["points"]}
+        assert found == {tuple(np.round(point, 4)) for point in mesh.vertices_mm.tolist()}
+        assert len(loaded[name]["triangles"]) == 3 * len(mesh.faces)
+    assert loaded["Tumor"]["display"]["color"] == [1.0, 0.0, 0.0]
+    assert loaded["Tumor"]["display"]["opacity"] == 0.4
+    assert loaded["stylus_model"]["display"]["opacity"] == 0.3  # the tool is seen in its grip
+    proximity = deepest.decision.proximity
+    assert proximity is not None
+    distance = f"{proximity.signed_distance_mm:.1f} mm"
+    assert loaded["MarginStatus"]["text"] == f"POSITIVE: in the tumour, {distance}"
+    ends = np.array([point[:3] for point in loaded["ClosestPoints"]["points"]])
+    np.testing.assert_allclose(
+        np.linalg.norm(ends[1] - ends[0]), abs(proximity.signed_distance_mm), atol=1e-6
+    )
+    assert loaded["ClosestPoints"]["points"][0][3] == distance
+    colors = loaded["torso_model"]["cell_colors"]
+    assert len(Counter(map(tuple, colors))) >= 2
+
+
+def without_robot(case: Path, recording: str) -> Path:
+    """Joints are not in a scene: the case as it is without its robot."""
+    manifest = yaml.safe_load((RECORDED / "case.yaml").read_text())
+    for key in ("robot", "registration", "expected"):
+        del manifest[key]
+    manifest["recording"] = {"path": recording}
+    (case / "case.yaml").write_text(yaml.safe_dump(manifest))
+    return case
+
+
+def test_the_scene_replays_as_the_recording_that_it_was_saved_of(
+    saved: Path, tmp_path: Path
+) -> None:
+    case = tmp_path / "case"
+    shutil.copytree(RECORDED, case)
+    shutil.copyfile(saved, case / "x.mrb")
+    steps = []
+    for recording in ("tracking.mcap", "x.mrb"):
+        opened = open_case(without_robot(case, recording))
+        session = Session(setup_from_case(opened, tip_only=False))
+        steps.append([session.step(frame) for frame in opened.frames()])
+        assert opened.notes() == ()
+    theirs, ours = steps
+    assert len(ours) == 3741
+    for one, other in zip(theirs, ours, strict=True):
+        assert one.frame.stamp == other.frame.stamp
+        edges = [
+            {(pose.target, pose.source): pose.status for pose in step.frame.poses}
+            for step in (one, other)
+        ]
+        assert edges[0] == edges[1]
+        assert one.decision.state is other.decision.state
+        mine, known = other.decision.proximity, one.decision.proximity
+        assert (mine is None) == (known is None)
+        if mine is not None and known is not None:
+            # Six digits a number: 0.0005 mm in each of two positions, 1e-6 rad in two turns.
+            assert mine.signed_distance_mm == pytest.approx(known.signed_distance_mm, abs=0.01)
+
+
+def test_a_case_of_a_scene_refuses_joints(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = tmp_path / "case"
+    shutil.copytree(RECORDED, case)
+    shutil.copyfile(saved, case / "x.mrb")
+    manifest = yaml.safe_load((case / "case.yaml").read_text())
+    manifest["recording"] = {"path": "x.mrb"}
+    (case / "case.yaml").write_text(yaml.safe_dump(manifest))
+    assert replay(case) == 2
+    assert "robot.joint_states is given: x.mrb cannot hold joints" in capsys.readouterr().err
+
+
+def test_a_scene_of_a_small_case_with_the_movie_and_the_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        use_offscreen_rendering()
+    except OffscreenError as error:
+        pytest.skip(str(error))
+    case = write_small_case(tmp_path / "case")
+    out, mrb, gif = tmp_path / "out", tmp_path / "s.mrb", tmp_path / "m.gif"
+    options = ["--report", str(out), "--save-scene", str(mrb), "--movie", str(gif)]
+    assert replay(case, *options, "--movie-seconds", "1") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["frames"] == 40
+    assert (out / "scene.png").read_bytes().startswith(b"\x89PNG")
+    assert len(list(read_mrml(mrb, print))) == 40
+    movie = Image.open(gif)
+    assert movie.n_frames == 10  # 40 steps, every fourth: 12 pictures are allowed in a second
+    rows = list(csv.DictReader((out / "margin.csv").open()))
+    states = [MarginState[row["state"]] for row in rows]
+    assert len(set(states)) > 2
+    for number in range(movie.n_frames):
+        worst = max(states[4 * number : 4 * number + 4])
+        movie.seek(number)
+        level = movie.convert("RGB").getpixel((movie.width - 2, 2))
+        assert level == tuple(round(255 * part) for part in worst.color)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--movie", "replay.mp4"], "'replay.mp4' does not end with .gif"),
+        (["--save-scene", "scene.mrml"], "'scene.mrml' does not end with .mrb"),
+        (["--movie", "m.gif", "--movie-seconds", "0"], "0 s: 1 to 60 s allowed"),
+    ],
+)
+def test_options_that_cannot_be(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        replay(tmp_path, *options)
+    assert stop.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_place_that_is_not_there_is_said_before_the_replay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = write_small_case(tmp_path / "case")
+    assert replay(case, "--movie", str(tmp_path / "none" / "m.gif")) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "a file in a folder that is there wanted" in error
+    assert replay(case, "--rate", "1", "--loop", "--movie", str(tmp_path / "m.gif")) == 2
+    assert "--loop is for watching" in capsys.readouterr().err
