@@ -34,8 +34,9 @@ class EditedTransform:
 
     ``target`` is the frame of the node's parent, ``source`` that of the node itself. What we move
     ourselves is announced by `expect` and not reported: so nothing that came from ROS goes back
-    as an echo. A parent that moves is not reported either. A matrix that is not rigid goes to
-    ``on_refused``, for VTK would swallow an error that is raised in an observer.
+    as an echo. A parent that moves is not reported either. A matrix that is not rigid, and a move
+    under another parent than ours, whose frame has no name, go to ``on_refused``: VTK would
+    swallow an error that is raised in an observer.
     """
 
     def __init__(
@@ -49,14 +50,16 @@ class EditedTransform:
         self.target, self.source = target, source
         self._node = node
         self._on_edit, self._on_refused = on_edit, on_refused
+        self._parent_id = node.GetTransformNodeID()
         self._known = _matrix_of(node)
         self._observer: int | None = node.AddObserver(
             vtkMRMLTransformableNode.TransformModifiedEvent, self._modified
         )
 
     def expect(self, target_from_source: Transform) -> None:
-        """Say that the node is about to be put here by us; it may also hang elsewhere now."""
+        """Say that we are about to put the node here, under the parent that it has now."""
         self.target = target_from_source.target
+        self._parent_id = self._node.GetTransformNodeID()
         self._known = tuple(target_from_source.matrix.ravel().tolist())
 
     def close(self) -> None:
@@ -71,11 +74,21 @@ class EditedTransform:
             return
         self._known = matrix
         try:
-            moved = Transform.from_matrix(matrix, target=self.target, source=self.source)
+            moved = self._placed(matrix)
         except MarginGuardError as error:
             self._on_refused(error)
             return
         self._on_edit(moved)
+
+    def _placed(self, matrix: tuple[float, ...]) -> Transform:
+        if self._node.GetTransformNodeID() != self._parent_id:
+            parent = self._node.GetParentTransformNode()
+            raise SceneError(
+                f"{self._node.GetName()} was moved under "
+                f"{'the world' if parent is None else parent.GetName()}: its pose in "
+                f"{self.target!r} wanted"
+            )
+        return Transform.from_matrix(matrix, target=self.target, source=self.source)
 
 
 def mesh_of_model(

@@ -71,11 +71,15 @@ def smooth_surface(mesh: SurfaceMesh) -> vtkPolyData:
 
 def colored_surface(parts: list[tuple[SurfaceMesh, FloatArray]]) -> vtkPolyData:
     """Several meshes of one frame as one surface; each has one RGB(A) (0 to 1), or one a face."""
+    colors = [np.atleast_2d(color) for _, color in parts]
+    # Alpha for all of them or for none: what is opaque is drawn faster without it.
+    channels = 4 if any(rows.shape[1] == 4 and (rows[:, 3] < 1.0).any() for rows in colors) else 3
     append = vtkAppendPolyData()
-    for mesh, color in parts:
+    for (mesh, _), rows in zip(parts, colors, strict=True):
+        levels = np.full((len(mesh.faces), channels), 255, dtype=np.uint8)
+        given = rows[:, :channels]
+        levels[:, : given.shape[1]] = np.round(255.0 * given)
         surface = poly_data(mesh)
-        levels = np.round(255.0 * np.atleast_2d(color)[:, :3]).astype(np.uint8)
-        levels = np.ascontiguousarray(np.broadcast_to(levels, (len(mesh.faces), 3)))
         surface.GetCellData().AddArray(vtk_array(levels, _COLOR_ARRAY))
         append.AddInputData(surface)
     append.Update()

@@ -39,6 +39,7 @@ class RobotModel:
         self.transforms: dict[str, vtkMRMLLinearTransformNode] = {}
         self.models: dict[str, vtkMRMLModelNode] = {}
         self._colors: dict[str, Rgb] = {}
+        self._known = True
         self.transforms[self._root] = (
             base
             if self._root == base_frame
@@ -69,6 +70,9 @@ class RobotModel:
 
     def set_known(self, known: bool) -> None:
         """Show the links in their colours, or in grey while nobody knows where they are."""
+        if known == self._known:
+            return
+        self._known = known
         with self._batch.changes():
             for link, model in self.models.items():
                 display = model.GetDisplayNode()

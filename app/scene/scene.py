@@ -135,15 +135,18 @@ class MarginGuardScene:
         In its own frame, the tumour's. Another one takes the place of the one before.
         """
         pose = self._pose_node(mesh.frame)
+        surface = smooth_surface(mesh)
         if self.margin_surface is not None:
-            self.margin_surface.SetAndObservePolyData(smooth_surface(mesh))
-            self.margin_surface.SetAndObserveTransformNodeID(pose.GetID())
+            with self.update():
+                self.batch.hold(self.margin_surface)
+                self.margin_surface.SetAndObservePolyData(surface)
+                self.margin_surface.SetAndObserveTransformNodeID(pose.GetID())
             return self.margin_surface
         with self.batch.content():
             self.margin_surface = add_model(
                 self.scene,
                 "MarginSurface",
-                smooth_surface(mesh),
+                surface,
                 _MARGIN_COLOR,
                 opacity=_MARGIN_OPACITY,
                 parent=pose,

@@ -118,6 +118,19 @@ def test_what_is_not_rigid_is_told_and_not_reported(scene: MarginGuardScene, hea
     assert "reference_from_needle" in str(error)
 
 
+def test_what_was_hung_elsewhere_by_the_user_is_told_and_not_reported(
+    scene: MarginGuardScene, heard: Heard
+) -> None:
+    scene.tree.node("needle").SetAndObserveTransformNodeID(None)
+    assert heard.edits == heard.refused == []
+    put(scene, "needle", BY_HAND)
+    assert heard.edits == []
+    (error,) = heard.refused
+    assert str(error) == (
+        "NeedleToReference was moved under the world: its pose in 'reference' wanted"
+    )
+
+
 def test_a_closed_watch_hears_nothing(heard: Heard) -> None:
     scene = vtkMRMLScene()
     node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "NeedleToReference")

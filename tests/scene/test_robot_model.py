@@ -1,5 +1,6 @@
 import resource
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,16 @@ def test_links_that_nobody_knows_are_grey(scene: MarginGuardScene, arm: Robot) -
     model.set_known(True)
     assert fore.GetColor() == own
     assert fore.GetScalarVisibility()
+
+
+def test_translucent_visuals_keep_their_alpha(scene: MarginGuardScene, arm: Robot) -> None:
+    fore = arm.links[-1]
+    glass = replace(fore.visuals[1], color=(1.0, 0.0, 1.0, 0.2))
+    link = replace(fore, visuals=(fore.visuals[0], glass))
+    robot = Robot("glass", (*arm.links[:-1], link), arm.joints)
+    model = scene.add_robot("one", robot, "robot_base").models["fore_arm"]
+    colors = numpy_array(model.GetPolyData().GetCellData().GetArray("color"))
+    assert np.array_equal(np.unique(colors, axis=0), [[0, 0, 255, 255], [255, 0, 255, 51]])
 
 
 def test_shapes_of_every_kind_are_shown_with_their_scale(
