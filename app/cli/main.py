@@ -23,6 +23,7 @@ from app.cli.commands import (
     register,
     replay,
     serve,
+    slicer,
     tumor,
     view,
 )
@@ -40,6 +41,7 @@ COMMANDS: dict[str, ModuleType] = {
     "tumor": tumor,
     "make-case": make_case,
     "igtl": igtl,
+    "slicer": slicer,
     "bench": bench,
     "doctor": doctor,
 }

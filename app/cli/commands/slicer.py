@@ -1,0 +1,130 @@
+"""Start desktop 3D Slicer with MarginGuard's modules and the environment that ROS needs there.
+
+Slicer's Python must be of the same minor version as this one, whose compiled packages it loads.
+With --print the command is shown, and nothing is started. Exit status: Slicer's; 2 on bad input.
+"""
+
+import argparse
+import os
+import re
+import shlex
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Mapping
+from pathlib import Path
+
+import app
+
+SUMMARY = "start desktop 3D Slicer with MarginGuard's modules"
+CHECKOUT = Path(app.__file__).resolve().parents[1]
+MODULES = ("MarginGuard", "ROS2")
+HOOK_DONE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+"""Set, it keeps the start-up hook of ROS's wheels from replacing Slicer by a Python interpreter."""
+
+_ASK_S = 60.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard slicer``."""
+    parser.add_argument(
+        "--slicer", type=Path, required=True, metavar="PATH", help="Slicer's own program"
+    )
+    parser.add_argument(
+        "--print", action="store_true", dest="only_print", help="show the command, start nothing"
+    )
+    parser.add_argument(
+        "arguments", nargs="*", metavar="ARGUMENT", help="after '--': handed on to Slicer"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Become Slicer, so that signals and its exit status are its own."""
+    program = _checked_program(options.slicer)
+    _check_python(program)
+    command = [str(program), "--additional-module-paths", *_module_folders(), *options.arguments]
+    added = slicer_environment(os.environ)
+    if not options.only_print:
+        sys.stderr.flush()
+        os.execve(program, command, {**os.environ, **added})
+    print(shlex.join(["env", *(f"{name}={value}" for name, value in added.items()), *command]))
+    return 0
+
+
+def slicer_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """What Slicer needs beside ``environment``: our packages, ROS's libraries, the hook kept still.
+
+    Our folders come after those that are there: Slicer's launcher puts its own before all of
+    them, and Slicer has to find its own ``slicer``, ``vtk`` and ``numpy``, not ours.
+    """
+    packages = sysconfig.get_path("purelib")
+    libraries = (
+        str(Path(sys.prefix) / "lib"),
+        *(str(folder) for folder in sorted(Path(packages).glob("ros_*.libs"))),
+    )
+    return {
+        HOOK_DONE: "1",
+        "LD_LIBRARY_PATH": _joined(*libraries, environment.get("LD_LIBRARY_PATH", "")),
+        "PYTHONPATH": _joined(environment.get("PYTHONPATH", ""), str(CHECKOUT), packages),
+    }
+
+
+def _joined(*paths: str) -> str:
+    """Each folder once, the first time it is named."""
+    folders = (folder for path in paths for folder in path.split(os.pathsep) if folder)
+    return os.pathsep.join(dict.fromkeys(folders))
+
+
+def _checked_program(path: Path) -> Path:
+    from app.geometry import InputError
+
+    if not path.exists():
+        raise InputError(f"--slicer {path}: no such file; Slicer's own program wanted")
+    if path.is_dir():
+        raise InputError(f"--slicer {path} is a folder: the program Slicer in it wanted")
+    if not os.access(path, os.X_OK):
+        raise InputError(f"--slicer {path} cannot be executed: Slicer's own program wanted")
+    return path.resolve()
+
+
+def _module_folders() -> list[str]:
+    from app.geometry import InputError
+
+    folders = [CHECKOUT / "slicer_module" / name for name in MODULES]
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(
+                f"{folder} is missing: the modules are in a checkout of the project, not in a "
+                "package that pip has installed elsewhere"
+            )
+    return [str(folder) for folder in folders]
+
+
+def _check_python(program: Path) -> None:
+    """`InputError` when Slicer's Python cannot load our packages; a note when it is not found."""
+    from app.geometry import InputError
+
+    ours = f"{sys.version_info.major}.{sys.version_info.minor}"
+    beside = (program.parent / "bin" / "PythonSlicer", program.parent / "PythonSlicer")
+    python = next((path for path in beside if os.access(path, os.X_OK)), None)
+    if python is None:
+        print(
+            f"no PythonSlicer beside {program}: whether it has Python {ours} was not checked",
+            file=sys.stderr,
+        )
+        return
+    try:
+        answer = subprocess.run(
+            [str(python), "-V"], capture_output=True, text=True, timeout=_ASK_S, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"{python} -V did not answer within {_ASK_S:g} s") from error
+    said = " ".join((answer.stdout + answer.stderr).split())
+    found = re.search(r"\bPython (\d+\.\d+)\b", said)
+    if found is None:
+        raise InputError(f"{python} -V says {said[:80]!r}: 'Python {ours}' wanted")
+    if found[1] != ours:
+        raise InputError(
+            f"{program} has Python {found[1]}, these packages are for {ours}: make an environment "
+            f"with Python {found[1]} (3.11 to 3.13), or take a Slicer with Python {ours}"
+        )

@@ -1,0 +1,350 @@
+"""MarginGuard in desktop 3D Slicer: the panel, and the wiring between it and `MarginGuardLib`.
+
+This file loads in any Slicer; what needs MarginGuard itself is imported when the panel is made,
+so that a Slicer that cannot have it says so in one line.
+"""
+
+from contextlib import contextmanager
+
+import ctk
+import qt
+import slicer
+import vtk
+from slicer.ScriptedLoadableModule import (
+    ScriptedLoadableModule,
+    ScriptedLoadableModuleLogic,
+    ScriptedLoadableModuleTest,
+    ScriptedLoadableModuleWidget,
+)
+from slicer.util import VTKObservationMixin
+
+from MarginGuardLib.installation import why_not
+
+SPIN_MS = 20
+
+
+class MarginGuard(ScriptedLoadableModule):
+    """What Slicer tells of the module."""
+
+    def __init__(self, parent):
+        ScriptedLoadableModule.__init__(self, parent)
+        parent.title = "MarginGuard"
+        parent.categories = ["IGT"]
+        parent.dependencies = []
+        parent.contributors = ["MarginGuard developers"]
+        parent.helpText = (
+            "Guards the margin of a tumour: the tracked tool's signed distance, the state of the "
+            "margin and the virtual fixture, live over ROS 2 or from a recorded case. Begin with "
+            "<b>Replay</b> (a case folder) or <b>Connect</b> (a live.yaml). Grey means that the "
+            "margin is not known: the reasons stand below the banner. "
+            "docs/slicer.md of MarginGuard has a page on this panel.<br><br>"
+            "<b>Not a medical device</b>: a research tool that must not guide a treatment."
+        )
+        parent.acknowledgementText = (
+            "Part of MarginGuard, Apache-2.0. The frames and node names are those of LumpNav and "
+            "SlicerIGT; ROS 2, FCL and 3D Slicer do much of the work."
+        )
+
+
+class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
+    """Hands the panel's buttons to the logic, and the logic's status to the panel."""
+
+    def __init__(self, parent=None):
+        ScriptedLoadableModuleWidget.__init__(self, parent)
+        VTKObservationMixin.__init__(self)
+        self.logic = None
+        self.settings = None
+        self._gui_tag = None
+        self._margins = None
+        self._timer = None
+
+    def setup(self):
+        """Make the panel; without MarginGuard it is one line that says why."""
+        ScriptedLoadableModuleWidget.setup(self)
+        reason = why_not()
+        if reason:
+            self.layout.addWidget(qt.QLabel(reason))
+            return
+        panel = slicer.util.loadUI(self.resourcePath("UI/MarginGuard.ui"))
+        self.layout.addWidget(panel)
+        self.ui = slicer.util.childWidgetVariables(panel)
+        panel.setMRMLScene(slicer.mrmlScene)
+        self.logic = MarginGuardLogic()
+        self._connect_widgets()
+        self._use_parameter_node()
+        events = slicer.vtkMRMLScene
+        self.addObserver(slicer.mrmlScene, events.StartCloseEvent, self.on_scene_closes)
+        self.addObserver(slicer.mrmlScene, events.EndCloseEvent, self.on_scene_closed)
+        self._timer = qt.QTimer()
+        self._timer.setInterval(SPIN_MS)
+        self._timer.timeout.connect(self.spin)
+        self._timer.start()
+        self.spin()
+
+    def cleanup(self):
+        """End everything: the module is being unloaded."""
+        if self.logic is None:
+            return
+        self._timer.stop()
+        self._leave_parameter_node()
+        self.removeObservers()
+        self.logic.guard.close()
+
+    def spin(self):
+        """Show the newest step, and tell of it: the timer calls this."""
+        status = self.logic.guard.spin()
+        margins = self.logic.guard.margins()
+        if margins is not None and margins != self._margins:
+            self.settings.stop_mm, self.settings.warn_mm = margins.stop_mm, margins.warn_mm
+        self._margins = margins
+        self._show(status)
+        if self.logic.guard.wants_alarm():
+            qt.QApplication.beep()
+
+    def on_scene_closes(self, caller=None, event=None):
+        """The session ends before its nodes are gone, and the settings before they are reset."""
+        self._leave_parameter_node()
+        self.logic.guard.forget_scene()
+
+    def on_scene_closed(self, caller=None, event=None):
+        """Settings anew: those of the scene that was closed are gone."""
+        self._use_parameter_node()
+
+    def on_settings(self, caller=None, event=None):
+        """Settings that take effect at once."""
+        with self._told():
+            self.logic.guard.set_opacity(self.settings.opacity)
+            self.logic.guard.set_patient_to_ras(self.settings.patient_to_ras)
+            self.logic.guard.set_rate(self.settings.rate)
+
+    def on_connect(self, checked=False):
+        """Connect: guard live."""
+        with self._told():
+            self.logic.guard.connect(self.settings.live_config)
+
+    def on_disconnect(self, checked=False):
+        """Disconnect: end the live session."""
+        with self._told():
+            self.logic.guard.disconnect()
+
+    def on_register(self, checked=False):
+        """Register: find a registration, from where the user chose."""
+        from MarginGuardLib.settings import FROM_CASE
+
+        with self._told():
+            if self.settings.registration_source == FROM_CASE:
+                self.logic.guard.register_case(self.settings.registration_case)
+            else:
+                self.logic.guard.register_landmarks(
+                    self.settings.fixed_points, self.settings.moving_points
+                )
+
+    def on_accept(self, checked=False):
+        """Accept: use the registration that was found."""
+        with self._told():
+            self.logic.guard.accept_registration()
+
+    def on_set_tumor(self, checked=False):
+        """Set tumour: guard the chosen surface."""
+        with self._told():
+            self.logic.guard.set_tumor(self.settings.tumor, self.settings.segment)
+
+    def on_apply_margins(self, checked=False):
+        """Apply margins: both, or neither."""
+        with self._told():
+            self.logic.guard.set_margins(self.settings.stop_mm, self.settings.warn_mm)
+
+    def on_rearm(self, checked=False):
+        """Re-arm: end the hold of an earlier fault."""
+        with self._told():
+            self.logic.guard.rearm()
+
+    def on_anterior_view(self, checked=False):
+        """Look from the front."""
+        self._look("ANTERIOR")
+
+    def on_left_view(self, checked=False):
+        """Look from the patient's left."""
+        self._look("LEFT")
+
+    def on_superior_view(self, checked=False):
+        """Look from above."""
+        self._look("SUPERIOR")
+
+    def on_bullseye(self, checked=False):
+        """Bullseye: follow the tool, or stay."""
+        with self._told():
+            self.logic.guard.follow_tool(checked)
+
+    def on_mute(self, checked=False):
+        """Mute the alarm, or not."""
+        self.logic.guard.alarm.muted = checked
+
+    def on_load(self, checked=False):
+        """Load case: open it, and wait at its beginning."""
+        with self._told():
+            self.logic.guard.load_case(self.settings.replay_case)
+
+    def on_play(self, checked=False):
+        """Play."""
+        with self._told():
+            self.logic.guard.play()
+
+    def on_pause(self, checked=False):
+        """Pause."""
+        with self._told():
+            self.logic.guard.pause()
+
+    def on_step(self, checked=False):
+        """Step: one frame."""
+        with self._told():
+            self.logic.guard.step()
+
+    def on_seek(self, seconds):
+        """The seek slider was moved by the user."""
+        with self._told():
+            self.logic.guard.seek(seconds)
+
+    def _look(self, name):
+        from app.scene import Preset
+
+        with self._told():
+            self.logic.guard.look(Preset[name])
+
+    def _connect_widgets(self):
+        ui = self.ui
+        ui.configPathLineEdit.filters = ctk.ctkPathLineEdit.Files
+        ui.casePathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
+        ui.registrationPathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
+        ui.connectButton.clicked.connect(self.on_connect)
+        ui.disconnectButton.clicked.connect(self.on_disconnect)
+        ui.registerButton.clicked.connect(self.on_register)
+        ui.acceptButton.clicked.connect(self.on_accept)
+        ui.setTumorButton.clicked.connect(self.on_set_tumor)
+        ui.applyMarginsButton.clicked.connect(self.on_apply_margins)
+        ui.rearmButton.clicked.connect(self.on_rearm)
+        ui.anteriorViewButton.clicked.connect(self.on_anterior_view)
+        ui.leftViewButton.clicked.connect(self.on_left_view)
+        ui.superiorViewButton.clicked.connect(self.on_superior_view)
+        ui.bullseyeButton.clicked.connect(self.on_bullseye)
+        ui.muteButton.clicked.connect(self.on_mute)
+        ui.loadButton.clicked.connect(self.on_load)
+        ui.playButton.clicked.connect(self.on_play)
+        ui.pauseButton.clicked.connect(self.on_pause)
+        ui.stepButton.clicked.connect(self.on_step)
+        ui.seekSlider.valueChanged.connect(self.on_seek)
+
+    def _use_parameter_node(self):
+        self.settings = self.logic.getParameterNode()
+        self._gui_tag = self.settings.connectGui(self.ui)
+        modified = vtk.vtkCommand.ModifiedEvent
+        self.addObserver(self.settings.parameterNode, modified, self.on_settings)
+        self._margins = None
+        self.on_settings()
+
+    def _leave_parameter_node(self):
+        if self.settings is not None:
+            self.settings.disconnectGui(self._gui_tag)
+            self.removeObservers(self.on_settings)
+        self.settings = None
+
+    def _show(self, status):
+        ui = self.ui
+        red, green, blue = (round(255 * part) for part in status.state.color)
+        ui.bannerLabel.setText(status.banner)
+        ui.bannerLabel.setStyleSheet(
+            f"background-color: rgb({red}, {green}, {blue}); color: black; "
+            "font-size: 16px; font-weight: bold; padding: 8px;"
+        )
+        ui.reasonsLabel.setText(status.reasons)
+        ui.messageLabel.setText(status.message)
+        ui.sessionLabel.setText(status.session)
+        ui.trackersLabel.setText(status.trackers)
+        ui.registrationLabel.setText(status.registration)
+        ui.disconnectButton.setEnabled(status.is_live)
+        ui.acceptButton.setEnabled(status.can_accept)
+        for button in (ui.setTumorButton, ui.applyMarginsButton, ui.rearmButton):
+            button.setEnabled(status.has_session)
+        has_case = status.position_s is not None
+        ui.playButton.setEnabled(has_case and not status.is_playing)
+        ui.pauseButton.setEnabled(status.is_playing)
+        ui.stepButton.setEnabled(has_case and status.has_session)
+        ui.bullseyeButton.setChecked(self.logic.guard.is_following)
+        ui.seekSlider.setEnabled(has_case)
+        if has_case and not ui.seekSlider.underMouse():
+            ui.seekSlider.blockSignals(True)
+            ui.seekSlider.setProperty("maximum", status.duration_s)
+            ui.seekSlider.setValue(status.position_s)
+            ui.seekSlider.blockSignals(False)
+
+    @contextmanager
+    def _told(self):
+        """What the user asked for and cannot have is told in a window; a bug goes its own way."""
+        from app.geometry import MarginGuardError
+
+        try:
+            yield
+        except (MarginGuardError, OSError) as error:
+            slicer.util.errorDisplay(" ".join(str(error).split()))
+
+
+class MarginGuardLogic(ScriptedLoadableModuleLogic):
+    """The logic for scripts: ``guard`` does the work, the parameter node holds the settings."""
+
+    def __init__(self):
+        ScriptedLoadableModuleLogic.__init__(self)
+        from MarginGuardLib.logic import GuardLogic
+
+        self.guard = GuardLogic(slicer.mrmlScene)
+
+    def getParameterNode(self):
+        """The settings, typed."""
+        from MarginGuardLib.settings import Settings
+
+        return Settings(super().getParameterNode())
+
+
+class MarginGuardTest(ScriptedLoadableModuleTest):
+    """Run inside Slicer (Reload and Test, or ``slicer.util.runTests``): a case that is replayed."""
+
+    def setUp(self):
+        """Begin with an empty scene."""
+        slicer.mrmlScene.Clear()
+
+    def runTest(self):
+        """Run every test."""
+        self.setUp()
+        self.test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout()
+
+    def test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout(self):
+        """The nodes of the recorded case, at three moments of it."""
+        from pathlib import Path
+
+        import app
+
+        self.delayDisplay("Replaying the recorded case")
+        guard = MarginGuardLogic().guard
+        try:
+            guard.load_case(Path(app.__file__).parents[1] / "data" / "recorded_case")
+            self._until(guard, 0.0)
+            for seconds, color in ((45.9, (1, 0, 0)), (22.3, (0.5, 0.5, 0.5)), (5.0, (0, 1, 0))):
+                guard.seek(seconds)
+                self._until(guard, seconds)
+                tumor = slicer.mrmlScene.GetFirstNodeByName("Tumor")
+                self.assertEqual(tumor.GetDisplayNode().GetColor(), color)
+        finally:
+            guard.close()
+        self.assertIsNone(slicer.mrmlScene.GetFirstNodeByName("Tumor"))
+        self.delayDisplay("Test passed")
+
+    def _until(self, guard, seconds):
+        """Spin until the frame at ``seconds`` is shown; a minute at most."""
+        import time
+
+        end_s = time.monotonic() + 60.0
+        while time.monotonic() < end_s:
+            status = guard.spin()
+            shown_s = status.position_s
+            if shown_s is not None and 0.0 <= shown_s - seconds < 0.1:
+                return
+        self.fail(f"{seconds} s was not shown: {status}")

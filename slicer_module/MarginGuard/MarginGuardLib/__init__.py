@@ -1,0 +1,1 @@
+"""The pieces of the MarginGuard module: one concept a file, none of them knows Qt."""

@@ -1,0 +1,23 @@
+"""When the alarm sounds: while the tool is in the tumour."""
+
+from app.fixture import MarginState
+
+REPEAT_NS = 1_000_000_000
+
+
+class Alarm:
+    """Due at once when a breach begins, and every `REPEAT_NS` while it lasts; never while muted."""
+
+    def __init__(self) -> None:
+        self.muted = False
+        self._last_ns: int | None = None
+
+    def due(self, state: MarginState, now_ns: int) -> bool:
+        """Whether to sound now, ``now_ns`` on a clock that does not go back."""
+        if state is not MarginState.POSITIVE:
+            self._last_ns = None
+            return False
+        if self.muted or (self._last_ns is not None and now_ns - self._last_ns < REPEAT_NS):
+            return False
+        self._last_ns = now_ns
+        return True

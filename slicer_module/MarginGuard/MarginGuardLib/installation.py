@@ -1,0 +1,21 @@
+"""Whether MarginGuard itself can be used from this Slicer's Python; this file runs on any."""
+
+import sys
+from importlib import import_module
+
+OLDEST = (3, 11)
+_START = "start Slicer with 'marginguard slicer --slicer PATH'"
+
+
+def why_not() -> str:
+    """One line that says what is missing; empty when the module can work."""
+    if sys.version_info < OLDEST:
+        found, wanted = (".".join(map(str, each[:2])) for each in (sys.version_info, OLDEST))
+        return f"MarginGuard needs Python {wanted} or later, this Slicer has {found}"
+    for name, what in (("app.session", "MarginGuard"), ("app.bridge", "ROS 2")):
+        try:
+            import_module(name)
+        except ImportError as error:
+            reason = " ".join(str(error).split())
+            return f"{what} cannot be loaded ({reason}): {_START}"
+    return ""

@@ -1,0 +1,40 @@
+"""What the user chose, in the module's parameter node, so that it is saved with the scene."""
+
+import pathlib
+from typing import Annotated, Union
+
+from slicer import (
+    vtkMRMLLinearTransformNode,
+    vtkMRMLMarkupsFiducialNode,
+    vtkMRMLMarkupsNode,
+    vtkMRMLModelNode,
+    vtkMRMLSegmentationNode,
+)
+from slicer.parameterNodeWrapper import Choice, Default, WithinRange, parameterNodeWrapper
+
+FROM_CASE = "recorded case"
+FROM_LANDMARKS = "landmarks in the scene"
+
+
+@parameterNodeWrapper
+class Settings:
+    """Each is bound to the widget with its name as ``SlicerParameterName``; lengths in mm.
+
+    ``fixed_points``: landmarks in the reference, where the scene has them; ``moving_points``: the
+    same ones in coordinates of the robot's base. ``rate``: recording seconds a second.
+    """
+
+    live_config: pathlib.Path
+    replay_case: pathlib.Path
+    registration_source: Annotated[str, Choice([FROM_CASE, FROM_LANDMARKS]), Default(FROM_CASE)]
+    registration_case: pathlib.Path
+    fixed_points: vtkMRMLMarkupsFiducialNode
+    moving_points: vtkMRMLMarkupsFiducialNode
+    # Slicer's wrapper reads typing.Union.
+    tumor: Union[vtkMRMLModelNode, vtkMRMLSegmentationNode, vtkMRMLMarkupsNode]  # noqa: UP007
+    segment: str
+    opacity: Annotated[float, WithinRange(0.0, 1.0), Default(0.4)]
+    stop_mm: Annotated[float, WithinRange(0.0, 100.0), Default(1.0)]
+    warn_mm: Annotated[float, WithinRange(0.0, 200.0), Default(5.0)]
+    patient_to_ras: vtkMRMLLinearTransformNode
+    rate: Annotated[float, WithinRange(0.05, 20.0), Default(1.0)]

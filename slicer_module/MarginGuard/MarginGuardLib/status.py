@@ -1,0 +1,27 @@
+"""All that the panel shows, as one value: made by the logic, written into the widgets."""
+
+from dataclasses import dataclass
+
+from app.fixture import MarginState
+
+
+@dataclass(frozen=True, slots=True)
+class PanelStatus:
+    """``position_s`` is None without a case; ``message`` is the last line about an error or a job.
+
+    ``banner``: state, words and distance as the scene shows them. ``trackers``: a line a transform.
+    """
+
+    state: MarginState
+    banner: str
+    reasons: str
+    trackers: str
+    session: str
+    registration: str
+    message: str
+    position_s: float | None
+    duration_s: float
+    is_live: bool
+    has_session: bool
+    is_playing: bool
+    can_accept: bool

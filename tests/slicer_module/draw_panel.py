@@ -1,0 +1,52 @@
+"""Draws the panel at the recorded case's first breach, with TEST DOUBLES of Slicer's widgets.
+
+    python -m tests.slicer_module.draw_panel docs/images/slicer_panel.png
+
+The picture of docs/slicer.md; to be looked at and made anew when the .ui changes.
+"""
+
+import os
+import sys
+
+os.environ["QT_QPA_PLATFORM"] = "offscreen"
+
+import slicer
+
+from app.scene import SceneApplication
+from tests.slicer_module import qt_double, slicer_double
+from tests.slicer_module.marginguard_module import CASE, FOLDER
+
+BREACH_S = 45.9
+SIZE = (430, 1120)
+
+
+def main(path: str) -> None:
+    """Load the case, seek to its breach, and save the panel as PNG."""
+    application = SceneApplication(slicer.vtkMRMLScene())
+    slicer.mrmlScene = application.scene
+    sys.modules |= slicer_double.stand_ins()
+    gui = qt_double.QApplication([])
+    import MarginGuard
+
+    widget = MarginGuard.MarginGuardWidget(slicer_double.panel_parent(FOLDER))
+    widget.setup()
+    widget.ui.casePathLineEdit.setText(str(CASE.relative_to(CASE.parents[1])))
+    widget.ui.configPathLineEdit.setText("data/live_example/live.yaml")
+    widget.ui.registrationPathLineEdit.setText("data/recorded_case")
+    widget.ui.loadButton.click()
+    while not widget.ui.playButton.isEnabled():
+        widget.spin()
+    widget.ui.registerButton.click()
+    while not widget.ui.acceptButton.isEnabled():
+        widget.spin()
+    widget.ui.seekSlider.setValue(BREACH_S)
+    while not widget.ui.bannerLabel.text().startswith("POSITIVE"):
+        widget.spin()
+    widget.parent.resize(*SIZE)
+    gui.processEvents()
+    widget.parent.grab().save(path)
+    widget.cleanup()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

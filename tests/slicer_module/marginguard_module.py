@@ -1,0 +1,60 @@
+"""Slicer's module MarginGuard in a test: its folder on the path, and desktop Slicer's stand-ins."""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import slicer
+
+FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "MarginGuard"
+UI = FOLDER / "Resources" / "UI" / "MarginGuard.ui"
+CASE = Path(__file__).resolve().parents[2] / "data" / "recorded_case"
+
+if str(FOLDER) not in sys.path:
+    sys.path.insert(0, str(FOLDER))  # as Slicer does with --additional-module-paths
+
+from app.scene import SceneApplication  # noqa: E402
+
+PATIENCE_SPINS = 1500
+"""Of 20 ms each: more than any machine needs."""
+
+
+@pytest.fixture
+def application() -> SceneApplication:
+    """The scene with what markups need of Slicer's application."""
+    return SceneApplication(slicer.vtkMRMLScene())
+
+
+def spin_until(guard: Any, wanted: Callable[[Any], bool]) -> Any:
+    """Spin the logic, which waits for its steps, until a status is wanted."""
+    for _ in range(PATIENCE_SPINS):
+        status = guard.spin(0.02)
+        if wanted(status):
+            return status
+    raise AssertionError(f"in vain: {status}")
+
+
+@pytest.fixture(scope="module")
+def desktop() -> Iterator[ModuleType]:
+    """The module's file, loaded with TEST DOUBLES for what only desktop Slicer has."""
+    qt_double = pytest.importorskip(
+        "tests.slicer_module.qt_double",
+        reason="PySide6 cannot be loaded: apt install libegl1 libxkbcommon0 libfontconfig1",
+        exc_type=ImportError,
+    )
+    from tests.slicer_module import slicer_double
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("QT_QPA_PLATFORM", "offscreen")
+        application = qt_double.QApplication.instance() or qt_double.QApplication([])
+        for name, module in slicer_double.stand_ins().items():
+            patch.setitem(sys.modules, name, module)
+        import MarginGuard
+
+        yield MarginGuard
+        application.processEvents()
+        for name in ("MarginGuard", "MarginGuardLib.settings"):
+            sys.modules.pop(name, None)

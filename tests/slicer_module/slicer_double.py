@@ -1,0 +1,256 @@
+"""TEST DOUBLE for what desktop Slicer's Python has and the wheels have not.
+
+``slicer.ScriptedLoadableModule``, ``slicer.parameterNodeWrapper``, ``slicer.mrmlScene``; the scene,
+its nodes and ``slicer.util`` are the real ones. Only what our modules use is here.
+"""
+
+import pathlib
+import typing
+import unittest
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import slicer
+from PySide6 import QtWidgets
+from vtkmodules.vtkCommonCore import vtkCommand
+
+from tests.slicer_module.qt_double import (
+    ctk,
+    ctkPathLineEdit,
+    ctkSliderWidget,
+    qMRMLNodeComboBox,
+    qMRMLWidget,
+    qt,
+)
+
+
+class ScriptedLoadableModule:
+    def __init__(self, parent: Any) -> None:
+        self.parent = parent
+
+
+class ScriptedLoadableModuleWidget:
+    """``parent`` is a qMRMLWidget with a layout and the path of the module, as in Slicer."""
+
+    def __init__(self, parent: Any) -> None:
+        super().__init__()
+        self.parent = parent
+        self.layout = parent.layout()
+
+    def resourcePath(self, name: str) -> str:  # noqa: N802
+        return str(self.parent.folder / "Resources" / name)
+
+    def setup(self) -> None:
+        """Slicer puts its developer section here."""
+
+
+class ScriptedLoadableModuleLogic:
+    def getParameterNode(self) -> Any:  # noqa: N802
+        scene, name = slicer.mrmlScene, type(self).__name__.removesuffix("Logic")
+        node = scene.GetSingletonNode(name, "vtkMRMLScriptedModuleNode")
+        if node is None:
+            node = slicer.vtkMRMLScriptedModuleNode()
+            node.SetSingletonTag(name)
+            node.SetModuleName(name)
+            node = scene.AddNode(node)
+        return node
+
+
+class ScriptedLoadableModuleTest(unittest.TestCase):
+    def delayDisplay(self, text: str) -> None:  # noqa: N802
+        """Slicer shows ``text`` for a moment."""
+
+
+def panel_parent(folder: Path) -> qMRMLWidget:
+    """What Slicer hands to a module's widget."""
+    parent = qMRMLWidget()
+    QtWidgets.QVBoxLayout(parent)
+    parent.folder = folder
+    return parent
+
+
+@dataclass(frozen=True)
+class Default:
+    value: Any
+
+
+@dataclass(frozen=True)
+class Choice:
+    choices: list[Any]
+
+
+@dataclass(frozen=True)
+class WithinRange:
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True)
+class _Parameter:
+    """A parameter's name, its plain type (a tuple of classes for nodes), what annotates it."""
+
+    name: str
+    kind: Any
+    notes: tuple[Any, ...]
+
+    def note(self, wanted: type) -> Any:
+        return next((note for note in self.notes if isinstance(note, wanted)), None)
+
+    @property
+    def is_node(self) -> bool:
+        return isinstance(self.kind, tuple)
+
+    def default(self) -> Any:
+        given = self.note(Default)
+        if given is not None:
+            return given.value
+        return self.kind()
+
+    def read(self, node: Any) -> Any:
+        if self.is_node:
+            return node.GetNodeReference(self.name)
+        if not node.GetParameter(self.name):  # Slicer's wrapper writes the default back, too
+            self.write(node, self.default())
+        return self.kind(node.GetParameter(self.name))
+
+    def write(self, node: Any, value: Any) -> None:
+        if self.is_node:
+            assert value is None or isinstance(value, self.kind), value
+            node.SetNodeReferenceID(self.name, None if value is None else value.GetID())
+            return
+        assert isinstance(value, self.kind), (self.name, value)
+        choice, limits = self.note(Choice), self.note(WithinRange)
+        assert choice is None or value in choice.choices, (self.name, value)
+        assert limits is None or limits.minimum <= value <= limits.maximum, (self.name, value)
+        node.SetParameter(self.name, str(value))
+
+
+def _parameter(name: str, hint: Any) -> _Parameter:
+    notes: tuple[Any, ...] = ()
+    if typing.get_origin(hint) is typing.Annotated:
+        hint, *rest = typing.get_args(hint)
+        notes = tuple(rest)
+    kinds = typing.get_args(hint) if typing.get_origin(hint) is typing.Union else (hint,)
+    if all(issubclass(kind, slicer.vtkMRMLNode) for kind in kinds):
+        return _Parameter(name, kinds, notes)
+    if hint not in (str, float, pathlib.Path):
+        raise TypeError(f"{name}: {hint} cannot be kept in a parameter node here")
+    return _Parameter(name, hint, notes)
+
+
+class _Binding:
+    """A widget and a parameter; the pairs are those that Slicer's own connectors can join."""
+
+    def __init__(self, widget: Any, parameter: _Parameter, node: Any) -> None:
+        self.widget, self.parameter, self.node = widget, parameter, node
+        kind = type(widget)
+        if parameter.is_node and kind is qMRMLNodeComboBox:
+            widget.setProperty("nodeTypes", [each.__name__ for each in parameter.kind])
+            self.changed = widget.currentNodeChanged
+            self.read, self.write = widget.currentNode, widget.setCurrentNode
+        elif parameter.kind is pathlib.Path and kind is ctkPathLineEdit:
+            self.changed = widget.currentPathChanged
+            self.read = lambda: pathlib.Path(widget.currentPath)
+            self.write = lambda value: widget.setProperty("currentPath", str(value))
+        elif parameter.kind is str and kind is QtWidgets.QLineEdit:
+            self.changed, self.read, self.write = widget.textChanged, widget.text, widget.setText
+        elif parameter.kind is str and kind is QtWidgets.QComboBox and parameter.note(Choice):
+            widget.clear()
+            widget.addItems(parameter.note(Choice).choices)
+            self.changed, self.read = widget.currentIndexChanged, widget.currentText
+            self.write = widget.setCurrentText
+        elif parameter.kind is float and kind in (QtWidgets.QDoubleSpinBox, ctkSliderWidget):
+            limits = parameter.note(WithinRange)
+            if limits is None:
+                raise RuntimeError(f"{parameter.name}: a range is wanted for {kind.__name__}")
+            widget.setProperty("minimum", limits.minimum)
+            widget.setProperty("maximum", limits.maximum)
+            self.changed, self.write = widget.valueChanged, widget.setValue
+            self.read = lambda: widget.property("value")
+        else:
+            raise RuntimeError(f"{kind.__name__} cannot show {parameter.name}: {parameter.kind}")
+        self.write(parameter.read(node))
+        self.changed.connect(self.take)
+
+    def take(self, *_: Any) -> None:
+        self.parameter.write(self.node, self.read())
+
+    def close(self) -> None:
+        self.changed.disconnect(self.take)
+
+
+def parameter_node_wrapper_class(classtype: type) -> type:
+    """Turns a class of annotations into one whose attributes live in a parameter node."""
+    hints = typing.get_type_hints(classtype, include_extras=True)
+    parameters = {name: _parameter(name, hint) for name, hint in hints.items()}
+
+    def init(self: Any, node: Any) -> None:
+        self.parameterNode, self._bindings = node, []
+        for parameter in parameters.values():
+            parameter.read(node)
+
+    def connect_gui(self: Any, gui: Any) -> int:
+        bound = []
+        for widget in vars(gui).values():
+            name = widget.property("SlicerParameterName")
+            if name:
+                bound.append(_Binding(widget, parameters[name], self.parameterNode))
+
+        def follow(*_: Any) -> None:
+            for each in bound:
+                if each.read() != each.parameter.read(self.parameterNode):
+                    each.write(each.parameter.read(self.parameterNode))
+
+        tag = self.parameterNode.AddObserver(vtkCommand.ModifiedEvent, follow)
+        self._bindings.append((bound, tag))
+        return len(self._bindings) - 1
+
+    def disconnect_gui(self: Any, number: int) -> None:
+        bound, tag = self._bindings[number]
+        self.parameterNode.RemoveObserver(tag)
+        for each in bound:
+            each.close()
+
+    def attribute(parameter: _Parameter) -> property:
+        return property(
+            lambda self: parameter.read(self.parameterNode),
+            lambda self, value: parameter.write(self.parameterNode, value),
+        )
+
+    members = {name: attribute(parameter) for name, parameter in parameters.items()}
+    members |= {"__init__": init, "connectGui": connect_gui, "disconnectGui": disconnect_gui}
+    return type(classtype.__name__, (), members | {"__doc__": classtype.__doc__})
+
+
+def _module(name: str, **members: Any) -> ModuleType:
+    module = ModuleType(name)
+    vars(module).update(members)
+    return module
+
+
+scripted_loadable_module = _module(
+    "slicer.ScriptedLoadableModule",
+    ScriptedLoadableModule=ScriptedLoadableModule,
+    ScriptedLoadableModuleWidget=ScriptedLoadableModuleWidget,
+    ScriptedLoadableModuleLogic=ScriptedLoadableModuleLogic,
+    ScriptedLoadableModuleTest=ScriptedLoadableModuleTest,
+)
+parameter_node_wrapper = _module(
+    "slicer.parameterNodeWrapper",
+    Choice=Choice,
+    Default=Default,
+    WithinRange=WithinRange,
+    parameterNodeWrapper=parameter_node_wrapper_class,
+)
+
+
+def stand_ins() -> dict[str, Any]:
+    """Every module of desktop Slicer that is stood in for, by its name."""
+    return {
+        "qt": qt,
+        "ctk": ctk,
+        "slicer.ScriptedLoadableModule": scripted_loadable_module,
+        "slicer.parameterNodeWrapper": parameter_node_wrapper,
+    }

@@ -1,0 +1,145 @@
+"""``marginguard slicer``, with a stand-in for Slicer: a script that prints what it was given."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from app.cli.commands.slicer import HOOK_DONE, slicer_environment
+from app.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULES = [str(ROOT / "slicer_module" / name) for name in ("MarginGuard", "ROS2")]
+OURS = f"{sys.version_info.major}.{sys.version_info.minor}"
+STAND_IN = f"""#!{sys.executable} -S
+# STAND-IN for desktop Slicer's program.
+import json, os, sys
+print(json.dumps({{"arguments": sys.argv[1:], "environment": dict(os.environ)}}))
+sys.exit(7)
+"""
+
+
+@pytest.fixture
+def install(tmp_path):
+    """``install(version)``: a folder laid out as Slicer's, its Python of that version."""
+
+    def make(version=f"Python {OURS}.4", where="bin"):
+        program = tmp_path / "Slicer-5" / "Slicer"
+        (program.parent / where).mkdir(parents=True, exist_ok=True)
+        program.write_text(STAND_IN)
+        program.chmod(0o755)
+        if version is not None:
+            python = program.parent / where / "PythonSlicer"
+            python.write_text(f"#!/bin/sh\necho '{version}'\n")
+            python.chmod(0o755)
+        return program
+
+    return make
+
+
+def started(program, *arguments, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "app.cli", "slicer", "--slicer", str(program), *arguments],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, **environment},
+    )
+
+
+def test_slicer_is_started_with_the_modules_and_the_environment(install):
+    done = started(
+        install(), "--", "--no-splash", PYTHONPATH="/mine", LD_LIBRARY_PATH="/lib/of/mine"
+    )
+    assert done.returncode == 7, done.stderr  # Slicer's own
+    told = json.loads(done.stdout)
+    assert told["arguments"] == ["--additional-module-paths", *MODULES, "--no-splash"]
+    environment = told["environment"]
+    assert environment[HOOK_DONE] == "1"
+    libraries = environment["LD_LIBRARY_PATH"].split(os.pathsep)
+    assert libraries[0] == str(Path(sys.prefix) / "lib")
+    assert "/lib/of/mine" in libraries
+    assert environment["PYTHONPATH"].split(os.pathsep) == [
+        "/mine",
+        str(ROOT),
+        sysconfig.get_path("purelib"),
+    ]
+    assert done.stderr == ""
+
+
+def test_another_python_finds_ros_and_marginguard_by_that_environment_alone():
+    """``-S`` reads no .pth file, as a Python inside of another program does not."""
+    environment = slicer_environment({})
+    code = "import rclpy, app.bridge.control, marginguard_msgs.msg; print(app.__file__)"
+    done = subprocess.run(
+        [sys.base_prefix + f"/bin/python{OURS}", "-S", "-c", code],
+        capture_output=True,
+        text=True,
+        cwd="/",
+        env=environment,
+    )
+    assert done.stdout.strip() == str(ROOT / "app" / "__init__.py"), done.stderr
+
+
+def test_print_shows_a_command_that_a_shell_can_run(install):
+    program = install()
+    shown = started(program, "--print")
+    assert shown.returncode == 0
+    assert shlex.split(shown.stdout)[0] == "env"
+    done = subprocess.run(shown.stdout, shell=True, capture_output=True, text=True)
+    assert done.returncode == 7
+    told = json.loads(done.stdout)
+    assert told["arguments"] == ["--additional-module-paths", *MODULES]
+    assert told["environment"][HOOK_DONE] == "1"
+
+
+@pytest.mark.parametrize(
+    ("version", "message"),
+    [
+        ("Python 3.9.10", "has Python 3.9, these packages are for"),
+        ("nonsense", "says 'nonsense': 'Python "),
+    ],
+)
+def test_a_python_that_does_not_fit_is_one_line(install, capsys, version, message):
+    assert main(["slicer", "--slicer", str(install(version)), "--print"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_python_beside_the_program_counts_too(install, capsys):
+    program = install("Python 2.7.1", where=".")
+    assert main(["slicer", "--slicer", str(program), "--print"]) == 2
+    assert "has Python 2.7" in capsys.readouterr().err
+
+
+def test_a_python_that_is_not_found_is_said(install, capsys):
+    assert main(["slicer", "--slicer", str(install(None)), "--print"]) == 0
+    assert "was not checked" in capsys.readouterr().err
+
+
+def test_what_is_no_program_is_refused(install, tmp_path, capsys):
+    plain = tmp_path / "plain"
+    plain.write_text("not a program")
+    for path, message in (
+        (tmp_path / "missing", "no such file"),
+        (tmp_path, "is a folder"),
+        (plain, "cannot be executed"),
+    ):
+        assert main(["slicer", "--slicer", str(path)]) == 2
+        err = capsys.readouterr().err
+        assert message in err
+        assert str(path) in err
+        assert err.count("\n") == 1
+
+
+def test_an_installation_without_the_checkout_says_so(install, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("app.cli.commands.slicer.CHECKOUT", tmp_path)
+    assert main(["slicer", "--slicer", str(install()), "--print"]) == 2
+    assert "the modules are in a checkout of the project" in capsys.readouterr().err

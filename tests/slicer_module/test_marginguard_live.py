@@ -1,0 +1,79 @@
+"""The module's live session in this process, with a tracker in another one."""
+
+import signal
+
+import pytest
+
+from app.fixture import MarginState
+from app.geometry import MarginGuardError
+from tests.bridge.conftest import StartReceiver as StartReceiver
+from tests.bridge.live.conftest import breach as breach
+from tests.bridge.live.conftest import frames_file as frames_file
+from tests.bridge.live.conftest import live_yaml as live_yaml
+from tests.bridge.live.conftest import start as start
+from tests.bridge.live.test_live_command import SENDER, TRACKED
+from tests.ros_domain import domain_id as domain_id
+from tests.slicer_module.marginguard_module import application as application
+from tests.slicer_module.marginguard_module import spin_until
+
+from MarginGuardLib.logic import GuardLogic  # isort: skip
+
+
+@pytest.fixture
+def guard(application, domain_id):
+    logic = GuardLogic(application.scene)
+    yield logic
+    logic.close()
+
+
+def tumor_color(application):
+    return application.scene.GetFirstNodeByName("Tumor").GetDisplayNode().GetColor()
+
+
+def test_a_tracker_that_dies_turns_the_tumour_grey_until_somebody_rearms(
+    guard, application, start, frames_file, live_yaml
+):
+    guard.connect(live_yaml(TRACKED))
+    assert guard.spin().session == "connecting ..."
+    with pytest.raises(MarginGuardError, match="no case is loaded"):
+        guard.pause()
+    sender = start(str(SENDER), str(frames_file), "tracked", "again")
+    status = spin_until(guard, lambda now: now.state is MarginState.POSITIVE)
+    assert status.is_live
+    assert tumor_color(application) == MarginState.POSITIVE.color
+    assert "CauteryToTracker: valid" in status.trackers
+
+    with pytest.raises(MarginGuardError, match="warn_mm 5 is not more than stop_mm 9"):
+        guard.set_margins(9.0, 5.0)
+    guard.set_margins(1.5, 6.0)
+    assert (guard.margins().stop_mm, guard.margins().warn_mm) == (1.5, 6.0)
+
+    sender.end(signal.SIGKILL)
+    status = spin_until(guard, lambda now: now.state is MarginState.UNKNOWN)
+    assert tumor_color(application) == MarginState.UNKNOWN.color
+    assert "stale" in status.reasons
+    with pytest.raises(MarginGuardError, match="UNKNOWN"):
+        guard.rearm()
+
+    start(str(SENDER), str(frames_file), "tracked", "again")
+    status = spin_until(
+        guard, lambda now: now.state is not MarginState.UNKNOWN and "latched" in now.reasons
+    )
+    guard.rearm()
+    spin_until(
+        guard, lambda now: now.state is not MarginState.UNKNOWN and "latched" not in now.reasons
+    )
+
+    guard.disconnect()
+    status = spin_until(guard, lambda now: now.state is MarginState.UNKNOWN)
+    assert not status.has_session
+    assert status.session == "live session has ended"
+    assert tumor_color(application) == MarginState.UNKNOWN.color
+
+
+def test_a_configuration_that_is_wrong_is_one_line(guard, tmp_path):
+    guard.connect(tmp_path / "live.yaml")
+    status = spin_until(guard, lambda now: now.message)
+    assert status.message == f"{tmp_path / 'live.yaml'} is no live configuration: no such file"
+    with pytest.raises(MarginGuardError, match="there is no session"):
+        guard.set_margins(1.0, 5.0)

@@ -1,0 +1,130 @@
+"""The small pieces of the module's logic."""
+
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from app.fixture import MarginState
+from app.geometry import InputError
+from tests.slicer_module.marginguard_module import FOLDER
+
+from MarginGuardLib import installation  # isort: skip
+from MarginGuardLib.alarm import REPEAT_NS, Alarm  # isort: skip
+from MarginGuardLib.jobs import Jobs  # isort: skip
+from MarginGuardLib.tumor_input import surface_of  # isort: skip
+
+POSITIVE, WARNING = MarginState.POSITIVE, MarginState.WARNING
+
+
+def test_the_alarm_sounds_at_once_and_then_now_and_then():
+    alarm = Alarm()
+    assert not alarm.due(WARNING, 0)
+    assert not alarm.due(MarginState.UNKNOWN, 0)
+    assert alarm.due(POSITIVE, 5)
+    assert not alarm.due(POSITIVE, 4 + REPEAT_NS)
+    assert alarm.due(POSITIVE, 5 + REPEAT_NS)
+    assert not alarm.due(WARNING, 6 + REPEAT_NS)
+    assert alarm.due(POSITIVE, 7 + REPEAT_NS)  # another breach
+
+
+def test_a_muted_alarm_sounds_as_soon_as_it_is_not_muted_any_more():
+    alarm = Alarm()
+    alarm.muted = True
+    assert not alarm.due(POSITIVE, 0)
+    alarm.muted = False
+    assert alarm.due(POSITIVE, 1)
+
+
+@pytest.fixture
+def jobs():
+    jobs = Jobs()
+    yield jobs
+    jobs.close()
+
+
+def test_a_job_is_done_elsewhere_and_its_result_is_taken_here(jobs):
+    threads = []
+    go_on = threading.Event()
+
+    def work():
+        go_on.wait()
+        threads.append(threading.current_thread())
+        return 7
+
+    taken = []
+    jobs.begin("counting", work, lambda number: taken.append((number, threading.current_thread())))
+    assert jobs.at_work == "counting"
+    assert jobs.collect() == ""
+    assert taken == []
+    go_on.set()
+    jobs.wait(60.0)
+    assert jobs.collect() == ""
+    assert taken == [(7, threading.current_thread())]
+    assert threads != [threading.current_thread()]
+    assert jobs.at_work == ""
+
+
+def test_a_job_that_fails_is_one_line_and_the_next_one_is_done(jobs):
+    def refuse():
+        raise InputError("this\nand that")
+
+    taken = []
+    jobs.begin("first", refuse, taken.append)
+    jobs.begin("second", lambda: 2, taken.append)
+    jobs.wait(60.0)
+    said = jobs.collect()
+    while jobs.at_work:
+        jobs.wait(60.0)
+        said = jobs.collect() or said
+    assert said == "first: this and that"
+    assert taken == [2]
+
+
+def test_segments_and_points_mark_a_tumour(monkeypatch):
+    import numpy as np
+    import slicer
+
+    from app.scene import SceneApplication, SceneError
+
+    scene = SceneApplication(slicer.vtkMRMLScene()).scene
+    frame = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+    points = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    corners = 10.0 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    for point in corners:
+        points.AddControlPoint(point.tolist())
+    around = surface_of(points, "", "tumor", frame)
+    assert around.frame == "tumor"
+    assert around.open_edges() == 0
+    assert np.linalg.norm(around.vertices_mm, axis=1) == pytest.approx(10.0, abs=0.1)
+
+    segmentation = scene.AddNewNodeByClass("vtkMRMLSegmentationNode", "Parts")
+    with pytest.raises(SceneError, match="'Parts' has 0 segments: the name of one wanted"):
+        surface_of(segmentation, "", "tumor", frame)
+    with pytest.raises(SceneError, match="vtkMRMLLinearTransformNode"):
+        surface_of(frame, "", "tumor", frame)
+
+
+def test_this_installation_can_run_the_module():
+    assert installation.why_not() == ""
+
+
+def test_a_slicer_whose_python_is_too_old_says_so(monkeypatch):
+    monkeypatch.setattr(sys, "version_info", (3, 9, 10, "final", 0))
+    assert installation.why_not() == "MarginGuard needs Python 3.11 or later, this Slicer has 3.9"
+
+
+def test_a_slicer_that_was_started_without_the_environment_says_how():
+    code = "from MarginGuardLib.installation import why_not; print(why_not())"
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=FOLDER,
+        env={"PATH": "/usr/bin"},
+        check=True,
+    )
+    assert done.stdout.startswith("MarginGuard cannot be loaded (No module named 'app')")
+    assert "marginguard slicer --slicer PATH" in done.stdout
+    assert done.stdout.count("\n") == 1

@@ -1,0 +1,333 @@
+"""The recorded case through the module's logic, on the real MRML, beside what a replay writes."""
+
+import csv
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import slicer
+
+from app.cli.main import main
+from app.fixture import MarginState
+from app.geometry import MarginGuardError
+from app.scene import Preset
+from tests.slicer_module.marginguard_module import CASE, spin_until
+from tests.slicer_module.marginguard_module import application as application
+
+from MarginGuardLib.logic import GuardLogic  # isort: skip
+from MarginGuardLib.replay_steps import open_recorded  # isort: skip
+from MarginGuardLib.run import Run  # isort: skip
+
+GREY, RED = (0.5, 0.5, 0.5), (1.0, 0.0, 0.0)
+WHOLE_CASE = 3741
+
+
+class ClockDouble:
+    """TEST DOUBLE of the host's clock: stands still until it is moved."""
+
+    def __init__(self):
+        self.ns = 0
+
+    def __call__(self):
+        return self.ns
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    """``margin.csv`` of the case, as ``marginguard replay`` writes it, by the second."""
+    folder = tmp_path_factory.mktemp("report")
+    assert main(["replay", str(CASE), "--no-ros", "--report", str(folder)]) == 0
+    with (folder / "margin.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == WHOLE_CASE
+    return {round(float(row["t_s"]), 3): row for row in rows}
+
+
+@pytest.fixture(scope="module")
+def opened():
+    return open_recorded(CASE)
+
+
+@pytest.fixture
+def clock():
+    return ClockDouble()
+
+
+@pytest.fixture
+def guard(application, opened, clock, monkeypatch):
+    """The logic with the case loaded, paused at its beginning; nothing ages by itself."""
+    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened)
+    logic = GuardLogic(application.scene, clock)
+    logic.load_case(CASE)
+    spin_until(logic, at(0.0))
+    yield logic
+    logic.close()
+
+
+def at(seconds):
+    """Whether a status shows the first frame from ``seconds`` on."""
+    return lambda status: (
+        status.position_s is not None and 0.0 <= status.position_s - seconds < 0.0201
+    )
+
+
+def tumor_color(application):
+    return application.scene.GetFirstNodeByName("Tumor").GetDisplayNode().GetColor()
+
+
+def line(application):
+    return application.scene.GetFirstNodeByName("ClosestPoints").GetDisplayNode()
+
+
+@pytest.mark.parametrize(
+    "seconds",
+    [5.0, 22.3, 25.95, 45.9, 52.5, 61.0, 70.7],
+    ids=["clear", "invalid", "silent", "breach", "missing", "shaft", "shaft deep"],
+)
+def test_a_moment_has_the_nodes_of_its_row(guard, application, rows, seconds):
+    guard.seek(seconds)
+    status = spin_until(guard, at(seconds))
+    row = rows[round(status.position_s, 3)]
+    known = row["state"] != "UNKNOWN"
+    state = MarginState[row["state"]]
+    assert status.state is state
+    assert tumor_color(application) == state.color
+    assert line(application).GetVisibility() == known
+    assert status.banner == application.scene.GetFirstNodeByName("MarginStatus").GetText()
+    if not known:
+        return
+    said_mm = float(status.banner.split(", ")[1].removesuffix(" mm"))
+    assert said_mm == pytest.approx(float(row["signed_distance_mm"]), abs=0.06)
+    # The tip in the tumour's coordinates, through the scene's own transforms.
+    tip, tumor = (
+        application.scene.GetFirstNodeByName(name)
+        for name in ("CauteryTipToCautery", "TumorToNeedle")
+    )
+    found = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)
+    between = np.linalg.inv(slicer.util.arrayFromTransformMatrix(tumor, toWorld=True)) @ found
+    assert between[:3, 3] == pytest.approx(
+        [float(row[f"tip_{axis}_mm"]) for axis in "xyz"], abs=1e-6
+    )
+
+
+def test_frame_by_frame_each_state_is_that_of_the_replay(guard, application, rows):
+    guard.seek(45.5)
+    status = spin_until(guard, at(45.5))
+    seen = []
+    for _ in range(80):  # into the first breach and out of it
+        before = status.position_s
+        guard.step()
+        status = spin_until(guard, lambda now, before=before: now.position_s > before)
+        seen.append(status.state)
+        assert status.state.name == rows[round(status.position_s, 3)]["state"], status
+        assert tumor_color(application) == status.state.color
+    assert {MarginState.WARNING, MarginState.POSITIVE} <= set(seen)
+    markers = application.scene.GetFirstNodeByName("BreachMarkers")
+    assert markers.GetNumberOfControlPoints() > 0
+
+
+def test_at_the_end_time_goes_on_and_the_tumour_turns_grey(guard, application, clock):
+    guard.seek(75.3)
+    spin_until(guard, at(75.3))
+    assert tumor_color(application) != GREY
+    guard.play()
+    status = spin_until(guard, lambda now: not now.has_session)
+    assert status.session.endswith("ended")
+    clock.ns += 61_000_000  # the case says 60 ms
+    status = guard.spin(0.0)
+    assert status.state is MarginState.UNKNOWN
+    assert status.banner.startswith("UNKNOWN: not to be trusted, data 0.1 s old")
+    assert status.reasons == "stale"
+    assert tumor_color(application) == GREY
+    guard.play()  # from the beginning
+    spin_until(guard, lambda now: now.is_playing and now.position_s < 5.0)
+
+
+def test_a_paused_recording_does_not_age_but_one_that_plays_and_stops_delivering_does(
+    guard, application, clock
+):
+    guard.seek(45.9)
+    spin_until(guard, at(45.9))
+    clock.ns += 10_000_000_000
+    guard.spin(0.0)
+    assert tumor_color(application) == RED
+
+    with guard._run.steps.between_steps():  # the worker cannot step: it has stopped delivering
+        guard.play()
+        clock.ns += 61_000_000
+        status = guard.spin(0.0)
+        assert status.state is MarginState.UNKNOWN
+        assert tumor_color(application) == GREY
+        assert not line(application).GetVisibility()
+        assert "stale" in status.trackers
+    spin_until(guard, lambda now: now.state is MarginState.POSITIVE)
+
+
+def test_margins_are_changed_whole_or_not_at_all_and_stay_through_a_seek(guard, application):
+    guard.seek(5.0)
+    assert spin_until(guard, at(5.0)).state is MarginState.NEGATIVE
+    with pytest.raises(MarginGuardError, match="warn_mm 5 is not more than stop_mm 9"):
+        guard.set_margins(9.0, 5.0)
+    assert guard.margins().stop_mm == 1.0
+    guard.set_margins(2.0, 150.0)
+    guard.step()
+    spin_until(guard, lambda now: now.state is MarginState.WARNING)
+    guard.seek(6.0)
+    assert spin_until(guard, at(6.0)).state is MarginState.WARNING
+    assert guard.margins().warn_mm == 150.0
+
+
+def test_a_model_becomes_the_tumour(guard, application):
+    """A ball around the tool's tip: the tool is in it, where it was clear before."""
+    from vtkmodules.vtkFiltersSources import vtkSphereSource
+
+    guard.seek(5.0)
+    spin_until(guard, at(5.0))
+    ball = vtkSphereSource()
+    ball.SetRadius(8.0)
+    ball.SetThetaResolution(24)
+    ball.SetPhiResolution(24)
+    tip = application.scene.GetFirstNodeByName("CauteryTipToCautery")
+    ball.SetCenter(slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3])
+    ball.Update()
+    model = application.scene.AddNewNodeByClass("vtkMRMLModelNode", "Ball")
+    model.SetAndObservePolyData(ball.GetOutput())
+    with pytest.raises(MarginGuardError, match="no node is chosen as tumour"):
+        guard.set_tumor(None)
+    guard.set_tumor(model)
+    guard.step()
+    status = spin_until(guard, lambda now: "sha256" in now.message)
+    guard.step()
+    status = spin_until(guard, lambda now: now.state is not MarginState.UNKNOWN)
+    assert status.state is MarginState.POSITIVE
+    shown = application.scene.GetFirstNodeByName("Tumor")
+    bounds = np.reshape(shown.GetPolyData().GetBounds(), (3, 2))
+    assert bounds[:, 1] - bounds[:, 0] == pytest.approx(16.0, abs=0.3)
+    # Its latched hold is the operator's to end.
+    assert "latched" in status.reasons
+    guard.rearm()
+    before = status.position_s
+    guard.step()
+    status = spin_until(guard, lambda now: now.position_s > before)
+    assert "latched" not in status.reasons
+
+
+def test_a_rearm_needs_a_margin_that_is_known(guard):
+    guard.seek(22.3)
+    spin_until(guard, at(22.3))
+    with pytest.raises(MarginGuardError, match="the margin that is shown is UNKNOWN"):
+        guard.rearm()
+
+
+def test_registrations_from_the_case_and_from_landmarks_agree(guard, application, opened):
+    guard.register_case(CASE)
+    status = spin_until(guard, lambda now: now.can_accept)
+    assert status.registration.startswith("paired points, 8 points, FRE 0.")
+    known = opened.setup.robot.registration.transform
+    assert guard.candidate.transform.translation_mm == pytest.approx(known.translation_mm)
+    guard.accept_registration()
+    with pytest.raises(MarginGuardError, match="no registration to accept"):
+        guard.accept_registration()
+
+    base_mm = np.array([[0, 0, 0], [90, 0, 0], [0, 80, 0], [0, 0, 70], [60, 60, 10.0]])
+    lists = {
+        "in_reference": known.apply(base_mm),
+        "in_base": base_mm,
+    }
+    nodes = []
+    for name, points_mm in lists.items():
+        node = application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", name)
+        for point in points_mm:
+            node.AddControlPoint(point.tolist())
+        nodes.append(node)
+    with pytest.raises(MarginGuardError, match="two lists of landmarks are wanted"):
+        guard.register_landmarks(nodes[0], None)
+    guard.register_landmarks(*nodes)
+    assert guard.candidate.accepted, guard.candidate.reason
+    assert guard.candidate.transform.matrix == pytest.approx(known.matrix, abs=1e-6)
+
+
+def test_views_opacity_and_the_patients_place(guard, application):
+    with pytest.raises(MarginGuardError, match="no 3D view"):
+        guard.look(Preset.ANTERIOR)
+    camera = application.scene.AddNewNodeByClass("vtkMRMLCameraNode")
+    guard.look(Preset.SUPERIOR)
+    towards = np.array(camera.GetPosition()) - np.array(camera.GetFocalPoint())
+    assert towards / np.linalg.norm(towards) == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+    guard.seek(5.0)
+    spin_until(guard, at(5.0))
+    guard.follow_tool(True)
+    tip = application.scene.GetFirstNodeByName("CauteryTipToCautery")
+    here = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
+    assert camera.GetFocalPoint() == pytest.approx(here, abs=1e-6)
+    guard.seek(45.9)
+    spin_until(guard, at(45.9))
+    there = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
+    assert np.linalg.norm(there - here) > 10.0
+    assert camera.GetFocalPoint() == pytest.approx(there, abs=1e-6)
+    guard.look(Preset.LEFT)
+    assert not guard.is_following
+
+    guard.set_opacity(0.9)
+    tumor = application.scene.GetFirstNodeByName("Tumor")
+    assert tumor.GetDisplayNode().GetOpacity() == 0.9
+    patient = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+    slicer.util.updateTransformMatrixFromArray(
+        patient, np.block([[np.eye(3), np.array([[100.0], [0], [0]])], [0, 0, 0, 1]])
+    )
+    guard.set_patient_to_ras(patient)
+    moved = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
+    assert moved - there == pytest.approx([100.0, 0.0, 0.0], abs=1e-9)
+    assert spin_until(guard, at(45.9)).state is MarginState.POSITIVE  # a display matter only
+    guard.set_patient_to_ras(None)
+    assert slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3] == pytest.approx(there)
+
+
+def test_what_cannot_be_is_refused_and_what_fails_later_is_one_line(guard, application, tmp_path):
+    for command, message in (
+        (lambda: guard.seek(76.0), "0 to 75.4 s wanted"),
+        (lambda: guard.set_rate(-1.0), "rate -1.0"),
+        (lambda: guard.load_case(tmp_path / "none"), "no such folder"),
+    ):
+        with pytest.raises(MarginGuardError, match=message):
+            command()
+    guard.register_case(tmp_path)
+    status = spin_until(guard, lambda now: "..." not in now.message and now.message)
+    assert status.message.startswith("registering: ")
+    assert "\n" not in status.message
+
+
+def test_nothing_is_left_in_the_scene(guard, application):
+    before = {"Selection", "Interaction", "SubjectHierarchy"}
+    guard.close()
+    scene = application.scene
+    names = {scene.GetNthNode(place).GetName() for place in range(scene.GetNumberOfNodes())}
+    assert names <= before
+
+
+def test_a_run_that_fails_says_so_and_what_it_showed_ages(clock):
+    class FailingSteps:
+        """TEST DOUBLE: a session that breaks."""
+
+        changes = None
+
+        def steps(self):
+            raise ValueError("broken\ninside")
+            yield
+
+        def halt(self):
+            pass
+
+        @contextmanager
+        def between_steps(self):
+            yield None
+
+        def pace(self):
+            return 0.0
+
+    run = Run(FailingSteps(), clock)
+    run.stop()
+    assert run.is_over
+    assert run.failure == "unexpected ValueError: broken inside (the log has all of it)"
+    assert run.newest(0.0) is None
