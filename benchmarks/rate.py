@@ -29,6 +29,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from app.bridge.environment import prepare_environment
+
 RATE_HZ = 1000
 LEAST_MEAN_HZ = 999.0
 MOST_GAP_MS = 10.0
@@ -126,6 +128,7 @@ def run(seconds: float, case: Path) -> Figures:
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
     }
+    prepare_environment(environment)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
 

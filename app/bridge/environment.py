@@ -18,16 +18,23 @@ import os
 from collections.abc import Mapping, MutableMapping
 
 DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _HOOK_VARIABLES = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
 
 
 def prepare_environment(environment: MutableMapping[str, str] | None = None) -> str:
     """Keep discovery on this machine unless the user chose a range; return one line for the log.
 
+    Messages go by UDP alone, unless the user chose otherwise. With Fast DDS 2.14's shared memory a
+    peer that is killed can crash the others when they close: the thread that listens makes a
+    damaged port anew while the one that closes waits for its old mutex.
+
     Must be called before the first `app.bridge.node.RosNode` of the process, because ROS reads the
-    variable when a context starts. An empty variable counts as unset, as it does for ROS.
+    variables when a context starts. An empty variable counts as unset, as it does for ROS.
     """
     variables = os.environ if environment is None else environment
+    if not variables.get(TRANSPORTS, ""):
+        variables[TRANSPORTS] = "UDPv4"
     chosen = variables.get(DISCOVERY_RANGE, "")
     if chosen:
         return f"ROS discovery range is {chosen}, as {DISCOVERY_RANGE} asks"

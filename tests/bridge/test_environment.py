@@ -21,14 +21,25 @@ def test_discovery_stays_on_this_machine_by_default(given):
 
 @pytest.mark.parametrize("choice", ["SUBNET", "OFF", "SYSTEM_DEFAULT", "LOCALHOST"])
 def test_the_choice_of_the_user_wins(choice):
-    variables = {"ROS_AUTOMATIC_DISCOVERY_RANGE": choice}
+    variables = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": choice,
+        "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT",
+    }
+    given = dict(variables)
     line = prepare_environment(variables)
-    assert variables == {"ROS_AUTOMATIC_DISCOVERY_RANGE": choice}
+    assert variables == given
     assert choice in line
+
+
+@pytest.mark.parametrize("given", [{}, {"FASTDDS_BUILTIN_TRANSPORTS": ""}])
+def test_a_killed_peer_shares_no_memory_with_us_by_default(given):
+    prepare_environment(given)
+    assert given["FASTDDS_BUILTIN_TRANSPORTS"] == "UDPv4"
 
 
 def test_the_environment_of_the_process_is_the_default(monkeypatch):
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     prepare_environment()
     assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
