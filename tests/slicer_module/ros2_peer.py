@@ -5,6 +5,7 @@ It answers each line with one of its own. It imports nothing of the project.
     /peer parameters        one of every type, `quiet` without a value
     /peer/echo              SetBool: replies what it got
     /peer/mute              Trigger: never replies
+    /peer/lookup            tf2_msgs LookupTransform: source_frame says how it ends
     /robot_state_publisher  a node of its own with the parameter robot_description
 """
 
@@ -17,11 +18,13 @@ from importlib import import_module
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
+from tf2_msgs.action import LookupTransform
 from tf2_msgs.msg import TFMessage
 
 DEADLINE_S = 20.0
@@ -179,9 +182,45 @@ def mute(_, __):
     threading.Event().wait()
 
 
+def call_service(name, type, request):
+    client = node.create_client(type_of(type), name)
+    wait(client.service_is_ready, Limit(f"nobody serves {name}"))
+    done = client.call_async(filled(type_of(type).Request, request))
+    wait(done.done, Limit(f"{name} did not reply"))
+    node.destroy_client(client)
+    return plain(done.result())
+
+
+cancelled = threading.Event()
+
+
+def take_cancel(_):
+    cancelled.set()
+    return CancelResponse.ACCEPT
+
+
+def run_goal(handle):
+    how = handle.request.source_frame
+    handle.publish_feedback(LookupTransform.Feedback())
+    result = LookupTransform.Result()
+    result.transform.child_frame_id = how
+    result.transform.transform.translation.x = 0.066
+    if how == "cancel":
+        cancelled.wait(DEADLINE_S)
+        while not handle.is_cancel_requested:
+            cancelled.wait(0.001)
+        handle.canceled()
+    elif how == "abort":
+        handle.abort()
+    else:
+        handle.succeed()
+    return result
+
+
 COMMANDS = {
     each.__name__: each
     for each in (
+        call_service,
         listen,
         take,
         publish,
@@ -196,7 +235,18 @@ COMMANDS = {
 
 node.create_service(SetBool, "~/echo", echo)
 node.create_service(Trigger, "~/mute", mute, callback_group=ReentrantCallbackGroup())
-executor = MultiThreadedExecutor(3)
+ActionServer(
+    node,
+    LookupTransform,
+    "~/lookup",
+    run_goal,
+    cancel_callback=take_cancel,
+    goal_callback=lambda goal: (
+        GoalResponse.REJECT if goal.source_frame == "reject" else GoalResponse.ACCEPT
+    ),
+    callback_group=ReentrantCallbackGroup(),
+)
+executor = MultiThreadedExecutor(6)
 executor.add_node(node)
 executor.add_node(robot)
 threading.Thread(target=executor.spin, daemon=True).start()

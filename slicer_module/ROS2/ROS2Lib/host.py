@@ -1,6 +1,7 @@
 """A ROS node in the scene: on the graph, spun, and with members that come and go."""
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import vtk
@@ -142,17 +143,19 @@ class RosHost(vtkMRMLScriptedModuleNode):
         """All of them, in the order in which they came."""
         return tuple(self._members.values())
 
-    def _create(self, kind: type, *names: str) -> Any:
+    def _create(
+        self, kind: type, *names: str, prepare: Callable[[Any], None] = lambda _: None
+    ) -> Any:
         scene = self.GetScene()
         try:
             member = kind()
             if scene is None or self._ros is None:
-                raise Ros2Error(
-                    f"{self.GetName() or 'a ROS 2 node'} is not on the graph: Create it"
-                )
+                name = self.GetName() or "a ROS 2 node"
+                raise Ros2Error(f"{name} is not on the graph: Create it")
         except MarginGuardError as error:
             logging.error(str(error))
             return None
+        prepare(member)
         scene.AddNode(member)
         if not member.AddToROS2Node(self.GetID(), *names):
             scene.RemoveNode(member)

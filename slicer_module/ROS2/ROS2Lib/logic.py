@@ -127,6 +127,7 @@ class Ros2Api:
 
     def nodes(self) -> Iterator[vtkMRMLROS2NodeNode]:
         """The ROS nodes in the scene."""
-        found = self.scene.GetNodesByClass("vtkMRMLScriptedModuleNode")
-        each = [found.GetItemAsObject(n) for n in range(found.GetNumberOfItems())]
+        # One by one: the collection that `GetNodesByClass` gives is never freed.
+        count = self.scene.GetNumberOfNodesByClass("vtkMRMLScriptedModuleNode")
+        each = [self.scene.GetNthNodeByClass(n, "vtkMRMLScriptedModuleNode") for n in range(count)]
         return (node for node in each if isinstance(node, vtkMRMLROS2NodeNode))

@@ -25,7 +25,7 @@ class Member:
 
     def AddToROS2Node(self, nodeId: str, *names: str) -> bool:
         """Join the graph as part of the ROS node ``nodeId``; False, and said, when refused."""
-        scene = self.GetScene()  # type: ignore[attr-defined]
+        scene = self.GetScene()
         owner = None if scene is None else scene.GetNodeByID(nodeId)
         if not hasattr(owner, "adopt"):
             logging.error(f"{self.GetClassName()}: no ROS 2 node {nodeId!r} in its scene")
@@ -45,7 +45,7 @@ class Member:
         """For the ROS node alone: become its member."""
         self._start(owner, *names)
         self._owner = owner
-        self.SetNodeReferenceID("node", owner.GetID())  # type: ignore[attr-defined]
+        self.SetNodeReferenceID("node", owner.GetID())
 
     def leave(self) -> None:
         """For the ROS node alone: be nobody's member."""

@@ -1,5 +1,6 @@
 """A ROS node in the scene, with the calls that SlicerROS2's scripts make."""
 
+from ROS2Lib.action_client import vtkMRMLROS2ActionClientNode
 from ROS2Lib.classes import kind_class, kind_class_name
 from ROS2Lib.host import RosHost
 from ROS2Lib.kinds import SERVICES, TOPICS
@@ -7,6 +8,7 @@ from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
 from ROS2Lib.publisher import vtkMRMLROS2PublisherNode
 from ROS2Lib.robot import vtkMRMLROS2RobotNode
 from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
+from ROS2Lib.service_server import Handler, vtkMRMLROS2ServiceServerNode
 from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
 from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
@@ -70,6 +72,37 @@ class vtkMRMLROS2NodeNode(RosHost):
     def RegisteredROS2ServiceClientNodes(self) -> str:
         """The classes that have a short name, one a line."""
         return "\n".join(kind_class_name(vtkMRMLROS2ServiceClientNode, name) for name in SERVICES)
+
+    # Services of our own, and actions of others: SlicerROS2 has neither.
+
+    def CreateAndAddServiceServerNode(
+        self, className: str, service: str, handler: Handler
+    ) -> vtkMRMLROS2ServiceServerNode | None:
+        """Answer a service by ``handler(request, response)``; None when it is answered already."""
+        kind = kind_class(vtkMRMLROS2ServiceServerNode, className)
+        return self._create(kind, service, prepare=lambda server: server.SetHandler(handler))
+
+    def GetServiceServerNodeByService(self, service: str) -> vtkMRMLROS2ServiceServerNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2ServiceServerNode, service)
+
+    def RemoveAndDeleteServiceServerNode(self, service: str) -> bool:
+        """False when there is none."""
+        return self._remove(self.GetServiceServerNodeByService(service), f"server of {service!r}")
+
+    def CreateAndAddActionClientNode(
+        self, actionType: str, action: str
+    ) -> vtkMRMLROS2ActionClientNode | None:
+        """A client of an action by its type in ROS; None when the action has one already."""
+        return self._create(kind_class(vtkMRMLROS2ActionClientNode, actionType), action)
+
+    def GetActionClientNodeByAction(self, action: str) -> vtkMRMLROS2ActionClientNode | None:
+        """None when there is none."""
+        return self._member(vtkMRMLROS2ActionClientNode, action)
+
+    def RemoveAndDeleteActionClientNode(self, action: str) -> bool:
+        """False when there is none."""
+        return self._remove(self.GetActionClientNodeByAction(action), f"client of {action!r}")
 
     # Parameters of other nodes.
 
