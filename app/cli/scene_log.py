@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from app.cli.reel import Reel
 
 if TYPE_CHECKING:
-    from app.fixture import MarginState
+    from app.fixture import MarginState, Reason
     from app.geometry import TrackedTransform
     from app.session import StepResult
 
@@ -18,8 +18,8 @@ class SceneLog:
         self._keeps_recording = recording
         self.frames: list[tuple[TrackedTransform, ...]] = []
         """The samples of each acquisition."""
-        self.states: list[tuple[int, MarginState]] = []
-        """What was judged, by the stamp in ns."""
+        self.states: list[tuple[int, MarginState, tuple[Reason, ...]]] = []
+        """The stamp in ns, what was judged, and why."""
         self.reel = None if pictures is None else Reel(pictures)
         self.first_ns: int | None = None
 
@@ -30,6 +30,7 @@ class SceneLog:
         if self._keeps_recording:
             if step.frame.poses:
                 self.frames.append(step.frame.poses)
-            self.states.append((step.frame.stamp.ns, step.decision.state))
+            decision = step.decision
+            self.states.append((step.frame.stamp.ns, decision.state, decision.reasons))
         if self.reel is not None:
             self.reel.add(step)

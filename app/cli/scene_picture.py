@@ -78,7 +78,7 @@ class ScenePainter:
                     # The same meshes: pickled once.
                     moment | _moving(setup, one),
                 )
-                for one in log.reel.steps
+                for one in log.reel.steps()
             ]
         self._answer = self._waiting.submit(self._process.communicate, pickle.dumps(request))
 

@@ -7,7 +7,7 @@ lost, and how, stands in an attribute of the sequence. `app.case` reads both aga
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
-from itertools import pairwise
+from typing import TypeVar
 
 from slicer import (
     vtkMRMLDisplayableNode,
@@ -19,7 +19,7 @@ from slicer import (
     vtkMRMLTextNode,
 )
 
-from app.fixture import MarginState
+from app.fixture import MarginState, Reason
 from app.geometry import (
     NS_PER_S,
     TrackedTransform,
@@ -42,23 +42,27 @@ LOST_ATTRIBUTE = "MarginGuard.Lost"
 DERIVED_ATTRIBUTE = "MarginGuard.Derived"
 """Marks a sequence that was computed of measured ones: it moves the scene, it is no measurement."""
 
+Judged = tuple[int, MarginState, tuple[Reason, ...]]
+"""A stamp in ns, what was judged then, and why."""
+
+_T = TypeVar("_T")
 _SAME_INDEX_S = 1e-9
 
 
 def add_sequences(
     scene: MarginGuardScene,
     frames: Iterable[Sequence[TrackedTransform]],
-    states: Iterable[tuple[int, MarginState]],
+    states: Iterable[Judged],
     now_ns: int,
 ) -> vtkMRMLSequenceBrowserNode:
     """Add a recording to ``scene``, which shows its moment ``now_ns``; Slicer plays the result.
 
     ``frames`` are the samples of one acquisition each, stamps rising; ``states`` is what was judged
-    when, in ns. Every measured edge becomes a sequence, and so does every pose in the reference
-    that a node of the scene shows, marked as derived. While they are played, colours and banner
-    follow the states; distance, line and plane are known, and shown, at ``now_ns`` alone. Raises
-    `SceneError` where times do not rise, for sequences are ordered by time, and for a recording
-    without a good sample of the frames in the scene.
+    when (ns), and why. Every measured edge becomes a sequence, and so does every pose in the
+    reference that a node of the scene shows, marked as derived. While they are played, colours and
+    banner follow the states; distance, line and plane are known, and shown, at ``now_ns`` alone.
+    Raises `SceneError` where times do not rise, for sequences are ordered by time, and for a
+    recording without a good sample of the frames in the scene.
     """
     tracks = _tracks(scene, frames)
     played = {name: track for name, track in tracks.items() if track.node is not None}
@@ -150,7 +154,7 @@ def _transforms(scene: vtkMRMLScene, name: str, track: _Track) -> vtkMRMLSequenc
 
 def _margin(
     scene: MarginGuardScene,
-    states: Sequence[tuple[int, MarginState]],
+    states: Sequence[Judged],
     stamps: Sequence[int],
     now_ns: int,
 ) -> Iterator[tuple[vtkMRMLSequenceNode, vtkMRMLNode]]:
@@ -158,16 +162,15 @@ def _margin(
     margin, tumor = scene.margin, scene.tumor
     if margin is None or tumor is None:
         return
-    began = dict(states[:1])
-    began |= {ns: state for (_, last), (ns, state) in pairwise(states) if state is not last}
     after_ns = next((ns for ns in stamps if ns > now_ns), None)
-    then = next((state for ns, state in reversed(states) if ns == after_ns), None)
-    texts = {ns: banner(state, None) for ns, state in began.items()}
+    told = {ns: banner(state, None, reasons) for ns, state, reasons in states}
+    texts = _changes(told)
     texts[now_ns] = margin.status.GetText()
-    if after_ns is not None and then is not None:
-        texts[after_ns] = banner(then, None)
+    if after_ns in told:
+        texts[after_ns] = told[after_ns]
     yield _texts(scene.scene, margin.status.GetName(), texts), margin.status
 
+    began = _changes({ns: state for ns, state, _ in states})
     colors = {ns: state.color for ns, state in began.items()}
     yield _displays(scene.scene, tumor, colors), tumor.GetDisplayNode()
     if scene.tool is not None:
@@ -181,6 +184,16 @@ def _margin(
         if after_ns is not None:
             visible[after_ns] = False
         yield _displays(scene.scene, node, visible), node.GetDisplayNode()
+
+
+def _changes(values: Mapping[int, _T]) -> dict[int, _T]:
+    """The first of ``values``, and each that is another than the one before."""
+    times = list(values)
+    return {
+        ns: values[ns]
+        for place, ns in enumerate(times)
+        if place == 0 or values[ns] != values[times[place - 1]]
+    }
 
 
 def _texts(scene: vtkMRMLScene, name: str, texts: Mapping[int, str]) -> vtkMRMLSequenceNode:

@@ -188,12 +188,12 @@ def test_a_scene_of_a_small_case_with_the_movie_and_the_report(
     assert (out / "scene.png").read_bytes().startswith(b"\x89PNG")
     assert len(list(read_mrml(mrb, print))) == 40
     movie = Image.open(gif)
-    assert movie.n_frames == 10  # 40 steps, every fourth: 12 pictures are allowed in a second
+    assert movie.n_frames == 12
     rows = list(csv.DictReader((out / "margin.csv").open()))
     states = [MarginState[row["state"]] for row in rows]
     assert len(set(states)) > 2
     for number in range(movie.n_frames):
-        worst = max(states[4 * number : 4 * number + 4])
+        worst = max(states[40 * number // 12 : 40 * (number + 1) // 12])
         movie.seek(number)
         level = movie.convert("RGB").getpixel((movie.width - 2, 2))
         assert level == tuple(round(255 * part) for part in worst.color)

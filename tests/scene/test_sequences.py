@@ -8,7 +8,7 @@ import pytest
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene, vtkMRMLSequenceNode
 
 from app.case import read_mrml
-from app.fixture import FixtureDecision, MarginState
+from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.scene import (
     MarginGuardScene,
@@ -53,13 +53,16 @@ def frames(edges: tuple[Transform, ...]) -> Frames:
 
 
 @pytest.fixture
-def states() -> list[tuple[int, MarginState]]:
+def states() -> list[tuple[int, MarginState, tuple[Reason, ...]]]:
     def state(index: int) -> MarginState:
         if index in (10, 11):
             return MarginState.UNKNOWN
         return MarginState.POSITIVE if 20 <= index < 30 else MarginState.NEGATIVE
 
-    return [(stamp(index).ns, state(index)) for index in range(COUNT)]
+    def reasons(index: int) -> tuple[Reason, ...]:
+        return {10: (Reason.INVALID,), 11: (Reason.STALE,)}.get(index, ())
+
+    return [(stamp(index).ns, state(index), reasons(index)) for index in range(COUNT)]
 
 
 @pytest.fixture
@@ -82,7 +85,7 @@ def shown(
 def saved(
     shown: MarginGuardScene,
     frames: Frames,
-    states: list[tuple[int, MarginState]],
+    states: list[tuple[int, MarginState, tuple[Reason, ...]]],
     tmp_path: Path,
 ) -> Path:
     add_sequences(shown, frames, states, stamp(NOW).ns)
@@ -142,7 +145,8 @@ def test_the_scene_that_is_loaded_shows_the_moment_and_can_be_played(
     assert browser.GetSelectedItemNumber() == NOW
     for index, color, text, line in (
         (0, (0, 1, 0), "NEGATIVE: clear", False),
-        (10, (0.5, 0.5, 0.5), "UNKNOWN: not to be trusted", False),
+        (10, (0.5, 0.5, 0.5), "UNKNOWN: not to be trusted, invalid", False),
+        (11, (0.5, 0.5, 0.5), "UNKNOWN: not to be trusted, stale", False),
         (12, (0, 1, 0), "NEGATIVE: clear", False),
         (NOW, (1, 0, 0), "POSITIVE: in the tumour, -3.2 mm", True),
         (NOW + 1, (1, 0, 0), "POSITIVE: in the tumour", False),

@@ -6,7 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case import Case, TrackingFrame, open_case, read_igsio, read_mcap
+from app.case import (
+    MRML_ENDINGS,
+    Case,
+    TrackingFrame,
+    open_case,
+    read_igsio,
+    read_mcap,
+    read_mrml,
+)
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
@@ -84,7 +92,7 @@ class Span:
 
 
 def open_recording(path: Path, span: Span, *, package_dirs: Iterable[Path] = ()) -> Recording:
-    """Read an IGSIO or MCAP file, a rosbag2 folder, or the recording of a case folder.
+    """Read an IGSIO, MRML or MCAP file, a rosbag2 folder, or the recording of a case folder.
 
     Joints come with a case only, on the tracker's clock (estimated where the case asks for it).
     """
@@ -95,12 +103,14 @@ def open_recording(path: Path, span: Span, *, package_dirs: Iterable[Path] = ())
     notes: list[str] = []
     if path.name.lower().endswith(_IGSIO_ENDINGS):
         read = read_igsio(path, notes.append)
+    elif path.name.lower().endswith(MRML_ENDINGS):
+        read = read_mrml(path, notes.append)
     elif path.is_dir() or path.name.lower().endswith(".mcap"):
         read = read_mcap(path, notes.append, joint_states_topic=None)
     else:
         raise InputError(
-            f"{path} is no recording: a case folder, .igs.mha, .igs.nrrd, .mcap or a rosbag2 "
-            "folder wanted"
+            f"{path} is no recording: a case folder, .igs.mha, .igs.nrrd, .mrb, .mrml, .mcap or a "
+            "rosbag2 folder wanted"
         )
     return Recording(path, span.of(read), None, tuple(notes))
 

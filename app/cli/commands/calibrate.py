@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "recording", type=Path, metavar="RECORDING",
-        help=".igs.mha, .igs.nrrd, .mcap, a rosbag2 folder or a case folder",
+        help=".igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder or a case folder",
     )  # fmt: skip
     add_package_dirs(parser)
     add_json(parser)
