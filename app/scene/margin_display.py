@@ -2,14 +2,20 @@
 
 from collections.abc import Iterable
 
-from slicer import vtkMRMLMarkupsDisplayNode, vtkMRMLModelNode, vtkMRMLScene, vtkMRMLTransformNode
+from slicer import (
+    vtkMRMLMarkupsDisplayNode,
+    vtkMRMLModelNode,
+    vtkMRMLNode,
+    vtkMRMLScene,
+    vtkMRMLTransformNode,
+)
 
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason
 from app.geometry import NS_PER_S, FloatArray
 from app.scene.batch import Batch
 from app.scene.breach_markers import BreachMarkers
 from app.scene.fixture_plane import FixturePlane
-from app.scene.models import remove_displayed
+from app.scene.models import remove_displayed, remove_node
 
 _INK = (0.08, 0.12, 0.16)
 _LINE_NAME = "ClosestPoints"
@@ -94,10 +100,14 @@ class MarginDisplay:
         self.plane.show(None)
         self._set_status(f"{banner(MarginState.UNKNOWN, None)}, {age_text(age_ns)}")
 
+    def nodes(self) -> tuple[vtkMRMLNode, ...]:
+        """The nodes that were added for it."""
+        return (self.line, self.status, self.plane.node, self.breaches.node)
+
     def remove(self) -> None:
         """Take all of this out of the scene; the tumour keeps its last colour."""
         remove_displayed(self._scene, self.line)
-        self._scene.RemoveNode(self.status)
+        remove_node(self._scene, self.status)
         self.plane.remove()
         self.breaches.remove()
 

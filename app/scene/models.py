@@ -5,6 +5,7 @@ from slicer import (
     vtkMRMLDisplayableNode,
     vtkMRMLDisplayNode,
     vtkMRMLModelNode,
+    vtkMRMLNode,
     vtkMRMLScene,
     vtkMRMLTransformNode,
 )
@@ -56,12 +57,19 @@ def add_model(
     return node
 
 
+def remove_node(scene: vtkMRMLScene, node: vtkMRMLNode) -> None:
+    """Take ``node`` out of the scene, unless somebody else has done so."""
+    if scene.IsNodePresent(node):
+        scene.RemoveNode(node)
+
+
 def remove_displayed(scene: vtkMRMLScene, node: vtkMRMLDisplayableNode) -> None:
     """Take ``node`` out of the scene together with its display nodes, which MRML would leave."""
-    displays = [node.GetNthDisplayNode(n) for n in range(node.GetNumberOfDisplayNodes())]
-    scene.RemoveNode(node)
-    for display in displays:
-        scene.RemoveNode(display)
+    ids = [node.GetNthDisplayNodeID(n) for n in range(node.GetNumberOfDisplayNodes())]
+    remove_node(scene, node)
+    for display in map(scene.GetNodeByID, ids):
+        if display is not None:
+            scene.RemoveNode(display)
 
 
 def smooth_surface(mesh: SurfaceMesh) -> vtkPolyData:

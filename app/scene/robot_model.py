@@ -10,7 +10,7 @@ from app.robot import Link, Robot
 from app.scene.batch import Batch
 from app.scene.convert import is_at, vtk_matrix
 from app.scene.errors import SceneError
-from app.scene.models import Rgb, add_model, colored_surface, remove_displayed
+from app.scene.models import Rgb, add_model, colored_surface, remove_displayed, remove_node
 
 STALE_COLOR: Rgb = (0.5, 0.5, 0.5)
 _DEFAULT_COLOR: Rgb = (0.78, 0.80, 0.83)
@@ -86,7 +86,7 @@ class RobotModel:
             remove_displayed(self._scene, model)
         for node in self.transforms.values():
             if node is not self.base:
-                self._scene.RemoveNode(node)
+                remove_node(self._scene, node)
         self.models.clear()
         self.transforms.clear()
 

@@ -1,12 +1,13 @@
 """The scene that a surgeon sees, in the MRML scene that is handed in."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 
 from slicer import (
     vtkMRMLApplicationLogic,
     vtkMRMLLinearTransformNode,
     vtkMRMLModelNode,
+    vtkMRMLNode,
     vtkMRMLScene,
 )
 from vtkmodules.vtkCommonDataModel import vtkPolyData
@@ -71,8 +72,16 @@ class MarginGuardScene:
         """``with scene.update():`` around the changes of one frame.
 
         At its end, also after an error, every node that was changed tells its observers once and
-        the views draw once (`Batch.on_end`). Updates may be nested: the outermost counts.
+        the views draw once (`Batch.on_end`). Updates may be nested: the outermost counts. Raises
+        `SceneError` where somebody else has taken a node of ours out, as by closing the scene: it
+        can be cleared and built again then.
         """
+        for node in self._nodes():
+            if node.GetScene() is None:
+                raise SceneError(
+                    f"node {node.GetName()!r} was taken out of the scene by somebody else: "
+                    "clear what is left and build it again"
+                )
         return self.batch.changes()
 
     def set_poses(self, measured: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
@@ -240,6 +249,18 @@ class MarginGuardScene:
             self.tumor = self.margin_surface = self.tool = self.margin = None
             self._decision = self._shown_ns = None
             self.tree.clear()
+
+    def _nodes(self) -> Iterator[vtkMRMLNode]:
+        """All that is ours and should be in the scene."""
+        yield from self.tree.nodes()
+        for node in (self.tumor, self.margin_surface, self.tool):
+            if node is not None:
+                yield node
+        if self.margin is not None:
+            yield from self.margin.nodes()
+        for robot in self.robots.values():
+            yield from robot.transforms.values()
+            yield from robot.models.values()
 
     def _remove(self, node: vtkMRMLModelNode | None) -> None:
         if node is not None:

@@ -7,6 +7,7 @@ from app.scene.batch import Batch
 from app.scene.convert import is_at, vtk_matrix
 from app.scene.edited import EditedTransform, OnEdit, OnRefused
 from app.scene.errors import SceneError
+from app.scene.models import remove_node
 
 RAS = "ras"
 
@@ -54,6 +55,10 @@ class TransformTree:
         """The node of ``frame``, None when it was never set."""
         return self._nodes.get(frame)
 
+    def nodes(self) -> tuple[vtkMRMLLinearTransformNode, ...]:
+        """The nodes of all frames."""
+        return tuple(self._nodes.values())
+
     def on_edit(self, frame: str, on_edit: OnEdit, on_refused: OnRefused) -> None:
         """Call back when the user, not `set`, moves the node of ``frame``; one listener a frame.
 
@@ -76,7 +81,7 @@ class TransformTree:
         for edited in self._edited.values():
             edited.close()
         for node in self._nodes.values():
-            self._scene.RemoveNode(node)
+            remove_node(self._scene, node)
         self._nodes.clear()
         self._edges.clear()
         self._edited.clear()

@@ -120,6 +120,31 @@ def test_clear_takes_everything_of_ours(
     assert [node.GetName() for node in left] == ["Theirs"]
 
 
+def test_a_scene_that_the_user_closed_says_so_and_can_be_cleared(
+    shown: MarginGuardScene, decision: Decide, edges: tuple[Transform, ...]
+) -> None:
+    shown.scene.Clear(0)
+    with pytest.raises(SceneError, match="node 'ReferenceToRas' was taken out of the scene"):
+        shown.set_poses(edges)
+    with pytest.raises(SceneError, match="taken out of the scene by somebody else"):
+        shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+    shown.clear()
+    assert shown.scene.GetNumberOfNodes() == 0
+
+
+@pytest.mark.parametrize(
+    "name", ["Tumor", "Tool", "upper_model", "ForeArmToBase", "MarginStatus", "ClosestPoints"]
+)
+def test_a_node_that_the_user_deleted_is_named_and_the_rest_can_be_cleared(
+    shown: MarginGuardScene, decision: Decide, name: str
+) -> None:
+    shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name))
+    with pytest.raises(SceneError, match=f"node '{name}' was taken out of the scene"):
+        shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+    shown.clear()
+    assert shown.scene.GetNumberOfNodes() == 0
+
+
 def constrained(
     decision: FixtureDecision, *, current: bool = True, stamp_ns: int | None = None
 ) -> FixtureDecision:
