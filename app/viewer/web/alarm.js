@@ -31,6 +31,7 @@ export function soundAlarm(trame) {
   function ring() {
     document.body.dataset.alarm = String(Number(document.body.dataset.alarm ?? 0) + 1);
     if (muted || context.state !== "running") return;
+    document.body.dataset.tones = String(Number(document.body.dataset.tones ?? 0) + 1);
     tone(880, 0);
     tone(660, TONE_S);
   }

@@ -1,4 +1,4 @@
-// The keyboard: space plays, arrows step, digits choose the camera, m mutes, s saves the picture.
+// The keyboard: space plays, arrows step, Home and End seek, digits choose the camera, m mutes, s saves the picture.
 
 export function listenToKeys(trame) {
   const replay = !trame.state.get("title").live;
@@ -14,15 +14,17 @@ export function listenToKeys(trame) {
     if (event.key === " ") return trame.trigger("play");
     if (event.key === "ArrowLeft") return trame.trigger("step", [event.shiftKey ? -25 : -1]);
     if (event.key === "ArrowRight") return trame.trigger("step", [event.shiftKey ? 25 : 1]);
+    if (event.key === "Home") return trame.trigger("seek", [0]);
+    if (event.key === "End") return trame.trigger("seek", [1]);
     return undefined;
   }
 
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const at = event.target;
-    // A slider, a list and a button have keys of their own.
-    if (at.matches?.("input, select")) return;
-    if (event.key === " " && at.matches?.("button, a")) return;
+    // Sliders, lists and buttons have keys of their own.
+    if (at.matches?.("input[type=range], select")) return;
+    if (event.key === " " && at.matches?.("button, a, input")) return;
     if (event.key === " " || event.key.startsWith("Arrow")) event.preventDefault();
     act(event);
   });

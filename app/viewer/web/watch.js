@@ -53,6 +53,7 @@ export function watchServer(trame) {
   session.subscribe("trame.rca.topic.stream", ([picture]) => {
     if (picture.name !== AREA) return;
     last = picture.meta.number;
+    document.body.dataset.picture = last;
     complete = performance.now();
     tell();
     judge();

@@ -1,0 +1,159 @@
+"""A served page, and Debian's Chromium to look at it."""
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, Request, Route, sync_playwright
+
+from app.scene import OffscreenError, use_offscreen_rendering
+from tests.viewer.viewed_case import write_viewed_case
+
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+TOKEN = "only-for-this-test"
+DEADLINE_S = 120.0
+
+
+class Server:
+    """``marginguard view`` in a process of its own, as soon as it serves."""
+
+    def __init__(self, arguments: list[str], log: Path) -> None:
+        self.log = log
+        with log.open("w") as errors:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "app.cli", "view", *arguments, "--token", TOKEN],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                env=dict(os.environ),
+            )
+        deadline = threading.Timer(DEADLINE_S, self.process.kill)
+        deadline.start()
+        assert self.process.stdout is not None
+        self.url = self.process.stdout.readline().strip()
+        deadline.cancel()
+        if not self.url:
+            pytest.fail(f"status {self.process.wait()}: {log.read_text()!r}")
+
+    @property
+    def host(self) -> str:
+        """Host and port."""
+        return urlsplit(self.url).netloc
+
+    def close(self) -> None:
+        """End it at once, if it has not ended."""
+        self.process.kill()
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+Serve = Callable[..., Server]
+
+
+@dataclass
+class Watched:
+    """A page, what it asked for, and what it complained of."""
+
+    page: Page
+    host: str
+    requests: list[str] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
+
+    def open(self, url: str) -> Page:
+        """Watch the page from its first request on; whatever is not of its host fails."""
+        self.page.on("request", self._ask)
+        self.page.on("websocket", lambda socket: self.requests.append(socket.url))
+        self.page.on("console", self._hear)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.route("**/*", self._route)
+        self.page.goto(url)
+        self.page.wait_for_selector("body:not([data-lost]) #word")
+        return self.page
+
+    def left_machine(self) -> list[str]:
+        """What was asked of anybody else."""
+        own = [f"{scheme}://{self.host}/" for scheme in ("http", "ws")]
+        local = (*own, f"blob:http://{self.host}/", "data:")
+        return [url for url in self.requests if not url.startswith(local)]
+
+    def _ask(self, request: Request) -> None:
+        self.requests.append(request.url)
+
+    def _hear(self, message: ConsoleMessage) -> None:
+        if message.type in ("error", "warning"):
+            self.complaints.append(message.text)
+
+    def _route(self, route: Route) -> None:
+        if urlsplit(route.request.url).netloc == self.host:
+            route.continue_()
+        else:
+            route.abort()
+
+
+@pytest.fixture(scope="session")
+def can_draw() -> None:
+    try:
+        use_offscreen_rendering()
+    except OffscreenError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is not there: apt-get install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def viewed_case(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_viewed_case(tmp_path_factory.mktemp("viewed") / "case")
+
+
+@pytest.fixture(scope="module")
+def serve(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
+    """``serve("CASE", ...)``; ended with the module."""
+    started: list[Server] = []
+
+    def start(*arguments: str) -> Server:
+        log = tmp_path_factory.mktemp("view") / "log.txt"
+        started.append(Server(list(arguments), log))
+        return started[-1]
+
+    yield start
+    for server in started:
+        server.close()
+
+
+@pytest.fixture(scope="module")
+def server(serve: Serve, viewed_case: Path) -> Server:
+    return serve(str(viewed_case))
+
+
+@pytest.fixture
+def watched(browser: Browser, server: Server) -> Iterator[Watched]:
+    """A page of a fresh browser, opened, in the smaller of the two sizes."""
+    context = browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
+    watched = Watched(context.new_page(), server.host)
+    watched.open(server.url)
+    yield watched
+    context.close()

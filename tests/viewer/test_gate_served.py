@@ -1,0 +1,97 @@
+"""A wrong token gets nothing: pages, files, downloads, the socket."""
+
+import asyncio
+
+import aiohttp
+import pytest
+from yarl import URL
+
+from tests.viewer.conftest import TOKEN, Server
+
+PATHS = [
+    "/",
+    "/index.html",
+    "/vue.global.js",
+    "/marginguard/main.js",
+    "/screenshot.png",
+    "/report.html",
+    "/paraview/",
+    "/no/such/file",
+]
+
+
+def asked(server: Server, path: str, **given: object) -> tuple[int, bytes, dict[str, str]]:
+    async def ask() -> tuple[int, bytes, dict[str, str]]:
+        async with aiohttp.ClientSession() as session:
+            url = URL(f"http://{server.host}{path}")
+            async with session.get(url, allow_redirects=False, **given) as answer:
+                return answer.status, await answer.read(), dict(answer.headers)
+
+    return asyncio.run(ask())
+
+
+def entry(server: Server) -> dict[str, str]:
+    """The cookie that the right token is answered with."""
+    status, _, headers = asked(server, f"/?token={TOKEN}")
+    assert status == 303
+    assert TOKEN not in headers["Location"]
+    words = headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "SameSite=Strict"} <= set(words)
+    name, value = words[0].split("=", 1)
+    return {name: value}
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize(
+    "token",
+    ["", "?token=", "?token=wrong", f"?token={TOKEN}x", f"?token={TOKEN[:-1]}", "?token=\xff"],
+)
+def test_without_the_token_there_is_not_a_byte(server, path, token):
+    status, body, headers = asked(server, path + token)
+    assert (status, body) == (403, b"")
+    assert "Set-Cookie" not in headers
+
+
+def test_a_wrong_cookie_opens_nothing(server):
+    (name,) = entry(server)
+    status, body, _ = asked(server, "/index.html", cookies={name: "wrong"})
+    assert (status, body) == (403, b"")
+
+
+def test_the_right_cookie_opens_the_page_which_may_ask_nobody_else(server):
+    status, body, headers = asked(server, "/index.html", cookies=entry(server))
+    assert status == 200
+    assert b"<html" in body
+    assert "default-src 'self'" in headers["Content-Security-Policy"]
+    assert "http:" not in headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize(
+    ("cookie", "origin", "wanted"),
+    [
+        (False, None, 403),
+        (False, "own", 403),
+        (True, "http://elsewhere.example", 403),
+        (True, "http://127.0.0.1:1", 403),
+        (True, "own", 101),
+    ],
+)
+def test_the_socket_opens_for_the_page_alone(server, cookie, origin, wanted):
+    cookies = entry(server) if cookie else {}
+    headers = {}
+    if origin is not None:
+        headers["Origin"] = f"http://{server.host}" if origin == "own" else origin
+
+    async def connect() -> int:
+        async with aiohttp.ClientSession(cookies=cookies) as session:
+            try:
+                async with session.ws_connect(f"ws://{server.host}/ws", headers=headers):
+                    return 101
+            except aiohttp.WSServerHandshakeError as error:
+                return error.status
+
+    assert asyncio.run(connect()) == wanted
+
+
+def test_it_listens_on_this_machine_alone(server):
+    assert server.host.startswith("127.0.0.1:")

@@ -1,0 +1,284 @@
+"""The page in a browser, from the first request to what its pixels show."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Page, expect
+
+from app.cli.main import main
+from tests.viewer.conftest import Watched
+from tests.viewer.viewed_case import BREACH_FRAME, LOST
+
+MINUS = "\N{MINUS SIGN}"
+
+
+@pytest.fixture
+def page(watched: Watched) -> Page:
+    """The page, whatever the last test left behind: paused at the first frame, seen as at first."""
+    page = watched.page
+    for key in ("ArrowLeft", "Home", "1"):
+        page.keyboard.press(key)
+    page.wait_for_function(
+        "() => { const n = trame.state.get('now'); return n.frame === 0 && !n.playing; }"
+    )
+    return page
+
+
+@pytest.fixture(scope="module")
+def rows(viewed_case: Path, tmp_path_factory) -> list[dict[str, str]]:
+    """What a replay of the case writes, frame by frame."""
+    report = tmp_path_factory.mktemp("report")
+    assert main(["replay", str(viewed_case), "--no-ros", "--report", str(report)]) == 0
+    return list(csv.DictReader((report / "margin.csv").open()))
+
+
+def go_to(page: Page, frame: int, frames: int = 40) -> None:
+    """Click where the frame is on the timeline; frames are 50 ms apart."""
+    if frame == frames - 1:
+        page.keyboard.press("End")
+    else:
+        box = page.locator("#timeline").bounding_box()
+        across = box["width"] * (frame + 0.4) / (frames - 1)
+        page.mouse.click(box["x"] + across, box["y"] + box["height"] / 2)
+    expect(page.locator("#frame")).to_have_text(str(frame))
+
+
+def look(page: Page, key: str, name: str) -> None:
+    """Choose a camera, and wait for a picture by it."""
+    page.keyboard.press(key)
+    expect(page.get_by_role("button", name=name)).to_have_attribute("aria-pressed", "true")
+
+
+def picture(page: Page) -> np.ndarray:
+    """The pixels of the picture on the page, in the last row the last picture's."""
+    number = page.evaluate("trame.state.get('now').number")
+    page.wait_for_function("number => Number(document.body.dataset.picture) >= number", arg=number)
+    shot = page.locator("main.view img").screenshot()
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+
+
+def share_of(pixels: np.ndarray, colour: str) -> float:
+    """The share of pixels that are clearly red, green, or grey and brighter than the ground."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    is_colour = {
+        "red": (red > 110) & (red > 2 * green) & (red > 2 * blue),
+        "green": (green > 80) & (green > 1.5 * red) & (green > 1.5 * blue),
+        "grey": (np.ptp(pixels, axis=-1) < 18) & (red > 70) & (red < 200),
+    }[colour]
+    return float(is_colour.mean())
+
+
+def test_it_opens_without_a_word_and_without_leaving_the_machine(watched):
+    expect(watched.page.locator("#word")).to_be_visible()
+    watched.page.keyboard.press(" ")
+    watched.page.wait_for_function("trame.state.get('now').frame > 3")
+    assert watched.requests
+    assert watched.left_machine() == []
+    assert watched.complaints == []
+
+
+def test_it_plays_and_pauses(page):
+    page.keyboard.press(" ")
+    page.wait_for_function("trame.state.get('now').frame > 5")
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    page.keyboard.press(" ")
+    expect(page.locator(".paused")).to_be_visible()
+    frame = page.locator("#frame").inner_text()
+    page.wait_for_timeout(200)
+    assert page.locator("#frame").inner_text() == frame
+
+
+def test_every_frame_that_is_sought_shows_what_the_replay_wrote(page, rows):
+    for frame in (0, 13, BREACH_FRAME, 39, LOST[0], 26, 1):
+        go_to(page, frame)
+        row = rows[frame]
+        shown = page.evaluate("trame.state.get('now')")
+        assert shown["state"] == row["state"]
+        if row["state"] == "UNKNOWN":
+            assert shown["distance"] == "\N{EN DASH}"
+        else:
+            written = f"{float(row['signed_distance_mm']):.1f}"
+            assert shown["distance"] == written.replace("-", MINUS)
+        expect(page.locator("#distance")).to_have_text(shown["distance"])
+
+
+def test_steps_move_by_a_frame_and_never_beyond_the_ends(page):
+    go_to(page, 20)
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#frame")).to_have_text("21")
+    page.get_by_role("button", name="One frame back").click()
+    expect(page.locator("#frame")).to_have_text("20")
+    page.keyboard.press("Shift+ArrowRight")
+    expect(page.locator("#frame")).to_have_text("39")
+
+
+def test_the_tumour_is_red_in_a_breach_green_when_clear_and_grey_in_a_dropout(page):
+    look(page, "2", "Close-up")
+    go_to(page, 0)
+    clear = picture(page)
+    go_to(page, BREACH_FRAME)
+    expect(page.locator("#word")).to_have_text("IN TUMOUR")
+    inside = picture(page)
+    go_to(page, LOST[0])
+    expect(page.locator("#word")).to_have_text("UNKNOWN")
+    assert page.locator("#why").inner_text() == "the tracker calls a pose invalid"
+    lost = picture(page)
+    assert share_of(clear, "green") > 0.05 > 0.002 > share_of(clear, "red")
+    assert share_of(inside, "red") > 0.05 > 0.002 > share_of(inside, "green")
+    assert share_of(lost, "grey") > 0.05
+    assert share_of(lost, "red") < 0.002 > share_of(lost, "green")
+
+
+def test_the_banner_has_the_colour_of_the_state(page):
+    wanted = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[0]: "UNKNOWN"}
+    colours = {}
+    for frame, word in wanted.items():
+        go_to(page, frame)
+        banner = page.get_by_role("status")
+        expect(banner).to_contain_text(word)
+        code = banner.evaluate("element => getComputedStyle(element).backgroundColor")
+        colours[word] = [int(part) for part in code[4:-1].split(",")]
+    green, red, grey = colours["CLEAR"], colours["IN TUMOUR"], colours["UNKNOWN"]
+    assert green[1] > 2 * max(green[0], green[2])
+    assert red[0] > 2 * max(red[1], red[2])
+    assert len(set(grey)) == 1
+
+
+def test_a_lost_tool_has_its_lamp_out(page):
+    go_to(page, LOST[1])
+    lamp = page.locator(".lamps li", has_text="RodToTracker")
+    expect(lamp).to_contain_text("missing")
+    expect(page.locator(".lamps li", has_text="NeedleToTracker")).to_contain_text("valid")
+
+
+def test_the_alarm_rings_in_a_breach_and_can_be_muted(page):
+    go_to(page, 0)
+    body = page.locator("body")
+    expect(body).to_have_attribute("data-sound", "on")
+    before = int(body.get_attribute("data-alarm") or 0)
+    go_to(page, BREACH_FRAME)
+    page.wait_for_function("n => Number(document.body.dataset.alarm) > n + 1", arg=before)
+    tones = int(body.get_attribute("data-tones") or 0)
+    assert tones > 0
+    page.keyboard.press("m")
+    expect(body).to_have_attribute("data-sound", "muted")
+    expect(page.locator("#sound")).to_have_attribute("aria-pressed", "true")
+    tones = int(body.get_attribute("data-tones"))
+    rung = int(body.get_attribute("data-alarm"))
+    page.wait_for_function("n => Number(document.body.dataset.alarm) > n + 1", arg=rung)
+    assert int(body.get_attribute("data-tones")) == tones
+    page.locator("#sound").click()
+    expect(body).to_have_attribute("data-sound", "on")
+    go_to(page, 0)
+
+
+# A test double of a browser with a window: it keeps sound back until the page is clicked. What a
+# test evaluates counts as a click for Chromium itself.
+BLOCKED_SOUND = """
+    const context = AudioContext;
+    let clicked = false;
+    window.addEventListener("click", () => { clicked = true; }, true);
+    window.AudioContext = class extends context {
+        get state() { return clicked ? super.state : "suspended"; }
+    };
+"""
+
+
+def test_a_browser_that_blocks_sound_says_so_until_it_is_clicked(browser, server):
+    context = browser.new_context()
+    watched = Watched(context.new_page(), server.host)
+    watched.page.add_init_script(BLOCKED_SOUND)
+    page = watched.open(server.url)
+    body = page.locator("body")
+    expect(body).to_have_attribute("data-sound", "blocked")
+    expect(page.locator("#sound")).to_contain_text("blocked")
+    page.locator("#sound").click()
+    expect(body).to_have_attribute("data-sound", "on")
+    context.close()
+
+
+def test_a_part_can_be_hidden(page):
+    look(page, "2", "Close-up")
+    go_to(page, 0)
+    assert share_of(picture(page), "green") > 0.05
+    page.get_by_label("Tumour", exact=True).uncheck()
+    page.wait_for_function("trame.state.get('parts')[0].visible === false")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#frame")).to_have_text("1")
+    assert share_of(picture(page), "green") < 0.02
+    page.get_by_label("Tumour", exact=True).check()
+
+
+def test_a_camera_is_chosen_by_key_and_by_button_and_let_go_by_hand(page):
+    page.keyboard.press("4")
+    bullseye = page.get_by_role("button", name="Bullseye")
+    expect(bullseye).to_have_attribute("aria-pressed", "true")
+    expect(page.locator(".rings")).to_be_visible()
+    page.get_by_role("button", name="Overview").click()
+    expect(bullseye).to_have_attribute("aria-pressed", "false")
+    box = page.locator("main.view").bounding_box()
+    page.mouse.move(box["x"] + 300, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 360, box["y"] + 220, steps=4)
+    page.mouse.up()
+    expect(page.get_by_role("button", name="Overview")).to_have_attribute("aria-pressed", "false")
+    page.keyboard.press("1")
+
+
+def test_the_screenshot_is_a_picture_of_the_view_in_its_size(page):
+    go_to(page, 0)
+    with page.expect_download() as waiting:
+        page.locator("#screenshot").click()
+    shot = Image.open(waiting.value.path())
+    view = page.locator("main.view").bounding_box()
+    assert shot.format == "PNG"
+    assert abs(shot.width - view["width"]) <= 1
+    assert abs(shot.height - view["height"]) <= 1
+    assert len(np.unique(np.asarray(shot))) > 20
+
+
+def test_the_report_is_that_of_the_replay(page):
+    with page.expect_download() as waiting:
+        page.locator("#report").click()
+    text = Path(waiting.value.path()).read_text()
+    assert waiting.value.suggested_filename == "report.html"
+    assert "small: margin report" in text
+    assert text.count("data:image/png;base64") == 2
+
+
+def test_all_can_be_reached_by_the_keyboard_and_has_a_name(page):
+    names = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        names.add(
+            page.evaluate(
+                "() => { const e = document.activeElement; return e.ariaLabel || "
+                "e.labels?.[0]?.textContent.trim() || e.textContent.trim(); }"
+            )
+        )
+        outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        assert outline != "none" or page.evaluate("document.activeElement === document.body")
+    assert {"Play", "One frame back", "One frame on", "Rate", "Time in the recording"} <= names
+    assert {"Tumour", "Opacity of Tumour", "Report", "Screenshot"} <= names
+
+
+def test_nothing_overlaps_and_nothing_is_cut_off(page):
+    for width, height in ((1280, 720), (1920, 1080)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(150)
+        boxes = page.evaluate(
+            "() => [...document.querySelectorAll('.bar, .view, .side section, .time')]"
+            ".map(e => { const b = e.getBoundingClientRect();"
+            " return [b.left, b.top, b.right, b.bottom, e.scrollWidth - e.clientWidth]; })"
+        )
+        for left, top, right, bottom, hidden in boxes:
+            assert -0.5 <= left < right <= width + 0.5
+            assert -0.5 <= top < bottom <= height + 0.5
+            assert hidden <= 1
+        for n, (a, b, c, d, _) in enumerate(boxes):
+            for e, f, g, h, _ in boxes[:n]:
+                assert min(c, g) - max(a, e) <= 1.5 or min(d, h) - max(b, f) <= 1.5

@@ -1,0 +1,197 @@
+"""Where a replay stands, against a slow player that walks the recording frame by frame."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.viewer.errors import ViewerError
+from app.viewer.replay import RATES, ReplayControl
+
+MS = 1_000_000
+STAMPS = [0, 20 * MS, 40 * MS, 100 * MS, 120 * MS]
+
+
+class HandClock:
+    """A clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.ns = 0
+
+    def __call__(self) -> int:
+        return self.ns
+
+
+@pytest.fixture
+def clock() -> HandClock:
+    return HandClock()
+
+
+@pytest.fixture
+def control(clock):
+    return ReplayControl(STAMPS, clock)
+
+
+def test_it_begins_paused_at_the_first_frame(control, clock):
+    clock.ns = 10**12
+    assert (control.frame, control.playing, control.frames) == (0, False, 5)
+    assert control.duration_ns == 120 * MS
+
+
+def test_a_frame_is_seen_from_its_moment_until_the_next_is_due(control, clock):
+    control.play()
+    seen = []
+    for ms in range(0, 130, 5):
+        clock.ns = ms * MS
+        seen.append(control.frame)
+    assert seen == [
+        max(n for n, at in enumerate(STAMPS) if at <= ms * MS) for ms in range(0, 130, 5)
+    ]
+
+
+def test_it_ends_paused_at_the_last_frame_and_plays_again_from_the_first(control, clock):
+    control.play()
+    clock.ns = 10**12
+    assert (control.frame, control.playing) == (4, False)
+    control.play()
+    assert (control.frame, control.playing) == (0, True)
+
+
+def test_a_pause_takes_no_time(control, clock):
+    control.play()
+    clock.ns = 45 * MS
+    control.pause()
+    clock.ns = 10**12
+    assert control.frame == 2
+    control.play()
+    clock.ns += 59 * MS
+    assert control.frame == 2
+    clock.ns += 1 * MS
+    assert control.frame == 3
+
+
+def test_the_rate_counts_from_when_it_is_set(control, clock):
+    control.play()
+    clock.ns = 30 * MS
+    control.set_rate(0.5)
+    clock.ns = 49 * MS
+    assert control.frame == 1
+    clock.ns = 50 * MS
+    assert control.frame == 2
+
+
+def test_a_step_pauses_and_stays_within_the_recording(control, clock):
+    control.play()
+    control.step(1)
+    assert (control.frame, control.playing) == (1, False)
+    control.step(-7)
+    assert control.frame == 0
+    control.step(70)
+    assert control.frame == 4
+
+
+def test_seeking_keeps_what_it_was_doing(control, clock):
+    control.seek(0.5)
+    assert (control.frame, control.playing) == (2, False)
+    control.play()
+    control.seek_frame(1)
+    clock.ns += 20 * MS
+    assert (control.frame, control.playing) == (2, True)
+
+
+@pytest.mark.parametrize("share", [-0.001, 1.001, float("nan")])
+def test_a_share_beyond_the_recording_is_refused(control, share):
+    with pytest.raises(ViewerError, match="0 to 1 wanted"):
+        control.seek(share)
+    assert control.frame == 0
+
+
+@pytest.mark.parametrize("frame", [-1, 5])
+def test_a_frame_beyond_the_recording_is_refused(control, frame):
+    with pytest.raises(ViewerError, match="0 to 4 wanted"):
+        control.seek_frame(frame)
+
+
+def test_a_rate_that_is_not_offered_is_refused(control):
+    with pytest.raises(ViewerError, match="one of"):
+        control.set_rate(3.0)
+
+
+def test_a_recording_without_frames_is_refused(clock):
+    with pytest.raises(ViewerError, match="0 frames"):
+        ReplayControl([], clock)
+
+
+def test_a_stamp_that_jumps_back_counts_for_no_time(clock):
+    control = ReplayControl([100, 200, 50, 150], clock)
+    assert [control.time_ns(n) for n in range(4)] == [0, 100, 100, 200]
+
+
+class SlowPlayer:
+    """A test double: walks on a nanosecond's worth of recorded time at a time."""
+
+    def __init__(self, stamps: list[int]) -> None:
+        self.due = [0]
+        for before, after in pairwise(stamps):
+            self.due.append(self.due[-1] + max(after - before, 0))
+        self.media, self.rate, self.playing = 0.0, 1.0, False
+        self.frame = 0
+
+    def wait(self, ns: int) -> None:
+        if self.playing:
+            self.media += ns * self.rate
+            self.frame = max(n for n, at in enumerate(self.due) if at <= round(self.media))
+            self.playing = self.media < self.due[-1]
+
+
+ACTIONS = st.lists(
+    st.one_of(
+        st.tuples(st.just("wait"), st.integers(0, 300)),
+        st.tuples(st.just("rate"), st.sampled_from([0.5, 1.0, 2.0, 4.0])),
+        st.tuples(st.just("play"), st.just(0)),
+        st.tuples(st.just("pause"), st.just(0)),
+        st.tuples(st.just("step"), st.integers(-3, 3)),
+        st.tuples(st.just("frame"), st.integers(0, 30)),
+    ),
+    max_size=30,
+)
+
+
+@given(st.lists(st.integers(1, 100), max_size=12), ACTIONS)
+def test_any_hands_lead_where_a_slow_player_stands(gaps, actions):
+    stamps = [0]
+    for gap in gaps:
+        stamps.append(stamps[-1] + 2 * gap)  # even, so that half a rate has no half nanosecond
+    clock, slow = HandClock(), SlowPlayer(stamps)
+    control = ReplayControl(stamps, clock)
+    for action, value in actions:
+        if action == "wait":
+            clock.ns += 2 * value
+            slow.wait(2 * value)
+        elif action == "rate":
+            control.set_rate(value)
+            slow.rate = value
+        elif action == "play":
+            if not slow.playing:
+                slow.frame = 0 if slow.frame == len(stamps) - 1 else slow.frame
+                slow.media = slow.due[slow.frame]
+                slow.playing = len(stamps) > 1
+                control.play()
+        elif action == "pause":
+            control.pause()
+            slow.playing = False
+        elif action == "step":
+            control.step(value)
+            slow.frame = min(max(slow.frame + value, 0), len(stamps) - 1)
+            slow.playing = False
+        else:
+            frame = value % len(stamps)
+            control.seek_frame(frame)
+            slow.frame, slow.media = frame, slow.due[frame]
+            slow.playing = slow.playing and frame < len(stamps) - 1
+        assert (control.frame, control.playing) == (slow.frame, slow.playing)
+
+
+def test_the_rates_that_are_offered_hold_real_time():
+    assert 1.0 in RATES
