@@ -15,6 +15,7 @@ from vtkmodules.vtkFiltersCore import (
     vtkPolyDataNormals,
     vtkStaticCleanPolyData,
 )
+from vtkmodules.vtkFiltersSources import vtkSphereSource
 
 from app.geometry import FloatArray, SurfaceMesh
 from app.scene.convert import poly_data, vtk_array
@@ -92,6 +93,17 @@ def colored_surface(parts: list[tuple[SurfaceMesh, FloatArray]]) -> vtkPolyData:
         append.AddInputData(surface)
     append.Update()
     return _with_normals(append.GetOutput())
+
+
+def ball(radius_mm: float) -> vtkPolyData:
+    """A sphere around the origin."""
+    sphere = vtkSphereSource()
+    sphere.SetRadius(radius_mm)
+    sphere.SetThetaResolution(32)
+    sphere.SetPhiResolution(32)
+    sphere.Update()
+    surface: vtkPolyData = sphere.GetOutput()
+    return surface
 
 
 def _with_normals(surface: vtkPolyData) -> vtkPolyData:

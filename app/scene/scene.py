@@ -11,7 +11,6 @@ from slicer import (
     vtkMRMLScene,
 )
 from vtkmodules.vtkCommonDataModel import vtkPolyData
-from vtkmodules.vtkFiltersSources import vtkSphereSource
 
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
@@ -20,7 +19,7 @@ from app.scene.batch import Batch
 from app.scene.errors import SceneError
 from app.scene.frame_graph import poses_in
 from app.scene.margin_display import MarginDisplay
-from app.scene.models import add_model, remove_displayed, smooth_surface
+from app.scene.models import add_model, ball, remove_displayed, smooth_surface
 from app.scene.robot_model import RobotModel
 from app.scene.transform_tree import RAS, TransformTree
 from app.scene.watchdog import TransformHealth, TransformWatchdog
@@ -168,12 +167,7 @@ class MarginGuardScene:
 
     def add_tip(self, frame: str) -> vtkMRMLModelNode:
         """Show a tool without a mesh as a small ball at its tip, the origin of ``frame``."""
-        ball = vtkSphereSource()
-        ball.SetRadius(_TIP_RADIUS_MM)
-        ball.SetThetaResolution(32)
-        ball.SetPhiResolution(32)
-        ball.Update()
-        return self._add_tool(ball.GetOutput(), frame)
+        return self._add_tool(ball(_TIP_RADIUS_MM), frame)
 
     def add_robot(self, name: str, robot: Robot, base_frame: str) -> RobotModel:
         """Show ``robot`` with its root link at ``base_frame``; ``name`` tells several apart."""

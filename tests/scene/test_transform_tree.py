@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from slicer import vtkMRMLScene
 
-from app.geometry import Transform
+from app.geometry import Transform, split_transform_name
 from app.scene import SceneError, TransformTree
 from app.scene.convert import world_matrix
 
@@ -31,6 +31,28 @@ def test_names_and_places() -> None:
     tree.set(moved)
     assert np.allclose(world_matrix(tree.node("cautery_tip")), (ras @ moved @ tip).matrix)
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 3
+
+
+def test_tree_of_lumpnav() -> None:
+    scene = vtkMRMLScene()
+    tree = TransformTree(scene)
+    wanted = {
+        "ReferenceToRas": None,
+        "NeedleToReference": "ReferenceToRas",
+        "NeedleTipToNeedle": "NeedleToReference",
+        "CauteryToReference": "ReferenceToRas",
+        "CauteryTipToCautery": "CauteryToReference",
+        "ProbeToReference": "ReferenceToRas",
+        "ImageToProbe": "ProbeToReference",
+    }
+    for name in wanted:
+        source, target = split_transform_name(name)
+        tree.set(pose(target, source, len(name)))
+    found = {}
+    for node in tree.nodes():
+        parent = node.GetParentTransformNode()
+        found[node.GetName()] = None if parent is None else parent.GetName()
+    assert found == wanted
 
 
 def test_frame_that_changes_its_parent_changes_its_name() -> None:
