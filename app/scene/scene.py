@@ -170,13 +170,19 @@ class MarginGuardScene:
         return self._add_tool(ball(_TIP_RADIUS_MM), frame)
 
     def add_robot(self, name: str, robot: Robot, base_frame: str) -> RobotModel:
-        """Show ``robot`` with its root link at ``base_frame``; ``name`` tells several apart."""
+        """Show ``robot`` with its root link at ``base_frame``; ``name`` tells several apart.
+
+        In a live scene it is grey until somebody says where its links are: `show`, or whoever moves
+        it by `RobotModel.set_links` and `RobotModel.set_known` from a source of its own.
+        """
         if name in self.robots:
             raise SceneError(f"robot {name!r} is in the scene already: another name wanted")
         base = self._pose_node(base_frame)
         with self.batch.content():
-            self.robots[name] = RobotModel(self.scene, robot, base, base_frame, self.batch)
-        return self.robots[name]
+            model = RobotModel(self.scene, robot, base, base_frame, self.batch)
+            model.set_known(self.watchdog is None)
+        self.robots[name] = model
+        return model
 
     def remove_robot(self, name: str) -> None:
         """Take the robot and all its nodes out of the scene."""
@@ -295,8 +301,9 @@ class MarginGuardScene:
         if self.tool is not None:
             raise SceneError("the scene has a tool already: one allowed")
         pose = self._pose_node(frame)
+        color = TOOL_COLOR if self.watchdog is None else MarginState.UNKNOWN.color
         with self.batch.content():
-            self.tool = add_model(self.scene, "Tool", surface, TOOL_COLOR, parent=pose)
+            self.tool = add_model(self.scene, "Tool", surface, color, parent=pose)
         return self.tool
 
     def _pose_node(self, frame: str) -> vtkMRMLLinearTransformNode:

@@ -295,6 +295,10 @@ def test_a_source_that_died_turns_everything_grey_although_nothing_is_shown(
 
 
 def test_before_the_first_decision_everything_is_grey(live: MarginGuardScene) -> None:
+    link = live.robots["arm"].models["upper"].GetDisplayNode()
+    for node in (live.tumor.GetDisplayNode(), live.tool.GetDisplayNode(), link):
+        assert node.GetColor() == GREY
+    assert not link.GetScalarVisibility()
     assert live.check(10**12) == ()
     assert_shown_stale(live, "no data yet")
 
