@@ -27,6 +27,8 @@ BROUGHT_BY = {
     "rclpy": "ros-rclpy",
 }
 OUR_FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
+# A module of Slicer is imported from its own folder: its file, and the package beside it.
+OUR_FOLDERS |= {path.stem for path in (ROOT / "slicer_module").glob("*/*")}
 ROS_MESSAGES = re.compile(r"\w+_(msgs|srvs|interfaces)")
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from app.scene import SceneError
 from app.scene.convert import world_matrix, world_points
 
 URDF = """<robot name="arm">
@@ -95,7 +96,6 @@ def test_a_robot_of_a_parameter_is_built_placed_and_coloured(
 def test_a_robot_is_removed_without_leftovers_however_often(
     logic, node, peer, spin_until, describe, robots
 ):
-    node.listen()
     before = names(logic.scene)
     for _ in range(5):
         robot = robots("robot1", *WHERE)
@@ -158,6 +158,23 @@ def test_a_description_that_changes_is_built_anew(logic, spin_until, describe, r
     describe("no robot")
     spin_until(lambda: robot._description.refused)
     assert robot.GetLinkNames() == ("base", "wrist", "tool")
+    assert logic.RemoveRobot("robot1")
+    assert names(logic.scene) == before
+
+
+def test_a_robot_that_cannot_be_built_is_not_built_by_halves(
+    logic, spin_until, describe, robots, caplog, monkeypatch
+):
+    def model_double(*_):
+        """TEST DOUBLE: no robot that is loaded makes the real one fail."""
+        raise SceneError("no models today")
+
+    before = names(logic.scene)
+    monkeypatch.setattr("ROS2Lib.robot.RobotModel", model_double)
+    robot = robots("robot1", *WHERE)
+    spin_until(lambda: "ros2:robot:robot1: no models today" in caplog.text)
+    assert robot.GetLinkNames() == ()
+    assert robot.IsStale()
     assert logic.RemoveRobot("robot1")
     assert names(logic.scene) == before
 

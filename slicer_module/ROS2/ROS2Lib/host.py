@@ -92,9 +92,10 @@ class RosHost(vtkMRMLScriptedModuleNode):
 
     @property
     def buffer(self) -> TransformBuffer:
-        """What tf has said, filled by `listen`."""
+        """What tf has said since this was asked for first."""
         if self._buffer is None:
             self._buffer = TransformBuffer()
+            TfListener(self.ros, self._buffer)
         return self._buffer
 
     @property
@@ -103,11 +104,6 @@ class RosHost(vtkMRMLScriptedModuleNode):
         if self._broadcaster is None:
             self._broadcaster = TfBroadcaster(self.ros)
         return self._broadcaster
-
-    def listen(self) -> None:
-        """Listen to tf from now on."""
-        if self._buffer is None:
-            TfListener(self.ros, self.buffer)
 
     def now_ns(self) -> int:
         """Now on the node's clock, which ``use_sim_time`` makes that of ``/clock``."""
@@ -182,9 +178,11 @@ class RosHost(vtkMRMLScriptedModuleNode):
     def _let_go(self, member: Member) -> None:
         scene = member.GetScene()
         self._members = {key: each for key, each in self._members.items() if each is not member}
-        member.leave()
-        if scene is not None:
-            scene.RemoveNode(member)
+        try:
+            member.leave()
+        finally:
+            if scene is not None:
+                scene.RemoveNode(member)
 
     def _removed(self, node: Any) -> None:
         if node is self:
@@ -200,7 +198,10 @@ class RosHost(vtkMRMLScriptedModuleNode):
         # Robots before the lookups that they have made.
         for member in sorted(self._members.values(), key=lambda each: each.ROLE != "robot"):
             if member in self._members.values():
-                self._let_go(member)
+                try:
+                    self._let_go(member)
+                except MarginGuardError as error:  # the others, and the node, end all the same
+                    logging.error(f"{member.GetName()}: {error}")
         if self._ros is not None:
             self._ros.close()
             self._ros = None

@@ -1,6 +1,5 @@
 """Robots described by a parameter, placed by tf: a lookup node and a model a link."""
 
-import logging
 from typing import TYPE_CHECKING
 
 from slicer import vtkMRMLScriptedModuleNode
@@ -78,7 +77,11 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         robot = self._described.take(0.0)
         if robot is not None:
             self._clear()
-            self._build(robot)
+            try:
+                self._build(robot)
+            except MarginGuardError:
+                self._clear()  # half a robot would be a wrong one
+                raise
         if not self._lookups:
             return
         is_stale = any(node.IsStale() for node in self._lookups.values())
@@ -129,11 +132,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
                 if node.GetStampNanoseconds() is None:
                     node.SetMatrixTransformToParent(vtk_matrix(joint.origin))
                 self._lookups[child] = node
-        try:
-            self._model = RobotModel(self.GetScene(), robot, self._lookups[root], root)
-        except MarginGuardError as error:
-            logging.error(f"robot {settings.name!r} has no models: {error}")
-            return
+        self._model = RobotModel(self.GetScene(), robot, self._lookups[root], root)
         for link, model in self._model.models.items():
             model.SetAndObserveTransformNodeID(self._lookups[link].GetID())
         # The lookups take the place of the model's own transforms.

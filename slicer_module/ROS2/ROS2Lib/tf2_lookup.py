@@ -135,8 +135,8 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
             self.SetAttribute("ros2.state", state)
 
     def _start(self, owner: "RosHost", parent: str, child: str) -> None:
-        owner.listen()
         self._parent, self._child = parent, child
+        _ = owner.buffer  # hears tf from here on
         self.SetName(f"ros2:tf2lookup:{parent}To{child}")
         self._judge()
 
