@@ -16,7 +16,7 @@ from app.bridge.convert import (
 from app.bridge.node import RosNode
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 
-CYCLONE = Path(__file__).resolve().parent / "cyclone_speaker.py"
+CYCLONE = Path(__file__).resolve().parents[1] / "cyclone_speaker.py"
 SPEAKER = Path(__file__).resolve().parent / "speaker.py"
 POSE = "geometry_msgs/msg/PoseStamped"
 NOTHING = {"x": 0.0, "y": 0.0, "z": 0.0}

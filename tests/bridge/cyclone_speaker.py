@@ -1,4 +1,4 @@
-"""A process of another DDS implementation, Eclipse Cyclone DDS, its types written here by hand.
+"""A process of another DDS implementation, Eclipse Cyclone DDS, its types written by hand.
 
     cyclone_speaker.py COUNT
 
@@ -9,54 +9,13 @@ pose n is (n, 0, 0.5) m. Prints ``ready``; ends when it is killed. It imports no
 import os
 import sys
 import time
-from dataclasses import dataclass
 
+from cyclone_types import Header, Point, Pose, PoseArray, Quaternion, Time
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, sequence, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
-
-
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: int32
-    nanosec: uint32
-
-
-@dataclass
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
-
-
-@dataclass
-class Point(IdlStruct, typename="geometry_msgs::msg::dds_::Point_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
-    x: float64
-    y: float64
-    z: float64
-    w: float64
-
-
-@dataclass
-class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
-    position: Point
-    orientation: Quaternion
-
-
-@dataclass
-class PoseArray(IdlStruct, typename="geometry_msgs::msg::dds_::PoseArray_"):
-    header: Header
-    poses: sequence[Pose]
 
 
 def main(count):
