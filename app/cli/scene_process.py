@@ -66,10 +66,13 @@ def _picture(moment: "Moment", _: dict[str, Any]) -> bytes:
 
 
 def _scene(moment: "Moment", request: dict[str, Any]) -> bytes:
-    from app.scene import MomentScene, add_sequences, save_scene
+    from app.scene import MomentScene, SceneError, add_sequences, save_scene
 
     shown = MomentScene(moment)
-    add_sequences(shown.scene, request["frames"], request["states"], request["now_ns"])
+    try:
+        add_sequences(shown.scene, request["frames"], request["states"], request["now_ns"])
+    except SceneError as error:
+        print(f"the scene is saved without the recording: {error}", file=sys.stderr)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / SCENE_NAME
         save_scene(shown.application.scene, path)

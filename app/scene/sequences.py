@@ -42,6 +42,9 @@ LOST_ATTRIBUTE = "MarginGuard.Lost"
 DERIVED_ATTRIBUTE = "MarginGuard.Derived"
 """Marks a sequence that was computed of measured ones: it moves the scene, it is no measurement."""
 
+MOST_ITEMS = 200_000
+"""Poses of all sequences together. MRML makes a node of each, and so does who loads the scene."""
+
 Judged = tuple[int, MarginState, tuple[Reason, ...]]
 """A stamp in ns, what was judged then, and why."""
 
@@ -61,8 +64,9 @@ def add_sequences(
     when (ns), and why. Every measured edge becomes a sequence, and so does every pose in the
     reference that a node of the scene shows, marked as derived. While they are played, colours and
     banner follow the states; distance, line and plane are known, and shown, at ``now_ns`` alone.
-    Raises `SceneError` where times do not rise, for sequences are ordered by time, and for a
-    recording without a good sample of the frames in the scene.
+    Raises `SceneError`, and adds nothing, where times do not rise, for sequences are ordered by
+    time, for more than `MOST_ITEMS` poses, and for a recording without a good sample of the frames
+    in the scene.
     """
     tracks = _tracks(scene, frames)
     played = {name: track for name, track in tracks.items() if track.node is not None}
@@ -109,16 +113,19 @@ def _tracks(
             tracks[name] = _Track(derived, node if shown else None)
         return tracks[name]
 
-    last_ns: int | None = None
+    first_ns = last_ns = None
     for samples in frames:
+        if not samples:
+            continue
+        ns = samples[0].stamp.ns
+        first_ns = ns if first_ns is None else first_ns
+        if last_ns is not None and ns / NS_PER_S - last_ns / NS_PER_S <= _SAME_INDEX_S:
+            raise SceneError(
+                f"a frame at {_index(ns)} s comes after one at {_index(last_ns)} s: sequences are "
+                "ordered by time, which is a double"
+            )
+        last_ns = ns
         for sample in samples:
-            ns = sample.stamp.ns
-            if last_ns is not None and ns <= last_ns and sample is samples[0]:
-                raise SceneError(
-                    f"a frame at {_index(ns)} s comes after one at {_index(last_ns)} s: "
-                    "sequences are ordered by time"
-                )
-            last_ns = ns
             edge = track(sample.target, sample.source, derived=False)
             if sample.transform is None:
                 edge.lost[ns] = sample.status
@@ -129,7 +136,12 @@ def _tracks(
             if frame != scene.reference and scene.tree.node(frame) is not None:
                 edge = track(scene.reference, frame, derived=True)
                 if edge.derived:
-                    edge.poses[samples[0].stamp.ns] = pose
+                    edge.poses[ns] = pose
+        if sum(len(track.poses) for track in tracks.values()) > MOST_ITEMS:
+            raise SceneError(
+                f"the recording is longer than {_index(ns - first_ns)} s: "
+                f"{MOST_ITEMS} poses are allowed in a scene, which takes 9 kB for each"
+            )
     return {name: track for name, track in tracks.items() if track.poses}
 
 
@@ -140,10 +152,6 @@ def _transforms(scene: vtkMRMLScene, name: str, track: _Track) -> vtkMRMLSequenc
     for ns, pose in track.poses.items():
         node.SetMatrixTransformToParent(vtk_matrix(pose))
         sequence.SetDataNodeAtValue(node, _index(ns))
-    if sequence.GetNumberOfDataNodes() != len(track.poses):
-        raise SceneError(
-            f"{name} has samples too near in time for a sequence, whose index is a double in s"
-        )
     if track.lost:
         lost = " ".join(f"{_index(ns)}={status.name}" for ns, status in track.lost.items())
         sequence.SetAttribute(LOST_ATTRIBUTE, lost)

@@ -17,7 +17,7 @@ from PIL import Image
 from app.case import Case, open_case, read_mrml
 from app.cli.main import main
 from app.fixture import MarginState
-from app.geometry import Transform
+from app.geometry import InputError, Transform
 from app.scene import OffscreenError, use_offscreen_rendering
 from app.session import Session, StepResult, setup_from_case
 from tests.cli.small_case import write_small_case
@@ -197,6 +197,21 @@ def test_a_scene_of_a_small_case_with_the_movie_and_the_report(
         movie.seek(number)
         level = movie.convert("RGB").getpixel((movie.width - 2, 2))
         assert level == tuple(round(255 * part) for part in worst.color)
+
+
+def test_a_clock_that_jumps_back_costs_the_recording_and_not_the_scene(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    case, mrb = write_small_case(tmp_path / "case"), tmp_path / "s.mrb"
+    recording = case / "tracking.igs.mha"
+    text = recording.read_text().replace("Frame0039_Timestamp = 101.950", "Frame0039_Timestamp = 5")
+    recording.write_text(text)
+    assert replay(case, "--save-scene", str(mrb)) == 0
+    error = capfd.readouterr().err
+    assert error.count("\n") == 1
+    assert "saved without the recording: a frame at 5.000000000 s comes after" in error
+    with pytest.raises(InputError, match="no sequence of transforms"):
+        list(read_mrml(mrb, print))
 
 
 @pytest.mark.parametrize(

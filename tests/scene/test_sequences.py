@@ -219,8 +219,16 @@ def test_recordings_of_slicer_itself(
     assert_read(path, [tuple(s for s in samples if s.transform) for samples in frames])
 
 
-def test_times_that_do_not_rise_are_refused(shown: MarginGuardScene, frames: Frames) -> None:
+def test_what_is_no_sequence_is_refused_and_adds_nothing(
+    shown: MarginGuardScene, frames: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = shown.scene.GetNumberOfNodes()
     with pytest.raises(SceneError, match=r"a frame at 1700000000\.\d+ s comes after one at .* s"):
         add_sequences(shown, [frames[1], frames[0]], [], stamp(0).ns)
     with pytest.raises(SceneError, match="no good sample"):
         add_sequences(shown, [], [], stamp(0).ns)
+    # Three edges, and the three poses in the reference that come of them.
+    monkeypatch.setattr("app.scene.sequences.MOST_ITEMS", 18)
+    with pytest.raises(SceneError, match=r"longer than 0\.060000003 s: 18 poses are allowed"):
+        add_sequences(shown, frames, [], stamp(0).ns)
+    assert shown.scene.GetNumberOfNodes() == before
