@@ -114,11 +114,15 @@ def guarding(
         margins = MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
         OperatorServices(publisher.ros, changes)
         buffer = TransformBuffer()
-        TfListener(publisher.ros, buffer)
+        TfListener(publisher.ros, buffer, clock=False)
         twists = TwistLimiter(publisher.ros, buffer, parameters=limits)
         guidance = None if guides is None else GuidancePublisher(publisher.ros, guides)
         source = source_of(publisher.ros, entry, live.add)
-        counted += [source.counts, lambda: {"callbacks that failed": publisher.ros.failures}]
+        counted += [
+            source.counts,
+            lambda: {"callbacks that failed": publisher.ros.failures},
+            lambda: {f"twists refused: {why}": n for why, n in dict(twists.refused).items()},
+        ]
         robot = case.manifest.robot
         if robot is not None and robot.joint_states is not None:
             offset_ns = case.manifest.clock.offset_robot_to_tracker_ns

@@ -6,7 +6,7 @@ from sensor_msgs.msg import JointState
 
 from app.bridge.live.subscription import CountedSubscription
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
+from app.bridge.qos import INCOMING, Topic
 from app.case import JointSample
 from app.case.message_values import JointValues
 from app.case.ros_messages import JOINT_STATE
@@ -20,4 +20,4 @@ def listen_to_joints(
     def take(values: JointValues) -> None:
         deliver(values.sample(offset_ns=offset_ns))
 
-    return CountedSubscription(ros, Topic(topic, JointState, STREAM), JOINT_STATE, take)
+    return CountedSubscription(ros, Topic(topic, JointState, INCOMING), JOINT_STATE, take)

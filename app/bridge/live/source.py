@@ -1,6 +1,7 @@
 """Where a live session's tracked transforms come from."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
@@ -9,7 +10,7 @@ from app.bridge import topics
 from app.bridge.igtl import IgtlSource
 from app.bridge.live.subscription import CountedSubscription
 from app.bridge.node import RosNode
-from app.bridge.qos import STREAM, Topic
+from app.bridge.qos import INCOMING, Topic
 from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry
 from app.case.message_values import PoseValues
 from app.case.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
@@ -38,7 +39,8 @@ class TfSource:
 
     def __init__(self, ros: RosNode, deliver: Deliver) -> None:
         self._deliver: Deliver | None = deliver
-        self._subscription = CountedSubscription(ros, topics.TF, TF_MESSAGE, self._take)
+        tf = replace(topics.TF, qos=INCOMING)
+        self._subscription = CountedSubscription(ros, tf, TF_MESSAGE, self._take)
 
     def counts(self) -> Mapping[str, int]:
         """Messages, and transforms that cannot be used."""
@@ -65,7 +67,7 @@ class TrackedTransformSource:
     def __init__(self, ros: RosNode, topic: str, deliver: Deliver) -> None:
         self._deliver: Deliver | None = deliver
         self._subscription = CountedSubscription(
-            ros, Topic(topic, TrackedTransformMessage, STREAM), TRACKED_TRANSFORM, self._take
+            ros, Topic(topic, TrackedTransformMessage, INCOMING), TRACKED_TRANSFORM, self._take
         )
 
     def counts(self) -> Mapping[str, int]:

