@@ -1,5 +1,6 @@
 """``live.yaml``: the words of ``case.yaml`` with a live ``source`` in the place of a recording."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,10 +49,11 @@ class IgtlSourceEntry:
 
 LiveSourceEntry = TfSourceEntry | TopicSourceEntry | IgtlSourceEntry
 
-ONLY_LIVE = ("source", "guidance", "limiter")
+ONLY_LIVE = ("source", "guidance", "limiter", "tumor_motion")
 """The sections that a case does not have."""
 
 _GUIDANCE = ("force_n", "range_mm", "rate_n_s", "period_ms", "delay_ms", "damping_n_s_m")
+_TUMOR_MOTION = ("swing_mm", "swing_deg", "rate_hz", "jitter_mm", "jitter_deg")
 _LIMITER = ("tau_ms", "lever_mm", "retreat_mm_s", "most_mm_s", "most_rad_s")
 
 _LAST_PORT = 65_535
@@ -66,7 +68,9 @@ class LiveCase:
     its clock is estimated as samples arrive. ``joints_of_host``: so does the robot; otherwise its
     stamps and ``clock.offset_robot_to_tracker_ms`` are a time on the source's clock, as in a case.
     ``guidance`` has all the values of a guidance force, None without one, and ``limiter`` those of
-    the twist limiter that are given: by name, with seconds in the place of milliseconds.
+    the twist limiter that are given; ``tumor_motion`` has all that a tumour is expected to do, None
+    where it is taken to be still. All by name, with seconds in the place of milliseconds and
+    radians in that of degrees.
     """
 
     case: Case
@@ -75,6 +79,7 @@ class LiveCase:
     joints_of_host: bool
     guidance: Mapping[str, float] | None
     limiter: Mapping[str, float]
+    tumor_motion: Mapping[str, float] | None
 
 
 def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
@@ -126,11 +131,16 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
         source,
         stamps_of_host,
         joints_of_host=not document.has("clock"),
-        guidance=_given(document, "guidance", _GUIDANCE) if document.has("guidance") else None,
+        guidance=_all_of(document, "guidance", _GUIDANCE),
         limiter=_given(document, "limiter", _LIMITER, partly=True)
         if document.has("limiter")
         else MappingProxyType({}),
+        tumor_motion=_all_of(document, "tumor_motion", _TUMOR_MOTION),
     )
+
+
+def _all_of(document: Section, name: str, keys: Sequence[str]) -> Mapping[str, float] | None:
+    return _given(document, name, keys) if document.has(name) else None
 
 
 def _given(
@@ -145,6 +155,8 @@ def _given(
         value = block.number(key, minimum=0.0)
         if key.endswith("_ms"):
             key, value = key.removesuffix("_ms") + "_s", value / 1000.0
+        if key.endswith("_deg"):
+            key, value = key.removesuffix("_deg") + "_rad", math.radians(value)
         found[key] = value
     return MappingProxyType(found)
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -87,10 +87,17 @@ def guarding(
     from app.bridge.tf import TransformBuffer
     from app.bridge.tf.listener import TfListener
     from app.case import TfSourceEntry
-    from app.session import LiveSession, Session, guidance_parameters, limiter_parameters
+    from app.session import (
+        LiveSession,
+        Session,
+        guidance_parameters,
+        limiter_parameters,
+        tumor_motion_parameters,
+    )
 
     entry = config.source
     limits, guides = limiter_parameters(config), guidance_parameters(config)
+    setup = replace(setup, tumor_motion=tumor_motion_parameters(config))
     live = LiveSession(
         Session(setup),
         host_ns=_host_clock(config.stamps_of_host),

@@ -8,7 +8,11 @@ Reads no clock and knows neither ROS nor VTK.
 from app.session.from_case import margin_parameters, setup_from_case
 from app.session.joint_clock import tip_signals, with_estimated_clock
 from app.session.live import LiveSession
-from app.session.live_control import guidance_parameters, limiter_parameters
+from app.session.live_control import (
+    guidance_parameters,
+    limiter_parameters,
+    tumor_motion_parameters,
+)
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.session import Session, StepResult
 from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
@@ -29,6 +33,7 @@ __all__ = [
     "margin_parameters",
     "setup_from_case",
     "tip_signals",
+    "tumor_motion_parameters",
     "with_estimated_clock",
     "with_repaired_tumor",
 ]

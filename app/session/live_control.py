@@ -1,7 +1,7 @@
-"""How a live session limits twists and guides the hand, as its ``live.yaml`` asks for."""
+"""How a live session limits twists, guides the hand and follows the tumour, by ``live.yaml``."""
 
 from app.case import LiveCase
-from app.fixture import GuidanceParameters, LimiterParameters
+from app.fixture import GuidanceParameters, LimiterParameters, TumorMotionParameters
 from app.geometry import InputError, MarginGuardError
 
 
@@ -21,3 +21,13 @@ def limiter_parameters(live: LiveCase) -> LimiterParameters:
         return LimiterParameters(**live.limiter)
     except MarginGuardError as error:
         raise InputError(f"{live.case.manifest.file}: limiter: {error}") from error
+
+
+def tumor_motion_parameters(live: LiveCase) -> TumorMotionParameters | None:
+    """Those of ``tumor_motion``, None without it."""
+    if live.tumor_motion is None:
+        return None
+    try:
+        return TumorMotionParameters(**live.tumor_motion)
+    except MarginGuardError as error:
+        raise InputError(f"{live.case.manifest.file}: tumor_motion: {error}") from error

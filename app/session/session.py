@@ -13,12 +13,13 @@ from app.fixture import (
     RecentWitnesses,
     path_mm,
 )
-from app.geometry import FrameError, Stamp, Transform
+from app.geometry import FloatArray, FrameError, Stamp, Transform
 from app.registration import RegistrationDrift, check_drift, predict_tre
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
 from app.session.pose_tree import MeasuredPose, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
+from app.session.tumor_velocity import TumorVelocity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +67,7 @@ class Session:
         self._recent = RecentWitnesses()
         self._monitor = MarginMonitor(setup.margins, frame=setup.frame_from_tumor.source)
         self._follower = _follower(setup.robot)
+        self._velocity = _velocity(setup)
         self._joints: JointSample | None = None
         self._drifted = False
         self._last: _Place | None = None
@@ -107,6 +109,7 @@ class Session:
                 problems=problems | tool.problems | registration_problems,
                 sigma_tre_mm=sigma_tre_mm,
                 unchanged_ns=max(pose.unchanged_ns for pose in used),
+                tumor_twist=self._tumor_twist(frame.stamp),
             )
         )
         if decision.constraint is not None:
@@ -160,6 +163,7 @@ class Session:
             self._recent = RecentWitnesses()
             self._last = None
             self._virtual_fixture = None
+            self._velocity = _velocity(setup)
             self._monitor.restart()
 
     @property
@@ -171,6 +175,12 @@ class Session:
     def known_frames(self) -> tuple[str, ...]:
         """Every frame that the tracker has named so far."""
         return self._poses.known_frames()
+
+    def _tumor_twist(self, now: Stamp) -> FloatArray | None:
+        if self._velocity is None:
+            return None
+        seen = self._poses.pose(REFERENCE, self.setup.frame_from_tumor.target)
+        return self._velocity.twist(seen, now, self.setup.margins.stale_after_ns)
 
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
@@ -280,3 +290,9 @@ def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
 
 def _follower(robot: RobotSetup | None) -> IkFollower | None:
     return IkFollower(robot) if robot is not None and robot.follows_tool else None
+
+
+def _velocity(setup: SessionSetup) -> TumorVelocity | None:
+    if setup.tumor_motion is None:
+        return None
+    return TumorVelocity(setup.tumor_motion, setup.frame_from_tumor)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.fixture import MarginParameters, Proximity, SweptProximity
-from app.geometry import FrameError, Stamp, Transform
+from app.fixture import MarginParameters, Proximity, SweptProximity, TumorMotionParameters
+from app.geometry import FrameError, InputError, Stamp, Transform
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot
 
@@ -74,8 +74,10 @@ class SessionSetup:
 
     ``tool_from_tip``: the tip in the tool's tracked frame; ``frame_from_tumor``: the tumour in
     the tracked frame that it moves with; ``proximity``: measures the tool, given in the tip's
-    frame, against the tumour; ``robot``: None where the tool is held by hand. Raises `FrameError`
-    for shapes in other frames than those of the two transforms.
+    frame, against the tumour; ``robot``: None where the tool is held by hand; ``tumor_motion``: how
+    the tumour is expected to move, for a constraint that tells its velocity, None where it is taken
+    to be still. Raises `FrameError` for shapes in other frames than those of the two transforms,
+    and `InputError` for a moving tumour without a robot, whose base tells against what it moves.
     """
 
     tool_from_tip: Transform
@@ -83,8 +85,11 @@ class SessionSetup:
     proximity: ProximityModel
     margins: MarginParameters
     robot: RobotSetup | None
+    tumor_motion: TumorMotionParameters | None = None
 
     def __post_init__(self) -> None:
+        if self.tumor_motion is not None and self.robot is None:
+            raise InputError("tumor_motion is given without a robot: nothing uses the velocity")
         tumor, tool = self.proximity.frames
         for what, frame, edge in (
             ("tumour", tumor, self.frame_from_tumor),

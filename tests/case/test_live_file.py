@@ -1,3 +1,4 @@
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,9 @@ from app.case import (
     open_case,
     open_live,
 )
-from app.fixture import GuidanceParameters, LimiterParameters
+from app.fixture import GuidanceParameters, LimiterParameters, TumorMotionParameters
 from app.geometry import InputError
-from app.session import guidance_parameters, limiter_parameters
+from app.session import guidance_parameters, limiter_parameters, tumor_motion_parameters
 
 
 @pytest.fixture
@@ -91,6 +92,16 @@ def test_guidance_and_limiter_are_what_they_are_written_as(tmp_path, values):
     live = opened(tmp_path, values | given)
     assert guidance_parameters(live) == GuidanceParameters(2.0, 10.0, 20.0, 0.02, 0.005, 5.0)
     assert limiter_parameters(live) == LimiterParameters(tau_s=0.08, most_mm_s=100.0)
+
+
+def test_a_tumours_motion_is_in_degrees_and_whole(tmp_path, values):
+    assert tumor_motion_parameters(opened(tmp_path, values)) is None
+    motion = {"swing_mm": 5, "swing_deg": 180, "rate_hz": 0.25, "jitter_mm": 0.3, "jitter_deg": 0.3}
+    found = tumor_motion_parameters(opened(tmp_path, values | {"tumor_motion": motion}))
+    assert found == TumorMotionParameters(5.0, math.pi, 0.25, 0.3, math.radians(0.3))
+    still = opened(tmp_path, values | {"tumor_motion": motion | {"rate_hz": 0.0}})
+    with pytest.raises(InputError, match=r"live.yaml: tumor_motion: rate_hz 0.0"):
+        tumor_motion_parameters(still)
 
 
 def test_a_force_that_is_not_passive_and_a_limit_of_nothing_are_refused(tmp_path, values):

@@ -1,0 +1,44 @@
+"""How fast the tumour moves in the reference frame, for the constraint: seen, not assumed."""
+
+from app.fixture import TumorMotionFilter, TumorMotionParameters
+from app.geometry import FloatArray, Stamp, Transform
+from app.session.pose_tree import MeasuredPose
+
+
+class TumorVelocity:
+    """Follows the tumour with a `TumorMotionFilter`, step by step.
+
+    ``frame_from_tumor`` is the tumour in the tracked frame that it moves with.
+    """
+
+    def __init__(self, parameters: TumorMotionParameters, frame_from_tumor: Transform) -> None:
+        self._parameters = parameters
+        self._frame_from_tumor = frame_from_tumor
+        self._filter = TumorMotionFilter(parameters)
+        self._now: Stamp | None = None
+        self._newest: Stamp | None = None
+
+    def twist(
+        self, reference_from_frame: MeasuredPose, now: Stamp, stale_after_ns: int
+    ) -> FloatArray | None:
+        """The tumour's twist (6,) at ``now`` in mm/s and rad/s, along its own axes.
+
+        None where no sample that was believed is young enough: the tumour is then taken to be
+        still. Everything is forgotten when ``now`` goes back.
+        """
+        if self._now is not None and now < self._now:
+            self._filter, self._newest = TumorMotionFilter(self._parameters), None
+        self._now = now
+        pose, stamp = reference_from_frame.transform, reference_from_frame.oldest
+        # A pose with problems, or from the future, has no transform.
+        if (
+            pose is not None
+            and stamp is not None
+            and (self._newest is None or self._newest < stamp)
+        ):
+            self._newest = stamp
+            self._filter.update(pose @ self._frame_from_tumor, stamp)
+        motion = self._filter.at(now)
+        if motion is None or motion.stamp.age_ns(now) > stale_after_ns:
+            return None
+        return motion.twist

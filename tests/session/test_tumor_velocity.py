@@ -1,0 +1,104 @@
+"""A breathing tumour whose velocity is known: what the constraint tells of it."""
+
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.fixture import MarginState, TumorMotionParameters
+from app.geometry import NS_PER_S, InputError, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.registration import DriftBound, given_registration
+from app.robot import load_robot
+from app.session import RobotSetup, Session, SessionSetup
+from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
+
+EXPECTED = TumorMotionParameters(
+    swing_mm=5.0, swing_rad=0.01, rate_hz=0.25, jitter_mm=0.1, jitter_rad=0.001
+)
+PACE = 2.0 * math.pi * EXPECTED.rate_hz
+NEEDLE_FROM_TUMOR = Transform(
+    "needle", "tumor", [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [3.0, 4.0, 5.0]
+)
+
+
+@cache
+def touch():
+    robots = Path(__file__).resolve().parents[2] / "data" / "robots"
+    return load_robot(robots / "touch" / "touch.urdf")
+
+
+def make_setup(motion: TumorMotionParameters | None) -> SessionSetup:
+    registration = given_registration(Transform.identity("reference", "robot_base"))
+    robot = RobotSetup(touch(), "robot_base", "stylus", registration, DriftBound(5.0, 0.05))
+    tip = Transform.identity("cautery", "cautery_tip")
+    return SessionSetup(tip, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot, motion)
+
+
+def breath(at_ms: float, rng: np.random.Generator):
+    """Tool and tumour in the reference; the needle swings by 5 mm along its own x."""
+    x = 5.0 * math.sin(PACE * at_ms / 1000.0) + EXPECTED.jitter_mm * rng.normal()
+    y, z = EXPECTED.jitter_mm * rng.normal(size=2)
+    needle = Transform.from_rotation_vector(
+        EXPECTED.jitter_rad * rng.normal(size=3), [x, y, z], target="reference", source="needle"
+    )
+    stamp = Stamp(round(at_ms * 1e6))
+    return (
+        TrackedTransform(needle, stamp, TrackingStatus.OK),
+        sample("reference", "cautery", (60.0, 0.0, 0.001 * at_ms), at_ms),
+    )
+
+
+def run(session: Session, start_ms: float, end_ms: float):
+    rng = np.random.default_rng(round(start_ms))
+    return [session.step(frame(at, *breath(at, rng))) for at in np.arange(start_ms, end_ms, 20.0)]
+
+
+def off_mm_s(steps):
+    """Velocities of the constraint less the true ones; the needle's x is the tumour's -y."""
+    found = np.array([s.decision.constraint.tumor_velocities_mm_s[0] for s in steps])
+    seconds = np.array([s.frame.stamp.ns / NS_PER_S for s in steps])
+    true = np.zeros((len(steps), 3))
+    true[:, 1] = -5.0 * PACE * np.cos(PACE * seconds)
+    return found - true
+
+
+def test_the_constraint_tells_how_fast_the_tumour_moves():
+    followed = run(Session(make_setup(EXPECTED)), 0, 6000)[50:]
+    assert {step.decision.state for step in followed} == {MarginState.NEGATIVE}
+    still = run(Session(make_setup(None)), 0, 6000)[50:]
+    assert not any(s.decision.constraint.tumor_velocities_mm_s.any() for s in still)
+    # It moves at up to 7.9 mm/s.
+    spread = np.sqrt((off_mm_s(followed) ** 2).mean(axis=0))
+    assert spread.max() < 1.5 < 0.5 * np.sqrt((off_mm_s(still) ** 2).mean(axis=0)).max()
+
+
+def test_what_is_not_seen_any_more_is_taken_to_be_still():
+    session = Session(make_setup(EXPECTED))
+    run(session, 0, 2000)
+    silent = session.step(frame(2000 + PARAMETERS.stale_after_ns / 1e6))
+    assert silent.decision.state is MarginState.UNKNOWN
+    assert not silent.decision.constraint.tumor_velocities_mm_s.any()
+
+
+def test_a_clock_that_is_set_back_begins_anew_and_other_shapes_do_too():
+    session = Session(make_setup(EXPECTED))
+    run(session, 20_000, 21_000)
+    assert off_mm_s(run(session, 0, 2000)[50:]).max() < 4.0
+    session.use(replace(make_setup(EXPECTED), proximity=AnalyticSphere(9.0)))
+    assert off_mm_s(run(session, 2000, 4000)[50:]).max() < 4.0
+
+
+def test_samples_from_the_future_and_lost_ones_break_nothing():
+    session = Session(make_setup(EXPECTED))
+    run(session, 0, 1000)
+    ahead = breath(5000, np.random.default_rng(0))
+    assert session.step(frame(1000, *ahead)).decision.state is MarginState.UNKNOWN
+    assert np.abs(off_mm_s(run(session, 1020, 2000)[10:])).max() < 5.0
+
+
+def test_a_tumour_that_moves_against_nothing_is_refused():
+    with pytest.raises(InputError, match="tumor_motion is given without a robot"):
+        replace(make_setup(EXPECTED), robot=None)
