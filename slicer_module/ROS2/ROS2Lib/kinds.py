@@ -53,7 +53,6 @@ TOPICS = tuple(SHORT_NAMES)
 class Kind:
     """A type of message and the value that stands for it in Slicer."""
 
-    name: str
     type: Any
     read: Callable[[Any], Any]
     write: Callable[[Any], Any]
@@ -65,7 +64,6 @@ def kind_of(name: str) -> Kind:
     kind = message_type(name)
     read, write, blank = _SPECIAL.get(name, (None, None, None))
     return Kind(
-        name.rpartition("/")[2],
         kind,
         read or value_of,
         (lambda value: write(kind, value)) if write else (lambda value: message_of(value, kind)),

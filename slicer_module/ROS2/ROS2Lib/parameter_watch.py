@@ -2,8 +2,8 @@
 
 import threading
 
-from app.bridge import RosNode
-from app.bridge.calls import CallError, ParameterChange, ParameterClient, ParameterUnsetError
+from app.bridge import BridgeError, RosNode
+from app.bridge.calls import ParameterChange, ParameterClient, ParameterUnsetError
 from app.bridge.calls.parameter_values import Plain
 
 _LOOK_AGAIN_S = 0.2
@@ -95,7 +95,9 @@ class ParameterWatch:
                 value = self._client.get(name, _TIMEOUT_S, self._closing)
             except ParameterUnsetError:
                 value = None
-            except CallError:  # it left, hangs, or we are closing: asked again when it is there
+            except (
+                BridgeError
+            ):  # it left, hangs, says what is no value, or we are closing: asked again
                 return False
             with self._condition:
                 self._asked.discard(name)
