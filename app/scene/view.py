@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from slicer import vtkMRMLApplicationLogic
-from trame_slicer.views import AbstractView, ThreeDView
-from trame_slicer.views.render_scheduler import NoScheduleRendering
 from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
 
 from app.scene.application import SceneApplication
@@ -13,6 +12,9 @@ from app.scene.cameras import VIEW_ANGLE_DEG, look_through
 from app.scene.framing import Camera
 from app.scene.offscreen import use_offscreen_rendering
 from app.scene.pixels import Pixels, pixels_of
+
+if TYPE_CHECKING:
+    from trame_slicer.views import AbstractView
 
 _TOP = (0.97, 0.98, 0.99)
 _BOTTOM = (0.84, 0.88, 0.92)
@@ -28,6 +30,10 @@ class OffscreenView:
         size: tuple[int, int],
     ) -> None:
         """``size`` in pixels; raises `OffscreenError` on a machine that cannot draw."""
+        # Not above: desktop Slicer loads this room, has views of its own and no trame-slicer.
+        from trame_slicer.views import ThreeDView
+        from trame_slicer.views.render_scheduler import NoScheduleRendering
+
         use_offscreen_rendering()
         self._scene = application.scene
         self._view = ThreeDView(
@@ -83,7 +89,7 @@ class OffscreenView:
         self._scene.RemoveNode(node)
 
 
-def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: AbstractView) -> Callable[[], None]:
+def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: "AbstractView") -> Callable[[], None]:
     """Let a view of trame-slicer wait while ``logic`` pauses drawing, as desktop Slicer's views do.
 
     Every displayable manager asks for a drawing at each change, some forty in an update. After

@@ -30,7 +30,7 @@ class MarginGuard(ScriptedLoadableModule):
         ScriptedLoadableModule.__init__(self, parent)
         parent.title = "MarginGuard"
         parent.categories = ["IGT"]
-        parent.dependencies = []
+        parent.dependencies = ["Markups", "Segmentations", "Sequences"]
         parent.contributors = ["MarginGuard developers"]
         parent.helpText = (
             "Guards the margin of a tumour: the tracked tool's signed distance, the state of the "
@@ -261,6 +261,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.sessionLabel.setText(status.session)
         ui.trackersLabel.setText(status.trackers)
         ui.registrationLabel.setText(status.registration)
+        for button in (ui.connectButton, ui.loadButton):
+            button.setEnabled(not status.is_live)
         ui.disconnectButton.setEnabled(status.is_live)
         ui.acceptButton.setEnabled(status.can_accept)
         for button in (ui.setTumorButton, ui.applyMarginsButton, ui.rearmButton):

@@ -13,8 +13,8 @@ from tests.bridge.live.conftest import live_yaml as live_yaml
 from tests.bridge.live.conftest import start as start
 from tests.bridge.live.test_live_command import SENDER, TRACKED
 from tests.ros_domain import domain_id as domain_id
+from tests.slicer_module.marginguard_module import CASE, spin_until
 from tests.slicer_module.marginguard_module import application as application
-from tests.slicer_module.marginguard_module import spin_until
 
 from MarginGuardLib.logic import GuardLogic  # isort: skip
 
@@ -37,6 +37,8 @@ def test_a_tracker_that_dies_turns_the_tumour_grey_until_somebody_rearms(
     assert guard.spin().session == "connecting ..."
     with pytest.raises(MarginGuardError, match="no case is loaded"):
         guard.pause()
+    with pytest.raises(MarginGuardError, match="a live session is on: disconnect first"):
+        guard.load_case(CASE)
     sender = start(str(SENDER), str(frames_file), "tracked", "again")
     status = spin_until(guard, lambda now: now.state is MarginState.POSITIVE)
     assert status.is_live
@@ -77,3 +79,11 @@ def test_a_configuration_that_is_wrong_is_one_line(guard, tmp_path):
     assert status.message == f"{tmp_path / 'live.yaml'} is no live configuration: no such file"
     with pytest.raises(MarginGuardError, match="there is no session"):
         guard.set_margins(1.0, 5.0)
+
+
+def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(guard, tmp_path, live_yaml):
+    guard.load_case(CASE)
+    guard.connect(live_yaml(TRACKED))
+    assert guard.spin().message == ""
+    status = spin_until(guard, lambda now: now.message == "" and guard.margins() is not None)
+    assert status.is_live

@@ -128,3 +128,17 @@ def test_a_slicer_that_was_started_without_the_environment_says_how():
     assert done.stdout.startswith("MarginGuard cannot be loaded (No module named 'app')")
     assert "marginguard slicer --slicer PATH" in done.stdout
     assert done.stdout.count("\n") == 1
+
+
+def test_the_logic_needs_nothing_that_desktop_slicer_has_not():
+    """Neither trame-slicer, the wheels' own way to views, nor Qt; matplotlib stays unloaded."""
+    code = (
+        "import sys\n"
+        "sys.modules |= dict.fromkeys(('trame', 'trame_slicer', 'PySide6'))\n"
+        "import MarginGuardLib.logic\n"
+        "print('matplotlib' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=FOLDER, check=False
+    )
+    assert done.stdout == "False\n", done.stderr

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import slicer
 
-from app.cli.main import main
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
+from app.report import ReplayLog
+from app.report.margin_csv import margin_csv
 from app.scene import Preset
+from app.session import Session
 from tests.slicer_module.marginguard_module import CASE, spin_until
 from tests.slicer_module.marginguard_module import application as application
 
@@ -33,19 +35,19 @@ class ClockDouble:
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory):
-    """``margin.csv`` of the case, as ``marginguard replay`` writes it, by the second."""
-    folder = tmp_path_factory.mktemp("report")
-    assert main(["replay", str(CASE), "--no-ros", "--report", str(folder)]) == 0
-    with (folder / "margin.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == WHOLE_CASE
-    return {round(float(row["t_s"]), 3): row for row in rows}
+def opened():
+    return open_recorded(CASE)
 
 
 @pytest.fixture(scope="module")
-def opened():
-    return open_recorded(CASE)
+def rows(opened):
+    """The rows of the case's ``margin.csv``, by the second: of a replay from end to end."""
+    session, log = Session(opened.setup), ReplayLog()
+    for frame in opened.case.frames():
+        log.add(session.step(frame), 0)
+    rows = list(csv.DictReader(margin_csv(log.rows).splitlines()))
+    assert len(rows) == WHOLE_CASE
+    return {round(float(row["t_s"]), 3): row for row in rows}
 
 
 @pytest.fixture
@@ -152,7 +154,9 @@ def test_a_paused_recording_does_not_age_but_one_that_plays_and_stops_delivering
     guard.spin(0.0)
     assert tumor_color(application) == RED
 
-    with guard._run.steps.between_steps():  # the worker cannot step: it has stopped delivering
+    with (
+        guard.session.run.steps.between_steps()
+    ):  # the worker cannot step: it has stopped delivering
         guard.play()
         clock.ns += 61_000_000
         status = guard.spin(0.0)

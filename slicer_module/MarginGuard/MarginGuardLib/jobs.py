@@ -48,10 +48,16 @@ class Jobs:
         if self._jobs:
             wait([self._jobs[0].future], seconds)
 
-    def close(self) -> None:
-        """Forget what has not begun, and wait for what has."""
+    def forget(self) -> None:
+        """Do nothing with the results of the jobs that were begun, and no job that waits."""
+        for job in self._jobs:
+            job.future.cancel()
         self._jobs.clear()
-        self._executor.shutdown(cancel_futures=True)
+
+    def close(self) -> None:
+        """Forget all of them, and wait for the one that is at work."""
+        self.forget()
+        self._executor.shutdown()
 
 
 def one_line(error: BaseException) -> str:

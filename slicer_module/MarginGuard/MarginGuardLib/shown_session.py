@@ -1,0 +1,158 @@
+"""One session at a time in the scene: what runs, what was shown last, how old that is."""
+
+from collections.abc import Callable
+
+from slicer import vtkMRMLScene, vtkMRMLTransformNode
+
+from app.bridge.control import SessionChanges
+from app.fixture import MarginState, Reason
+from app.geometry import NS_PER_S, InputError
+from app.scene import TransformHealth
+
+from .display import NOTHING_YET, SessionDisplay
+from .replay_steps import OpenedCase, ReplaySteps
+from .run import Delivered, Run, Steps
+
+
+class ShownSession:
+    """A live session or a replay, shown in ``mrml_scene``; for the scene's thread alone.
+
+    ``opacity`` and ``patient_to_ras`` are those of every display to come.
+    """
+
+    def __init__(self, mrml_scene: vtkMRMLScene, clock_ns: Callable[[], int]) -> None:
+        self.opacity = 0.4
+        self.patient_to_ras: vtkMRMLTransformNode | None = None
+        self.rate = 1.0
+        self.run: Run | None = None
+        self.display: SessionDisplay | None = None
+        self.opened: OpenedCase | None = None
+        self.health: tuple[TransformHealth, ...] = ()
+        self._mrml_scene = mrml_scene
+        self._clock_ns = clock_ns
+        self._last: Delivered | None = None
+
+    def begin(self, steps: Steps, opened: OpenedCase | None = None) -> None:
+        """End what there is, and run ``steps``, of the case ``opened`` when they are a replay."""
+        self.end()
+        self.opened = opened
+        self.run = Run(steps, self._clock_ns)
+
+    def end(self) -> None:
+        """Stop the run, and take the display out of the scene."""
+        if self.run is not None:
+            self.run.stop()
+        if self.display is not None:
+            self.display.clear()
+        self.run = self.opened = self._last = self.display = None
+        self.health = ()
+
+    def seek(self, seconds: float, *, paused: bool) -> None:
+        """Replay the case from there, as it was changed since it was opened."""
+        case, changes = self.case(), self.changes()
+        if not 0.0 <= seconds <= case.duration_s:
+            raise InputError(f"seek to {seconds:g} s: 0 to {case.duration_s:.1f} s wanted")
+        if self.run is not None:
+            self.run.stop()
+        steps = ReplaySteps(
+            case, changes.setup, changes.scene, start_s=seconds, rate=self.rate, paused=paused
+        )
+        self.run = Run(steps, self._clock_ns)
+
+    def take(self, wait_s: float) -> None:
+        """Show the newest step, waited for at most ``wait_s``, and grey what has become old."""
+        run = self.run
+        if run is None:
+            return
+        delivered = run.newest(wait_s)
+        changes = run.steps.changes
+        if delivered is not None and changes is not None:
+            if self.display is None:
+                self.display = SessionDisplay(
+                    self._mrml_scene, changes.scene, changes.setup, self.opacity
+                )
+            elif self._last is None or self._last.run is not run:
+                self.display.restart()
+            self._last = delivered
+            self.health = self.display.show(
+                delivered.step, changes.scene, run.present_ns(delivered)
+            )
+            self.display.hang_under(self.patient_to_ras)
+        elif self._last is not None and self.display is not None:
+            self.health = self.display.check(run.present_ns(self._last))
+
+    @property
+    def is_running(self) -> bool:
+        """Whether steps may come."""
+        return self.run is not None and not self.run.is_over
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether a replay goes on by itself."""
+        return self.is_running and self.opened is not None and not self.replay().player.paused
+
+    @property
+    def position_s(self) -> float | None:
+        """Seconds from the first frame of the case to the frame that was shown last."""
+        if self.opened is None or self._last is None:
+            return None
+        return (self._last.step.frame.stamp.ns - self.opened.first_ns) / NS_PER_S
+
+    def readout(self) -> tuple[MarginState, str]:
+        """The state and the banner, as the scene shows them."""
+        if self.display is None:
+            return MarginState.UNKNOWN, NOTHING_YET
+        return self.display.readout()
+
+    def reasons(self) -> str:
+        """Those of the last decision, or the one for which it is not shown any more."""
+        if self._last is None:
+            return ""
+        decision = self._last.step.decision
+        if self.readout()[0] is not decision.state:
+            return str(Reason.STALE)
+        return ", ".join(map(str, decision.reasons))
+
+    def text(self) -> str:
+        """What the session is, and what it does."""
+        if self.run is None:
+            return "no session"
+        if self.opened is not None:
+            manifest = self.opened.case.manifest
+            does = "playing" if self.is_playing else "paused" if self.is_running else "ended"
+            return f"{manifest.name} ({manifest.provenance.kind}): {does}"
+        if not self.is_running:
+            return "live session has ended"
+        return "connecting ..." if self._last is None else "live"
+
+    def running(self) -> Run:
+        """The run; `InputError` when none takes steps."""
+        if self.run is None or self.run.is_over:
+            raise InputError("there is no session: connect or load a case first")
+        return self.run
+
+    def changes(self) -> SessionChanges:
+        """What changes the session; `InputError` before it has begun."""
+        changes = None if self.run is None else self.run.steps.changes
+        if changes is None:
+            raise InputError("there is no session: connect or load a case first")
+        return changes
+
+    def case(self) -> OpenedCase:
+        """The case that is replayed; `InputError` without one."""
+        if self.opened is None:
+            raise InputError("no case is loaded: load one first")
+        return self.opened
+
+    def replay(self) -> ReplaySteps:
+        """The replay; `InputError` when the session is none."""
+        steps = None if self.run is None else self.run.steps
+        if not isinstance(steps, ReplaySteps):
+            raise InputError("no case is loaded: load one first")
+        return steps
+
+    def shown(self) -> SessionDisplay:
+        """The display; `InputError` before there is one."""
+        if self.display is None:
+            raise InputError("nothing is shown yet: connect or load a case first")
+        return self.display
