@@ -40,6 +40,7 @@ ONLY_IN = {
     "yourdfpy": {"robot"},
     "rosbags": {"case"},
     "matplotlib": {"report"},
+    "PIL": {"scene"},
 }
 
 

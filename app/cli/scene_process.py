@@ -51,11 +51,11 @@ def _read(stream: IO[bytes]) -> dict[str, Any] | None:
 
 
 def _content(name: str, request: dict[str, Any]) -> bytes | str:
-    from app.scene import OffscreenError, SceneError
+    from app.geometry import MarginGuardError
 
     try:
         return _MAKERS[name](_moment(request["moment"]), request)
-    except (OffscreenError, SceneError) as error:
+    except MarginGuardError as error:
         return str(error)
 
 

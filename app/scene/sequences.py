@@ -72,10 +72,12 @@ def add_sequences(
     played = {name: track for name, track in tracks.items() if track.node is not None}
     if not played:
         raise SceneError("the recording has no good sample of the frames in the scene")
-    browser = scene.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", BROWSER_NAME)
-    browser.SetIndexDisplayFormat("%.3f")
     sequences = {name: _transforms(scene.scene, name, track) for name, track in tracks.items()}
     stamps = sorted({ns for track in played.values() for ns in track.poses})
+    browser = scene.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", BROWSER_NAME)
+    browser.SetIndexDisplayFormat("%.3f")
+    if len(stamps) > 1:
+        browser.SetPlaybackRateFps((len(stamps) - 1) * NS_PER_S / (stamps[-1] - stamps[0]))
     # The first one is the master. Of transforms it may not be: their reader empties the sequence
     # first, so that a browser that is loaded would go to its first item, and take the node along.
     clock = scene.scene.AddNewNodeByClass("vtkMRMLTextNode", CLOCK_NAME)
@@ -103,16 +105,8 @@ def _tracks(
     scene: MarginGuardScene, frames: Iterable[Sequence[TrackedTransform]]
 ) -> dict[str, _Track]:
     """Every edge with a good sample, by its name."""
-    tracks: dict[str, _Track] = {}
-
-    def track(target: str, source: str, *, derived: bool) -> _Track:
-        name = join_transform_name(source, target)
-        if name not in tracks:
-            node = scene.tree.node(source)
-            shown = node is not None and node.GetName() == name
-            tracks[name] = _Track(derived, node if shown else None)
-        return tracks[name]
-
+    measured: dict[str, _Track] = {}
+    derived: dict[str, _Track] = {}
     first_ns = last_ns = None
     for samples in frames:
         if not samples:
@@ -126,23 +120,38 @@ def _tracks(
             )
         last_ns = ns
         for sample in samples:
-            edge = track(sample.target, sample.source, derived=False)
+            track = _track(measured, scene, sample.target, sample.source)
             if sample.transform is None:
-                edge.lost[ns] = sample.status
+                track.lost[ns] = sample.status
             else:
-                edge.poses[ns] = sample.transform
+                track.poses[ns] = sample.transform
         known = [sample.transform for sample in samples if sample.transform is not None]
         for frame, pose in poses_in(scene.reference, known).items():
             if frame != scene.reference and scene.tree.node(frame) is not None:
-                edge = track(scene.reference, frame, derived=True)
-                if edge.derived:
-                    edge.poses[ns] = pose
-        if sum(len(track.poses) for track in tracks.values()) > MOST_ITEMS:
+                _track(derived, scene, scene.reference, frame, derived=True).poses[ns] = pose
+        if sum(len(track.poses) for track in (*measured.values(), *derived.values())) > MOST_ITEMS:
             raise SceneError(
                 f"the recording is longer than {_index(ns - first_ns)} s: "
                 f"{MOST_ITEMS} poses are allowed in a scene, which takes 9 kB for each"
             )
-    return {name: track for name, track in tracks.items() if track.poses}
+    # A pose that was measured as the node shows it is not told twice.
+    return derived | {name: track for name, track in measured.items() if track.poses}
+
+
+def _track(
+    tracks: dict[str, _Track],
+    scene: MarginGuardScene,
+    target: str,
+    source: str,
+    *,
+    derived: bool = False,
+) -> _Track:
+    name = join_transform_name(source, target)
+    if name not in tracks:
+        node = scene.tree.node(source)
+        shown = node is not None and node.GetName() == name
+        tracks[name] = _Track(derived, node if shown else None)
+    return tracks[name]
 
 
 def _transforms(scene: vtkMRMLScene, name: str, track: _Track) -> vtkMRMLSequenceNode:

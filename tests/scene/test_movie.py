@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from app.cli.commands.replay import PICTURES_PER_S
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene import Moment, MomentScene, ShownRobot, movie_gif
 from app.scene.convert import world_matrix
+from app.scene.movie import PICTURE_MS
 
 SIZE = (320, 200)
 BANNER = 40
@@ -60,7 +62,7 @@ def moved(edges: tuple[Transform, ...], by_mm: float) -> tuple[Transform, ...]:
 
 def pictures(gif: bytes) -> list[np.ndarray]:
     image = Image.open(BytesIO(gif))
-    assert image.info["duration"] == 80
+    assert image.info["duration"] == PICTURE_MS
     assert image.info["loop"] == 0
     found = []
     for number in range(image.n_frames):
@@ -94,6 +96,10 @@ def test_each_picture_has_the_colour_of_its_state_and_what_moves_moves(
     # The first and the last picture differ by the tool alone.
     changed = np.abs(found[0][BANNER:].astype(int) - found[-1][BANNER:]).max(axis=2) > 60
     assert 20 < changed.sum() < 0.5 * changed.size
+
+
+def test_the_command_counts_pictures_as_they_are_shown() -> None:
+    assert PICTURES_PER_S * PICTURE_MS == 1000
 
 
 @pytest.mark.usefixtures("can_draw")

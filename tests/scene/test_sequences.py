@@ -142,6 +142,7 @@ def test_the_scene_that_is_loaded_shows_the_moment_and_can_be_played(
     assert node("MarginStatus").GetText() == "POSITIVE: in the tumour, -3.2 mm"
     browser = node("MarginGuard")
     assert browser.GetNumberOfItems() == COUNT
+    assert browser.GetPlaybackRateFps() == pytest.approx(50.0, abs=1e-3)
     assert browser.GetSelectedItemNumber() == NOW
     for index, color, text, line in (
         (0, (0, 1, 0), "NEGATIVE: clear", False),
@@ -184,6 +185,24 @@ def test_every_name_is_that_of_slicer_igt(saved: Path, shown: MarginGuardScene) 
     assert (measured.GetIndexName(), measured.GetIndexUnit()) == ("time", "s")
     assert measured.GetNumberOfDataNodes() == COUNT - 2
     assert measured.GetNthIndexValue(1) == "1700000000.143456790"
+
+
+def test_an_edge_that_is_measured_late_is_a_measurement_all_the_same(
+    shown: MarginGuardScene, frames: Frames, edges: tuple[Transform, ...], tmp_path: Path
+) -> None:
+    """At first it can be computed alone; then it is measured too, and lost at last."""
+    direct = edges[0].inverse() @ edges[1]
+    late = [
+        (*frames[0],),
+        (*frames[1], TrackedTransform(direct, stamp(1), TrackingStatus.OK)),
+        (
+            *frames[2],
+            TrackedTransform.lost("reference", "needle", stamp(2), TrackingStatus.MISSING),
+        ),
+    ]
+    add_sequences(shown, late, [], stamp(0).ns)
+    save_scene(shown.scene, tmp_path / "late.mrb")
+    assert_read(tmp_path / "late.mrb", late)
 
 
 @pytest.mark.parametrize("storage", [None, "vtkMRMLSequenceStorageNode"])

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
 
-_PICTURES_PER_S = 12.5
+PICTURES_PER_S = 12.5
+"""Of a movie."""
+
 _MOST_MOVIE_S = 60.0
 
 
@@ -113,7 +115,7 @@ def _played(options: argparse.Namespace, received: Received, painter: ScenePaint
     received.stops(player.stop)
     scene_log = SceneLog(
         recording=SCENE in wanted,
-        pictures=round(_PICTURES_PER_S * options.movie_seconds) if MOVIE in wanted else None,
+        pictures=round(PICTURES_PER_S * options.movie_seconds) if MOVIE in wanted else None,
     )
     record, deepest = _play(case, setup, player, options, scene_log)
     watch.lap("read the frames and step")
