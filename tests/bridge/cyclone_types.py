@@ -1,12 +1,13 @@
 """Types of ROS 2 as another DDS implementation has them, written by hand; nothing of ROS here.
 
-Names and layouts are those of ROS 2's mapping to DDS: ``package::msg::dds_::Type_``.
+Names and layouts are those of ROS 2's mapping to DDS: ``package::msg::dds_::Type_``; a request
+without fields has one that means nothing.
 """
 
 from dataclasses import dataclass
 
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, sequence, uint32
+from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32
 
 
 @dataclass
@@ -71,3 +72,40 @@ class TransformStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TransformS
 @dataclass
 class TFMessage(IdlStruct, typename="tf2_msgs::msg::dds_::TFMessage_"):
     transforms: sequence[TransformStamped]
+
+
+@dataclass
+class TriggerRequest(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
+    structure_needs_at_least_one_member: uint8
+
+
+@dataclass
+class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
+    success: bool
+    message: str
+
+
+@dataclass
+class ParameterValue(IdlStruct, typename="rcl_interfaces::msg::dds_::ParameterValue_"):
+    type: uint8
+    bool_value: bool
+    integer_value: int64
+    double_value: float64
+    string_value: str
+    byte_array_value: sequence[uint8]
+    bool_array_value: sequence[bool]
+    integer_array_value: sequence[int64]
+    double_array_value: sequence[float64]
+    string_array_value: sequence[str]
+
+
+@dataclass
+class GetParametersRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameters_Request_"):
+    names: sequence[str]
+
+
+@dataclass
+class GetParametersResponse(
+    IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameters_Response_"
+):
+    values: sequence[ParameterValue]

@@ -1,11 +1,18 @@
 """Another DDS implementation understands what we send, under discovery on this machine only."""
 
+from pathlib import Path
+
+from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import messages
+from app.bridge.calls import ServiceServer
 from app.bridge.node import RosNode
 from app.bridge.topics import TF
 from app.geometry import Stamp, Transform
+from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
+
+CALLER = Path(__file__).resolve().parent / "cyclone_caller.py"
 
 START_NS = 1_700_000_000_000_000_001
 
@@ -28,3 +35,20 @@ def test_cyclone_dds_receives_tf_field_by_field(domain_id, start_cyclone):
         half = 0.5**0.5
         for value, wanted in zip(line["rotation"], [0.0, 0.0, half, half], strict=True):
             assert abs(value - wanted) < 1e-15
+
+
+def test_cyclone_dds_calls_a_service_and_reads_a_parameter(domain_id, start_receiver):
+    def ping(_: Trigger.Request, response: Trigger.Response) -> None:
+        response.success, response.message = True, "pong"
+
+    with RosNode("server", domain_id=domain_id) as ros:
+        ros.node.declare_parameter("stop_mm", 1.25)
+        ServiceServer(ros, Trigger, "~/ping", ping)
+        arguments = ("/server", "stop_mm")
+        caller = start_receiver(*arguments, script=CALLER, environment=CYCLONE_ON_THIS_MACHINE)
+        replies = caller.messages()
+    double = 3  # rcl_interfaces/ParameterType
+    assert replies == [
+        {"success": True, "message": "pong"},
+        {"type": double, "value": 1.25},
+    ]
