@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -14,15 +14,51 @@ if TYPE_CHECKING:
     from app.case import Case
     from app.report import ReplayLog
     from app.session import SessionSetup
-    from app.viewer import Viewer
+    from app.viewer import Cast, ReplayFeed, ReplayTimeline, Viewer
 
 
-def replay_page(folder: Path, package_dirs: Sequence[Path], *, tip_only: bool) -> "Viewer":
-    """A page for the case in ``folder``."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayParts:
+    """A case that was stepped through: what a page of it is made of, and what its report tells."""
+
+    case: "Case"
+    setup: "SessionSetup"
+    cast: "Cast"
+    feed: "ReplayFeed"
+    timeline: "ReplayTimeline"
+    log: "ReplayLog"
+    tip_only: bool
+
+    def report(self) -> bytes:
+        """The ``report.html`` that ``replay --report`` writes, of the same steps."""
+        from app import __version__
+        from app.report import ReplayRecord, write_report
+
+        case, setup, log = self.case, self.setup, self.log
+        record = ReplayRecord(
+            case=case.manifest.name,
+            provenance=asdict(case.manifest.provenance),
+            rows=tuple(log.rows),
+            margins=setup.margins,
+            registration=None if setup.robot is None else setup.robot.registration,
+            expected=case.expected(),
+            durations_ns=tuple(log.durations_ns),
+            notes=case.notes(),
+            tip_only=self.tip_only,
+        )
+        with ScenePainter() as painter, TemporaryDirectory() as folder:
+            if log.deepest is not None:
+                painter.begin(case, setup, log.deepest, with_tool=not self.tip_only)
+            write_report(Path(folder), record, scene_png=painter.picture, version=__version__)
+            return (Path(folder) / "report.html").read_bytes()
+
+
+def replay_parts(folder: Path, package_dirs: Sequence[Path], *, tip_only: bool) -> ReplayParts:
+    """Step through the case in ``folder``."""
     from app.case import open_case
     from app.report import ReplayLog, find_breaches
     from app.session import Session, setup_from_case, with_estimated_clock, with_repaired_tumor
-    from app.viewer import Cast, ReplayFeed, ReplayTimeline, Stage, Title, Viewer, Watcher
+    from app.viewer import Cast, ReplayFeed, ReplayTimeline, Watcher
 
     opened = open_case(folder, package_dirs=package_dirs)
     case, _ = with_estimated_clock(with_repaired_tumor(opened))
@@ -38,32 +74,12 @@ def replay_page(folder: Path, package_dirs: Sequence[Path], *, tip_only: bool) -
     feed = ReplayFeed(shown, time.monotonic_ns)
     breaches = find_breaches(log.rows, setup.margins.stale_after_ns)
     timeline = ReplayTimeline(feed, [(breach.first, breach.last) for breach in breaches])
-    title = Title(
-        case.manifest.name,
-        live=False,
-        report=lambda: _report(case, setup, log, tip_only=tip_only),
-    )
-    return Viewer(Stage(cast), feed, timeline, title, feed.control)
+    return ReplayParts(case, setup, cast, feed, timeline, log, tip_only)
 
 
-def _report(case: "Case", setup: "SessionSetup", log: "ReplayLog", *, tip_only: bool) -> bytes:
-    """The page that ``replay --report`` writes, of the same steps."""
-    from app import __version__
-    from app.report import ReplayRecord, write_report
+def replay_page(parts: ReplayParts) -> "Viewer":
+    """A page for a case that was stepped through."""
+    from app.viewer import Stage, Title, Viewer
 
-    record = ReplayRecord(
-        case=case.manifest.name,
-        provenance=asdict(case.manifest.provenance),
-        rows=tuple(log.rows),
-        margins=setup.margins,
-        registration=None if setup.robot is None else setup.robot.registration,
-        expected=case.expected(),
-        durations_ns=tuple(log.durations_ns),
-        notes=case.notes(),
-        tip_only=tip_only,
-    )
-    with ScenePainter() as painter, TemporaryDirectory() as folder:
-        if log.deepest is not None:
-            painter.begin(case, setup, log.deepest, with_tool=not tip_only)
-        write_report(Path(folder), record, scene_png=painter.picture, version=__version__)
-        return (Path(folder) / "report.html").read_bytes()
+    title = Title(parts.case.manifest.name, live=False, report=parts.report)
+    return Viewer(Stage(parts.cast), parts.feed, parts.timeline, title, parts.feed.control)

@@ -17,9 +17,11 @@ class Page:
     ``state`` is trame's, which every open page sees. All calls are those of the page's thread.
     """
 
-    def __init__(self, state: State, stage: Stage, feed: Feed, timeline: Timeline) -> None:
+    def __init__(
+        self, state: State, stage: Stage, area: PictureArea, feed: Feed, timeline: Timeline
+    ) -> None:
         self.stage = stage
-        self.area = PictureArea(stage.view)
+        self.area = area
         self.cameraman = Cameraman(stage)
         self._state = state
         self._feed = feed

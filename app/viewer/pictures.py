@@ -31,8 +31,28 @@ class Source(Protocol):
         """Picture ``number`` of the scene as it was prepared is on its way."""
 
 
+class Schedule(Protocol):
+    """Decides when an area is drawn, and draws it."""
+
+    def schedule_render(self) -> None:
+        """Draw, although nothing may have changed in the steps: a camera, a size, a colour."""
+
+    def look(self) -> None:
+        """There may be something new to draw."""
+
+    def has(self, page: str, number: int) -> None:
+        """``page`` says that picture ``number`` is its last; a new page has none: 0."""
+
+    async def run(self) -> None:
+        """Draw until cancelled."""
+
+
+MakeSchedule = Callable[[PictureArea, Source, Callable[[int], None]], Schedule]
+"""Of an area, of what there is to draw, and of what is to be called with each heartbeat."""
+
+
 class Pictures:
-    """The render scheduler of one area (`trame_rca.schedulers.RcaRenderSchedulerProtocol`).
+    """The page's `Schedule`, as trame wants it (`RcaRenderSchedulerProtocol`).
 
     One picture is in flight at a time: the next is drawn when every page that is awake has the
     last, and then shows the newest state. ``beat`` is called with the last picture's number by
@@ -74,7 +94,7 @@ class Pictures:
         self._wake.set()
 
     def has(self, page: str, number: int) -> None:
-        """``page`` says that picture ``number`` is its last; a new page has none."""
+        """Take a receipt; a page without a picture is given one."""
         self._pages.has(page, number, monotonic_ns())
         self._asked |= number == 0
         self.look()

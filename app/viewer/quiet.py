@@ -1,9 +1,9 @@
-"""A page that is closed while it is being answered is no error, though two libraries log it."""
+"""A page that is closed while it is being answered is no error, though three libraries log it."""
 
 import logging
 import sys
 
-_LOGGERS = ("wslink.protocol", "aiohttp.server")
+_LOGGERS = ("wslink.protocol", "aiohttp.server", "asyncio")
 
 
 def expect_pages_to_go() -> None:

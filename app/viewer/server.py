@@ -12,14 +12,16 @@ import trame_rca.module
 from aiohttp import web
 from trame_rca.view_adapter import RcaViewAdapter
 from trame_server import Server
+from trame_slicer.views import ThreeDView
 
+from app.viewer.area import PictureArea
 from app.viewer.errors import ViewerError
 from app.viewer.feeds import Feed
 from app.viewer.gate import Gate
 from app.viewer.hands import ReplayHands, StageHands
 from app.viewer.link import PageLink
 from app.viewer.page import Page
-from app.viewer.pictures import Pictures
+from app.viewer.pictures import MakeSchedule, Pictures, Schedule
 from app.viewer.quiet import expect_pages_to_go
 from app.viewer.replay import ReplayControl
 from app.viewer.screenshot import screenshot
@@ -51,7 +53,8 @@ class Title:
 class Viewer:
     """A page for ``feed``, with a stage to show it on. Made and run in one thread.
 
-    ``control`` is that of a replay, None for a live session.
+    ``control`` is that of a replay, None for a live session. ``area`` and ``schedule`` are what
+    draws, and when: others are for measurements.
     """
 
     def __init__(
@@ -61,13 +64,17 @@ class Viewer:
         timeline: Timeline,
         title: Title,
         control: ReplayControl | None = None,
+        *,
+        area: Callable[[ThreeDView], PictureArea] = PictureArea,
+        schedule: MakeSchedule = Pictures,
     ) -> None:
-        self._pictures: Pictures | None = None
+        self._schedule = schedule
+        self._pictures: Schedule | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped: asyncio.Event | None = None
         self._title = title
         self._server = _server(title)
-        self._page = Page(self._server.state, stage, feed, timeline)
+        self._page = Page(self._server.state, stage, area(stage.view), feed, timeline)
         self._server.state.rates = []
         StageHands(self._server, stage, self._page.cameraman, self.redraw)
         if control is not None:
@@ -96,7 +103,7 @@ class Viewer:
         """
         self._loop, self._stopped = asyncio.get_running_loop(), asyncio.Event()
         link = PageLink(lambda page, number: pictures.has(page, number))
-        pictures = self._pictures = Pictures(self._page.area, self._page, link.beat)
+        pictures = self._pictures = self._schedule(self._page.area, self._page, link.beat)
         adapter = RcaViewAdapter(self._page.area, _AREA, scheduler=pictures)
         server = self._server
         server.add_protocol_to_configure(lambda protocol: protocol.registerLinkProtocol(link))
@@ -112,6 +119,7 @@ class Viewer:
         stopping = asyncio.create_task(self._stopped.wait())
         on_ready(f"http://{address.host}:{server.port}/?token={address.token}")
         await asyncio.wait({serving, drawing, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        self._loop = None
         for task in (drawing, stopping):
             task.cancel()
         await server.stop()

@@ -20,6 +20,7 @@ BENCHMARKS = {
     "latency": "benchmarks.latency",
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
+    "view": "benchmarks.view",
 }
 
 

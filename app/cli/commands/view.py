@@ -80,6 +80,8 @@ def _viewer(options: argparse.Namespace) -> Iterator["Viewer"]:
         with live_page(options) as viewer:
             yield viewer
     else:
-        from app.cli.replay_page import replay_page
+        from app.cli.replay_page import replay_page, replay_parts
 
-        yield replay_page(options.case, options.package_dirs, tip_only=options.tip_only)
+        yield replay_page(
+            replay_parts(options.case, options.package_dirs, tip_only=options.tip_only)
+        )

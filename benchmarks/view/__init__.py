@@ -1,0 +1,1 @@
+"""What reaches the browser: pictures a second, and how old they are there."""

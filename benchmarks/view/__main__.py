@@ -1,0 +1,107 @@
+"""Pictures a second in the browser, and the way of a pose to its pixels.
+
+    marginguard bench view [--seconds 60] [--case CASE] [--json FILE]
+
+A recorded case is replayed in real time by a server of its own, and watched by Chromium without a
+window at 1280x720 (the page; the view in it is smaller). Every picture carries the number of its
+frame as squares of black and white, drawn into the pixels before they are encoded. The page reads
+them back at each of its own frames, just before they are shown, and notes the time: the delay runs
+from the moment at which the frame was due, as a tracker would have sent it, to that moment. Both
+clocks are the machine's. Beside it the same page with the schedule that trame-slicer has by
+default. Exit status 1 when ours has less than 10 pictures a second, a 95th percentile above 250 ms,
+or a delay that grows.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from playwright.sync_api import Browser, sync_playwright
+
+from benchmarks.view.results import Seen, failures, figures, ratios
+from benchmarks.view.stamps import READ_IN_PAGE
+
+CHROMIUM = "/usr/bin/chromium"
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+SIZE = {"width": 1280, "height": 720}
+
+
+def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> Seen:
+    """What a page sees of ``seconds`` of the case."""
+    command = [sys.executable, "-m", "benchmarks.view.server", str(case), "--schedule", schedule]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as server:
+        assert server.stdin is not None
+        assert server.stdout is not None
+        try:
+            page = browser.new_page(viewport=SIZE)
+            page.goto(server.stdout.readline().strip())
+            page.wait_for_selector("body:not([data-lost]) #word")
+            page.evaluate(READ_IN_PAGE)
+            page.wait_for_function("window.seenFrames.length > 0")
+            page.evaluate("window.seenFrames.length = 0")
+            server.stdin.write("play\n")
+            server.stdin.flush()
+            due_ms: list[float] = json.loads(server.stdout.readline())
+            page.wait_for_timeout(1000.0 * seconds)
+            seen: list[list[float]] = page.evaluate("window.seenFrames")
+            page.close()
+            server.stdin.close()
+            server.wait(timeout=20.0)
+        finally:
+            server.kill()
+    return figures(seen, due_ms, seconds)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--case", type=Path, default=Path("data/recorded_case"))
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        ours, peer = (
+            watch(browser, options.case, schedule, options.seconds)
+            for schedule in ("ours", "default")
+        )
+        browser.close()
+    print(f"{'':<24}{'pictures/s':>11}{'p50 ms':>9}{'p95 ms':>9}{'max ms':>9}{'growth ms':>11}")
+    for name, one in (("marginguard", ours), ("trame-slicer's default", peer)):
+        print(
+            f"{name:<24}{one.per_s:>11}{one.delay_p50_ms:>9}{one.delay_p95_ms:>9}"
+            f"{one.delay_max_ms:>9}{one.growth_ms:>11}"
+        )
+    found = {
+        "ours": asdict(ours),
+        "peer": asdict(peer),
+        "ours_over_peer": ratios(ours, peer),
+        "processors": os.cpu_count(),
+        "load_average": round(os.getloadavg()[0], 2),
+        "failures": failures(ours),
+    }
+    print(f"ours over the default: {found['ours_over_peer']}; load {found['load_average']}")
+    if options.json is not None:
+        options.json.write_text(json.dumps(found, indent=1) + "\n")
+    for sentence in failures(ours):
+        print(sentence, file=sys.stderr)
+    return 1 if failures(ours) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""Serves a replay whose pictures carry the number of their frame: python -m benchmarks.view.server
+
+Prints the page's address. At a line on standard input it plays from the first frame on and prints,
+as JSON, when each frame is due by the machine's clock, in ms. Ends with standard input.
+"""
+
+import argparse
+import asyncio
+import json
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from trame_slicer.views import ThreeDView
+
+from app.cli.replay_page import replay_parts
+from app.viewer import Address, Stage, Title, Viewer
+from app.viewer.area import PictureArea
+from app.viewer.pictures import Pictures
+from app.viewer.replay import ReplayControl
+from benchmarks.view.peer import DefaultSchedule
+from benchmarks.view.stamps import stamp
+
+SCHEDULES = {"ours": Pictures, "default": DefaultSchedule}
+
+
+class StampedArea(PictureArea):
+    """Draws the number of the frame that it shows into each picture."""
+
+    def __init__(self, view: ThreeDView, shown: "ShownFrame") -> None:
+        super().__init__(view)
+        self._shown = shown
+
+    @property
+    def img_cols_rows(self) -> tuple[Any, int, int]:
+        """The picture, stamped."""
+        pixels, columns, rows = super().img_cols_rows
+        stamp(pixels, self._shown.index)
+        return pixels, columns, rows
+
+
+class ShownFrame:
+    """A feed that remembers which frame was asked for last: the one in the next picture."""
+
+    def __init__(self, feed: Any) -> None:
+        self._feed = feed
+        self.index = 0
+
+    def now(self) -> Any:
+        """What the feed says."""
+        shown = self._feed.now()
+        self.index = shown.step.index
+        return shown
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("case", type=Path)
+    parser.add_argument("--schedule", choices=SCHEDULES, required=True)
+    options = parser.parse_args()
+    parts = replay_parts(options.case, (), tip_only=False)
+    shown = ShownFrame(parts.feed)
+    viewer = Viewer(
+        Stage(parts.cast),
+        shown,
+        parts.timeline,
+        Title(parts.case.manifest.name, live=False),
+        parts.feed.control,
+        area=lambda view: StampedArea(view, shown),
+        schedule=SCHEDULES[options.schedule],
+    )
+
+    def ready(url: str) -> None:
+        print(url, flush=True)
+        threading.Thread(target=obey, args=(parts.feed.control, viewer), daemon=True).start()
+
+    asyncio.run(viewer.serve(Address("127.0.0.1", 0, "benchmark"), ready))
+
+
+def obey(control: ReplayControl, viewer: Viewer) -> None:
+    """Play at each line, stop at the end."""
+    for _ in sys.stdin:
+        began_ms = time.time_ns() / 1e6
+        control.play()
+        due = [began_ms + control.time_ns(frame) / 1e6 for frame in range(control.frames)]
+        print(json.dumps(due), flush=True)
+    viewer.stop()
+
+
+if __name__ == "__main__":
+    main()
