@@ -6,14 +6,14 @@ environment. The tracker's and the robot's own nodes are started elsewhere.
 
 from pathlib import Path
 
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, SetEnvironmentVariable
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription
 from launch.conditions import IfCondition
-from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PythonExpression
-from launch_ros.actions import Node
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration, PythonExpression
 
 from launch import LaunchDescription
 
-ROOT = Path(__file__).resolve().parents[1]
+RVIZ = str(Path(__file__).resolve().with_name("rviz.launch.py"))
 
 
 def generate_launch_description():
@@ -27,12 +27,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "command", default_value="marginguard", description="the command to run"
             ),
-            DeclareLaunchArgument("rviz", default_value="true", description="start RViz"),
-            # One discovery range for all; the user's choice wins, as it does for the command.
-            SetEnvironmentVariable(
-                "ROS_AUTOMATIC_DISCOVERY_RANGE",
-                EnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", default_value="LOCALHOST"),
-            ),
+            IncludeLaunchDescription(PythonLaunchDescriptionSource(RVIZ)),
             ExecuteProcess(
                 cmd=[
                     LaunchConfiguration("command"),
@@ -55,12 +50,6 @@ def generate_launch_description():
                 condition=IfCondition(
                     PythonExpression(["'", LaunchConfiguration("record"), "' != ''"])
                 ),
-            ),
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                arguments=["-d", str(ROOT / "rviz" / "margin.rviz")],
-                condition=IfCondition(LaunchConfiguration("rviz")),
             ),
         ]
     )

@@ -5,14 +5,14 @@
 
 from pathlib import Path
 
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, SetEnvironmentVariable
-from launch.conditions import IfCondition
-from launch.substitutions import EnvironmentVariable, LaunchConfiguration
-from launch_ros.actions import Node
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchDescription
 
 ROOT = Path(__file__).resolve().parents[1]
+RVIZ = str(Path(__file__).resolve().with_name("rviz.launch.py"))
 
 
 def generate_launch_description():
@@ -30,11 +30,9 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 "command", default_value="marginguard", description="the command to run"
             ),
-            DeclareLaunchArgument("rviz", default_value="true", description="start RViz"),
-            # One discovery range for both; the user's choice wins, as it does for the command.
-            SetEnvironmentVariable(
-                "ROS_AUTOMATIC_DISCOVERY_RANGE",
-                EnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", default_value="LOCALHOST"),
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(RVIZ),
+                launch_arguments={"use_sim_time": "true"}.items(),
             ),
             ExecuteProcess(
                 cmd=[
@@ -45,13 +43,6 @@ def generate_launch_description():
                     LaunchConfiguration("rate"),
                 ],
                 output="screen",
-            ),
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                arguments=["-d", str(ROOT / "rviz" / "margin.rviz")],
-                parameters=[{"use_sim_time": True}],
-                condition=IfCondition(LaunchConfiguration("rviz")),
             ),
         ]
     )

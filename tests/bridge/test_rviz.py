@@ -48,7 +48,11 @@ def test_rviz_listens_to_topics_that_exist_and_are_latched(project_root):
 
 @pytest.mark.parametrize(
     ("file", "commands"),
-    [("replay.launch.py", ["replay"]), ("live.launch.py", ["live", "record"])],
+    [
+        ("replay.launch.py", ["replay"]),
+        ("live.launch.py", ["live", "record"]),
+        ("rviz.launch.py", []),
+    ],
 )
 def test_a_launch_file_runs_command_lines_that_parse(project_root, file, commands):
     text = (project_root / "launch" / file).read_text()
@@ -64,6 +68,8 @@ def test_a_launch_file_runs_command_lines_that_parse(project_root, file, command
         assert build_parser().parse_args(words[1:]).command == command
     declared = set(re.findall(r"DeclareLaunchArgument\(\s*\"(\w+)\"", text))
     assert set(re.findall(r"LaunchConfiguration\(\"(\w+)\"\)", text)) == declared
+    for name in re.findall(r"\"(\w+\.launch\.py)\"", text):
+        assert (project_root / "launch" / name).is_file()
     for name in re.findall(r"\"rviz\" / \"([^\"]+)\"", text):
         assert (project_root / "rviz" / name).is_file()
 
