@@ -10,8 +10,10 @@ Exit status 1 when a sign is wrong beyond 0.05 mm of the surface, a distance is 
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
 from functools import reduce
 from multiprocessing import get_context
 from operator import add
@@ -20,7 +22,6 @@ from typing import Protocol, Self, TypeVar
 
 from rich.console import Console
 
-from app.cli.progress import with_progress
 from benchmarks.fixture_agreement.crossings import Crossings, crossings
 from benchmarks.fixture_agreement.distances import Distances, distances
 from benchmarks.fixture_agreement.pairs import PAIRS, Pair
@@ -30,6 +31,7 @@ from benchmarks.fixture_oracle import Relation
 
 _RMS_MM, _MAX_MM = 0.02, 0.1
 _SIGNS_AT_ONCE, _DISTANCES_AT_ONCE = 5000, 250
+_TELL_S = 10.0
 
 
 class _Addable(Protocol):
@@ -42,21 +44,32 @@ Judge = Callable[[Pair, int, int], Part]
 
 def over_pairs(
     pool: ProcessPoolExecutor, judge: Judge[Part], poses: int, at_once: int, what: str
-) -> dict[str, Part]:
-    """Spread ``poses`` evenly over the pairs and over the workers, and add up by pair."""
+) -> Iterator[dict[str, Part]]:
+    """Spread ``poses`` evenly over the pairs and over the processes, and add up by pair.
+
+    After each pair comes what is known so far, and a line on standard error now and then.
+    """
     each = -(-poses // len(PAIRS))
     tasks = [
         (pair, min(at_once, each - done), seed)
         for pair in PAIRS
         for seed, done in enumerate(range(0, each, at_once))
     ]
-    found: dict[str, list[Part]] = {pair.name: [] for pair in PAIRS}
+    found: dict[str, Part] = {}
     parts: Iterator[Part] = pool.map(judge, *zip(*tasks, strict=True))
-    for (pair, _, _), part in zip(
-        tasks, with_progress(parts, f"{what}, of {len(tasks)} parts:"), strict=True
-    ):
-        found[pair.name].append(part)
-    return {name: reduce(add, held) for name, held in found.items()}
+    begin = told = time.perf_counter()
+    for done, ((pair, _, _), part) in enumerate(zip(tasks, parts, strict=True), start=1):
+        found[pair.name] = found[pair.name] + part if pair.name in found else part
+        now = time.perf_counter()
+        if done == len(tasks) or now - told > _TELL_S:
+            told = now
+            print(
+                f"{what}: {done} of {len(tasks)} parts in {now - begin:.0f} s ({pair.name})",
+                file=sys.stderr,
+                flush=True,
+            )
+        if done == len(tasks) or tasks[done][0] is not pair:
+            yield found
 
 
 def verdict(signed: Signs, measured: Distances, crossed: Crossings) -> dict[str, bool]:
@@ -76,7 +89,7 @@ def verdict(signed: Signs, measured: Distances, crossed: Crossings) -> dict[str,
 
 
 def document(
-    signed: dict[str, Signs], measured: dict[str, Distances], crossed: Crossings
+    signed: dict[str, Signs], measured: dict[str, Distances], crossed: Crossings | None
 ) -> dict[str, object]:
     """Plain values for a JSON file, the poses of wrong signs included."""
     return {
@@ -95,10 +108,17 @@ def document(
             }
             for name, row in measured.items()
         },
-        "crossings": {
-            "count": crossed.count, "caught": crossed.caught, "confirmed": crossed.confirmed
-        },
+        "crossings": crossed and asdict(crossed),
     }  # fmt: skip
+
+
+def write(path: Path | None, figures: dict[str, object]) -> None:
+    """Write them beside the file and put them in its place, so that it is whole at any time."""
+    if path is None:
+        return
+    beside = path.with_name(f"{path.name}.part")
+    beside.write_text(json.dumps(figures, indent=1) + "\n")
+    beside.replace(path)
 
 
 def parsed() -> argparse.Namespace:
@@ -111,10 +131,15 @@ def parsed() -> argparse.Namespace:
         parser.add_argument(
             f"--{name}", type=int, default=count, metavar="COUNT", help=f"(default: {count})"
         )
-    parser.add_argument("--workers", type=int, default=2, help="processes (default: 2)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
+    parser.add_argument("--processes", type=int, default=2, help="at once (default: 2)")
+    parser.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="write the figures there too; those so far after each pair, without a verdict",
+    )
     options = parser.parse_args()
-    if min(options.signs, options.distances, options.crossings, options.workers) < 1:
+    if min(options.signs, options.distances, options.crossings, options.processes) < 1:
         parser.error("counts of 1 and more are wanted")
     return options
 
@@ -122,19 +147,22 @@ def parsed() -> argparse.Namespace:
 def main() -> int:
     options = parsed()
     console = Console(width=None if sys.stdout.isatty() else 130)
-    signs(PAIRS[0], 1, 0)  # so that the workers find the kernels compiled
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        signed = over_pairs(pool, signs, options.signs, _SIGNS_AT_ONCE, "signs")
+    signs(PAIRS[0], 1, 0)  # so that the processes find the kernels compiled
+    signed: dict[str, Signs] = {}
+    measured: dict[str, Distances] = {}
+    with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
+        for signed in over_pairs(pool, signs, options.signs, _SIGNS_AT_ONCE, "signs"):
+            write(options.json, document(signed, measured, None))
         console.print(signs_table(signed))
-        measured = over_pairs(pool, distances, options.distances, _DISTANCES_AT_ONCE, "distances")
+        parts = over_pairs(pool, distances, options.distances, _DISTANCES_AT_ONCE, "distances")
+        for measured in parts:
+            write(options.json, document(signed, measured, None))
         console.print(distances_table(measured))
     crossed = crossings(options.crossings)
     lines = verdict(reduce(add, signed.values()), reduce(add, measured.values()), crossed)
     for line, good in lines.items():
         console.print("[green]ok  [/]" if good else "[bold red]MISS[/]", line, highlight=False)
-    if options.json is not None:
-        text = json.dumps(document(signed, measured, crossed) | {"verdict": lines}, indent=1)
-        options.json.write_text(text + "\n")
+    write(options.json, document(signed, measured, crossed) | {"verdict": lines})
     return int(not all(lines.values()))
 
 
