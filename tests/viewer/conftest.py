@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, Route, sync_playwright
 
+from app.cli.replay_page import ReplayParts, replay_parts
 from app.scene import OffscreenError, use_offscreen_rendering
 from tests.viewer.viewed_case import write_viewed_case
 
@@ -127,6 +128,12 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="session")
 def viewed_case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_viewed_case(tmp_path_factory.mktemp("viewed") / "case")
+
+
+@pytest.fixture(scope="session")
+def parts(viewed_case: Path) -> ReplayParts:
+    """The case, stepped through in this process."""
+    return replay_parts(viewed_case, (), tip_only=False)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The pace of the pictures, by what the issue asks: below 0.7 of what drawing allows, 2 to 30 Hz."""
+"""The pace of the pictures: below 0.7 of what drawing allows, 2 to 30 a second."""
 
 import pytest
 from hypothesis import given

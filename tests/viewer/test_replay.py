@@ -8,19 +8,10 @@ from hypothesis import strategies as st
 
 from app.viewer.errors import ViewerError
 from app.viewer.replay import RATES, ReplayControl
+from tests.viewer.hand_clock import HandClock
 
 MS = 1_000_000
 STAMPS = [0, 20 * MS, 40 * MS, 100 * MS, 120 * MS]
-
-
-class HandClock:
-    """A clock that a test sets."""
-
-    def __init__(self) -> None:
-        self.ns = 0
-
-    def __call__(self) -> int:
-        return self.ns
 
 
 @pytest.fixture

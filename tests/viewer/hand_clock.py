@@ -1,0 +1,11 @@
+"""A clock that a test sets."""
+
+
+class HandClock:
+    """Test double of a steady clock."""
+
+    def __init__(self) -> None:
+        self.ns = 0
+
+    def __call__(self) -> int:
+        return self.ns

@@ -1,0 +1,94 @@
+"""What is to be seen now: of a recording, and of a session that may fall silent."""
+
+import threading
+
+import pytest
+
+from app.fixture import MarginState
+from app.viewer import LiveFeed, ReplayFeed, Watcher
+from tests.viewer.hand_clock import HandClock
+from tests.viewer.viewed_case import BREACH_FRAME, LOST
+
+MS = 1_000_000
+STALE_NS = 200 * MS
+
+
+@pytest.fixture
+def clock():
+    return HandClock()
+
+
+@pytest.fixture
+def live(parts, clock):
+    return LiveFeed(Watcher(parts.setup, parts.cast), STALE_NS, clock)
+
+
+def steps(parts):
+    return [shown.step for shown in parts.feed.shown]
+
+
+def test_a_replay_shows_the_step_of_its_frame_wherever_it_comes_from(parts, clock):
+    feed = ReplayFeed(parts.feed.shown, clock)
+    for frame in (7, 31, 7, 0):
+        feed.control.seek_frame(frame)
+        assert feed.now() is parts.feed.shown[frame]
+
+
+def test_before_the_first_step_there_is_nothing(live):
+    assert live.now() is None
+
+
+def test_the_newest_step_wins(parts, live):
+    for step in steps(parts)[:3]:
+        live.put(step, parts.cast)
+    assert live.now().step is steps(parts)[2]
+
+
+def test_a_step_is_unknown_as_soon_as_it_is_older_than_poses_may_be(parts, live, clock):
+    live.put(steps(parts)[0], parts.cast)
+    assert live.now().step.decision.state is MarginState.NEGATIVE
+    clock.ns = STALE_NS
+    assert live.now().step.decision.state is MarginState.NEGATIVE
+    clock.ns = STALE_NS + 1
+    late = live.now()
+    assert late.step.decision.state is MarginState.UNKNOWN
+    assert late.distance_mm is None
+    assert late.silent == "the session has said nothing for more than 200 ms"
+    live.put(steps(parts)[1], parts.cast)
+    assert live.now().silent == ""
+
+
+def test_an_unknown_step_keeps_its_own_reason_while_the_session_ticks(parts, live, clock):
+    live.put(steps(parts)[0], parts.cast)
+    live.put(steps(parts)[LOST[0]], parts.cast)
+    clock.ns = 900 * MS
+    assert live.now().silent == ""
+    clock.ns = 1001 * MS
+    assert live.now().silent
+
+
+def test_a_session_that_ended_is_unknown_at_once(parts, live):
+    live.put(steps(parts)[0], parts.cast)
+    live.end("the session has failed: no more tracker")
+    assert live.now().step.decision.state is MarginState.UNKNOWN
+    assert "no more tracker" in live.now().silent
+
+
+def test_a_breach_that_nobody_looked_at_is_counted(parts, live):
+    counts = []
+    for step in steps(parts):
+        live.put(step, parts.cast)
+        counts.append(live.now().breaches)
+    assert (counts[BREACH_FRAME - 5], counts[-1]) == (0, 1)
+    assert sorted(counts) == counts
+
+
+def test_whoever_waits_is_woken_in_the_thread_of_the_session(parts, live):
+    woken = []
+    live.wakes(lambda: woken.append(threading.current_thread().name))
+    thread = threading.Thread(
+        target=lambda: live.put(steps(parts)[0], parts.cast), name="the session's"
+    )
+    thread.start()
+    thread.join()
+    assert woken == ["the session's"]

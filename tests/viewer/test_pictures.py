@@ -1,0 +1,123 @@
+"""When pictures are drawn: one in flight, the newest state, none for nobody, and a heartbeat."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from app.viewer.pictures import Pictures
+
+
+class Area:
+    """Test double of an area: a small grey picture."""
+
+    def set_fine(self, fine):
+        self.fine = fine
+
+    @property
+    def img_cols_rows(self):
+        return np.full((16, 16, 3), 90, np.uint8), 16, 16
+
+
+class Source:
+    """Test double of a page whose state is another at each look."""
+
+    def __init__(self):
+        self.states, self.pictures = 0, []
+        self.drawn = asyncio.Event()
+
+    def prepare(self):
+        self.states += 1
+        return True
+
+    def sent(self, number):
+        self.pictures.append((number, self.states))
+        self.drawn.set()
+
+
+class Beats:
+    """Test double of a link: counts heartbeats."""
+
+    def __init__(self):
+        self.numbers = []
+        self.changed = asyncio.Event()
+
+    def __call__(self, number):
+        self.numbers.append(number)
+        self.changed.set()
+
+    async def more(self, count):
+        wanted = len(self.numbers) + count
+        while len(self.numbers) < wanted:
+            self.changed.clear()
+            await self.changed.wait()
+
+
+def run(scenario):
+    async def within():
+        source, beats = Source(), Beats()
+        pictures = Pictures(Area(), source, beats)
+        pushed = []
+        pictures.set_push_callback(lambda content, meta: pushed.append((content[:2], meta)))
+        loop = asyncio.create_task(pictures.run())
+        try:
+            await asyncio.wait_for(scenario(pictures, source, beats, pushed), 20.0)
+        finally:
+            loop.cancel()
+
+    asyncio.run(within())
+
+
+async def next_picture(source):
+    source.drawn.clear()
+    await source.drawn.wait()
+
+
+def test_nobody_is_drawn_for_but_the_heart_beats():
+    async def scenario(pictures, source, beats, pushed):
+        await beats.more(4)
+        assert len(source.pictures) == 1
+        pictures.has("page", 0)
+        await next_picture(source)
+        assert len(source.pictures) == 2
+
+    run(scenario)
+
+
+def test_the_next_picture_waits_for_the_receipt_and_shows_the_newest_state():
+    async def scenario(pictures, source, beats, pushed):
+        pictures.has("page", 0)
+        await next_picture(source)
+        number = source.pictures[-1][0]
+        for _ in range(3):
+            pictures.has("page", number - 1)
+            await beats.more(1)
+        assert source.pictures[-1][0] == number
+        states = source.states
+        pictures.has("page", number)
+        await next_picture(source)
+        assert source.pictures[-1] == (number + 1, states + 1)
+
+    run(scenario)
+
+
+def test_a_picture_is_a_jpeg_with_its_number():
+    async def scenario(pictures, source, beats, pushed):
+        pictures.has("page", 0)
+        await next_picture(source)
+        assert [meta["number"] for _, meta in pushed] == [n for n, _ in source.pictures]
+        assert {content for content, _ in pushed} == {b"\xff\xd8"}
+
+    run(scenario)
+
+
+def test_what_stops_the_pictures_is_not_swallowed():
+    class Broken(Source):
+        def prepare(self):
+            raise ValueError("no scene")
+
+    async def scenario():
+        await Pictures(Area(), Broken(), lambda number: None).run()
+
+    with pytest.raises(ValueError, match="no scene"):
+        asyncio.run(scenario())

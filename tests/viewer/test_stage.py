@@ -1,0 +1,118 @@
+"""What stands on the stage, against the numbers of the steps themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.scene.convert import world_matrix, world_points
+from app.viewer import Stage
+from app.viewer.cameras import Cameraman, Look
+from app.viewer.errors import ViewerError
+from app.viewer.stage import Part
+from tests.viewer.viewed_case import BREACH_FRAME, LOST
+
+
+@pytest.fixture(scope="module")
+def shown_stage(can_draw, parts):
+    return Stage(parts.cast)
+
+
+@pytest.fixture
+def stage(shown_stage, parts):
+    shown_stage.show(parts.feed.shown[0])
+    return shown_stage
+
+
+def tumor_from_tip(stage, tip_frame):
+    tree = stage.scene.tree
+    return np.linalg.inv(world_matrix(tree.node("tumor"))) @ world_matrix(tree.node(tip_frame))
+
+
+def test_every_frame_has_the_tool_where_it_was_judged(stage, parts):
+    for frame in (0, BREACH_FRAME, 39, 3):
+        shown = parts.feed.shown[frame]
+        stage.show(shown)
+        found = tumor_from_tip(stage, parts.cast.tip_frame)
+        assert np.allclose(found, shown.step.tumor_from_tip.matrix, atol=1e-9)
+
+
+def test_the_tumour_has_the_colour_of_the_step(stage, parts):
+    for frame in (BREACH_FRAME, LOST[0], 0):
+        shown = parts.feed.shown[frame]
+        stage.show(shown)
+        assert stage.scene.tumor.GetDisplayNode().GetColor() == shown.step.decision.state.color
+
+
+def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
+    stage = Stage(parts.cast)
+    first = parts.feed.shown[0]
+    stage.show(replace(first, step=replace(first.step, tumor_from_tip=None)))
+    assert stage.scene is None
+    stage.show(first)
+    assert stage.scene is not None
+
+
+def test_another_tumour_takes_the_place_of_the_first(can_draw, parts):
+    stage = Stage(parts.cast)
+    stage.show(parts.feed.shown[0])
+    small = parts.cast.tumor
+    small = type(small)(small.frame, 0.5 * small.vertices_mm, small.faces)
+    other = replace(parts.cast, tumor=small, margin=None)
+    nodes = stage.application.scene.GetNumberOfNodes()
+    stage.show(replace(parts.feed.shown[1], cast=other))
+    size = np.ptp(world_points(stage.scene.tumor), axis=0)
+    assert np.allclose(size, np.ptp(small.vertices_mm, axis=0), atol=1e-3)
+    assert stage.scene.margin_surface is None
+    stage.show(parts.feed.shown[2])
+    assert stage.application.scene.GetNumberOfNodes() == nodes
+
+
+def test_parts_are_hidden_and_faded_by_themselves(stage):
+    assert stage.parts == (Part.TUMOR, Part.MARGIN, Part.TOOL)
+    display = stage.scene.tumor.GetDisplayNode()
+    own = display.GetOpacity()
+    stage.set_strength(Part.TUMOR, 0.5)
+    assert display.GetOpacity() == pytest.approx(0.5 * own)
+    stage.set_visible(Part.TUMOR, False)
+    assert not display.GetVisibility()
+    assert stage.scene.tool.GetDisplayNode().GetVisibility()
+    stage.set_visible(Part.TUMOR, True)
+    stage.set_strength(Part.TUMOR, 1.0)
+    assert display.GetOpacity() == pytest.approx(own)
+    with pytest.raises(ViewerError, match="0 to 1 wanted"):
+        stage.set_strength(Part.TUMOR, 1.5)
+
+
+def test_the_bullseye_rides_on_the_tool_and_the_others_stay(stage, parts):
+    stage.view.render_window().SetSize(400, 300)
+    man = Cameraman(stage)
+    camera = stage.view.get_camera_node()
+    for look, rides in ((Look.BULLSEYE, True), (Look.CLOSE, False), (Look.OVERVIEW, False)):
+        man.take(look)
+        places = []
+        for frame in (0, 15):
+            stage.show(parts.feed.shown[frame])
+            man.follow()
+            places.append(np.array(camera.GetFocalPoint()))
+            if rides:
+                tip = world_matrix(stage.scene.tree.node(parts.cast.tip_frame))[:3, 3]
+                assert np.allclose(places[-1], tip)
+        assert np.allclose(*places) != rides
+    man.take(Look.BULLSEYE)
+    assert not stage.scene.tool.GetDisplayNode().GetVisibility()
+    man.take(Look.CLOSE)
+    assert stage.scene.tool.GetDisplayNode().GetVisibility()
+
+
+def test_a_view_that_was_turned_by_hand_stays(stage, parts):
+    man = Cameraman(stage)
+    man.take(Look.BULLSEYE)
+    man.follow()
+    man.let_go()
+    camera = stage.view.get_camera_node()
+    before = camera.GetPosition()
+    stage.show(parts.feed.shown[15])
+    man.follow()
+    assert camera.GetPosition() == before
+    assert man.look is None
