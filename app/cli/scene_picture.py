@@ -63,6 +63,8 @@ class ScenePainter:
         log: "SceneLog | None" = None,
     ) -> None:
         """Have ``step`` drawn, and what else is ``wanted``; ``log`` has the replay for that."""
+        from app.geometry import NS_PER_S
+
         moment = _moment(case, setup, step, with_tool=with_tool)
         request: dict[str, Any] = {
             "moment": moment,
@@ -74,7 +76,7 @@ class ScenePainter:
         if log is not None and log.reel is not None and log.first_ns is not None:
             request["moments"] = [
                 (
-                    (one.frame.stamp.ns - log.first_ns) / 1e9,
+                    (one.frame.stamp.ns - log.first_ns) / NS_PER_S,
                     # The same meshes: pickled once.
                     moment | _moving(setup, one),
                 )

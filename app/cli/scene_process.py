@@ -12,6 +12,8 @@ import tempfile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from app.cli.scene_picture import MOVIE, PICTURE, SCENE
+
 if TYPE_CHECKING:
     from app.scene import Moment
 
@@ -92,7 +94,7 @@ def _moment(values: dict[str, Any]) -> "Moment":
     return Moment(**values | {"robot": None if robot is None else ShownRobot(**robot)})
 
 
-_MAKERS = {"picture": _picture, "scene": _scene, "movie": _movie}
+_MAKERS = {PICTURE: _picture, SCENE: _scene, MOVIE: _movie}
 
 
 if __name__ == "__main__":
