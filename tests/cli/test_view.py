@@ -1,0 +1,78 @@
+"""``marginguard view``: what it refuses, and a live session in the browser."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from app.cli.main import main
+from tests.bridge.live.conftest import Start
+from tests.bridge.live.conftest import breach as breach
+from tests.bridge.live.conftest import frames_file as frames_file
+from tests.bridge.live.conftest import live_yaml as live_yaml
+from tests.bridge.live.conftest import start as start
+from tests.ros_domain import domain_id as domain_id
+from tests.viewer.conftest import Server, Watched
+from tests.viewer.conftest import browser as browser
+from tests.viewer.conftest import can_draw as can_draw
+
+SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["data/recorded_case", "--live"],
+        ["--live"],
+        ["--config", "live.yaml"],
+        ["data/recorded_case", "--config", "live.yaml"],
+    ],
+)
+def test_it_takes_a_case_or_a_live_session(arguments, capsys):
+    assert main(["view", *arguments]) == 2
+    assert "view takes a CASE, or --live and --config FILE" in capsys.readouterr().err
+
+
+def test_an_empty_token_is_refused(capsys):
+    assert main(["view", "data/recorded_case", "--token", ""]) == 2
+    assert "--token is empty" in capsys.readouterr().err
+
+
+def test_a_case_that_is_none_is_refused_in_one_line(tmp_path, capsys):
+    assert main(["view", str(tmp_path / "none")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.fixture
+def live_server(can_draw: None, domain_id: int, live_yaml, tmp_path: Path) -> Iterator[Server]:
+    config = live_yaml({"tracked_transforms": {"topic": "/tracked_transforms"}, "clock": "host"})
+    server = Server(["--live", "--config", str(config)], tmp_path / "view.txt")
+    yield server
+    server.close()
+
+
+def test_a_live_session_is_shown_and_is_grey_without_its_source(
+    browser: Browser, live_server: Server, start: Start, frames_file: Path
+) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    watched = Watched(context.new_page(), live_server.host)
+    page = watched.open(live_server.url)
+    word = page.locator("#word")
+    expect(page.locator(".mode")).to_have_text("LIVE")
+    expect(word).to_have_text("UNKNOWN")
+    sender = start(str(SENDER), str(frames_file), "tracked", "again")
+    expect(word).to_have_text("IN TUMOUR", timeout=30_000)
+    expect(page.locator("#distance")).to_contain_text("\N{MINUS SIGN}")
+    assert page.locator(".lamps [data-light=valid]").count() == 3
+    sender.end(signal.SIGKILL)
+    expect(word).to_have_text("UNKNOWN")
+    expect(page.locator("#distance")).to_have_text("\N{EN DASH}")
+    expect(page.locator(".lamps [data-light=valid]")).to_have_count(0)
+    assert watched.left_machine() == []
+    assert watched.complaints == []
+    context.close()
+    live_server.process.send_signal(signal.SIGINT)
+    assert live_server.process.wait() == 130
