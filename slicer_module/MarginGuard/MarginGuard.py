@@ -297,7 +297,7 @@ class MarginGuardLogic(ScriptedLoadableModuleLogic):
         ScriptedLoadableModuleLogic.__init__(self)
         from MarginGuardLib.logic import GuardLogic
 
-        self.guard = GuardLogic(slicer.mrmlScene)
+        self.guard = GuardLogic(slicer.mrmlScene, slicer.app.applicationLogic())
 
     def getParameterNode(self):
         """The settings, typed."""

@@ -7,6 +7,7 @@ The picture of docs/slicer.md; to be looked at and made anew when the .ui change
 
 import os
 import sys
+from types import SimpleNamespace
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
@@ -24,6 +25,7 @@ def main(path: str) -> None:
     """Load the case, seek to its breach, and save the panel as PNG."""
     application = SceneApplication(slicer.vtkMRMLScene())
     slicer.mrmlScene = application.scene
+    slicer.app = SimpleNamespace(applicationLogic=lambda: application.logic)
     sys.modules |= slicer_double.stand_ins()
     gui = qt_double.QApplication([])
     import MarginGuard

@@ -1,6 +1,7 @@
 """The module's live session in this process, with a tracker in another one."""
 
 import signal
+import threading
 
 import pytest
 
@@ -81,9 +82,21 @@ def test_a_configuration_that_is_wrong_is_one_line(guard, tmp_path):
         guard.set_margins(1.0, 5.0)
 
 
-def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(guard, tmp_path, live_yaml):
+def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(
+    guard, live_yaml, monkeypatch
+):
+    go_on, opened = threading.Event(), threading.Event()
+
+    def open_slowly(folder):
+        go_on.wait()
+        opened.set()
+
+    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", open_slowly)
     guard.load_case(CASE)
+    assert guard.spin().message == "opening the case ..."
     guard.connect(live_yaml(TRACKED))
-    assert guard.spin().message == ""
-    status = spin_until(guard, lambda now: now.message == "" and guard.margins() is not None)
+    go_on.set()
+    opened.wait()
+    status = spin_until(guard, lambda now: guard.margins() is not None)
     assert status.is_live
+    assert status.message == ""

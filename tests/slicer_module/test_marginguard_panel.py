@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import slicer
@@ -53,11 +54,18 @@ def errors(monkeypatch):
     return told
 
 
+def in_slicer(monkeypatch, application):
+    """``slicer.mrmlScene``, and of ``slicer.app`` a TEST DOUBLE."""
+    monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
+    app = SimpleNamespace(applicationLogic=lambda: application.logic)
+    monkeypatch.setattr(slicer, "app", app, raising=False)
+
+
 @pytest.fixture
 def panel(desktop, application, monkeypatch, errors):
     from tests.slicer_module.slicer_double import panel_parent
 
-    monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
+    in_slicer(monkeypatch, application)
     widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
     widget.setup()
     widget._timer.stop()  # the tests spin themselves
@@ -257,7 +265,7 @@ def test_the_module_tells_slicer_what_it_is(desktop):
 
 
 def test_the_test_for_slicer_runs_here_too(desktop, application, monkeypatch):
-    monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
+    in_slicer(monkeypatch, application)
     desktop.MarginGuardTest().runTest()
 
 

@@ -1,5 +1,6 @@
 """The small pieces of the module's logic."""
 
+import ast
 import subprocess
 import sys
 import threading
@@ -108,6 +109,11 @@ def test_segments_and_points_mark_a_tumour(monkeypatch):
 
 def test_this_installation_can_run_the_module():
     assert installation.why_not() == ""
+
+
+@pytest.mark.parametrize("file", ["MarginGuard.py", "MarginGuardLib/installation.py"])
+def test_what_says_that_a_python_is_too_old_can_be_read_by_it(file):
+    ast.parse((FOLDER / file).read_text(), feature_version=(3, 9))
 
 
 def test_a_slicer_whose_python_is_too_old_says_so(monkeypatch):

@@ -59,7 +59,7 @@ def clock():
 def guard(application, opened, clock, monkeypatch):
     """The logic with the case loaded, paused at its beginning; nothing ages by itself."""
     monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened)
-    logic = GuardLogic(application.scene, clock)
+    logic = GuardLogic(application.scene, application.logic, clock)
     logic.load_case(CASE)
     spin_until(logic, at(0.0))
     yield logic
@@ -126,6 +126,21 @@ def test_frame_by_frame_each_state_is_that_of_the_replay(guard, application, row
     assert {MarginState.WARNING, MarginState.POSITIVE} <= set(seen)
     markers = application.scene.GetFirstNodeByName("BreachMarkers")
     assert markers.GetNumberOfControlPoints() > 0
+
+
+def test_a_step_pauses_the_views_once(guard, application):
+    guard.seek(45.9)
+    status = spin_until(guard, at(45.9))
+    events = []
+    for event in ("PauseRenderEvent", "ResumeRenderEvent"):
+        number = getattr(slicer.vtkMRMLApplicationLogic, event)
+        application.logic.AddObserver(number, lambda *_, event=event: events.append(event))
+    before = status.position_s
+    guard.step()
+    while guard.session.position_s == before:
+        events.clear()
+        guard.spin(0.02)
+    assert events == ["PauseRenderEvent", "ResumeRenderEvent"]
 
 
 def test_at_the_end_time_goes_on_and_the_tumour_turns_grey(guard, application, clock):

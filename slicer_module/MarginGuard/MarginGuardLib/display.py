@@ -1,6 +1,11 @@
 """A session in the MRML scene: each step's poses and decision, and grey for what has grown old."""
 
-from slicer import vtkMRMLCameraNode, vtkMRMLScene, vtkMRMLTransformNode
+from slicer import (
+    vtkMRMLApplicationLogic,
+    vtkMRMLCameraNode,
+    vtkMRMLScene,
+    vtkMRMLTransformNode,
+)
 
 from app.bridge.replay_scene import ReplayScene
 from app.fixture import MarginState
@@ -28,17 +33,25 @@ class SessionDisplay:
     """Shows the steps of a session in ``mrml_scene``; for the scene's thread alone.
 
     ``shown`` and ``setup`` say what there is: tumour, tool, robot and the fixed edges. A part of
-    it comes into the scene when its frame is seen for the first time.
+    it comes into the scene when its frame is seen for the first time. With the application's
+    ``logic`` its views draw once a step.
     """
 
     def __init__(
-        self, mrml_scene: vtkMRMLScene, shown: ReplayScene, setup: SessionSetup, opacity: float
+        self,
+        mrml_scene: vtkMRMLScene,
+        shown: ReplayScene,
+        setup: SessionSetup,
+        *,
+        opacity: float,
+        logic: vtkMRMLApplicationLogic | None,
     ) -> None:
         self.shown = shown
         self.scene: MarginGuardScene | None = None
         self._mrml_scene = mrml_scene
         self._setup = setup
         self._opacity = opacity
+        self._logic = logic
         self._measured: dict[tuple[str, str], Transform] = {}
         self._up: FloatArray | None = None
 
@@ -153,8 +166,12 @@ class SessionDisplay:
         if len(seen) == 1:
             return None
         root = REFERENCE if REFERENCE in seen else holder
-        stale_after_ns = shown.margins.stale_after_ns
-        self.scene = MarginGuardScene(self._mrml_scene, root, stale_after_ns=stale_after_ns)
+        self.scene = MarginGuardScene(
+            self._mrml_scene,
+            root,
+            stale_after_ns=shown.margins.stale_after_ns,
+            logic=self._logic,
+        )
         for target, source in self._measured:
             self.scene.watchdog.expect(target, source)
         return self.scene

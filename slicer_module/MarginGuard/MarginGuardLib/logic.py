@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from slicer import (
+    vtkMRMLApplicationLogic,
     vtkMRMLCameraNode,
     vtkMRMLMarkupsNode,
     vtkMRMLNode,
@@ -40,15 +41,20 @@ WAIT_S = 0.005
 class GuardLogic:
     """Commands for one session at a time, live or replayed, shown in ``mrml_scene``.
 
+    With the application's ``logic`` its views draw once a step.
+
     A command that cannot be done raises `MarginGuardError`, with one line for the user; what goes
     wrong later stands in the status.
     """
 
     def __init__(
-        self, mrml_scene: vtkMRMLScene, clock_ns: Callable[[], int] = time.monotonic_ns
+        self,
+        mrml_scene: vtkMRMLScene,
+        logic: vtkMRMLApplicationLogic | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.alarm = Alarm()
-        self.session = ShownSession(mrml_scene, clock_ns)
+        self.session = ShownSession(mrml_scene, logic, clock_ns)
         self.candidate: RegistrationResult | None = None
         self._mrml_scene = mrml_scene
         self._clock_ns = clock_ns

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from slicer import vtkMRMLScene, vtkMRMLTransformNode
+from slicer import vtkMRMLApplicationLogic, vtkMRMLScene, vtkMRMLTransformNode
 
 from app.bridge.control import SessionChanges
 from app.fixture import MarginState, Reason
@@ -20,7 +20,12 @@ class ShownSession:
     ``opacity`` and ``patient_to_ras`` are those of every display to come.
     """
 
-    def __init__(self, mrml_scene: vtkMRMLScene, clock_ns: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        mrml_scene: vtkMRMLScene,
+        logic: vtkMRMLApplicationLogic | None,
+        clock_ns: Callable[[], int],
+    ) -> None:
         self.opacity = 0.4
         self.patient_to_ras: vtkMRMLTransformNode | None = None
         self.rate = 1.0
@@ -29,6 +34,7 @@ class ShownSession:
         self.opened: OpenedCase | None = None
         self.health: tuple[TransformHealth, ...] = ()
         self._mrml_scene = mrml_scene
+        self._logic = logic
         self._clock_ns = clock_ns
         self._last: Delivered | None = None
 
@@ -69,7 +75,11 @@ class ShownSession:
         if delivered is not None and changes is not None:
             if self.display is None:
                 self.display = SessionDisplay(
-                    self._mrml_scene, changes.scene, changes.setup, self.opacity
+                    self._mrml_scene,
+                    changes.scene,
+                    changes.setup,
+                    opacity=self.opacity,
+                    logic=self._logic,
                 )
             elif self._last is None or self._last.run is not run:
                 self.display.restart()
