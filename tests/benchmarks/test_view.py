@@ -1,0 +1,47 @@
+"""The figures of the page's benchmark, and the numbers that it reads back from pixels."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks.view.results import failures, figures
+from benchmarks.view.stamps import BITS, SIDE, stamp
+
+
+@pytest.mark.parametrize("number", [0, 1, 3740, 65535])
+def test_a_number_survives_the_jpeg(number):
+    pixels = np.random.default_rng(2).integers(0, 255, (200, 400, 3)).astype(np.uint8)
+    stamp(pixels, number)
+    coded = io.BytesIO()
+    Image.fromarray(pixels).save(coded, "jpeg", quality=50)
+    lit = np.asarray(Image.open(coded).convert("L")) > 127
+    rows = [
+        [bool(lit[row * SIDE + SIDE // 2, bit * SIDE + SIDE // 2]) for bit in range(BITS)]
+        for row in (0, 1)
+    ]
+    assert sum(2**bit for bit, on in enumerate(rows[0]) if on) == number
+    assert rows[1] == [not on for on in rows[0]]
+
+
+def test_the_delay_runs_from_when_a_frame_was_due():
+    due_ms = [1000.0 + 20.0 * frame for frame in range(100)]
+    seen = [[frame, due_ms[frame] + 80.0] for frame in range(0, 100, 5)]
+    found = figures(seen, due_ms, seconds=2.0)
+    assert (found.pictures, found.per_s) == (20, 10.0)
+    assert (found.delay_p50_ms, found.delay_p95_ms, found.delay_max_ms) == (80.0, 80.0, 80.0)
+    assert (found.longest_gap_ms, found.growth_ms) == (100.0, 0.0)
+    assert failures(found) == []
+
+
+def test_few_late_and_growing_pictures_are_failures():
+    due_ms = [20.0 * frame for frame in range(1000)]
+    seen = [[frame, due_ms[frame] + 200.0 + frame] for frame in range(0, 1000, 10)]
+    found = figures(seen, due_ms, seconds=20.0)
+    assert found.growth_ms == pytest.approx(750.0)
+    assert [sentence.split(":")[0] for sentence in failures(found)] == [
+        "5.0 pictures a second",
+        f"p95 of the delay is {found.delay_p95_ms} ms",
+        "the delay grew by 750.0 ms",
+    ]
