@@ -56,6 +56,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.settings = None
         self._gui_tag = None
         self._margins = None
+        self._patient_to_ras = None
         self._timer = None
 
     def setup(self):
@@ -114,8 +115,12 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         """Settings that take effect at once."""
         with self._told():
             self.logic.guard.set_opacity(self.settings.opacity)
-            self.logic.guard.set_patient_to_ras(self.settings.patient_to_ras)
             self.logic.guard.set_rate(self.settings.rate)
+        patient_to_ras = self.settings.patient_to_ras
+        if patient_to_ras is not self._patient_to_ras:  # one that is refused is told once
+            self._patient_to_ras = patient_to_ras
+            with self._told():
+                self.logic.guard.set_patient_to_ras(patient_to_ras)
 
     def on_connect(self, checked=False):
         """Connect: guard live."""

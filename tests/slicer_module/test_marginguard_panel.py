@@ -148,7 +148,7 @@ def test_the_slider_seeks_and_the_settings_take_effect_at_once(panel, pressed, a
     panel.ui.rateSpinBox.setValue(2.0)
     node = application.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
     panel.ui.patientTransformSelector.setCurrentNode(node)
-    assert calls[-3:] == [("set_opacity", 0.7), ("set_patient_to_ras", node), ("set_rate", 2.0)]
+    assert calls[-3:] == [("set_opacity", 0.7), ("set_rate", 2.0), ("set_patient_to_ras", node)]
 
 
 def test_mute_is_a_state_of_the_button(panel):

@@ -44,6 +44,7 @@ class SessionDisplay:
         setup: SessionSetup,
         *,
         opacity: float,
+        patient_to_ras: vtkMRMLTransformNode | None,
         logic: vtkMRMLApplicationLogic | None,
     ) -> None:
         self.shown = shown
@@ -51,6 +52,7 @@ class SessionDisplay:
         self._mrml_scene = mrml_scene
         self._setup = setup
         self._opacity = opacity
+        self._patient_to_ras = patient_to_ras
         self._logic = logic
         self._measured: dict[tuple[str, str], Transform] = {}
         self._up: FloatArray | None = None
@@ -107,11 +109,18 @@ class SessionDisplay:
     def hang_under(self, patient_to_ras: vtkMRMLTransformNode | None) -> None:
         """Show all of it where ``patient_to_ras`` puts the reference; None: at the world's origin.
 
-        For display only: nothing that is measured changes.
+        For display only: nothing that is measured changes. Raises `SceneError` for a node that
+        hangs from the reference itself.
         """
         if self.scene is not None:
-            root = self.scene.tree.node(self.scene.reference)
+            root = self.reference_node()
+            above = patient_to_ras
+            while above is not None:
+                if above is root:
+                    raise SceneError(f"{patient_to_ras.GetName()} hangs from {root.GetName()}")
+                above = above.GetParentTransformNode()
             root.SetAndObserveTransformNodeID(patient_to_ras.GetID() if patient_to_ras else None)
+        self._patient_to_ras = patient_to_ras
 
     def look(self, camera: vtkMRMLCameraNode, preset: Preset) -> None:
         """Look at the tumour from one side of the patient."""
@@ -146,7 +155,9 @@ class SessionDisplay:
 
     def reference_node(self) -> vtkMRMLTransformNode:
         """The transform node of the reference; `SceneError` before it is seen."""
-        return self._scene().tree.node(self._scene().reference)
+        if self.scene is None:
+            raise SceneError("nothing was tracked yet: the reference is not in the scene")
+        return self.scene.tree.node(self.scene.reference)
 
     def clear(self) -> None:
         """Take all of it out of the scene."""
@@ -172,6 +183,7 @@ class SessionDisplay:
             stale_after_ns=shown.margins.stale_after_ns,
             logic=self._logic,
         )
+        self.hang_under(self._patient_to_ras)
         for target, source in self._measured:
             self.scene.watchdog.expect(target, source)
         return self.scene

@@ -187,10 +187,13 @@ class GuardLogic:
             self.session.display.set_opacity(opacity)
 
     def set_patient_to_ras(self, node: vtkMRMLTransformNode | None) -> None:
-        """Where the reference is drawn; None: at the world's origin."""
-        self.session.patient_to_ras = node
+        """Where the reference is drawn; None: at the world's origin.
+
+        Raises `SceneError` for a node of the session's own.
+        """
         if self.session.display is not None:
             self.session.display.hang_under(node)
+        self.session.patient_to_ras = node
 
     def look(self, preset: Preset) -> None:
         """Look at the tumour from one side, and stay there."""

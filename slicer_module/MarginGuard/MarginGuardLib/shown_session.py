@@ -79,6 +79,7 @@ class ShownSession:
                     changes.scene,
                     changes.setup,
                     opacity=self.opacity,
+                    patient_to_ras=self.patient_to_ras,
                     logic=self._logic,
                 )
             elif self._last is None or self._last.run is not run:
@@ -87,7 +88,6 @@ class ShownSession:
             self.health = self.display.show(
                 delivered.step, changes.scene, run.present_ns(delivered)
             )
-            self.display.hang_under(self.patient_to_ras)
         elif self._last is not None and self.display is not None:
             self.health = self.display.check(run.present_ns(self._last))
 
