@@ -51,9 +51,7 @@ class ServiceClient:
     def is_there(self) -> bool:
         """Whether somebody serves it now."""
         with self._lock:
-            return (
-                not self._closed and self._ros.is_open and bool(self._client.service_is_ready())
-            )
+            return not self._closed and self._ros.is_open and bool(self._client.service_is_ready())
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
