@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from app.fixture import MarginState, Reason
+from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS
 from app.scene.watchdog import Freshness, TransformHealth
 from app.viewer.cast import Cast
@@ -22,9 +22,7 @@ def readout(shown: Shown | None) -> dict[str, Any]:
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
         breaches=shown.breaches,
-        stop="" if decision.margin is None else f"{decision.margin.total_mm:.1f}",
-        warn="" if decision.margin is None else f"{decision.margin.warn_total_mm:.1f}",
-        tre="" if decision.margin is None else f"{decision.margin.tre_mm:.2f} mm",
+        **_margins(decision),
         registration=_registration(shown.cast),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
     )
@@ -57,6 +55,18 @@ def _values(
         "tre": tre,
         "registration": registration or {"word": "", "ok": False, "numbers": ""},
         "lamps": lamps or [],
+    }
+
+
+def _margins(decision: FixtureDecision) -> dict[str, str]:
+    """The margins that are applied to a distance, where there is one."""
+    margin = decision.margin
+    if margin is None or decision.state is MarginState.UNKNOWN:
+        return {}
+    return {
+        "stop": f"{margin.total_mm:.1f}",
+        "warn": f"{margin.warn_total_mm:.1f}",
+        "tre": f"{margin.tre_mm:.2f} mm",
     }
 
 

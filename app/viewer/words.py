@@ -25,7 +25,7 @@ REASON_WORDS = {
     Reason.FROZEN: "a pose repeats itself: its source is stuck",
     Reason.STARTING: "waiting for the first full measurement",
     Reason.RECOVERING: "tracking is back, waiting until it is steady",
-    Reason.CONTACT: "the tool touches the tumour",
+    Reason.CONTACT: "the surfaces of tool and tumour meet",
     Reason.INSIDE: "the tool is in the tumour",
     Reason.STOP_DISTANCE: "nearer than the stop margin",
     Reason.WARNING_DISTANCE: "nearer than the warning distance",
