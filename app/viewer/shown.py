@@ -1,11 +1,11 @@
 """One step of a session with all that a page shows of it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
-from app.geometry import Transform
+from app.geometry import FloatArray, Transform
 from app.scene.watchdog import Freshness, TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
 from app.viewer.cast import Cast
@@ -18,7 +18,9 @@ class Shown:
 
     ``cast``: whom the step is of. ``measured``: the last good sample of every edge so far.
     ``breaches``: how often the state has become POSITIVE so far, so that a page that leaves steps
-    out misses none. ``silent``: why the step is not of the present, in words, empty while it is.
+    out misses none. ``marks``: where the tool was in the tumour, in the tumour's frame, the first
+    ``marked`` of them up to this step. ``silent``: why the step is not of the present, in words,
+    empty while it is.
     """
 
     step: StepResult
@@ -27,6 +29,8 @@ class Shown:
     lamps: tuple[TransformHealth, ...]
     trend: Trend
     breaches: int
+    marks: Sequence[FloatArray]
+    marked: int
     silent: str = ""
 
     @property
@@ -45,9 +49,10 @@ class Shown:
 def known_distance_mm(step: StepResult) -> float | None:
     """The signed distance of ``step``, None while its state is UNKNOWN."""
     decision = step.decision
-    if decision.state is MarginState.UNKNOWN or decision.proximity is None:
+    proximity = decision.proximity
+    if decision.state is MarginState.UNKNOWN or proximity is None or not proximity.is_finite:
         return None
-    return float(decision.proximity.signed_distance_mm)
+    return float(proximity.signed_distance_mm)
 
 
 class Watcher:
@@ -65,6 +70,7 @@ class Watcher:
         self._edges: dict[tuple[str, str], Transform] = {}
         self._measured: tuple[Transform, ...] = ()
         self._breaches = 0
+        self._marks: list[FloatArray] = []
         self._inside = False
 
     def see(self, step: StepResult) -> Shown:
@@ -76,13 +82,18 @@ class Watcher:
         inside = step.decision.state is MarginState.POSITIVE
         self._breaches += inside and not self._inside
         self._inside = inside
+        distance_mm, proximity = known_distance_mm(step), step.decision.proximity
+        if distance_mm is not None and proximity is not None and distance_mm < 0.0:
+            self._marks.append(proximity.on_tool_mm)
         return Shown(
             step=step,
             cast=self.cast,
             measured=self._measured,
             lamps=self._lamps(step.frame),
-            trend=self._trend.see(step.frame.stamp.ns, known_distance_mm(step)),
+            trend=self._trend.see(step.frame.stamp.ns, distance_mm),
             breaches=self._breaches,
+            marks=self._marks,
+            marked=len(self._marks),
         )
 
     def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:

@@ -47,6 +47,7 @@ class Stage:
         self.view = _view(self.application)
         self._strengths = dict.fromkeys(Part, 1.0)
         self._hidden: set[Part] = set()
+        self._marked = 0
         self._along = dict.fromkeys(Part, 1.0)
 
     @property
@@ -94,7 +95,19 @@ class Stage:
                 self._enter(scene)
             robot = self.cast.robot
             links = {robot.name: step.links} if robot and robot.name in scene.robots else {}
+            self._mark(scene, shown)
             scene.show(step.decision, links)
+
+    def _mark(self, scene: MarginGuardScene, shown: Shown) -> None:
+        """Exactly the breaches up to this step, also of steps that were left out or sought."""
+        if scene.margin is None:
+            return
+        if shown.marked < self._marked:
+            scene.margin.breaches.clear()
+            self._marked = 0
+        for point in shown.marks[self._marked : shown.marked]:
+            scene.margin.breaches.add(point)
+        self._marked = shown.marked
 
     def set_visible(self, part: Part, visible: bool) -> None:
         """Show or hide a part."""
@@ -121,6 +134,7 @@ class Stage:
         if self.scene is not None:
             self.scene.clear()
             self.scene = None
+            self._marked = 0
 
     def _enter(self, scene: MarginGuardScene) -> None:
         scene.add_tumor(self.cast.tumor)

@@ -44,6 +44,21 @@ def test_the_tumour_has_the_colour_of_the_step(stage, parts):
         assert stage.scene.tumor.GetDisplayNode().GetColor() == shown.step.decision.state.color
 
 
+def test_the_marks_are_those_of_the_breaches_up_to_the_frame(stage, parts):
+    def marks(frame):
+        stage.show(parts.feed.shown[frame])
+        node = stage.scene.margin.breaches.node
+        count = node.GetNumberOfControlPoints()
+        return {tuple(np.round(node.GetNthControlPointPosition(n), 6)) for n in range(count)}
+
+    for frame in range(40):  # played
+        played = marks(frame)
+    assert len(played) >= 1
+    assert marks(0) == set()
+    assert marks(39) == played  # sought: the breach itself was left out
+    assert marks(BREACH_FRAME - 5) == set()
+
+
 def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
     stage = Stage(parts.cast)
     first = parts.feed.shown[0]
