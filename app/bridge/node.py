@@ -1,5 +1,6 @@
 """A ROS node with a context and an executor thread of its own, gone without a trace when closed."""
 
+import atexit
 import threading
 import time
 import traceback
@@ -40,6 +41,7 @@ class RosNode:
     not take the others with it. Endpoints that do not hear each other because of their quality of
     service are said in the log and kept in `incompatible`. What ROS itself declares as parameters
     (``use_sim_time``) keeps the value of the start: nobody stops a guard's clock from outside.
+    A node that nobody has closed is closed when the program ends.
 
     ``ros_args`` are ROS's own (``--ros-args -r old:=new``); ``sys.argv`` is not read.
     ``make_node`` makes another kind of node, from the same arguments as `rclpy.node.Node`.
@@ -82,6 +84,8 @@ class RosNode:
             daemon=True,
         )
         self._thread.start()
+        # A thread that is inside ROS while Python ends would abort the program.
+        atexit.register(self.close)
 
     def publisher(self, topic: Topic) -> Publisher:
         """A new publisher on ``topic``."""
@@ -167,6 +171,7 @@ class RosNode:
         """
         if not self._context.ok():
             return
+        atexit.unregister(self.close)
         while self._at_close:
             self._at_close.pop()()
         self.flush()

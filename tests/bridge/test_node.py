@@ -1,5 +1,7 @@
 """The node alone: other processes hear it, and closing it leaves nothing behind."""
 
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -60,6 +62,23 @@ def test_closing_ends_the_thread_and_can_be_repeated(domain_id):
     ros.close()
     assert not ros.is_open
     assert set(threading.enumerate()) == before
+
+
+FORGETFUL = """
+import atexit
+from app.bridge import RosNode
+told = []
+atexit.register(lambda: print(told[0].is_open))  # the last one of all: after the node's own
+told.append(RosNode("forgotten"))
+"""
+
+
+def test_a_node_that_nobody_closes_is_closed_before_python_ends(domain_id):
+    # Inside ROS, its thread would abort the program: mostly, not always, so it is asked instead.
+    ended = subprocess.run(
+        [sys.executable, "-c", FORGETFUL], capture_output=True, text=True, timeout=60.0
+    )
+    assert (ended.returncode, ended.stdout) == (0, "False\n"), ended.stderr
 
 
 def test_the_default_context_is_left_alone(domain_id):
