@@ -109,6 +109,49 @@ def test_a_fresh_parent_does_not_hide_a_stale_child(node, peer, spin_until):
     assert lookup.GetState() == "stale"
 
 
+def insert(node, parent, child, stamp_ns, *, static=False):
+    """As the thread of ROS does with what it hears."""
+    node.buffer.insert(parent, child, stamp_ns, (5.0, 0, 0, 0, 0, 0, 1), static=static)
+
+
+def test_a_way_that_is_cut_is_stale_though_it_was_to_hold_always(node):
+    lookup = node.CreateAndAddTf2LookupNode("room", "desk")
+    insert(node, "room", "desk", 0, static=True)
+    node.Spin()
+    assert (lookup.GetState(), lookup.GetAgeSeconds()) == ("valid", 0.0)
+    insert(node, "barn", "desk", node.now_ns())
+    node.Spin()
+    assert (lookup.GetState(), lookup.GetAttribute("ros2.state")) == ("stale", "stale")
+    assert "no way between 'room'" in lookup.GetProblem()
+
+
+def test_a_pose_turns_stale_by_itself_when_nobody_spins(node, monkeypatch):
+    lookup = node.CreateAndAddTf2LookupNode("loft", "trunk")
+    stamp_ns = 10**18
+    monkeypatch.setattr(node, "now_ns", lambda: stamp_ns + 500_000_000)  # a TEST DOUBLE of a clock
+    insert(node, "loft", "trunk", stamp_ns)
+    node.Spin()
+    assert lookup.GetState() == "valid"
+    monkeypatch.setattr(node, "now_ns", lambda: stamp_ns + 500_000_001)
+    assert lookup.IsStale()
+    assert lookup.GetState() == "stale"
+
+
+def test_a_looked_up_pose_is_broadcast_with_its_own_stamp(node, spin_until):
+    lookup = node.CreateAndAddTf2LookupNode("yard", "bike")
+    node.CreateAndAddTf2BroadcasterNode("copy", "of_bike").ObserveTransformNode(lookup)
+    heard = node.CreateAndAddTf2LookupNode("copy", "of_bike")
+    stamps = iter(range(1_000_000_007, 10**12))
+
+    def arrived():
+        insert(node, "yard", "bike", next(stamps))
+        return heard.GetStampNanoseconds() is not None
+
+    spin_until(lambda: arrived() and x_mm(heard) == pytest.approx(5.0))
+    assert 1_000_000_007 <= heard.GetStampNanoseconds() < 10**12
+    assert heard.GetState() == "stale"
+
+
 def test_frames_that_nobody_connects_are_missing_and_say_why(node):
     lookup = node.CreateAndAddTf2LookupNode("nowhere", "never")
     node.Spin()

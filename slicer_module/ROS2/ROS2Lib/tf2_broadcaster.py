@@ -9,6 +9,7 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from app.geometry import MarginGuardError, Stamp, check_frame
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member
+from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
 from ROS2Lib.vtk_values import transform
 
 if TYPE_CHECKING:
@@ -44,16 +45,20 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
     ) -> bool:
         """Send a matrix, or a transform node's matrix to its parent, in mm.
 
-        ``stampNs`` is when it was measured; without it, it is true now. Raises
-        `MarginGuardError`, with nothing sent, for a matrix that is not rigid.
+        ``stampNs`` is when it was measured; without it a lookup's pose has its own stamp, and
+        any other is true now. Raises `MarginGuardError`, with nothing sent, for a matrix that is
+        not rigid.
         """
         if self._owner is None:
             raise Ros2Error(f"{self.GetName()}: the broadcaster is not on a ROS node")
+        stamp_ns = stampNs
+        if stamp_ns is None and isinstance(pose, vtkMRMLROS2Tf2LookupNode):
+            stamp_ns = pose.GetStampNanoseconds()
         if isinstance(pose, vtkMRMLTransformNode):
             matrix = vtkMatrix4x4()
             pose.GetMatrixTransformToParent(matrix)
             pose = matrix
-        stamp = Stamp(self._owner.now_ns() if stampNs is None else stampNs)
+        stamp = Stamp(self._owner.now_ns() if stamp_ns is None else stamp_ns)
         sample = (transform(pose, self._parent, self._child), stamp)
         self._owner.broadcaster.send([sample])
         self._count += 1

@@ -21,9 +21,10 @@ MISSING, VALID, STALE = "missing", "valid", "stale"
 class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
     """Where the child is in its parent, in mm; ``TransformModifiedEvent`` once for each new sample.
 
-    The attribute ``ros2.state`` is ``missing`` before the first sample, ``valid``, or ``stale``
-    while the oldest of the newest samples on the way is older than `GetStaleAfterSeconds`, or from
-    as far in the future; ``ros2.stamp_ns`` is that sample's own stamp. A stale node keeps its pose.
+    Its state is ``missing`` before the first sample, ``valid``, or ``stale``: while the oldest of
+    the newest samples on the way is older than `GetStaleAfterSeconds` or from as far in the
+    future, and while tf has no answer. A stale node keeps its pose. The attributes ``ros2.state``
+    and ``ros2.stamp_ns``, that sample's own stamp, are as the last `Spin` has seen them.
     """
 
     ROLE = "lookup"
@@ -32,7 +33,6 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         self._parent = ""
         self._child = ""
         self._found: Lookup | None = None
-        self._state = ""
         self._problem = ""
         self._stale_after_ns = STALE_AFTER_NS
         self._always_modified = False
@@ -58,12 +58,16 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         return self._always_modified
 
     def GetState(self) -> str:
-        """``missing``, ``valid`` or ``stale``."""
-        return self._state
+        """``missing``, ``valid`` or ``stale``, now: also when nobody spins any more."""
+        if self._found is None:
+            return MISSING
+        age = self.GetAgeSeconds()
+        is_fresh = age is not None and abs(age) <= self.GetStaleAfterSeconds()
+        return VALID if is_fresh and not self._problem else STALE
 
     def IsStale(self) -> bool:
         """Whether the pose must not be trusted: too old, or not there."""
-        return self._state != VALID
+        return self.GetState() != VALID
 
     def GetProblem(self) -> str:
         """Why tf has no answer now; empty where it has one."""
@@ -99,7 +103,8 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
     def status(self) -> str:
         """Whether its pose can be trusted, and how old it is."""
         age = self.GetAgeSeconds()
-        return self._state if age is None else f"{self._state}, {age:.1f} s old"
+        state = self.GetState()
+        return state if age is None else f"{state}, {age:.1f} s old"
 
     def spin(self) -> None:
         """Look the pose up, and how old it is."""
@@ -127,11 +132,8 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         )
 
     def _judge(self) -> None:
-        age = self.GetAgeSeconds()
-        limit = self.GetStaleAfterSeconds()
-        state = MISSING if age is None else VALID if abs(age) <= limit else STALE
-        if state != self._state:
-            self._state = state
+        state = self.GetState()
+        if state != self.GetAttribute("ros2.state"):
             self.SetAttribute("ros2.state", state)
 
     def _start(self, owner: "RosHost", parent: str, child: str) -> None:
@@ -141,5 +143,5 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         self._judge()
 
     def _stop(self) -> None:
-        self._state = STALE if self._found is not None else MISSING
-        self.SetAttribute("ros2.state", self._state)
+        self._problem = "nobody looks it up any more"
+        self._judge()
