@@ -6,7 +6,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from slicer import vtkCacheManager, vtkDataIOManager, vtkMRMLMessageCollection, vtkMRMLScene
 from vtkmodules.vtkCommonCore import (
@@ -68,7 +68,7 @@ def load_scene(scene: vtkMRMLScene, path: Path) -> None:
 
 
 def _check_bundle(path: Path) -> None:
-    """What libarchive would unpack without a word: too much, and bytes that are not those saved."""
+    """What libarchive unpacks without a word: too much, elsewhere, and damaged bytes."""
     try:
         with zipfile.ZipFile(path) as bundle:
             files = bundle.infolist()
@@ -80,6 +80,9 @@ def _check_bundle(path: Path) -> None:
                 )
             if not any(file.filename.lower().endswith(".mrml") for file in files):
                 raise SceneError(f"{path} is no scene bundle: no .mrml file is in it")
+            astray = _astray([file.filename for file in files])
+            if astray is not None:
+                raise SceneError(f"{path} would be unpacked to {astray!r}: a file inside wanted")
             damaged = bundle.testzip()
     except OSError as error:
         raise SceneError(f"{path} cannot be read: {error.strerror or error}") from error
@@ -87,6 +90,17 @@ def _check_bundle(path: Path) -> None:
         raise SceneError(f"{path} is no whole scene bundle: {error}") from error
     if damaged is not None:
         raise SceneError(f"{path} is damaged: {damaged} in it is not what was saved")
+
+
+def _astray(names: list[str]) -> str | None:
+    """The first name that leads out of the folder: by itself, or through a link among the files."""
+    files = {name for name in names if not name.endswith("/")}
+    for name in names:
+        place = PurePosixPath(name)
+        is_outside = place.is_absolute() or ".." in place.parts or "\\" in name or ":" in name
+        if is_outside or any(str(folder) in files for folder in place.parents):
+            return name
+    return None
 
 
 def _check_place(path: Path) -> None:

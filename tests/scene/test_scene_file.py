@@ -1,4 +1,5 @@
 import json
+import stat
 import subprocess
 import sys
 import zipfile
@@ -258,3 +259,37 @@ def test_a_bundle_that_grows_too_large_is_not_unpacked(
         file.writestr("a/Data/much", bytes(20_000))
     with pytest.raises(SceneError, match=r"2 files of 20013 bytes: .* 10000 bytes"):
         load_scene(application.scene, path)
+
+
+def link_to(target: Path) -> dict[zipfile.ZipInfo | str, str]:
+    link = zipfile.ZipInfo("a/link")
+    link.create_system, link.external_attr = 3, (stat.S_IFLNK | 0o777) << 16
+    return {link: str(target), "a/link/astray.txt": "x"}
+
+
+@pytest.mark.parametrize(
+    ("files", "name"),
+    [
+        (lambda outside: {f"{outside}/astray.txt": "x"}, ".*/outside/astray.txt"),
+        (lambda outside: {f"a/../../../../../..{outside}/astray.txt": "x"}, "a/../.*"),
+        (lambda outside: {"a\\..\\astray.txt": "x"}, "a.*astray.txt"),
+        (link_to, "a/link/astray.txt"),
+    ],
+    ids=["absolute", "upwards", "backslash", "through a link"],
+)
+def test_a_bundle_that_would_be_unpacked_elsewhere_is_refused(
+    application: SceneApplication,
+    tmp_path: Path,
+    files: Callable[[Path], dict[zipfile.ZipInfo | str, str]],
+    name: str,
+) -> None:
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    path = tmp_path / "astray.mrb"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("a/a.mrml", "<MRML></MRML>")
+        for entry, text in files(outside).items():
+            file.writestr(entry, text)
+    with pytest.raises(SceneError, match=f"would be unpacked to '{name}'"):
+        load_scene(application.scene, path)
+    assert list(outside.iterdir()) == []
