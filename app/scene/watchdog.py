@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
-from app.geometry import TrackedTransform, TrackingStatus, join_transform_name
+from app.geometry import NS_PER_S, TrackedTransform, TrackingStatus, join_transform_name
 from app.scene.errors import SceneError
 
 
@@ -15,18 +15,6 @@ class Freshness(Enum):
     """Its last good sample is older than allowed, or from the future."""
     MISSING = "missing"
     """It was never seen, or the tracker said at last that it does not see it."""
-
-    @property
-    def color(self) -> tuple[float, float, float]:
-        """Red, green and blue from 0 to 1, for a lamp: grey when it is not to be trusted."""
-        return _COLORS[self]
-
-
-_COLORS = {
-    Freshness.VALID: (0.0, 1.0, 0.0),
-    Freshness.STALE: (0.5, 0.5, 0.5),
-    Freshness.MISSING: (0.5, 0.5, 0.5),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +31,19 @@ class TransformHealth:
     @property
     def text(self) -> str:
         """For a lamp: ``CauteryToTracker: stale, 0.4 s``."""
-        age = "never seen" if self.age_ns is None else f"{self.age_ns / 1e9:.1f} s"
-        return f"{self.name}: {self.freshness.value}, {age}"
+        if self.age_ns is None:
+            return f"{self.name}: {self.freshness.value}, never seen"
+        ahead = " ahead" if self.age_ns < 0 else ""
+        return f"{self.name}: {self.freshness.value}, {abs(self.age_ns) / NS_PER_S:.1f} s{ahead}"
+
+
+@dataclass(slots=True)
+class _Edge:
+    """Stamps in ns of the newest sample, which may be a lost one, and of the last good one."""
+
+    seen_ns: int | None = None
+    good_ns: int | None = None
+    is_lost: bool = False
 
 
 class TransformWatchdog:
@@ -59,29 +58,32 @@ class TransformWatchdog:
         if stale_after_ns <= 0:
             raise SceneError(f"stale_after_ns {stale_after_ns} of a watchdog: above 0 wanted")
         self.stale_after_ns = stale_after_ns
-        self._good_ns: dict[tuple[str, str], int | None] = {}
-        self._lost: set[tuple[str, str]] = set()
+        self._edges: dict[tuple[str, str], _Edge] = {}
 
     def expect(self, target: str, source: str) -> None:
         """Watch this edge from now on: it is missing until it is seen."""
-        self._good_ns.setdefault((target, source), None)
+        self._edges.setdefault((target, source), _Edge())
 
     def saw(self, sample: TrackedTransform) -> None:
-        """Take note of a sample, good or lost; one older than the last good one is no news."""
-        edge = (sample.target, sample.source)
-        last_ns = self._good_ns.setdefault(edge, None)
-        if last_ns is not None and sample.stamp.ns < last_ns:
-            return
-        if sample.status is TrackingStatus.OK:
-            self._good_ns[edge] = sample.stamp.ns
-            self._lost.discard(edge)
-        else:
-            self._lost.add(edge)
+        """Take note of a sample, good or lost.
+
+        One that is older than the newest is no news, and of two of one moment the lost one counts.
+        Older by more than ``stale_after_ns`` is news again: then a clock was put back, or a stamp
+        from the future was taken for the newest.
+        """
+        edge = self._edges.setdefault((sample.target, sample.source), _Edge())
+        ns, is_good = sample.stamp.ns, sample.status is TrackingStatus.OK
+        if edge.seen_ns is not None:
+            late_ns = edge.seen_ns - ns
+            if 0 < late_ns <= self.stale_after_ns or (late_ns == 0 and is_good):
+                return
+        edge.seen_ns, edge.is_lost = ns, not is_good
+        if is_good:
+            edge.good_ns = ns
 
     def restart(self) -> None:
         """Forget all samples, as after a seek; the edges stay watched."""
-        self._good_ns = dict.fromkeys(self._good_ns)
-        self._lost.clear()
+        self._edges = {names: _Edge() for names in self._edges}
 
     def is_fresh(self, stamp_ns: int | None, now_ns: int) -> bool:
         """Whether data of that stamp may be shown at ``now_ns``; none at all and the future not."""
@@ -89,15 +91,13 @@ class TransformWatchdog:
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Every watched transform at ``now_ns``, in the order in which they were first named."""
-        return tuple(self._health(edge, now_ns) for edge in self._good_ns)
+        return tuple(self._health(*names, edge, now_ns) for names, edge in self._edges.items())
 
-    def _health(self, edge: tuple[str, str], now_ns: int) -> TransformHealth:
-        target, source = edge
-        last_ns = self._good_ns[edge]
-        age_ns = None if last_ns is None else now_ns - last_ns
-        if age_ns is None or edge in self._lost:
+    def _health(self, target: str, source: str, edge: _Edge, now_ns: int) -> TransformHealth:
+        age_ns = None if edge.good_ns is None else now_ns - edge.good_ns
+        if age_ns is None or edge.is_lost:
             freshness = Freshness.MISSING
-        elif self.is_fresh(last_ns, now_ns):
+        elif self.is_fresh(edge.good_ns, now_ns):
             freshness = Freshness.VALID
         else:
             freshness = Freshness.STALE
