@@ -4,6 +4,7 @@ from slicer import vtkMRMLMarkupsPlaneNode, vtkMRMLScene, vtkMRMLTransformNode
 
 from app.fixture import Constraint
 from app.geometry import Transform
+from app.scene.batch import Batch
 from app.scene.models import remove_displayed
 
 _NAME = "FixturePlane"
@@ -19,8 +20,9 @@ class FixturePlane:
     where motion is allowed. It is blue as seen from there, and grey from the tumour's side.
     """
 
-    def __init__(self, scene: vtkMRMLScene, pose: vtkMRMLTransformNode) -> None:
+    def __init__(self, scene: vtkMRMLScene, batch: Batch, pose: vtkMRMLTransformNode) -> None:
         self._scene = scene
+        self._batch = batch
         self._last: Transform | None = None
         self.node = scene.AddNewNodeByClass("vtkMRMLMarkupsPlaneNode", _NAME)
         self.node.SetAndObserveTransformNodeID(pose.GetID())
@@ -41,7 +43,10 @@ class FixturePlane:
 
     def show(self, constraint: Constraint | None) -> None:
         """Put the plane where ``constraint`` has it; None hides it."""
-        self.node.GetDisplayNode().SetVisibility(constraint is not None)
+        display = self.node.GetDisplayNode()
+        self._batch.hold(self.node)
+        self._batch.hold(display)
+        display.SetVisibility(constraint is not None)
         if constraint is None:
             return
         self._last = constraint.fixture_frame(self._last)

@@ -65,11 +65,15 @@ def remove_node(scene: vtkMRMLScene, node: vtkMRMLNode) -> None:
 
 
 def remove_displayed(scene: vtkMRMLScene, node: vtkMRMLDisplayableNode) -> None:
-    """Take ``node`` out of the scene together with its display nodes, which MRML would leave."""
+    """Take ``node`` out of the scene, and its display nodes, which MRML would leave.
+
+    Those that another node has stay.
+    """
     ids = [node.GetNthDisplayNodeID(n) for n in range(node.GetNumberOfDisplayNodes())]
     remove_node(scene, node)
     for display in map(scene.GetNodeByID, ids):
-        if display is not None:
+        # Shared with another's node, or of one: a scene that was closed gives IDs a second time.
+        if display is not None and display.GetDisplayableNode() is None:
             scene.RemoveNode(display)
 
 

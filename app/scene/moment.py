@@ -132,4 +132,4 @@ def moment_png(moment: Moment, size: tuple[int, int] = SIZE) -> bytes:
     Raises `OffscreenError` where nothing can be drawn without a screen.
     """
     shown = MomentScene(moment)
-    return scene_png(shown.application, shown.scene, moment.decision, size)
+    return scene_png(shown.application, shown.scene, size)

@@ -37,9 +37,9 @@ def movie_gif(
     """Draw ``moments`` of one case, each with its time in s, as an animated GIF.
 
     The camera stands still, near enough to fill the picture with what is around the tumour in
-    ``subject``. A banner
-    tells time, state and distance. Breaches are marked from where they happen on. ``size`` is width
-    and height in pixels. Raises `OffscreenError` where nothing can be drawn without a screen.
+    ``subject``. A banner tells time, state and distance. Breaches are marked from where they happen
+    on. ``size`` is width and height in pixels. Raises `OffscreenError` where nothing can be drawn
+    without a screen.
     """
     shown = MomentScene(subject)
     margin = shown.scene.margin
@@ -55,7 +55,7 @@ def movie_gif(
         def draw(time_s: float, moment: Moment) -> Pixels:
             shown.show(moment)
             text = f"{time_s:.1f} s  {margin.status.GetText()}"
-            banner = text_strip(text, (width, _BANNER_PIXELS), moment.decision.state.color)
+            banner = text_strip(text, (width, _BANNER_PIXELS), margin.state.color)
             return np.concatenate([banner, view.pixels()])
 
         palette = _palette([draw(*moments[place]) for place in _one_a_state(moments)])

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 import numpy as np
 from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLModelNode
 
-from app.fixture import FixtureDecision
 from app.geometry import FloatArray
 from app.scene.application import SceneApplication
 from app.scene.cameras import VIEW_ANGLE_DEG
@@ -27,10 +26,9 @@ _CLOSE_UP_RADII = 2.2
 def scene_png(
     application: SceneApplication,
     scene: MarginGuardScene,
-    decision: FixtureDecision,
     size: tuple[int, int] = SIZE,
 ) -> bytes:
-    """Draw ``scene``, which shows ``decision``, as PNG: banner, overview, close-up.
+    """Draw ``scene`` as it is, as PNG: banner, overview, close-up.
 
     ``size`` is the width and height of the whole in pixels. Raises `OffscreenError` on a machine
     that cannot draw without a screen.
@@ -45,7 +43,7 @@ def scene_png(
     with _hidden(*_robot_models(scene)):  # what is judged is the tool, and a hand would hide it
         close_up = _close_up(application, scene, view, _along(margin.line))
     gap = np.full((view[1], width - 2 * view[0], 3), 255, dtype=np.uint8)
-    banner = text_strip(margin.status.GetText(), (width, _BANNER_PIXELS), decision.state.color)
+    banner = text_strip(margin.status.GetText(), (width, _BANNER_PIXELS), margin.state.color)
     return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
 
 

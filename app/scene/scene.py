@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager
 from slicer import (
     vtkMRMLApplicationLogic,
     vtkMRMLLinearTransformNode,
+    vtkMRMLMarkupsNode,
     vtkMRMLModelNode,
     vtkMRMLNode,
     vtkMRMLScene,
@@ -21,6 +22,7 @@ from app.scene.frame_graph import poses_in
 from app.scene.margin_display import MarginDisplay
 from app.scene.models import add_model, ball, remove_displayed, smooth_surface
 from app.scene.robot_model import RobotModel
+from app.scene.shown_margin import shown_margin
 from app.scene.transform_tree import RAS, TransformTree
 from app.scene.watchdog import TransformHealth, TransformWatchdog
 
@@ -29,6 +31,7 @@ _TUMOR_OPACITY = 0.4
 _MARGIN_COLOR = (0.55, 0.62, 0.70)  # none of the colours of a state
 _MARGIN_OPACITY = 0.15
 _TIP_RADIUS_MM = 1.5
+_DISPLAYED = (vtkMRMLModelNode, vtkMRMLMarkupsNode)
 
 
 class MarginGuardScene:
@@ -72,15 +75,14 @@ class MarginGuardScene:
 
         At its end, also after an error, every node that was changed tells its observers once and
         the views draw once (`Batch.on_end`). Updates may be nested: the outermost counts. Raises
-        `SceneError` where somebody else has taken a node of ours out, as by closing the scene: it
-        can be cleared and built again then.
+        `SceneError` where somebody else has taken a node of ours out, as by closing the scene:
+        `clear` takes out what is left then.
         """
         for node in self._nodes():
             if node.GetScene() is None:
-                raise SceneError(
-                    f"node {node.GetName()!r} was taken out of the scene by somebody else: "
-                    "clear what is left and build it again"
-                )
+                raise _taken(f"node {node.GetName()!r}")
+            if isinstance(node, _DISPLAYED) and node.GetDisplayNode() is None:
+                raise _taken(f"the display of node {node.GetName()!r}")
         return self.batch.changes()
 
     def set_poses(self, measured: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
@@ -200,7 +202,8 @@ class MarginGuardScene:
     ) -> None:
         """Show one step: the decision, and ``root_from_link`` of every link of each robot.
 
-        A robot with no links at all is where nobody knows: it turns grey. In a live scene
+        A robot with no links at all is where nobody knows: it turns grey, and so does one that
+        ``links`` had once and has no more. In a live scene
         ``now_ns`` is the present on the clock of the decision's stamp, as in `check`; a picture of
         a moment takes none. Raises `SceneError` for the other way round, and without a tumour.
         """
@@ -216,7 +219,8 @@ class MarginGuardScene:
         with self.update():
             self._decision, self._shown_ns = decision, now_ns
             self._show_margin(self.margin, now_ns)
-            for name, poses in links.items():
+            for name in self._links_known.keys() | links.keys():
+                poses = links.get(name, {})
                 self.robots[name].set_links(poses)
                 self._links_known[name] = bool(poses)
             self._show_robots(known=True)
@@ -238,7 +242,10 @@ class MarginGuardScene:
         return self.watchdog.check(now_ns)
 
     def clear(self) -> None:
-        """Take everything of this scene out of ``scene``; what others put there stays."""
+        """Take everything of this scene out of ``scene``; what others put there stays.
+
+        It is over then: another `MarginGuardScene` shows what comes next.
+        """
         with self.batch.content():
             for name in tuple(self.robots):
                 self.remove_robot(name)
@@ -267,26 +274,12 @@ class MarginGuardScene:
             remove_displayed(self.scene, node)
 
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
-        decision = self._decision
-        if decision is None:
-            margin.show_stale(None)
-            trusted = False
-        elif now_ns is not None and self._is_stale(decision, now_ns):
-            margin.show_stale(None if decision.stamp is None else now_ns - decision.stamp.ns)
-            trusted = False
-        else:
-            margin.show(decision)
-            trusted = decision.state is not MarginState.UNKNOWN
+        margin.show(shown_margin(self._decision, self.watchdog, now_ns))
         if self.tool is not None:
             display = self.tool.GetDisplayNode()
             self.batch.hold(display)
-            display.SetColor(*(TOOL_COLOR if trusted else MarginState.UNKNOWN.color))
-
-    def _is_stale(self, decision: FixtureDecision, now_ns: int) -> bool:
-        if decision.stamp is None:
-            # A decision that knows that it knows nothing says why itself.
-            return decision.state is not MarginState.UNKNOWN
-        return self.watchdog is not None and not self.watchdog.is_fresh(decision.stamp.ns, now_ns)
+            known = margin.state is not MarginState.UNKNOWN
+            display.SetColor(*(TOOL_COLOR if known else MarginState.UNKNOWN.color))
 
     def _show_robots(self, *, known: bool) -> None:
         for name, links_known in self._links_known.items():
@@ -311,3 +304,9 @@ class MarginGuardScene:
         if node is None:
             raise SceneError(f"frame {frame!r} has no pose in the scene yet: set_poses first")
         return node
+
+
+def _taken(what: str) -> SceneError:
+    return SceneError(
+        f"{what} was taken out of the scene by somebody else: clear what is left and build it again"
+    )

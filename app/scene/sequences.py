@@ -30,9 +30,9 @@ from app.geometry import (
 from app.scene.convert import vtk_matrix
 from app.scene.errors import SceneError
 from app.scene.frame_graph import poses_in
-from app.scene.margin_display import banner
 from app.scene.models import Rgb
 from app.scene.scene import TOOL_COLOR, MarginGuardScene
+from app.scene.shown_margin import banner
 
 BROWSER_NAME = "MarginGuard"
 CLOCK_NAME = "ReplayTime"
@@ -63,7 +63,8 @@ def add_sequences(
     ``frames`` are the samples of one acquisition each, stamps rising; ``states`` is what was judged
     when (ns), and why. Every measured edge becomes a sequence, and so does every pose in the
     reference that a node of the scene shows, marked as derived. While they are played, colours and
-    banner follow the states; distance, line and plane are known, and shown, at ``now_ns`` alone.
+    banner follow the states, grey before the first; distance, line, plane and robots are known,
+    and shown, at ``now_ns`` alone.
     Raises `SceneError`, and adds nothing, where times do not rise, for sequences are ordered by
     time, for more than `MOST_ITEMS` poses, and for a recording without a good sample of the frames
     in the scene.
@@ -179,6 +180,8 @@ def _margin(
     margin, tumor = scene.margin, scene.tumor
     if margin is None or tumor is None:
         return
+    if not states or states[0][0] > stamps[0]:
+        states = [(stamps[0], MarginState.UNKNOWN, ()), *states]
     after_ns = next((ns for ns in stamps if ns > now_ns), None)
     told = {ns: banner(state, None, reasons) for ns, state, reasons in states}
     texts = _changes(told)
@@ -196,7 +199,8 @@ def _margin(
             for ns, state in began.items()
         }
         yield _displays(scene.scene, scene.tool, tool), scene.tool.GetDisplayNode()
-    for node in (margin.line, margin.plane.node):
+    links = [model for robot in scene.robots.values() for model in robot.models.values()]
+    for node in (margin.line, margin.plane.node, *links):
         visible = {stamps[0]: False, now_ns: bool(node.GetDisplayNode().GetVisibility())}
         if after_ns is not None:
             visible[after_ns] = False

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from trame_slicer.views import ThreeDView
 from trame_slicer.views.render_scheduler import DirectRendering
 from vtkmodules.vtkCommonCore import vtkCommand
 
-from app.fixture import FixtureDecision, MarginState
+from app.fixture import FixtureDecision, MarginState, constrain
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene import (
@@ -106,6 +107,18 @@ def test_every_transform_that_moved_tells_it_once(
     markups = {"ClosestPoints", "FixturePlane", "BreachMarkers"}
     assert dict(counts.transform) == dict.fromkeys(transforms | models | markups, 1)
     assert max(counts.modified.values()) == 1
+
+
+def test_plane_and_marks_wait_for_the_end_of_the_update(
+    scene: MarginGuardScene, decision: Decide
+) -> None:
+    counts = Counts(scene.scene)
+    inside = decision(MarginState.POSITIVE, -2.0)
+    constraint = constrain(inside.proximity, 1.0, frame="tumor")
+    with scene.update():
+        scene.show(replace(inside, constraint=constraint, constraint_is_current=True), {})
+        assert not counts.modified
+    assert counts.modified["FixturePlane"] == 1
 
 
 def test_what_stays_tells_nothing(

@@ -1,9 +1,10 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
-from app.scene import BreachMarkers
+from app.scene import Batch, BreachMarkers
 from app.scene.breach_markers import SPACING_MM
 
 POINTS = st.lists(st.tuples(*[st.floats(-4.0, 4.0, width=32)] * 3), max_size=60)
@@ -11,7 +12,8 @@ POINTS = st.lists(st.tuples(*[st.floats(-4.0, 4.0, width=32)] * 3), max_size=60)
 
 def markers() -> BreachMarkers:
     scene = vtkMRMLScene()
-    return BreachMarkers(scene, scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Pose"))
+    pose = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Pose")
+    return BreachMarkers(scene, Batch(scene), pose)
 
 
 def positions(marks: BreachMarkers) -> np.ndarray:
@@ -49,3 +51,25 @@ def test_marks_are_red_and_not_to_be_dragged() -> None:
     assert marks.node.GetName() == "BreachMarkers"
     assert marks.node.GetDisplayNode().GetSelectedColor() == (1.0, 0.0, 0.0)
     assert marks.node.GetLocked()
+
+
+@pytest.mark.parametrize("most", [20, 60])
+def test_a_long_breach_has_no_more_marks_than_can_be_drawn(
+    most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.scene.breach_markers.MOST_MARKS", most)
+    marks = markers()
+    breach = np.random.default_rng(1).uniform(-8.0, 8.0, (600, 3))
+    for place, point in enumerate(breach):
+        marks.add(point)
+        assert len(marks) <= most
+        if place % 50 == 0:
+            placed = positions(marks)
+            apart = np.linalg.norm(placed[:, None] - placed[None], axis=-1)
+            assert (apart[~np.eye(len(placed), dtype=bool)] >= marks.spacing_mm).all()
+    assert marks.spacing_mm > SPACING_MM
+    for point in breach:
+        assert np.linalg.norm(positions(marks) - point, axis=1).min() < 2.0 * marks.spacing_mm
+    assert np.array_equal(positions(marks)[0], breach[0])  # the earliest stay
+    marks.clear()
+    assert marks.spacing_mm == SPACING_MM

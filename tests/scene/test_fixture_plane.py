@@ -6,7 +6,7 @@ from slicer import vtkMRMLScene
 
 from app.fixture import Constraint
 from app.geometry import Transform
-from app.scene import FixturePlane
+from app.scene import Batch, FixturePlane
 from app.scene.convert import vtk_matrix
 
 RAS_FROM_TUMOR = Transform.from_rotation_vector(
@@ -30,7 +30,7 @@ def plane() -> FixturePlane:
     scene = vtkMRMLScene()
     pose = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "TumorToRas")
     pose.SetMatrixTransformToParent(vtk_matrix(RAS_FROM_TUMOR))
-    return FixturePlane(scene, pose)
+    return FixturePlane(scene, Batch(scene), pose)
 
 
 @given(seed=st.integers(0, 2**16), offset_mm=st.floats(-50.0, 50.0))

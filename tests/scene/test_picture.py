@@ -4,11 +4,20 @@ from io import BytesIO
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from slicer import vtkMRMLScene
 
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
-from app.scene import Moment, SceneError, ShownRobot, moment_png
+from app.scene import (
+    MarginGuardScene,
+    Moment,
+    SceneApplication,
+    SceneError,
+    ShownRobot,
+    moment_png,
+    scene_png,
+)
 from app.scene.pixels import png, text_strip
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
@@ -164,3 +173,17 @@ def test_strip_has_its_color_and_its_words() -> None:
 def test_png_round_trip() -> None:
     picture = np.random.default_rng(1).integers(0, 256, (5, 7, 3), dtype=np.uint8)
     assert np.array_equal(np.round(255 * imread(BytesIO(png(picture)))), picture)
+
+
+def test_banner_of_an_aged_scene_is_grey(
+    edges: tuple[Transform, ...], fixed: tuple[Transform, ...], tumor: SurfaceMesh, decision: Decide
+) -> None:
+    application = SceneApplication(vtkMRMLScene())
+    scene = MarginGuardScene(application.scene, stale_after_ns=10)
+    scene.set_poses(edges, fixed)
+    scene.add_tumor(tumor)
+    clear = decision(MarginState.NEGATIVE, 9.0)
+    for now_ns, color in ((1, (0.0, 1.0, 0.0)), (12, (0.5, 0.5, 0.5))):
+        scene.show(clear, {}, now_ns)
+        picture = imread(BytesIO(scene_png(application, scene, (200, 120))))
+        assert np.allclose(picture[2, 2, :3], color, atol=0.01)

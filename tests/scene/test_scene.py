@@ -1,3 +1,4 @@
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -140,6 +141,37 @@ def test_a_node_that_the_user_deleted_is_named_and_the_rest_can_be_cleared(
 ) -> None:
     shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name))
     with pytest.raises(SceneError, match=f"node '{name}' was taken out of the scene"):
+        shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+    shown.clear()
+    assert shown.scene.GetNumberOfNodes() == 0
+
+
+def test_what_a_user_put_into_a_scene_that_was_closed_stays(shown: MarginGuardScene) -> None:
+    """MRML gives the IDs of our display nodes a second time."""
+    ids = {node.GetDisplayNodeID() for node in (shown.tumor, shown.tool, shown.margin.line)}
+    shown.scene.Clear(0)
+    theirs = [shown.scene.AddNewNodeByClass(f"vtkMRML{kind}Node")
+              for kind in ("Model", "Model", "MarkupsFiducial")]  # fmt: skip
+    for node in theirs:
+        node.CreateDefaultDisplayNodes()
+    assert ids & {node.GetDisplayNodeID() for node in theirs}
+    shown.clear()
+    assert all(node.GetDisplayNode() is not None for node in theirs)
+
+
+def test_a_display_that_another_node_shares_stays(shown: MarginGuardScene) -> None:
+    theirs = shown.scene.AddNewNodeByClass("vtkMRMLModelNode", "Theirs")
+    theirs.SetAndObserveDisplayNodeID(shown.tumor.GetDisplayNodeID())
+    shown.clear()
+    assert theirs.GetDisplayNode() is not None
+
+
+@pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model", "ClosestPoints", "FixturePlane"])
+def test_a_display_that_the_user_deleted_is_named(
+    shown: MarginGuardScene, decision: Decide, name: str
+) -> None:
+    shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name).GetDisplayNode())
+    with pytest.raises(SceneError, match=f"the display of node '{name}' was taken out"):
         shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
@@ -346,6 +378,36 @@ def test_a_robot_whose_links_are_not_known_is_grey_and_stays_so_until_they_are(
         live.show(fresh, {"arm": links}, 0)
         live.check(1)
         assert link.GetScalarVisibility() == known
+
+
+def test_a_robot_that_nobody_tells_of_any_more_is_grey(
+    live: MarginGuardScene, decision: Decide, arm: Robot
+) -> None:
+    """The decisions go on, the joints do not."""
+    link = live.robots["arm"].models["upper"].GetDisplayNode()
+    live.show(constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=0),
+              {"arm": arm.forward_kinematics({})}, 0)  # fmt: skip
+    assert link.GetScalarVisibility()
+    live.show(constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=1), {}, 1)
+    assert not link.GetScalarVisibility() and link.GetColor() == GREY
+    assert_shown_green(live)
+
+
+@pytest.mark.parametrize("distance_mm", [None, math.nan])
+@pytest.mark.parametrize("state", [MarginState.NEGATIVE, MarginState.WARNING, MarginState.POSITIVE])
+def test_no_state_is_shown_without_a_distance(
+    live: MarginGuardScene, decision: Decide, state: MarginState, distance_mm: float | None
+) -> None:
+    live.show(replace(decision(state, distance_mm), stamp=Stamp(0)), {}, 0)
+    assert_shown_stale(live, "no distance")
+
+
+def test_planes_of_a_margin_that_has_no_stamp_are_hidden(
+    live: MarginGuardScene, decision: Decide
+) -> None:
+    drifted = replace(constrained(decision(MarginState.UNKNOWN, 9.0)), stamp=None, reasons=())
+    live.show(drifted, {}, 0)
+    assert not live.margin.plane.node.GetDisplayNode().GetVisibility()
 
 
 def test_the_present_is_told_where_the_scene_ages_and_only_there(

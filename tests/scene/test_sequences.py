@@ -10,6 +10,7 @@ from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene, vtkMRMLSequenceNode
 from app.case import read_mrml
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
+from app.robot import Robot
 from app.scene import (
     MarginGuardScene,
     SceneApplication,
@@ -203,6 +204,27 @@ def test_an_edge_that_is_measured_late_is_a_measurement_all_the_same(
     add_sequences(shown, late, [], stamp(0).ns)
     save_scene(shown.scene, tmp_path / "late.mrb")
     assert_read(tmp_path / "late.mrb", late)
+
+
+def test_what_was_not_judged_and_robots_elsewhere_are_not_shown_as_known(
+    shown: MarginGuardScene,
+    frames: Frames,
+    states: list[tuple[int, MarginState, tuple[Reason, ...]]],
+    arm: Robot,
+    tmp_path: Path,
+) -> None:
+    shown.add_robot("arm", arm, "robot_base")
+    add_sequences(shown, frames, states[5:], stamp(NOW).ns)
+    save_scene(shown.scene, tmp_path / "late.mrb")
+    loaded = SceneApplication(vtkMRMLScene())
+    load_scene(loaded.scene, tmp_path / "late.mrb")
+    found = {name: loaded.scene.GetFirstNodeByName(name) for name in ("Tumor", "upper_model")}
+    status = loaded.scene.GetFirstNodeByName("MarginStatus")
+    for index, color in ((NOW, (1, 0, 0)), (0, (0.5, 0.5, 0.5)), (5, (0, 1, 0))):
+        loaded.scene.GetFirstNodeByName("MarginGuard").SetSelectedItemNumber(index)
+        assert found["Tumor"].GetDisplayNode().GetColor() == color
+        assert status.GetText().startswith("UNKNOWN") == (index == 0)
+        assert found["upper_model"].GetDisplayNode().GetVisibility() == (index == NOW)
 
 
 @pytest.mark.parametrize("storage", [None, "vtkMRMLSequenceStorageNode"])
