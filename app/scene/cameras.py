@@ -60,7 +60,7 @@ def bullseye(
     with ``previous_up`` (3,) that of the last picture is kept as far as it can be.
     """
     length = float(np.linalg.norm(forward))
-    if not (length > 0.0 and np.isfinite(length)) or distance_mm <= 0.0:
+    if not (length > 0.0 and np.isfinite(length)) or not distance_mm > 0.0:
         raise SceneError(
             f"forward {np.asarray(forward).tolist()} at {distance_mm:g} mm gives no view along a "
             "tool: a direction and a distance above 0 wanted"

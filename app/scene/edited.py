@@ -35,8 +35,8 @@ class EditedTransform:
     ``target`` is the frame of the node's parent, ``source`` that of the node itself. What we move
     ourselves is announced by `expect` and not reported: so nothing that came from ROS goes back
     as an echo. A parent that moves is not reported either. A matrix that is not rigid, and a move
-    under another parent than ours, whose frame has no name, go to ``on_refused``: VTK would
-    swallow an error that is raised in an observer.
+    under another parent than ours, whose frame has no name, go to ``on_refused``, and so does a
+    `MarginGuardError` of ``on_edit``: VTK would only print an error that leaves an observer.
     """
 
     def __init__(
@@ -74,11 +74,9 @@ class EditedTransform:
             return
         self._known = matrix
         try:
-            moved = self._placed(matrix)
+            self._on_edit(self._placed(matrix))
         except MarginGuardError as error:
             self._on_refused(error)
-            return
-        self._on_edit(moved)
 
     def _placed(self, matrix: tuple[float, ...]) -> Transform:
         if self._node.GetTransformNodeID() != self._parent_id:

@@ -16,7 +16,8 @@ class TransformTree:
     """A node ``CauteryToReference`` for the pose ``reference_from_cautery``, under ``reference``.
 
     The root is the scene's world, `RAS`. A frame has one node; the frames that hang from it follow
-    when it moves. A node that is put where it is already tells nobody.
+    when it moves. A node that is put where it is already tells nobody; one that somebody hung
+    elsewhere comes back, but for those of the world.
     """
 
     def __init__(self, scene: vtkMRMLScene, batch: Batch | None = None) -> None:
@@ -29,7 +30,8 @@ class TransformTree:
     def set(self, parent_from_frame: Transform) -> vtkMRMLLinearTransformNode:
         """Put the frame ``source`` where it is in ``target``, and return its node.
 
-        A target that has no node yet raises `SceneError`: nobody knows where it is.
+        A target that has no node yet raises `SceneError`: nobody knows where it is; and so does one
+        that hangs from the frame itself.
         """
         target, frame = parent_from_frame.target, parent_from_frame.source
         if target != RAS and target not in self._nodes:
@@ -87,9 +89,19 @@ class TransformTree:
         self._edited.clear()
 
     def _hang(self, node: vtkMRMLLinearTransformNode, frame: str, target: str) -> None:
-        before = self._edges.get(frame)
-        if before is not None and before.target == target:
+        before, parent = self._edges.get(frame), self._nodes.get(target)
+        is_new = before is None or before.target != target
+        # The root is the user's to hang under a transform of theirs; what we measured is not.
+        if not is_new and (target == RAS or node.GetParentTransformNode() is parent):
             return
-        node.SetName(join_transform_name(frame, target))
-        parent = self._nodes.get(target)
+        above = parent
+        while above is not None:
+            if above is node:
+                raise SceneError(
+                    f"{join_transform_name(frame, target)} cannot be placed: frame {target!r} "
+                    f"hangs from {frame!r}"
+                )
+            above = above.GetParentTransformNode()
+        if is_new:
+            node.SetName(join_transform_name(frame, target))
         node.SetAndObserveTransformNodeID(None if parent is None else parent.GetID())

@@ -84,6 +84,7 @@ class OffscreenView:
     def close(self) -> None:
         """Free the window and take the view's own nodes out of the scene."""
         camera, node = self._view.get_camera_node(), self._view.get_view_node()
+        self._view.set_view_node(None)  # or it would make itself another camera
         self._view.finalize()
         self._scene.RemoveNode(camera)
         self._scene.RemoveNode(node)

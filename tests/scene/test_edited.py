@@ -131,6 +131,17 @@ def test_what_was_hung_elsewhere_by_the_user_is_told_and_not_reported(
     )
 
 
+def test_an_error_of_the_listener_is_told(scene: MarginGuardScene, heard: Heard) -> None:
+    """VTK would print it, and nobody would know."""
+
+    def broadcast(edit: Transform) -> None:
+        raise SceneError(f"{edit.source} cannot be sent")
+
+    scene.tree.on_edit("needle", broadcast, heard.refused.append)
+    put(scene, "needle", BY_HAND)
+    assert [str(error) for error in heard.refused] == ["needle cannot be sent"]
+
+
 def test_a_closed_watch_hears_nothing(heard: Heard) -> None:
     scene = vtkMRMLScene()
     node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "NeedleToReference")

@@ -77,6 +77,32 @@ def test_unknown_target_is_refused() -> None:
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 1
 
 
+def test_a_frame_that_the_user_hung_elsewhere_comes_back_and_the_root_stays() -> None:
+    scene = vtkMRMLScene()
+    theirs = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "PatientToRas")
+    tree = TransformTree(scene)
+    root = tree.set(pose("ras", "reference", 1))
+    cautery = tree.set(pose("reference", "cautery", 2))
+    root.SetAndObserveTransformNodeID(theirs.GetID())
+    cautery.SetAndObserveTransformNodeID(theirs.GetID())
+    tree.set(pose("ras", "reference", 1))
+    tree.set(pose("reference", "cautery", 2))
+    assert root.GetParentTransformNode() is theirs
+    assert cautery.GetParentTransformNode() is root
+
+
+@pytest.mark.parametrize("target", ["cautery", "cautery_tip"])
+def test_a_frame_cannot_hang_from_itself(target: str) -> None:
+    tree = TransformTree(vtkMRMLScene())
+    tree.set(pose("ras", "reference", 1))
+    cautery = tree.set(pose("reference", "cautery", 2))
+    tree.set(pose("cautery", "cautery_tip", 3))
+    with pytest.raises(SceneError, match=f"frame '{target}' hangs from 'cautery'"):
+        tree.set(Transform.identity(target, "cautery"))
+    assert cautery.GetName() == "CauteryToReference"
+    assert cautery.GetParentTransformNode() is tree.node("reference")
+
+
 def test_clear_leaves_other_nodes() -> None:
     scene = vtkMRMLScene()
     scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Theirs")

@@ -84,3 +84,12 @@ def test_bullseye_has_the_tip_in_the_middle_of_the_picture(
     for places in (tool_rows, tool_columns):
         assert places.mean() == pytest.approx(79.5, abs=1.0)
         assert 4 <= np.ptp(places) <= 10
+
+
+def test_a_closed_view_leaves_no_node() -> None:
+    scene = SceneApplication(vtkMRMLScene())
+    before = scene.scene.GetNumberOfNodes()
+    for _ in range(2):
+        with offscreen_view(scene, "Closed", (40, 30)) as view:
+            view.pixels()
+        assert scene.scene.GetNumberOfNodes() == before
