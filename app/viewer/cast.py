@@ -9,6 +9,9 @@ from app.registration import RegistrationResult
 from app.robot import Robot
 from app.session import SessionSetup
 
+_SPACING_MM = 1.0
+"""Of the margin's surface, which is looked at through and drawn many times a second."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cast:
@@ -47,5 +50,5 @@ class Cast:
 
 
 def stop_surface(tumor: SurfaceMesh, stop_mm: float) -> SurfaceMesh | None:
-    """The surface at the stop margin as it is set; None for a margin of 0. Takes a second."""
-    return margin_surface(tumor, stop_mm) if stop_mm > 0.0 else None
+    """The surface at the stop margin as it is set; None for a margin of 0. Takes a moment."""
+    return margin_surface(tumor, stop_mm, spacing_mm=_SPACING_MM) if stop_mm > 0.0 else None

@@ -60,7 +60,7 @@ class Gate:
         return gate
 
     def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token)
+        return hmac.compare_digest(given.encode(errors="backslashreplace"), self._token)
 
     def _admitted(self, request: web.Request) -> web.Response:
         """To the page, without the token: an address is kept in places where no token belongs."""

@@ -2,7 +2,6 @@
 
 from enum import Enum
 
-import numpy as np
 from slicer import vtkMRMLDisplayNode, vtkMRMLScene
 from trame_slicer.views import ThreeDView
 from trame_slicer.views.render_scheduler import NoScheduleRendering
@@ -15,7 +14,7 @@ from app.viewer.shown import Shown
 
 _INK = (0.92, 0.95, 0.98)
 """Of the closest-point line and its words, before a dark background."""
-_BOTTOM, _TOP = (0.035, 0.05, 0.065), (0.11, 0.14, 0.17)
+_GROUND = (0.055, 0.075, 0.095)
 _GRIP_OPACITY = 0.35
 
 
@@ -194,8 +193,10 @@ def _view(application: SceneApplication) -> ThreeDView:
     node = view.get_view_node()
     node.SetBoxVisible(False)
     node.SetAxisLabelsVisible(False)
-    node.SetBackgroundColor(*_BOTTOM)
-    node.SetBackgroundColor2(*_TOP)
+    node.SetBackgroundColor(*_GROUND)
+    node.SetBackgroundColor2(*_GROUND)
+    # A gradient costs a sixth of a picture where the processor draws.
+    view.renderer().SetGradientBackground(False)
     view.render_window().SetMultiSamples(0)
     return view
 
@@ -207,4 +208,4 @@ def _ink(scene: MarginGuardScene) -> None:
     display.SetSelectedColor(*_INK)
     display.SetColor(*_INK)
     text = display.GetTextProperty()
-    text.SetBackgroundColor(*np.clip(np.array(_BOTTOM), 0.0, 1.0).tolist())
+    text.SetBackgroundColor(*_GROUND)

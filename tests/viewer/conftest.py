@@ -10,7 +10,15 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, Request, Route, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    ConsoleMessage,
+    Error,
+    Page,
+    Request,
+    Route,
+    sync_playwright,
+)
 
 from app.cli.replay_page import ReplayParts, replay_parts
 from app.scene import OffscreenError, use_offscreen_rendering
@@ -115,7 +123,7 @@ def can_draw() -> None:
         pytest.skip(str(error))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # Playwright's loop runs as long as it is open
 def browser() -> Iterator[Browser]:
     if not CHROMIUM.exists():
         pytest.skip(f"{CHROMIUM} is not there: apt-get install chromium")
@@ -161,6 +169,9 @@ def watched(browser: Browser, server: Server) -> Iterator[Watched]:
     """A page of a fresh browser, opened, in the smaller of the two sizes."""
     context = browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
     watched = Watched(context.new_page(), server.host)
-    watched.open(server.url)
+    try:
+        watched.open(server.url)
+    except Error as error:
+        pytest.fail(f"{error}, and the server says {server.log.read_text()!r}")
     yield watched
     context.close()

@@ -44,7 +44,15 @@ def entry(server: Server) -> dict[str, str]:
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize(
     "token",
-    ["", "?token=", "?token=wrong", f"?token={TOKEN}x", f"?token={TOKEN[:-1]}", "?token=\xff"],
+    [
+        "",
+        "?token=",
+        "?token=wrong",
+        f"?token={TOKEN}x",
+        f"?token={TOKEN[:-1]}",
+        "?token=\xff",
+        "?token=%ff",
+    ],
 )
 def test_without_the_token_there_is_not_a_byte(server, path, token):
     status, body, headers = asked(server, path + token)
