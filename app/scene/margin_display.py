@@ -44,8 +44,10 @@ class MarginDisplay:
         self._batch = batch
         self._tumor = tumor
         self.state = MarginState.UNKNOWN
+        self._drawn: Proximity | None = None
         self.line = scene.AddNewNodeByClass("vtkMRMLMarkupsLineNode", _LINE_NAME)
         self.line.SetAndObserveTransformNodeID(tumor_pose.GetID())
+        self.line.SetLocked(True)
         self.line.CreateDefaultDisplayNodes()
         display = self.line.GetDisplayNode()
         display.SetSelectedColor(*_INK)
@@ -98,8 +100,9 @@ class MarginDisplay:
         self._batch.hold(self.line)
         self._batch.hold(display)
         display.SetVisibility(proximity is not None)
-        if proximity is None:
+        if proximity is None or proximity is self._drawn:
             return
+        self._drawn = proximity
         modifying = self.line.StartModify()
         self.line.RemoveAllControlPoints()
         # The words stand at the outer end of the line, where they cover less of the tumour.

@@ -78,11 +78,7 @@ class MarginGuardScene:
         `SceneError` where somebody else has taken a node of ours out, as by closing the scene:
         `clear` takes out what is left then.
         """
-        for node in self._nodes():
-            if node.GetScene() is None:
-                raise _taken(f"node {node.GetName()!r}")
-            if isinstance(node, _DISPLAYED) and node.GetDisplayNode() is None:
-                raise _taken(f"the display of node {node.GetName()!r}")
+        self._require_nodes()
         return self.batch.changes()
 
     def set_poses(self, measured: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
@@ -104,7 +100,7 @@ class MarginGuardScene:
         if self.tumor is not None:
             raise SceneError("the scene has a tumour already: one allowed")
         pose = self._pose_node(mesh.frame)
-        with self.batch.content():
+        with self._content():
             self.tumor = add_model(
                 self.scene,
                 "Tumor",
@@ -125,12 +121,13 @@ class MarginGuardScene:
         """
         if self.tumor is None or self.margin is None:
             return self.add_tumor(mesh)
+        self._require_nodes()
         if self._pose_node(mesh.frame) is not self.tumor.GetParentTransformNode():
             raise SceneError(
                 f"the new tumour is in frame {mesh.frame!r}: that of the present one, "
                 f"{self.tumor.GetParentTransformNode().GetName()}, wanted"
             )
-        with self.batch.content():
+        with self._content():
             self.tumor.SetAndObservePolyData(smooth_surface(mesh))
             self._remove(self.margin_surface)
             self.margin_surface = None
@@ -152,7 +149,7 @@ class MarginGuardScene:
                 self.margin_surface.SetAndObservePolyData(surface)
                 self.margin_surface.SetAndObserveTransformNodeID(pose.GetID())
             return self.margin_surface
-        with self.batch.content():
+        with self._content():
             self.margin_surface = add_model(
                 self.scene,
                 "MarginSurface",
@@ -180,7 +177,7 @@ class MarginGuardScene:
         if name in self.robots:
             raise SceneError(f"robot {name!r} is in the scene already: another name wanted")
         base = self._pose_node(base_frame)
-        with self.batch.content():
+        with self._content():
             model = RobotModel(self.scene, robot, base, base_frame, self.batch)
             model.set_known(self.watchdog is None)
         self.robots[name] = model
@@ -257,6 +254,18 @@ class MarginGuardScene:
             self._decision = self._shown_ns = None
             self.tree.clear()
 
+    def _content(self) -> AbstractContextManager[None]:
+        """`update` in which nodes are added or removed."""
+        self._require_nodes()
+        return self.batch.content()
+
+    def _require_nodes(self) -> None:
+        for node in self._nodes():
+            if node.GetScene() is None:
+                raise _taken(f"node {node.GetName()!r}")
+            if isinstance(node, _DISPLAYED) and node.GetDisplayNode() is None:
+                raise _taken(f"the display of node {node.GetName()!r}")
+
     def _nodes(self) -> Iterator[vtkMRMLNode]:
         """All that is ours and should be in the scene."""
         yield from self.tree.nodes()
@@ -295,7 +304,7 @@ class MarginGuardScene:
             raise SceneError("the scene has a tool already: one allowed")
         pose = self._pose_node(frame)
         color = TOOL_COLOR if self.watchdog is None else MarginState.UNKNOWN.color
-        with self.batch.content():
+        with self._content():
             self.tool = add_model(self.scene, "Tool", surface, color, parent=pose)
         return self.tool
 

@@ -80,6 +80,7 @@ def test_tumor_has_the_color_of_the_state(
 def test_line_between_the_closest_points(shown: MarginGuardScene, decision: Decide) -> None:
     shown.show(decision(MarginState.POSITIVE, -3.25), {})
     line = shown.margin.line
+    assert line.GetLocked()
     assert line.GetNumberOfControlPoints() == 2
     assert [line.GetNthControlPointLabel(i) for i in range(2)] == ["-3.2 mm", ""]
     assert line.GetMeasurement("length").GetValue() == pytest.approx(3.25)
@@ -122,13 +123,23 @@ def test_clear_takes_everything_of_ours(
 
 
 def test_a_scene_that_the_user_closed_says_so_and_can_be_cleared(
-    shown: MarginGuardScene, decision: Decide, edges: tuple[Transform, ...]
+    shown: MarginGuardScene,
+    decision: Decide,
+    edges: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    arm: Robot,
 ) -> None:
     shown.scene.Clear(0)
     with pytest.raises(SceneError, match="node 'ReferenceToRas' was taken out of the scene"):
         shown.set_poses(edges)
-    with pytest.raises(SceneError, match="taken out of the scene by somebody else"):
-        shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+    for change in (
+        lambda: shown.show(decision(MarginState.NEGATIVE, 9.0), {}),
+        lambda: shown.set_tumor(tumor),
+        lambda: shown.add_margin_surface(tumor),
+        lambda: shown.add_robot("other", arm, "robot_base"),
+    ):
+        with pytest.raises(SceneError, match="taken out of the scene by somebody else"):
+            change()
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
 
