@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -17,6 +18,7 @@ from playwright.sync_api import (
     Page,
     Request,
     Route,
+    ViewportSize,
     sync_playwright,
 )
 
@@ -34,6 +36,7 @@ ARGUMENTS = [
     "--disable-component-update",
     "--disable-sync",
 ]
+SIZE = ViewportSize(width=1280, height=720)
 TOKEN = "only-for-this-test"
 DEADLINE_S = 120.0
 
@@ -144,9 +147,9 @@ def parts(viewed_case: Path) -> ReplayParts:
     return replay_parts(viewed_case, (), tip_only=False)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def serve(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
-    """``serve("CASE", ...)``; ended with the module."""
+    """``serve("CASE", ...)``; ended with the session."""
     started: list[Server] = []
 
     def start(*arguments: str) -> Server:
@@ -159,15 +162,15 @@ def serve(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         server.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def server(serve: Serve, viewed_case: Path) -> Server:
     return serve(str(viewed_case))
 
 
-@pytest.fixture
-def watched(browser: Browser, server: Server) -> Iterator[Watched]:
+@contextmanager
+def watching(browser: Browser, server: Server) -> Iterator[Watched]:
     """A page of a fresh browser, opened, in the smaller of the two sizes."""
-    context = browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
+    context = browser.new_context(viewport=SIZE, accept_downloads=True)
     watched = Watched(context.new_page(), server.host)
     try:
         watched.open(server.url)
@@ -175,3 +178,9 @@ def watched(browser: Browser, server: Server) -> Iterator[Watched]:
         pytest.fail(f"{error}, and the server says {server.log.read_text()!r}")
     yield watched
     context.close()
+
+
+@pytest.fixture(scope="module")
+def watched(browser: Browser, server: Server) -> Iterator[Watched]:
+    with watching(browser, server) as watched:
+        yield watched

@@ -10,7 +10,7 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 from app.cli.main import main
-from tests.viewer.conftest import Watched
+from tests.viewer.conftest import SIZE, Watched
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 MINUS = "\N{MINUS SIGN}"
@@ -20,6 +20,8 @@ MINUS = "\N{MINUS SIGN}"
 def page(watched: Watched) -> Page:
     """The page, whatever the last test left behind: paused at the first frame, seen as at first."""
     page = watched.page
+    page.set_viewport_size(SIZE)
+    page.evaluate("document.activeElement.blur()")
     for key in ("ArrowLeft", "Home", "1"):
         page.keyboard.press(key)
     page.wait_for_function(

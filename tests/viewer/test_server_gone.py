@@ -2,39 +2,44 @@
 
 import signal
 
-import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Page, expect
 
-from tests.viewer.conftest import Serve
+from tests.viewer.conftest import watching
 
 GREY = "rgb(128, 128, 128)"
 
 
-@pytest.fixture
-def server(serve: Serve, viewed_case):
-    return serve(str(viewed_case))
-
-
-def is_grey(page) -> bool:
-    """Whether what lies at the picture, the banner and the digits is the grey cover."""
+def check_lost(page: Page) -> None:
+    """What lies at the picture, the banner and the digits is the grey cover, and it has words."""
+    expect(page.locator("#lost")).to_be_visible(timeout=3000)
+    expect(page.locator("#lost strong")).to_have_text("CONNECTION LOST")
     at = "[[100, 300], [innerWidth - 100, 80], [innerWidth - 200, 200], [innerWidth / 2, 600]]"
-    covered = page.evaluate(
+    assert page.evaluate(
         f"{at}.every(([x, y]) => document.elementFromPoint(x, y).closest('#lost'))"
     )
     colour = page.locator("#lost").evaluate("e => getComputedStyle(e).backgroundColor")
-    return covered and colour == GREY
+    assert colour == GREY
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGSTOP])
-def test_the_page_turns_grey_and_says_why(watched, server, number):
-    page = watched.page
-    expect(page.locator("#lost")).to_be_hidden()
-    server.process.send_signal(number)
-    expect(page.locator("#lost strong")).to_have_text("CONNECTION LOST", timeout=3000)
-    assert is_grey(page)
-    if number is signal.SIGSTOP:
+def test_a_server_that_stands_still_is_lost_until_it_goes_on_and_one_that_ends_is_lost(
+    browser, serve, viewed_case
+):
+    server = serve(str(viewed_case))
+    with watching(browser, server) as watched:
+        expect(watched.page.locator("#lost")).to_be_hidden()
+        server.process.send_signal(signal.SIGSTOP)
+        check_lost(watched.page)
         server.process.send_signal(signal.SIGCONT)
-        expect(page.locator("#lost")).to_be_hidden()
-    if number is signal.SIGINT:
+        expect(watched.page.locator("#lost")).to_be_hidden()
+        server.process.send_signal(signal.SIGINT)
+        check_lost(watched.page)
         assert server.process.wait() == 130
         assert server.log.read_text() == ""
+
+
+def test_a_server_that_was_killed_is_lost(browser, serve, viewed_case):
+    server = serve(str(viewed_case))
+    with watching(browser, server) as watched:
+        expect(watched.page.locator("#lost")).to_be_hidden()
+        server.process.kill()
+        check_lost(watched.page)
