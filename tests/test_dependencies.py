@@ -58,7 +58,8 @@ def imported(folder: str) -> dict[str, Path]:
                 continue
             for module in modules:
                 top = module.split(".")[0]
-                if top not in sys.stdlib_module_names | OUR_FOLDERS:
+                beside = path.with_name(f"{top}.py")  # of a script, which is run from its folder
+                if top not in sys.stdlib_module_names | OUR_FOLDERS and not beside.exists():
                     found.setdefault(top, path)
     return found
 
