@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
+from app.robot import robot_from_text
 from app.scene import SceneError
 from app.scene.convert import world_matrix, world_points
 
@@ -93,11 +95,25 @@ def test_a_robot_of_a_parameter_is_built_placed_and_coloured(
     assert "stale" in robot.GetProblem()
 
 
+class ListenerDouble:
+    """TEST DOUBLE: described at once. A hundred real ones keep DDS busy for a minute."""
+
+    problem = ""
+
+    def __init__(self, ros, settings, source, changed):
+        changed(robot_from_text(URDF))
+
+    def close(self):
+        pass
+
+
 def test_a_robot_is_removed_without_leftovers_however_often(
-    logic, node, peer, spin_until, describe, robots
+    logic, node, peer, spin_until, describe, robots, monkeypatch
 ):
     before = names(logic.scene)
-    for _ in range(5):
+    for number in range(100):
+        if number == 3:
+            monkeypatch.setattr("ROS2Lib.robot.DescriptionListener", ListenerDouble)
         robot = robots("robot1", *WHERE)
         assert logic.AddRobot("robot1", *WHERE) is None
         spin_until(robot.GetLinkNames)
@@ -145,6 +161,46 @@ def test_a_lookup_of_the_user_stays_the_users(logic, node, spin_until, describe,
     assert node.GetTf2LookupNodeByParentChild("wrist", "tip") is mine
     assert mine.GetParentTransformNode() is None
     assert node.RemoveAndDeleteTf2LookupNode("wrist", "tip")
+
+
+def test_a_static_lookup_of_the_user_is_where_tf_has_it(logic, node, spin_until, describe, robots):
+    mine = node.CreateAndAddTf2LookupNode("wrist", "tip")
+    node.buffer.insert("wrist", "tip", 0, (70.0, 0, 0, 0, 0, 0, 1), static=True)
+    node.Spin()
+    robot = robots("robot1", *WHERE)
+    spin_until(robot.GetLinkNames)
+    assert mine.GetState() == "valid"
+    placed = vtkMatrix4x4()
+    mine.GetMatrixTransformToParent(placed)
+    assert placed.GetElement(0, 3) == 70.0
+    assert logic.RemoveRobot("robot1")
+    assert node.RemoveAndDeleteTf2LookupNode("wrist", "tip")
+    node.buffer.clear()
+
+
+@pytest.mark.parametrize("gone", ["tip_model", "ros2:tf2lookup:wristTotip"])
+def test_a_robot_with_a_link_that_was_taken_away_is_built_anew(
+    logic, node, peer, spin_until, describe, robots, gone
+):
+    scene, before = logic.scene, names(logic.scene)
+    robot = robots("robot1", *WHERE)
+    spin_until(robot.GetLinkNames)
+    whole = [name.rstrip("0123456789") for name in names(scene)]  # display nodes are numbered
+    scene.RemoveNode(scene.GetFirstNodeByName(gone))
+    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    spin_until(lambda: not robot.IsStale())
+    assert is_coloured(scene, "tip_model")
+    assert [name.rstrip("0123456789") for name in names(scene)] == whole
+    # Another robot of the same frames has the lookups of the first, until that one leaves.
+    other = robots("robot2", *WHERE)
+    spin_until(other.GetLinkNames)
+    assert logic.RemoveRobot("robot1")
+    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    spin_until(lambda: not other.IsStale())
+    points = world_points(scene.GetFirstNodeByName("tip_model"))
+    assert np.allclose([points.min(axis=0), points.max(axis=0)], [[390, -10, 200], [410, 10, 300]])
+    assert logic.RemoveRobot("robot2")
+    assert names(scene) == before
 
 
 def test_a_description_that_changes_is_built_anew(logic, spin_until, describe, robots):

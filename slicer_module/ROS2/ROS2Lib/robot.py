@@ -6,19 +6,15 @@ from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.mailbox import Mailbox
 from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
-from app.geometry import MarginGuardError
 from app.robot import Robot
 from app.scene import RobotModel
 from app.scene.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member
-from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
 
 if TYPE_CHECKING:
     from ROS2Lib.node import vtkMRMLROS2NodeNode
-
-
-_STALE_COLOR = (0.5, 0.5, 0.5)
 
 
 class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
@@ -35,6 +31,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._settings: RobotSettings | None = None
         self._description: DescriptionListener | None = None
         self._described: Mailbox[Robot] = Mailbox()
+        self._robot: Robot | None = None
         self._model: RobotModel | None = None
         self._lookups: dict[str, vtkMRMLROS2Tf2LookupNode] = {}
         self._own: list[tuple[str, str]] = []
@@ -45,7 +42,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         return "" if self._settings is None else self._settings.name
 
     def GetLinkNames(self) -> tuple[str, ...]:
-        """Its links, parents before children; none before the description has come."""
+        """Its links, the root first; none before the description has come."""
         return tuple(self._lookups)
 
     def IsStale(self) -> bool:
@@ -73,21 +70,26 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         return self.GetProblem() or f"{len(self._lookups)} links"
 
     def spin(self) -> None:
-        """Build it when its description is new, and show whether its poses are."""
-        robot = self._described.take(0.0)
+        """Build it when its description is new, and show whether its poses are.
+
+        It is built anew too when somebody has taken one of its links out of the scene.
+        """
+        robot = self._described.take(0.0) or (None if self._is_whole() else self._robot)
         if robot is not None:
             self._clear()
+            self._robot = None
             try:
                 self._build(robot)
-            except MarginGuardError:
+            except Exception:
                 self._clear()  # half a robot would be a wrong one
                 raise
-        if not self._lookups:
+            self._robot = robot
+        if self._model is None:
             return
         is_stale = any(node.IsStale() for node in self._lookups.values())
         if is_stale != self._is_stale or robot is not None:
             self._is_stale = is_stale
-            self._paint()
+            self._model.set_known(not is_stale)
             self.Modified()
 
     def _start(
@@ -121,17 +123,14 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
             return
         root = robot.root_link
         self._lookups[root] = self._lookup(settings.root_frame(robot), settings.frame(root))
-        waiting = list(robot.joints)
-        while waiting:
-            ready = [joint for joint in waiting if joint.origin.target in self._lookups]
-            for joint in ready:
-                waiting.remove(joint)
-                parent, child = joint.origin.target, joint.origin.source
-                node = self._lookup(settings.frame(parent), settings.frame(child))
-                node.SetAndObserveTransformNodeID(self._lookups[parent].GetID())
-                if node.GetStampNanoseconds() is None:
-                    node.SetMatrixTransformToParent(vtk_matrix(joint.origin))
-                self._lookups[child] = node
+        for joint in robot.joints:
+            node = self._lookup(settings.frame(joint.parent), settings.frame(joint.child))
+            if node.GetState() == MISSING:
+                node.SetMatrixTransformToParent(vtk_matrix(joint.origin))
+            self._lookups[joint.child] = node
+        for joint in robot.joints:
+            parent = self._lookups[joint.parent]
+            self._lookups[joint.child].SetAndObserveTransformNodeID(parent.GetID())
         self._model = RobotModel(self.GetScene(), robot, self._lookups[root], root)
         for link, model in self._model.models.items():
             model.SetAndObserveTransformNodeID(self._lookups[link].GetID())
@@ -143,6 +142,11 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
             self.AddNodeReferenceID("lookup", node.GetID())
         for model in self._model.models.values():
             self.AddNodeReferenceID("model", model.GetID())
+
+    def _is_whole(self) -> bool:
+        scene = self.GetScene()
+        models = () if self._model is None else self._model.models.values()
+        return all(map(scene.IsNodePresent, (*self._lookups.values(), *models)))
 
     def _lookup(self, parent: str, child: str) -> vtkMRMLROS2Tf2LookupNode:
         """A node for the edge: one that is there already stays its maker's."""
@@ -170,10 +174,3 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._is_stale = True
         self.RemoveNodeReferenceIDs("lookup")
         self.RemoveNodeReferenceIDs("model")
-
-    def _paint(self) -> None:
-        for model in self._model.models.values() if self._model is not None else ():
-            display = model.GetDisplayNode()
-            # A link of one colour has it in the surface's cells, as those of many have.
-            display.SetScalarVisibility(not self._is_stale)
-            display.SetColor(*_STALE_COLOR)
