@@ -104,24 +104,26 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.ui.tfPrefixLineEdit,
         )
         name, *rest = (field.property("text").strip() for field in fields)
-        robot = self.logic.AddRobot(name, *rest)
-        self._say("" if robot is not None else f"robot {name!r} was not added: see the log")
+        self._do(
+            lambda: self.logic.AddRobot(name, *rest), f"robot {name!r} was not added: see the log"
+        )
 
     def on_remove_robot(self, checked=False):
         """Remove robot: the one of that name."""
         name = self.ui.robotNameLineEdit.property("text").strip()
-        self._say("" if self.logic.RemoveRobot(name) else f"there is no robot {name!r}")
+        self._do(lambda: self.logic.RemoveRobot(name), f"there is no robot {name!r}")
 
     def _make_default_node(self, caller=None, event=None):
+        self._do(self.logic.GetDefaultROS2Node)
+
+    def _do(self, action, otherwise=""):
+        """Say why ``action()`` cannot be done, or ``otherwise`` when it gives nothing."""
         from app.geometry import MarginGuardError
 
         try:
-            self.logic.GetDefaultROS2Node()
-            self._say("")
+            text = "" if action() else otherwise
         except MarginGuardError as error:
-            self._say(str(error))
-
-    def _say(self, text):
+            text = str(error)
         self.ui.messageLabel.setText(text)
         self._list()
 

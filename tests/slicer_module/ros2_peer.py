@@ -4,6 +4,7 @@ It answers each line with one of its own. It imports nothing of the project.
 
     /peer parameters        one of every type, `quiet` without a value
     /peer/echo              SetBool: replies what it got
+    /peer/crooked           GetPlan: replies a pose that is no rotation
     /peer/mute              Trigger: never replies
     /peer/lookup            tf2_msgs LookupTransform: source_frame says how it ends
     /robot_state_publisher  a node of its own with the parameter robot_description
@@ -16,7 +17,8 @@ import threading
 from importlib import import_module
 
 import rclpy
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
+from nav_msgs.srv import GetPlan
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -178,6 +180,12 @@ def echo(request, response):
     return response
 
 
+def crooked(_, response):
+    response.plan.poses = [PoseStamped()]
+    response.plan.poses[0].pose.orientation.w = 0.0
+    return response
+
+
 def mute(_, __):
     threading.Event().wait()
 
@@ -205,6 +213,8 @@ def run_goal(handle):
     result = LookupTransform.Result()
     result.transform.child_frame_id = how
     result.transform.transform.translation.x = 0.066
+    if how == "crooked":
+        result.transform.transform.rotation.w = 0.0
     if how == "cancel":
         cancelled.wait(DEADLINE_S)
         while not handle.is_cancel_requested:
@@ -234,6 +244,7 @@ COMMANDS = {
 }
 
 node.create_service(SetBool, "~/echo", echo)
+node.create_service(GetPlan, "~/crooked", crooked)
 node.create_service(Trigger, "~/mute", mute, callback_group=ReentrantCallbackGroup())
 ActionServer(
     node,

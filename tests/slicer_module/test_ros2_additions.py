@@ -101,7 +101,9 @@ def test_a_goal_is_followed_to_its_end(node, spin_until):
     assert node.RemoveAndDeleteActionClientNode("/peer/lookup")
 
 
-@pytest.mark.parametrize(("how", "words"), [("abort", "was aborted"), ("reject", "rejected")])
+@pytest.mark.parametrize(
+    ("how", "words"), [("abort", "was aborted"), ("reject", "rejected"), ("crooked", "norm 0")]
+)
 def test_a_goal_that_is_not_reached_says_why(node, spin_until, how, words):
     client = node.CreateAndAddActionClientNode(LOOKUP, "/peer/lookup")
     client.SendAsyncGoal({"source_frame": how})

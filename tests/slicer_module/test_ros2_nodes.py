@@ -154,6 +154,84 @@ def test_an_observer_may_end_everything_while_it_is_told(api):
     assert not node.IsCreated()
 
 
+@pytest.fixture
+def said_to_itself(api):
+    """A subscriber with the messages 0 to 4 in its queue."""
+    node = api.GetDefaultROS2Node()
+    publisher = node.CreateAndAddPublisherNode("Int", "/nested")
+    subscriber = node.CreateAndAddSubscriberNode("Int", "/nested")
+    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+
+    def say(*numbers):
+        there = len(subscriber._queue._raws)
+        for number in numbers:
+            publisher.Publish(number)
+        for _ in range(3000):
+            if len(subscriber._queue._raws) == there + len(numbers):
+                break
+            threading.Event().wait(0.005)
+
+    return subscriber, say
+
+
+def test_an_observer_that_spins_hears_the_messages_in_their_order(api, said_to_itself):
+    subscriber, say = said_to_itself
+    heard = []
+
+    def spin_again(caller, _):
+        if not heard:
+            say(2)  # comes while 0 and 1 are being told
+        heard.append(caller.GetLastMessage())
+        api.Spin()
+        heard.append(caller.GetLastMessage())
+
+    subscriber.AddObserver("ModifiedEvent", spin_again)
+    say(0, 1)
+    api.Spin()
+    api.Spin()
+    assert heard == [0, 0, 1, 1, 2, 2]
+    assert subscriber.GetNumberOfMessages() == 3
+
+
+def test_an_observer_may_wait_for_the_client_that_tells_it(api, peer):
+    client = api.GetDefaultROS2Node().CreateAndAddServiceClientNode("SetBool", "/peer/echo")
+    answers = []
+
+    def ask_again(caller, _):
+        answers.append(caller.GetLastResponse().GetSuccess())
+        if len(answers) < 3:
+            caller.SendAsyncRequest({"data": False})
+            assert api.WaitForServiceResponse(caller, 10.0)
+
+    client.AddObserver("ModifiedEvent", ask_again)
+    client.SendAsyncRequest({"data": True})
+    assert api.WaitForServiceResponse(client, 10.0)
+    assert answers == [True, False, False]
+
+
+def test_a_member_that_fails_leaves_the_others_their_spin(api, monkeypatch, caplog):
+    node = api.GetDefaultROS2Node()
+    failing = node.CreateAndAddSubscriberNode("Int", "/failing")
+    lookup = node.CreateAndAddTf2LookupNode("a", "b")
+
+    def fail_double():
+        """TEST DOUBLE: a mistake of ours that is not known yet."""
+        raise AttributeError("no such thing")
+
+    monkeypatch.setattr(failing, "spin", fail_double)
+    api.Spin()
+    assert "'a' is not known" in lookup.GetProblem()
+    assert "ros2:sub:/failing failed" in caplog.text
+
+
+def test_a_default_node_that_cannot_be_made_leaves_nothing(api, scene, monkeypatch):
+    monkeypatch.setattr("ROS2Lib.logic.DEFAULT_NODE", "two words")
+    for _ in range(2):
+        with pytest.raises(MarginGuardError, match="cannot be started"):
+            api.GetDefaultROS2Node()
+    assert scene.GetNumberOfNodes() == 0
+
+
 def test_a_member_belongs_to_one_node_only(api):
     one, other = (api.AddNewNodeByClass("vtkMRMLROS2NodeNode") for _ in range(2))
     one.Create("one")

@@ -113,6 +113,16 @@ def test_the_buttons_add_and_remove_a_robot(make_panel, peer):
     assert panel.ui.messageLabel.text() == "there is no robot 'robot1'"
 
 
+def test_a_button_says_why_there_is_no_ros_node(make_panel, monkeypatch):
+    panel = make_panel()
+    panel.logic.Destroy()
+    monkeypatch.setattr("ROS2Lib.logic.DEFAULT_NODE", "two words")
+    for button in (panel.ui.addRobotButton, panel.ui.removeRobotButton):
+        panel.ui.messageLabel.setText("")
+        button.click()
+        assert "ROS node 'two words' cannot be started" in panel.ui.messageLabel.text()
+
+
 def test_the_list_says_how_each_member_does(make_panel):
     panel = make_panel()
     node = panel.logic.GetDefaultROS2Node()

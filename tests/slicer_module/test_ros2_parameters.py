@@ -87,6 +87,8 @@ def test_what_is_not_set_or_another_type_has_no_value(parameters, peer, spin_unt
     assert peer("set_parameter", name="quiet", value=3)
     spin_until(lambda: parameters.IsParameterSet("quiet"))
     assert parameters.GetParameterType("quiet") == "integer"
+    assert peer("set_parameter", name="quiet", value=3.0)
+    spin_until(lambda: parameters.GetParameterType("quiet") == "double")
     assert peer("set_parameter", name="quiet", value=None)
     spin_until(lambda: not parameters.IsParameterSet("quiet"))
 

@@ -50,6 +50,17 @@ def test_a_server_that_never_answers_ends_in_time_and_holds_up_nothing(logic, no
     peer("wait_until", call={"do": "clients_of", "name": "slicer"}, value=[])
 
 
+def test_a_reply_that_has_no_value_here_is_told_as_such(logic, node, peer):
+    client = node.CreateAndAddServiceClientNode("nav_msgs/srv/GetPlan", "/peer/crooked")
+    events = []
+    client.AddObserver("ModifiedEvent", lambda *_: events.append(client.GetLastError()))
+    client.SendAsyncRequest({})
+    assert logic.WaitForServiceResponse(client, 10.0) is False
+    assert len(events) == 1
+    assert "norm 0" in client.GetLastError()
+    assert node.RemoveAndDeleteServiceClientNode("/peer/crooked")
+
+
 def test_a_service_that_nobody_serves_is_said(logic, node):
     client = node.CreateAndAddServiceClientNode("Trigger", "/nobody")
     client.SetTimeoutSeconds(0.1)

@@ -276,6 +276,18 @@ def test_messages_beyond_the_queue_are_lost_and_counted(logic, node, peer, wait_
         subscriber.SetQoSHistoryDepth(5)
 
 
+def test_messages_that_are_too_long_are_counted_as_lost(node, peer, wait_until, monkeypatch):
+    subscriber = node.CreateAndAddSubscriberNode("String", "/long")
+    monkeypatch.setattr("app.bridge.convert.queue.MOST_BYTES", 50)
+    messages = [{"data": "x" * 100}, {"data": "short"}]
+    peer("publish", topic="/long", type="std_msgs/msg/String", messages=messages)
+    wait_until(lambda: subscriber.GetNumberOfMessages() == 1, node.Spin)
+    assert subscriber.GetLastMessage() == "short"
+    assert subscriber.GetNumberOfMessagesLost() == 1
+    assert node.RemoveAndDeleteSubscriberNode("/long")
+    assert subscriber.GetNumberOfMessagesLost() == 1
+
+
 def test_blank_messages_are_of_the_kind_and_can_be_published(node):
     classes = {
         "String": str,
@@ -348,6 +360,23 @@ def test_a_stamp_that_was_left_out_is_when_it_was_sent(node, peer):
     publisher.Publish(publisher.GetBlankMessage())
     stamp = peer("take", topic="/stamped")[0]["header"]["stamp"]
     assert before_ns <= stamp["sec"] * 10**9 + stamp["nanosec"] <= node.now_ns()
+
+
+def test_a_frame_is_put_where_the_value_has_none(node, peer):
+    publisher = node.CreateAndAddPublisherNode("PolyData", "/framed")
+    publisher.SetFrameId("world")
+    assert publisher.GetFrameId() == "world"
+    peer("listen", topic="/framed", type="sensor_msgs/msg/PointCloud2")
+    assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
+    publisher.Publish(poly_data((1.0, 2.0, 3.0)))
+    assert peer("take", topic="/framed")[0]["header"]["frame_id"] == "world"
+    assert node.RemoveAndDeletePublisherNode("/framed")
+    poses = node.CreateAndAddPublisherNode("PoseStamped", "/framed_pose")
+    poses.SetFrameId("world")
+    peer("listen", topic="/framed_pose", type="geometry_msgs/msg/PoseStamped")
+    assert node.ros.wait_for_subscribers(poses._publisher.topic, 1, 15.0)
+    poses.Publish({"header": {"frame_id": "needle"}})
+    assert peer("take", topic="/framed_pose")[0]["header"]["frame_id"] == "needle"
 
 
 def test_what_nobody_hears_is_sent_all_the_same(logic, node, peer):
@@ -465,6 +494,8 @@ def test_values_that_are_none_of_the_kind_are_not_sent(node):
         ("Pose", "geometry_msgs/msg/Pose", {"orientation": {"w": 0.0}}, "norm 0"),
         ("IntTable", "std_msgs/msg/Int64MultiArray", {"layout": ROWS_OF_A_TABLE}, "has 0 values"),
         ("Image", "sensor_msgs/msg/Image", {"encoding": "yuv"}, "'yuv' of an image"),
+        ("Image", "sensor_msgs/msg/Image", {"encoding": "mono8"}, "0 x 0 has no pixels"),
+        ("UInt8Image", "sensor_msgs/msg/Image", {"encoding": "rgb8"}, "0 x 0 has no pixels"),
     ],
 )
 def test_messages_that_have_no_value_here_are_refused_when_asked(
@@ -476,6 +507,7 @@ def test_messages_that_have_no_value_here_are_refused_when_asked(
     with pytest.raises(MarginGuardError, match=words):
         subscriber.GetLastMessage()
     assert subscriber.GetLastMessageYAML()
+    assert node.RemoveAndDeleteSubscriberNode(f"/bad_{kind}")
 
 
 def test_an_image_and_a_cloud_are_shown_by_their_targets(logic, node, peer, spin_until):

@@ -8,6 +8,7 @@ from slicer import vtkMRMLScriptedModuleNode
 from app.bridge.calls import ActionClient, CallError, GoalEndedError
 from app.bridge.convert import action_type, type_name
 from app.bridge.mailbox import Mailbox
+from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member
 from ROS2Lib.ros_message import message_of, value_of
@@ -133,9 +134,12 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         if feedback is not None:
             self._feedback = value_of(feedback)
         if is_done:
-            self._goal = None
-            self._error = goal.error
-            self._result = None if goal.result is None else value_of(goal.result)
+            self._goal, self._error = None, goal.error
+            if goal.result is not None:
+                try:
+                    self._result = value_of(goal.result)
+                except MarginGuardError as error:
+                    self._error = str(error)
         if is_done or feedback is not None:
             self.Modified()
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import vtk
 from slicer import vtkMRMLScene, vtkMRMLScriptedModuleNode
+from std_msgs.msg import Header
 
 from app.bridge import RosNode, prepare_environment
 from app.bridge.messages import time_message
@@ -31,6 +32,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
         self._ros: RosNode | None = None
         self._name = ""
         self._members: dict[MemberKey, Member] = {}
+        self._spinning: set[Member] = set()
         self._observer: tuple[vtkMRMLScene, int] | None = None
         self._buffer: TransformBuffer | None = None
         self._broadcaster: TfBroadcaster | None = None
@@ -66,14 +68,23 @@ class RosHost(vtkMRMLScriptedModuleNode):
             scene.RemoveNode(self)
 
     def Spin(self) -> None:
-        """Bring what has come into the scene; nothing after `Destroy`."""
+        """Bring what has come into the scene; nothing after `Destroy`.
+
+        An observer may call it, or let Slicer's timer do so (``processEvents``): the member that
+        is telling it something is left out, so that what it tells keeps its order.
+        """
         for key, member in tuple(self._members.items()):
-            if self._members.get(key) is not member:
-                continue  # an observer has removed it
+            if self._members.get(key) is not member or member in self._spinning:
+                continue  # an observer has removed it, or is being told
+            self._spinning.add(member)
             try:
                 member.spin()
-            except MarginGuardError as error:  # one member must not take the others with it
+            except MarginGuardError as error:
                 logging.error(f"{member.GetName()}: {error}")
+            except Exception:  # whatever it is: without their spin the others would not turn stale
+                logging.exception(f"{member.GetName()} failed")
+            finally:
+                self._spinning.discard(member)
 
     def GetROS2NodeName(self) -> str:
         """Its name on the ROS graph."""
@@ -109,11 +120,14 @@ class RosHost(vtkMRMLScriptedModuleNode):
         """Now on the node's clock, which ``use_sim_time`` makes that of ``/clock``."""
         return int(self.ros.node.get_clock().now().nanoseconds)
 
-    def stamp(self, message: Any) -> None:
-        """Stamp a message with now where its sender left the stamp at 0."""
+    def stamp(self, message: Any, frame_id: str) -> None:
+        """Fill a header in where its sender left it: the stamp with now, the frame with this."""
         header = getattr(message, "header", None)
-        if header is not None and header.stamp.sec == 0 and header.stamp.nanosec == 0:
+        if not isinstance(header, Header):
+            return
+        if header.stamp.sec == 0 and header.stamp.nanosec == 0:
             header.stamp = time_message(Stamp(self.now_ns()))
+        header.frame_id = header.frame_id or frame_id
 
     def resolve(self, name: str) -> str:
         """The full name of a topic or service; raises `Ros2Error` for what is none."""

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import (
     vtkDoubleArray,
     vtkIntArray,
@@ -94,9 +95,16 @@ def _with_table(kind: Any, value: Any) -> Any:
     return from_plain(kind, vtk_values.multi_array(value))
 
 
+def _seen(message: Any) -> NDArray[Any]:
+    found = image_array(message)
+    if not found.size:
+        raise Ros2Error(f"an image of {message.width} x {message.height} has no pixels")
+    return found
+
+
 def _read_uint8(message: Any) -> vtkTypeUInt8Array:
     """A tuple a row of the image, a component a byte of it."""
-    found = image_array(message)
+    found = _seen(message)
     if found.dtype != np.uint8:
         raise Ros2Error(f"an image of {message.encoding} is none of bytes: take an Image")
     rows = vtkTypeUInt8Array()
@@ -108,7 +116,7 @@ def _read_uint8(message: Any) -> vtkTypeUInt8Array:
 
 def _write_uint8(_: Any, value: Any) -> Any:
     flat = vtk_values.numbers(value)
-    return _image(flat.reshape(value.GetNumberOfTuples(), -1))
+    return _image(flat.reshape(value.GetNumberOfTuples(), value.GetNumberOfComponents()))
 
 
 _SWAPPED = MappingProxyType({"bgr8": [2, 1, 0], "bgra8": [2, 1, 0, 3]})
@@ -126,7 +134,7 @@ _COLOURS = MappingProxyType({3: "rgb8", 4: "rgba8"})
 
 
 def _read_image(message: Any) -> vtkImageData:
-    found = image_array(message)
+    found = _seen(message)
     order = _SWAPPED.get(message.encoding)
     return vtk_values.image(found if order is None else found[:, :, order])
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from slicer import vtkMRMLScene
 
+from app.geometry import MarginGuardError
 from ROS2Lib.classes import kind_class
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.kinds import SERVICES, TOPICS
@@ -64,12 +65,19 @@ class Ros2Api:
         self.scene = scene
 
     def GetDefaultROS2Node(self) -> vtkMRMLROS2NodeNode:
-        """The ROS node ``slicer``, made where it is not there yet."""
+        """The ROS node ``slicer``, made where it is not there yet.
+
+        Raises `MarginGuardError`, and leaves nothing in the scene, where it cannot be.
+        """
         for node in self.nodes():
             if node.GetROS2NodeName() == DEFAULT_NODE:
                 return node
         made = self.AddNewNodeByClass(vtkMRMLROS2NodeNode.__name__)
-        made.Create(DEFAULT_NODE)
+        try:
+            made.Create(DEFAULT_NODE)
+        except MarginGuardError:
+            self.scene.RemoveNode(made)
+            raise
         return made
 
     def AddNewNodeByClass(self, className: str, name: str = "") -> Any:
@@ -110,6 +118,7 @@ class Ros2Api:
         while client.IsRequestInProgress() and time.monotonic() < until:
             client.wait(min(_LOOK_AGAIN_S, max(0.0, until - time.monotonic())))
             self.Spin()
+            client.spin()  # which `Spin` leaves out where an observer of this very client waits
         return client.GetLastResponseStatus()
 
     def Destroy(self) -> None:

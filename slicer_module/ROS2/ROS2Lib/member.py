@@ -50,8 +50,10 @@ class Member:
     def leave(self) -> None:
         """For the ROS node alone: be nobody's member."""
         if self._owner is not None:
-            self._stop()
-            self._owner = None
+            try:
+                self._stop()
+            finally:
+                self._owner = None
 
     def status(self) -> str:
         """How it does, in a few words."""

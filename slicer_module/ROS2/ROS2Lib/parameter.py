@@ -135,7 +135,8 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         new = {
             name: value
             for name, value in self._watch.take().items()
-            if name not in self._removed and self._values.get(name) != value
+            # Not by their values: 1, 1.0 and True are equal.
+            if name not in self._removed and repr(self._values.get(name)) != repr(value)
         }
         if new:
             self._values.update(new)

@@ -19,6 +19,15 @@ class vtkMRMLROS2PublisherNode(TopicNode):
         super().__init__()
         self._publisher: TopicPublisher | None = None
         self._calls = 0
+        self._frame_id = ""
+
+    def SetFrameId(self, frameId: str) -> None:
+        """The frame of messages whose header names none: clouds, images, bare matrices."""
+        self._frame_id = frameId
+
+    def GetFrameId(self) -> str:
+        """The frame of messages whose header names none."""
+        return self._frame_id
 
     def GetBlankMessage(self) -> Any:
         """A value to be filled in and published."""
@@ -33,7 +42,7 @@ class vtkMRMLROS2PublisherNode(TopicNode):
         if self._publisher is None or self._owner is None:
             raise Ros2Error(f"{self.GetName()}: the publisher is not on a ROS node")
         message = self.kind.write(value)
-        self._owner.stamp(message)
+        self._owner.stamp(message, self._frame_id)
         return self._publisher.publish(message)
 
     def GetNumberOfCalls(self) -> int:

@@ -7,6 +7,7 @@ from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.calls import CallError, ServiceClient
 from app.bridge.convert import type_name
+from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.kinds import service_kind
 from ROS2Lib.member import Member
@@ -131,9 +132,12 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         """Take the answer in."""
         call = self._call
         if call is not None and call.done.is_set():
-            self._call = None
-            self._error = call.error
-            self._response = None if call.error else value_of(call.reply)
+            self._call, self._error = None, call.error
+            if not call.error:
+                try:
+                    self._response = value_of(call.reply)
+                except MarginGuardError as error:
+                    self._error = str(error)
             self.Modified()
 
     def _start(self, owner: "RosHost", service: str) -> None:

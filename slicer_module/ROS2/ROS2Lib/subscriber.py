@@ -54,8 +54,8 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
         return self._count
 
     def GetNumberOfMessagesLost(self) -> int:
-        """How many came faster than `Spin` was called, beyond the queue's length."""
-        return self._lost if self._queue is None else self._queue.lost
+        """How many came beyond the queue's length before `Spin` was called, or were too long."""
+        return self._lost if self._queue is None else self._queue.lost + self._queue.too_long
 
     def SetTargetNodeID(self, nodeId: str) -> None:
         """The volume (Image) or model (PolyData) that shows the newest message; empty: none."""
@@ -113,7 +113,7 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
     def _stop(self) -> None:
         if self._queue is not None:
             self._read_last()
-            self._lost = self._queue.lost
+            self._lost = self.GetNumberOfMessagesLost()
             self._queue.close()
             self._queue = None
 
