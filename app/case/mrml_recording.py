@@ -21,7 +21,6 @@ from app.case.igsio import Note, read_header, sixteen_numbers, tracked_sample
 from app.case.mrml_document import MrmlDocument, SequenceEntry, read_mrml_document
 from app.case.paths import resolve_inside
 from app.case.samples import TrackingFrame
-from app.case.small_file import read_small
 from app.geometry import (
     FrameError,
     InputError,
@@ -37,7 +36,9 @@ MRML_ENDINGS = (".mrb", ".mrml")
 _WORD = re.compile(r"[A-Za-z0-9]+")
 _HEADER_ENDINGS = (".mha", ".mhd", ".nrrd")
 _MAX_SCENE_BYTES = 256_000_000
+"""Of all scenes of one recording together: the sequences of a scene are held at the same time."""
 _MAX_HEADER_BYTES = 4_000_000_000
+"""Of all files of sequences in one bundle, unpacked."""
 _MAX_MEMBERS = 20_000
 _CHUNK_BYTES = 1_000_000
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
@@ -118,12 +119,8 @@ def _held(
                 count += len(frame.poses)
                 yield from frame.poses
         elif name.endswith(MRML_ENDINGS):
-            inner = _read_bounded(file, place)
-            if name.endswith(".mrb"):
-                with _Bundle.opened(BytesIO(inner), place) as bundle:
-                    inner = bundle.scene()
-            scene = read_mrml_document(inner, place)
-            for sample in _items(scene, entry, frames, place):
+            inner = read_mrml_document(_inner_scene(files, file, name, place), place)
+            for sample in _items(inner, entry, frames, place):
                 count += 1
                 yield sample
         else:
@@ -132,6 +129,14 @@ def _held(
             )
     if not count:
         raise InputError(f"{place} holds no sample of {entry.name}")
+
+
+def _inner_scene(files: "_Files", file: IO[bytes], name: str, place: str) -> bytes:
+    content = files.budget.read(file, place)
+    if name.endswith(".mrb"):
+        with _Bundle.opened(BytesIO(content), place, files.budget) as bundle:
+            return bundle.scene()
+    return content
 
 
 def _items(
@@ -161,10 +166,29 @@ def _lost_status(word: str, place: str) -> TrackingStatus:
     return status
 
 
+class _Budget:
+    """How much may be read into memory yet, of all scenes of one recording."""
+
+    def __init__(self) -> None:
+        self._left_bytes = _MAX_SCENE_BYTES
+
+    def read(self, file: IO[bytes], place: str) -> bytes:
+        """All of ``file``; `InputError` where that is too much."""
+        content = file.read(self._left_bytes + 1)
+        if len(content) > self._left_bytes:
+            raise InputError(
+                f"{place}: the scenes of a recording have more than the {_MAX_SCENE_BYTES} bytes "
+                "allowed"
+            )
+        self._left_bytes -= len(content)
+        return content
+
+
 class _Files(Protocol):
     """A scene file and what lies beside it; ``place`` is for messages."""
 
     place: str
+    budget: _Budget
 
     def scene(self) -> bytes: ...
 
@@ -175,7 +199,7 @@ class _Files(Protocol):
 def _opened(path: Path) -> Iterator[_Files]:
     try:
         if path.suffix.lower() == ".mrb":
-            with path.open("rb") as file, _Bundle.opened(file, str(path)) as bundle:
+            with path.open("rb") as file, _Bundle.opened(file, str(path), _Budget()) as bundle:
                 yield bundle
         else:
             yield _Folder(path)
@@ -188,10 +212,12 @@ class _Folder:
 
     def __init__(self, path: Path) -> None:
         self.place = str(path)
+        self.budget = _Budget()
         self._path = path
 
     def scene(self) -> bytes:
-        return read_small(self._path, _MAX_SCENE_BYTES)
+        with self._path.open("rb") as file:
+            return self.budget.read(file, self.place)
 
     @contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
@@ -203,9 +229,11 @@ class _Folder:
 class _Bundle:
     """A zip with one scene; its members are streamed and never unpacked to disk."""
 
-    def __init__(self, bundle: zipfile.ZipFile, place: str) -> None:
+    def __init__(self, bundle: zipfile.ZipFile, place: str, budget: _Budget) -> None:
         self.place = place
+        self.budget = budget
         self._zip = bundle
+        self._left_bytes = _MAX_HEADER_BYTES
         names = bundle.namelist()
         scenes = [PurePosixPath(name) for name in names if name.lower().endswith(".mrml")]
         # A sequence may be an .mrml file as well, deeper in.
@@ -216,18 +244,18 @@ class _Bundle:
 
     @classmethod
     @contextmanager
-    def opened(cls, file: IO[bytes], place: str) -> Iterator["_Bundle"]:
+    def opened(cls, file: IO[bytes], place: str, budget: _Budget) -> Iterator["_Bundle"]:
         with _whole(place), zipfile.ZipFile(file) as bundle:
             if len(bundle.filelist) > _MAX_MEMBERS:
                 raise InputError(
                     f"{place} has {len(bundle.filelist)} files in it: {_MAX_MEMBERS} allowed"
                 )
-            yield cls(bundle, place)
+            yield cls(bundle, place, budget)
 
     def scene(self) -> bytes:
         name = str(self._scenes[0])
         with self._zip.open(name) as file:
-            return _read_bounded(file, f"{self.place}: {name}")
+            return self.budget.read(file, f"{self.place}: {name}")
 
     @contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
@@ -235,10 +263,11 @@ class _Bundle:
         if member not in self._zip.NameToInfo:
             raise InputError(f"{self.place} has no file {member!r}, which a sequence is to be in")
         size = self._zip.getinfo(member).file_size
-        if size > _MAX_HEADER_BYTES:
+        if size > self._left_bytes:
             raise InputError(
-                f"{self.place}: {member} unpacks to {size} bytes: {_MAX_HEADER_BYTES} allowed"
+                f"{self.place}: {member} unpacks to {size} bytes: {self._left_bytes} allowed"
             )
+        self._left_bytes -= size
         with _whole(self.place), self._zip.open(member) as file:
             yield file
             while file.read(_CHUNK_BYTES):  # its checksum is compared at the end alone
@@ -253,10 +282,3 @@ def _whole(place: str) -> Iterator[None]:
         raise
     except _DAMAGE as error:
         raise InputError(f"{place} is no whole bundle: {error or type(error).__name__}") from error
-
-
-def _read_bounded(file: IO[bytes], place: str) -> bytes:
-    content = file.read(_MAX_SCENE_BYTES + 1)
-    if len(content) > _MAX_SCENE_BYTES:
-        raise InputError(f"{place} has more than the {_MAX_SCENE_BYTES} bytes allowed")
-    return content

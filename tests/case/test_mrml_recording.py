@@ -234,6 +234,40 @@ def test_bombs_are_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             read(bundle(tmp_path / "x.mrb", files))
 
 
+@pytest.mark.parametrize("write", [bundle, folder])
+def test_many_sequences_of_one_file_are_no_way_around_the_bounds(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    write: Callable[[Path, dict[str, Any]], Path],
+) -> None:
+    """They are read side by side, so that a small file could fill the memory."""
+    names = ("Needle", "Cautery", "Probe", "Stylus")
+    item = f'<LinearTransform id="t1" matrixTransformToParent="{NEEDLE}"></LinearTransform>'
+    scenes = scene(
+        *(
+            sequence(number, f"{name}ToTracker", "Data/N.seq.mrml", indexValues="t1:0.5;")
+            for number, name in enumerate(names)
+        )
+    )
+    files = {"a/a.mrml": scenes, "a/Data/N.seq.mrml": scene(item, " " * 10_000)}
+    (frame,) = read(write(tmp_path / "x.mrb", files))[0]
+    assert len(frame.poses) == len(names)
+    monkeypatch.setattr("app.case.mrml_recording._MAX_SCENE_BYTES", 40_000)
+    with pytest.raises(InputError, match=r"N.seq.mrml: .* more than the 40000 bytes allowed"):
+        read(write(tmp_path / "y.mrb", files))
+
+
+def test_many_sequences_of_one_header_are_no_way_around_the_bounds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(3)]
+    held = header("NeedleToTracker", ("0.5", NEEDLE))
+    files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": held}
+    monkeypatch.setattr("app.case.mrml_recording._MAX_HEADER_BYTES", 2 * len(held) + 7)
+    with pytest.raises(InputError, match=rf"unpacks to {len(held)} bytes: 7 allowed"):
+        list(read_mrml(bundle(tmp_path / "x.mrb", files), print))
+
+
 def test_a_changed_byte_behind_the_header_is_seen_too(tmp_path: Path) -> None:
     text = header("NeedleToTracker", ("1", NEEDLE)).encode() + b"\n" + bytes(5_000_000)
     path = tmp_path / "x.mrb"
