@@ -72,12 +72,13 @@ class FollowedRobot:
         return follower.state(now_ns)
 
     def _follow(self, robot: Robot) -> None:
+        # The robot first: whoever sees a state, in another thread, looks for whose it is.
+        self._robot = robot
         self._follower = (
             JointFollower(robot, self.settings, self._buffer)
             if self._from_joints
             else TfFollower(robot, self.settings, self._buffer)
         )
-        self._robot = robot
         if self._changed is not None:
             self._changed(robot)
 

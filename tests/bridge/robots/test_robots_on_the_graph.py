@@ -26,6 +26,7 @@ from app.bridge.robots import (
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.geometry import NS_PER_S
+from app.robot import robot_from_text
 
 DEADLINE_S = 60.0
 PROCESS = Path(__file__).parent / "robot_process.py"
@@ -126,6 +127,24 @@ def test_two_robots_move_on_their_own(ros, start_robot, joint_states):
     processes["left"].close()
     wait_until(lambda: robots["left"].state(time.time_ns()).is_stale)
     wait_until(lambda: not robots["right"].state(time.time_ns()).is_stale)
+
+
+@pytest.mark.parametrize("joint_states", ["", JOINT_STATES])
+def test_whoever_sees_a_state_sees_its_robot(ros, joint_states):
+    seen = []
+
+    class Watched(FollowedRobot):
+        """Looks at itself between any two steps of its own, as another thread may."""
+
+        def __setattr__(self, name, value):
+            super().__setattr__(name, value)
+            if hasattr(self, "_follower"):
+                seen.append((self.state(1).links != (), self.robot is not None))
+
+    robot = robot_from_text(described("arm"))
+    Watched(ros, RobotSettings("arm"), TransformBuffer(), robot, joint_states=joint_states)
+    assert seen[-1] == (True, True)
+    assert (True, False) not in seen
 
 
 @pytest.mark.parametrize("by", ["parameter", "topic"])
