@@ -5,6 +5,7 @@ so that a Slicer that cannot have it says so in one line.
 """
 
 from contextlib import contextmanager
+from pathlib import Path
 
 import ctk
 import qt
@@ -20,6 +21,7 @@ from slicer.util import VTKObservationMixin
 
 from MarginGuardLib.installation import why_not
 
+GREY = (0.5, 0.5, 0.5)
 SPIN_MS = 20
 
 
@@ -84,23 +86,27 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def cleanup(self):
         """End everything: the module is being unloaded."""
+        if self._timer is not None:
+            self._timer.stop()
         if self.logic is None:
             return
-        self._timer.stop()
         self._leave_parameter_node()
         self.removeObservers()
         self.logic.guard.close()
 
     def spin(self):
-        """Show the newest step, and tell of it: the timer calls this."""
-        status = self.logic.guard.spin()
-        margins = self.logic.guard.margins()
-        if margins is not None and margins != self._margins:
-            self.settings.stop_mm, self.settings.warn_mm = margins.stop_mm, margins.warn_mm
-        self._margins = margins
-        self._show(status)
-        if self.logic.guard.wants_alarm():
-            qt.QApplication.beep()
+        """Show the newest step, and tell of it: the timer calls this.
+
+        An error in here is a bug: PythonQt logs it, and the banner must not go on as it was.
+        """
+        try:
+            self._show(self.logic.guard.spin())
+            if self.logic.guard.wants_alarm():
+                qt.QApplication.beep()
+            self._take_margins()
+        except Exception:
+            self._show_banner(GREY, "UNKNOWN: the panel has failed, the log says why")
+            raise
 
     def on_scene_closes(self, caller=None, event=None):
         """The session ends before its nodes are gone, and the settings before they are reset."""
@@ -125,7 +131,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def on_connect(self, checked=False):
         """Connect: guard live."""
         with self._told():
-            self.logic.guard.connect(self.settings.live_config)
+            self.logic.guard.connect(Path(self.ui.configPathLineEdit.currentPath))
 
     def on_disconnect(self, checked=False):
         """Disconnect: end the live session."""
@@ -138,7 +144,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
         with self._told():
             if self.settings.registration_source == FROM_CASE:
-                self.logic.guard.register_case(self.settings.registration_case)
+                self.logic.guard.register_case(Path(self.ui.registrationPathLineEdit.currentPath))
             else:
                 self.logic.guard.register_landmarks(
                     self.settings.fixed_points, self.settings.moving_points
@@ -188,7 +194,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     def on_load(self, checked=False):
         """Load case: open it, and wait at its beginning."""
         with self._told():
-            self.logic.guard.load_case(self.settings.replay_case)
+            self.logic.guard.load_case(Path(self.ui.casePathLineEdit.currentPath))
 
     def on_play(self, checked=False):
         """Play."""
@@ -241,7 +247,11 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def _use_parameter_node(self):
         self.settings = self.logic.getParameterNode()
-        self._gui_tag = self.settings.connectGui(self.ui)
+        # connectGui finds the same widgets, but does not tell the tag that disconnectGui wants.
+        named = ((each.property("SlicerParameterName"), each) for each in vars(self.ui).values())
+        self._gui_tag = self.settings.connectParametersToGui(
+            {name: widget for name, widget in named if name}
+        )
         modified = vtk.vtkCommand.ModifiedEvent
         self.addObserver(self.settings.parameterNode, modified, self.on_settings)
         self._margins = None
@@ -253,14 +263,23 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.removeObservers(self.on_settings)
         self.settings = None
 
-    def _show(self, status):
-        ui = self.ui
-        red, green, blue = (round(255 * part) for part in status.state.color)
-        ui.bannerLabel.setText(status.banner)
-        ui.bannerLabel.setStyleSheet(
+    def _take_margins(self):
+        margins = self.logic.guard.margins()
+        if margins is not None and margins != self._margins:
+            self.settings.stop_mm, self.settings.warn_mm = margins.stop_mm, margins.warn_mm
+        self._margins = margins
+
+    def _show_banner(self, color, text):
+        red, green, blue = (round(255 * part) for part in color)
+        self.ui.bannerLabel.setText(text)
+        self.ui.bannerLabel.setStyleSheet(
             f"background-color: rgb({red}, {green}, {blue}); color: black; "
             "font-size: 16px; font-weight: bold; padding: 8px;"
         )
+
+    def _show(self, status):
+        ui = self.ui
+        self._show_banner(status.state.color, status.banner)
         ui.reasonsLabel.setText(status.reasons)
         ui.messageLabel.setText(status.message)
         ui.sessionLabel.setText(status.session)
@@ -325,8 +344,6 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
 
     def test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout(self):
         """The nodes of the recorded case, at three moments of it."""
-        from pathlib import Path
-
         import app
 
         self.delayDisplay("Replaying the recorded case")

@@ -9,7 +9,8 @@ of PythonQt, and what this double therefore has to offer in the same way:
 ``setChecked``, ``setValue``, ``setStyleSheet``,
 ``blockSignals``, ``underMouse``, ``setInterval``
 ``widget.setProperty("maximum", x)``               properties by name, for CTK's widgets
-``path.filters = ctk.ctkPathLineEdit.Dirs``        properties and enums as attributes
+``path.filters = ctk.ctkPathLineEdit.Dirs``,       properties and enums as attributes
+``path.currentPath``
 ``widget.name``                                    the object's name: slicer.util looks for it
 ``panel.setMRMLScene(scene)``                      slots of qMRML's widgets
 ``qt.QTimer()``, ``qt.QLabel(s)``,                 classes of Qt without their modules
@@ -22,6 +23,7 @@ here raises `UnknownInUiError`: the classes below have those of the real ones th
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -51,6 +53,8 @@ class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
 
 
 class ctkPathLineEdit(QtWidgets.QLineEdit):  # noqa: N801
+    """Says that its path has changed when there is such a path, as the real one."""
+
     currentPathChanged = Signal(str)  # noqa: N815
     NATIVE: ClassVar[set[str]] = {"currentPathChanged(QString)"}
     Dirs, Files = 0x001, 0x002
@@ -58,7 +62,12 @@ class ctkPathLineEdit(QtWidgets.QLineEdit):  # noqa: N801
     def __init__(self, parent: QtWidgets.QWidget | None = None) -> None:
         super().__init__(parent)
         self._filters = 0
-        self.textChanged.connect(self.currentPathChanged)
+        self.textChanged.connect(self._on_text)
+
+    def _on_text(self, text: str) -> None:
+        path = Path(text)
+        if path.is_file() if self._filters & self.Files else path.is_dir():
+            self.currentPathChanged.emit(text)
 
     currentPath = Property(str, QtWidgets.QLineEdit.text, QtWidgets.QLineEdit.setText)  # noqa: N815
 
@@ -147,7 +156,11 @@ class qMRMLNodeComboBox(QtWidgets.QComboBox):  # noqa: N801
     def setCurrentNode(self, node: Any) -> None:  # noqa: N802
         if node is not None:
             assert self.scene is not None and self.scene.IsNodePresent(node), "not of the scene"
-            assert any(node.IsA(kind) for kind in self._types), f"{node.GetClassName()} chosen"
+            subclasses = self._flags.get("showChildNodeTypes", True)
+            assert any(
+                node.GetClassName() == kind or (subclasses and node.IsA(kind))
+                for kind in self._types
+            ), f"{node.GetClassName()} is not in the list"
         changed, self._node = node is not self._node, node
         self.clear()
         self.addItem("None" if node is None else node.GetName())

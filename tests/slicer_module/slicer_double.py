@@ -1,7 +1,14 @@
 """TEST DOUBLE for what desktop Slicer's Python has and the wheels have not.
 
 ``slicer.ScriptedLoadableModule``, ``slicer.parameterNodeWrapper``, ``slicer.mrmlScene``; the scene,
-its nodes and ``slicer.util`` are the real ones. Only what our modules use is here.
+its nodes and ``slicer.util`` are the real ones. Only what our modules use is here. Where Slicer's
+wrapper refuses or surprises, so does this one:
+
+- a union of nodes without None cannot hold its own default (TypeError);
+- a node class is made once, to be asked for its name: an abstract one cannot be bound;
+- a value out of its range or choice raises ValueError, one of another type TypeError;
+- ``connectGui`` tells no tag, and without the tag ``disconnectGui`` disconnects nothing;
+- a widget that rounds what it is shown does not write that back.
 """
 
 import pathlib
@@ -94,6 +101,7 @@ class _Parameter:
     name: str
     kind: Any
     notes: tuple[Any, ...]
+    allows_none: bool = False
 
     def note(self, wanted: type) -> Any:
         return next((note for note in self.notes if isinstance(note, wanted)), None)
@@ -106,24 +114,27 @@ class _Parameter:
         given = self.note(Default)
         if given is not None:
             return given.value
-        return self.kind()
+        return None if self.is_node else self.kind()
 
     def read(self, node: Any) -> Any:
+        if not node.HasParameter(self.name):  # Slicer's wrapper writes the default back, too
+            self.write(node, self.default())
         if self.is_node:
             return node.GetNodeReference(self.name)
-        if not node.GetParameter(self.name):  # Slicer's wrapper writes the default back, too
-            self.write(node, self.default())
         return self.kind(node.GetParameter(self.name))
 
     def write(self, node: Any, value: Any) -> None:
+        if not (isinstance(value, self.kind) or (value is None and self.allows_none)):
+            raise TypeError(f"{self.name}: unable to write {value!r}")
         if self.is_node:
-            assert value is None or isinstance(value, self.kind), value
+            node.SetParameter(self.name, "")
             node.SetNodeReferenceID(self.name, None if value is None else value.GetID())
             return
-        assert isinstance(value, self.kind), (self.name, value)
         choice, limits = self.note(Choice), self.note(WithinRange)
-        assert choice is None or value in choice.choices, (self.name, value)
-        assert limits is None or limits.minimum <= value <= limits.maximum, (self.name, value)
+        if choice is not None and value not in choice.choices:
+            raise ValueError(f"{self.name}: {value!r} is none of {choice.choices}")
+        if limits is not None and not limits.minimum <= value <= limits.maximum:
+            raise ValueError(f"{self.name}: {value!r} is not within {limits}")
         node.SetParameter(self.name, str(value))
 
 
@@ -132,9 +143,11 @@ def _parameter(name: str, hint: Any) -> _Parameter:
     if typing.get_origin(hint) is typing.Annotated:
         hint, *rest = typing.get_args(hint)
         notes = tuple(rest)
-    kinds = typing.get_args(hint) if typing.get_origin(hint) is typing.Union else (hint,)
+    union = typing.get_origin(hint) is typing.Union
+    nodes = tuple(kind for kind in typing.get_args(hint) if kind is not type(None))
+    kinds = nodes if union else (hint,)
     if all(issubclass(kind, slicer.vtkMRMLNode) for kind in kinds):
-        return _Parameter(name, kinds, notes)
+        return _Parameter(name, kinds, notes, not union or type(None) in typing.get_args(hint))
     if hint not in (str, float, pathlib.Path):
         raise TypeError(f"{name}: {hint} cannot be kept in a parameter node here")
     return _Parameter(name, hint, notes)
@@ -147,7 +160,7 @@ class _Binding:
         self.widget, self.parameter, self.node = widget, parameter, node
         kind = type(widget)
         if parameter.is_node and kind is qMRMLNodeComboBox:
-            widget.setProperty("nodeTypes", [each.__name__ for each in parameter.kind])
+            widget.setProperty("nodeTypes", [each().GetClassName() for each in parameter.kind])
             self.changed = widget.currentNodeChanged
             self.read, self.write = widget.currentNode, widget.setCurrentNode
         elif parameter.kind is pathlib.Path and kind is ctkPathLineEdit:
@@ -174,8 +187,20 @@ class _Binding:
         self.write(parameter.read(node))
         self.changed.connect(self.take)
 
+        self.following = False
+
     def take(self, *_: Any) -> None:
-        self.parameter.write(self.node, self.read())
+        if not self.following:
+            self.parameter.write(self.node, self.read())
+
+    def follow(self) -> None:
+        value = self.parameter.read(self.node)
+        self.following = True
+        try:
+            if self.read() != value:
+                self.write(value)
+        finally:
+            self.following = False
 
     def close(self) -> None:
         self.changed.disconnect(self.take)
@@ -187,30 +212,30 @@ def parameter_node_wrapper_class(classtype: type) -> type:
     parameters = {name: _parameter(name, hint) for name, hint in hints.items()}
 
     def init(self: Any, node: Any) -> None:
-        self.parameterNode, self._bindings = node, []
+        self.parameterNode, self._bindings = node, {}
         for parameter in parameters.values():
             parameter.read(node)
 
-    def connect_gui(self: Any, gui: Any) -> int:
-        bound = []
-        for widget in vars(gui).values():
-            name = widget.property("SlicerParameterName")
-            if name:
-                bound.append(_Binding(widget, parameters[name], self.parameterNode))
+    def connect_parameters(self: Any, widgets: dict[str, Any]) -> int:
+        tag = len(self._bindings)
+        self._bindings[tag] = [
+            _Binding(widget, parameters[name], self.parameterNode)
+            for name, widget in widgets.items()
+        ]
 
         def follow(*_: Any) -> None:
-            for each in bound:
-                if each.read() != each.parameter.read(self.parameterNode):
-                    each.write(each.parameter.read(self.parameterNode))
+            for each in self._bindings.get(tag, ()):
+                each.follow()
 
-        tag = self.parameterNode.AddObserver(vtkCommand.ModifiedEvent, follow)
-        self._bindings.append((bound, tag))
-        return len(self._bindings) - 1
+        self.parameterNode.AddObserver(vtkCommand.ModifiedEvent, follow)
+        return tag
 
-    def disconnect_gui(self: Any, number: int) -> None:
-        bound, tag = self._bindings[number]
-        self.parameterNode.RemoveObserver(tag)
-        for each in bound:
+    def connect_gui(self: Any, gui: Any) -> None:
+        named = ((each.property("SlicerParameterName"), each) for each in vars(gui).values())
+        connect_parameters(self, {name: widget for name, widget in named if name})
+
+    def disconnect_gui(self: Any, tag: int | None) -> None:
+        for each in self._bindings.pop(tag, ()):
             each.close()
 
     def attribute(parameter: _Parameter) -> property:
@@ -220,7 +245,12 @@ def parameter_node_wrapper_class(classtype: type) -> type:
         )
 
     members = {name: attribute(parameter) for name, parameter in parameters.items()}
-    members |= {"__init__": init, "connectGui": connect_gui, "disconnectGui": disconnect_gui}
+    members |= {
+        "__init__": init,
+        "connectGui": connect_gui,
+        "connectParametersToGui": connect_parameters,
+        "disconnectGui": disconnect_gui,
+    }
     return type(classtype.__name__, (), members | {"__doc__": classtype.__doc__})
 
 

@@ -116,12 +116,13 @@ def test_every_button_of_the_ui_is_pressed_below():
 
 @pytest.mark.parametrize("name", BUTTONS)
 def test_a_button_does_what_it_says(panel, pressed, name):
-    panel.ui.configPathLineEdit.setText("live.yaml")
-    panel.ui.registrationPathLineEdit.setText("some_case")
-    panel.ui.casePathLineEdit.setText("replayed")
     panel.ui.segmentLineEdit.setText("Tumor")
     panel.ui.stopSpinBox.setValue(1.5)
     panel.ui.warnSpinBox.setValue(6.5)
+    # Paths that do not exist: Slicer's parameter node does not hear of them.
+    panel.ui.configPathLineEdit.setText("live.yaml")
+    panel.ui.registrationPathLineEdit.setText("some_case")
+    panel.ui.casePathLineEdit.setText("replayed")
     assert pressed(name) == WANTED[name]
 
 
@@ -184,6 +185,29 @@ def test_a_panel_without_a_session_is_grey_and_offers_what_can_be_done(panel):
     assert enabled == {"connectButton", "registerButton", "muteButton", "loadButton", *views}
 
 
+@pytest.mark.parametrize(
+    "kind", ["vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsClosedCurveNode", "vtkMRMLModelNode"]
+)
+def test_what_can_become_the_tumour_is_in_the_list(panel, pressed, application, kind):
+    node = application.scene.AddNewNodeByClass(kind)
+    panel.ui.tumorSelector.setCurrentNode(node)
+    assert pressed("setTumorButton") == [("set_tumor", node, "")]
+
+
+@pytest.mark.parametrize("broken", ["spin", "wants_alarm"])
+def test_a_timer_that_fails_leaves_no_banner_as_it_was(panel, monkeypatch, broken):
+    panel._show_banner((0.0, 1.0, 0.0), "NEGATIVE: clear, 9.9 mm")
+
+    def fail():
+        raise ValueError("a bug")
+
+    monkeypatch.setattr(panel.logic.guard, broken, fail)
+    with pytest.raises(ValueError, match="a bug"):
+        panel.spin()
+    assert panel.ui.bannerLabel.text().startswith("UNKNOWN")
+    assert "rgb(128, 128, 128)" in panel.ui.bannerLabel.styleSheet()
+
+
 def test_a_replayed_case_is_shown(panel, desktop):
     def until(wanted):
         for _ in range(3000):
@@ -239,8 +263,12 @@ def test_the_settings_are_in_the_parameter_node_and_a_closed_scene_brings_new_on
     application.scene.Clear(0)
     assert (panel.settings.segment, panel.settings.warn_mm) == ("", 5.0)
     assert panel.ui.segmentLineEdit.text() == ""
+    before = panel.settings
+    application.scene.Clear(0)
     panel.ui.segmentLineEdit.setText("Other")
     assert panel.settings.segment == "Other"
+    assert panel.settings is not before
+    assert before._bindings == {}  # the widgets have left the settings of before
 
 
 def test_a_slicer_without_marginguard_says_so_in_one_line(desktop, application, monkeypatch):

@@ -5,8 +5,8 @@ from typing import Annotated, Union
 
 from slicer import (
     vtkMRMLLinearTransformNode,
+    vtkMRMLMarkupsClosedCurveNode,
     vtkMRMLMarkupsFiducialNode,
-    vtkMRMLMarkupsNode,
     vtkMRMLModelNode,
     vtkMRMLSegmentationNode,
 )
@@ -30,8 +30,14 @@ class Settings:
     registration_case: pathlib.Path
     fixed_points: vtkMRMLMarkupsFiducialNode
     moving_points: vtkMRMLMarkupsFiducialNode
-    # Slicer's wrapper reads typing.Union.
-    tumor: Union[vtkMRMLModelNode, vtkMRMLSegmentationNode, vtkMRMLMarkupsNode]  # noqa: UP007
+    # Slicer's wrapper reads typing.Union, wants None in it, and makes a node of each class.
+    tumor: Union[  # noqa: UP007
+        vtkMRMLModelNode,
+        vtkMRMLSegmentationNode,
+        vtkMRMLMarkupsFiducialNode,
+        vtkMRMLMarkupsClosedCurveNode,
+        None,
+    ]
     segment: str
     opacity: Annotated[float, WithinRange(0.0, 1.0), Default(0.4)]
     stop_mm: Annotated[float, WithinRange(0.0, 100.0), Default(1.0)]
