@@ -136,6 +136,21 @@ def test_a_slicer_that_was_started_without_the_environment_says_how():
     assert done.stdout.count("\n") == 1
 
 
+@pytest.mark.parametrize("name", ["app.bridge", "MarginGuardLib.logic"])
+@pytest.mark.parametrize(
+    "error", [OSError("libsomething.so: no such file"), RuntimeError("other\nABI"), KeyError()]
+)
+def test_packages_that_do_not_fit_are_one_line_whatever_they_raise(monkeypatch, name, error):
+    def load(wanted):
+        if wanted == name:
+            raise error
+
+    monkeypatch.setattr(installation, "import_module", load)
+    said = installation.why_not()
+    assert "cannot be loaded" in said
+    assert "\n" not in said
+
+
 def test_the_logic_needs_nothing_that_desktop_slicer_has_not():
     """Neither trame-slicer, the wheels' own way to views, nor Qt; matplotlib stays unloaded."""
     code = (

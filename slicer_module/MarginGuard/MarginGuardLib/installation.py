@@ -4,6 +4,11 @@ import sys
 from importlib import import_module
 
 OLDEST = (3, 11)
+_NEEDED = {
+    "app.session": "MarginGuard",
+    "app.bridge": "ROS 2",
+    "MarginGuardLib.logic": "the panel's logic",
+}
 _START = "start Slicer with 'marginguard slicer --slicer PATH'"
 
 
@@ -12,10 +17,10 @@ def why_not() -> str:
     if sys.version_info < OLDEST:
         found, wanted = (".".join(map(str, each[:2])) for each in (sys.version_info, OLDEST))
         return f"MarginGuard needs Python {wanted} or later, this Slicer has {found}"
-    for name, what in (("app.session", "MarginGuard"), ("app.bridge", "ROS 2")):
+    for name, what in _NEEDED.items():
         try:
             import_module(name)
-        except ImportError as error:
-            reason = " ".join(str(error).split())
+        except Exception as error:  # packages that do not fit this Slicer fail in many ways
+            reason = " ".join(str(error).split()) or type(error).__name__
             return f"{what} cannot be loaded ({reason}): {_START}"
     return ""
