@@ -1,6 +1,7 @@
 """The recorded case through the module's logic, on the real MRML, beside what a replay writes."""
 
 import csv
+import threading
 from contextlib import contextmanager
 
 import numpy as np
@@ -13,7 +14,7 @@ from app.report import ReplayLog
 from app.report.margin_csv import margin_csv
 from app.scene import Preset
 from app.session import Session
-from tests.slicer_module.marginguard_module import CASE, spin_until
+from tests.slicer_module.marginguard_module import CASE, PATIENCE_SPINS, spin_until
 from tests.slicer_module.marginguard_module import application as application
 
 from MarginGuardLib.logic import GuardLogic  # isort: skip
@@ -21,7 +22,16 @@ from MarginGuardLib.replay_steps import open_recorded  # isort: skip
 from MarginGuardLib.run import Run  # isort: skip
 
 GREY, RED = (0.5, 0.5, 0.5), (1.0, 0.0, 0.0)
-WHOLE_CASE = 3741
+RUN_IN_S = 2.0
+MOMENTS_S = {
+    "clear": 5.0,
+    "invalid": 22.3,
+    "silent": 25.95,
+    "breach": 45.9,
+    "missing": 52.5,
+    "shaft": 61.0,
+    "shaft deep": 70.7,
+}
 
 
 class ClockDouble:
@@ -41,13 +51,20 @@ def opened():
 
 @pytest.fixture(scope="module")
 def rows(opened):
-    """The rows of the case's ``margin.csv``, by the second: of a replay from end to end."""
+    """The rows of a replay's ``margin.csv`` around each moment, by the second.
+
+    Of one session that comes to each of them from `RUN_IN_S` before; a seek begins a new one there.
+    """
     session, log = Session(opened.setup), ReplayLog()
+    times_s = []
     for frame in opened.case.frames():
-        log.add(session.step(frame), 0)
-    rows = list(csv.DictReader(margin_csv(log.rows).splitlines()))
-    assert len(rows) == WHOLE_CASE
-    return {round(float(row["t_s"]), 3): row for row in rows}
+        seconds = (frame.stamp.ns - opened.first_ns) / 1e9
+        if any(-RUN_IN_S < seconds - moment < RUN_IN_S for moment in MOMENTS_S.values()):
+            log.add(session.step(frame), 0)
+            times_s.append(round(seconds, 3))
+    rows = dict(zip(times_s, csv.DictReader(margin_csv(log.rows).splitlines()), strict=True))
+    assert {row["state"] for row in rows.values()} == set(MarginState.__members__)
+    return rows
 
 
 @pytest.fixture
@@ -81,11 +98,7 @@ def line(application):
     return application.scene.GetFirstNodeByName("ClosestPoints").GetDisplayNode()
 
 
-@pytest.mark.parametrize(
-    "seconds",
-    [5.0, 22.3, 25.95, 45.9, 52.5, 61.0, 70.7],
-    ids=["clear", "invalid", "silent", "breach", "missing", "shaft", "shaft deep"],
-)
+@pytest.mark.parametrize("seconds", MOMENTS_S.values(), ids=MOMENTS_S)
 def test_a_moment_has_the_nodes_of_its_row(guard, application, rows, seconds):
     guard.seek(seconds)
     status = spin_until(guard, at(seconds))
@@ -236,6 +249,89 @@ def test_a_rearm_needs_a_margin_that_is_known(guard):
     spin_until(guard, at(22.3))
     with pytest.raises(MarginGuardError, match="the margin that is shown is UNKNOWN"):
         guard.rearm()
+
+
+def test_a_rearm_is_for_what_was_seen_and_not_for_a_fault_that_came_since(guard):
+    """The dropout at 22.3 s comes and goes between two ticks of the panel's timer."""
+    guard.seek(21.0)
+    assert spin_until(guard, at(21.0)).state is not MarginState.UNKNOWN
+    player = guard.session.replay().player
+    begun_ns = player.time_ns
+    player.step(150)  # through the dropout, and nobody looks
+    pause = threading.Event()
+    for _ in range(PATIENCE_SPINS):
+        if player.time_ns - begun_ns > 2_900_000_000:
+            break
+        pause.wait(0.005)
+    assert guard.session.run.fault_seq > 1
+    with pytest.raises(MarginGuardError, match="a fault came after step 1, which is shown"):
+        guard.rearm()
+    status = spin_until(guard, at(24.0))
+    assert status.state is not MarginState.UNKNOWN
+    assert "latched" in status.reasons
+    guard.rearm()
+    guard.step()
+    spin_until(guard, lambda now: "latched" not in now.reasons)
+
+
+def test_a_rearm_is_not_for_a_margin_that_was_changed_since(guard):
+    guard.seek(5.0)
+    spin_until(guard, at(5.0))
+    guard.set_margins(2.0, 9.0)
+    with pytest.raises(MarginGuardError, match="what was changed is not shown yet"):
+        guard.rearm()
+
+
+def first_display(node):
+    return node.GetDisplayNode()
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("Tumor", None),
+        ("Tumor", first_display),
+        ("MarginStatus", None),
+        ("NeedleToReference", None),
+    ],
+    ids=["tumour", "its display", "banner", "transform"],
+)
+def test_a_node_that_the_user_deletes_turns_the_panel_grey_until_all_is_shown_anew(
+    guard, application, name, of
+):
+    guard.seek(5.0)
+    assert spin_until(guard, at(5.0)).state is MarginState.NEGATIVE
+    node = application.scene.GetFirstNodeByName(name)
+    application.scene.RemoveNode(node if of is None else of(node))
+    status = guard.spin(0.0)
+    assert status.state is MarginState.UNKNOWN
+    assert status.banner.startswith("UNKNOWN: nothing is shown, ")
+    assert name in status.message
+    for left in ("Tumor", "MarginStatus", "ClosestPoints"):
+        assert application.scene.GetFirstNodeByName(left) is None
+    with pytest.raises(MarginGuardError, match="UNKNOWN"):
+        guard.rearm()
+    guard.step()
+    spin_until(guard, lambda now: now.state is MarginState.NEGATIVE)
+    assert tumor_color(application) == MarginState.NEGATIVE.color
+
+
+def test_a_colour_that_is_no_states_is_not_taken_for_one(guard, application):
+    guard.seek(5.0)
+    spin_until(guard, at(5.0))
+    application.scene.GetFirstNodeByName("Tumor").GetDisplayNode().SetColor(0.2, 0.4, 0.9)
+    assert guard.session.readout()[0] is MarginState.UNKNOWN
+    assert guard.spin(0.0).state is MarginState.NEGATIVE  # and is overwritten
+
+
+def test_a_tumour_for_a_session_that_is_gone_is_not_told_as_set(guard, application):
+    points = application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "Around")
+    for point in 10.0 * np.vstack([np.eye(3), -np.eye(3)]):
+        points.AddControlPoint(point.tolist())
+    guard.set_tumor(points)
+    guard.seek(5.0)
+    status = spin_until(guard, lambda now: now.message and "..." not in now.message)
+    assert "another session has begun meanwhile: set it again" in status.message
 
 
 def test_registrations_from_the_case_and_from_landmarks_agree(guard, application, opened):

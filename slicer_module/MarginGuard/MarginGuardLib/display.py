@@ -26,6 +26,7 @@ from app.scene.frame_graph import poses_in
 from app.session import REFERENCE, SessionSetup, StepResult
 
 NOTHING_YET = "UNKNOWN: nothing was tracked yet"
+TAKEN = "UNKNOWN: the display was changed by somebody else"
 _BULLSEYE_MM = 120.0
 
 
@@ -91,9 +92,12 @@ class SessionDisplay:
         """The state that the tumour's colour tells, and the banner, as both are in the scene."""
         if self.scene is None or self.scene.margin is None:
             return MarginState.UNKNOWN, NOTHING_YET
-        color = self.scene.tumor.GetDisplayNode().GetColor()
-        state = next(state for state in MarginState if state.color == color)
-        return state, self.scene.margin.status.GetText()
+        display = self.scene.tumor.GetDisplayNode()
+        color = None if display is None else display.GetColor()
+        for state in MarginState:
+            if state.color == color:
+                return state, self.scene.margin.status.GetText()
+        return MarginState.UNKNOWN, TAKEN
 
     def restart(self) -> None:
         """Forget when what was seen: the next step may be from an earlier time."""

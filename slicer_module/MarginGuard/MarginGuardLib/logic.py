@@ -16,13 +16,13 @@ from slicer import (
     vtkMRMLTransformNode,
 )
 
-from app.fixture import MarginParameters, MarginState
-from app.geometry import InputError
+from app.fixture import MarginParameters
+from app.geometry import InputError, MarginGuardError
 from app.registration import RegistrationResult
 from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
-from .jobs import Jobs
+from .jobs import Jobs, one_line
 from .live_steps import LiveSteps
 from .registering import (
     registration_of_case,
@@ -72,8 +72,8 @@ class GuardLogic:
         self.session.begin(LiveSteps(config))
 
     def disconnect(self) -> None:
-        """End the session; what it showed turns grey."""
-        self.session.running().stop()
+        """End the session, as soon as it can leave; what it showed turns grey."""
+        self.session.running().steps.halt()
 
     def load_case(self, folder: Path) -> None:
         """Open and register a recorded case beside this thread; it then waits at its beginning.
@@ -120,14 +120,8 @@ class GuardLogic:
         self.session.rate = rate
 
     def rearm(self) -> None:
-        """End the hold of an earlier fault.
-
-        Refused while the margin that is shown is UNKNOWN: nobody can have looked at another one.
-        """
-        if self.session.readout()[0] is MarginState.UNKNOWN:
-            raise InputError("the margin that is shown is UNKNOWN: its cause must end first")
-        with self.session.running().steps.between_steps() as session:
-            session.rearm()
+        """End the hold of an earlier fault, for an operator who sees what is shown now."""
+        self.session.rearm()
 
     def margins(self) -> MarginParameters | None:
         """The margins of the session; None without one."""
@@ -146,6 +140,8 @@ class GuardLogic:
         mesh = surface_of(node, segment, edge.source, self.session.shown().tumor_node())
 
         def done(model_id: str) -> None:
+            if changes is not self.session.changes():
+                raise InputError("another session has begun meanwhile: set it again")
             self._message = f"the tumour is now {model_id}"
 
         self._jobs.begin("setting the tumour", lambda: changes.set_tumor(edge, mesh), done)
@@ -221,8 +217,9 @@ class GuardLogic:
         session.take(wait_s)
         if session.run is not None and session.run.failure:
             self._message = session.run.failure
-        if self._follow is not None:
-            session.shown().look_along_tool(self._follow)
+        if session.failure:
+            self._message = session.failure
+        self._look_along_tool()
         self._jobs.wait(wait_s)
         return self._status()
 
@@ -239,6 +236,16 @@ class GuardLogic:
         """End the session and the jobs."""
         self.forget_scene()
         self._jobs.close()
+
+    def _look_along_tool(self) -> None:
+        """Where it cannot be done any more, as without the camera, the view stays."""
+        if self._follow is None or self.session.display is None:
+            return
+        try:
+            self.session.display.look_along_tool(self._follow)
+        except MarginGuardError as error:
+            self._follow = None
+            self._message = one_line(error)
 
     def _end(self) -> None:
         self.session.end()

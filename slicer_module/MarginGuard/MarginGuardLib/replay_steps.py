@@ -81,8 +81,7 @@ class ReplaySteps:
         """A step a frame, each when it is due."""
         for frame in self.player.play():
             with self._stepping:
-                step = self._session.step(frame)
-            yield step
+                yield self._session.step(frame)
 
     def halt(self) -> None:
         """End the replay."""

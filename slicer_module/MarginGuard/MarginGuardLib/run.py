@@ -8,6 +8,7 @@ from typing import Protocol
 
 from app.bridge.control import SessionChanges
 from app.bridge.mailbox import Mailbox
+from app.fixture import FixtureDecision, MarginState
 from app.session import Session, StepResult
 
 from .jobs import one_line
@@ -23,7 +24,7 @@ class Steps(Protocol):
         """Changes the session; None until it is there."""
 
     def steps(self) -> Iterator[StepResult]:
-        """Yield the steps; called once, in the run's thread."""
+        """Yield the steps, each before `between_steps` gives the session; in the run's thread."""
 
     def halt(self) -> None:
         """End `steps` soon; from any thread."""
@@ -53,6 +54,8 @@ class Run:
     def __init__(self, steps: Steps, clock_ns: Callable[[], int]) -> None:
         self.steps = steps
         self.failure = ""
+        self._fault_seq = 0
+        self._on_hold = True
         self._clock_ns = clock_ns
         self._mailbox: Mailbox[Delivered] = Mailbox()
         self._thread = threading.Thread(target=self._run, name="MarginGuard steps", daemon=True)
@@ -80,6 +83,11 @@ class Run:
         pace = self.steps.pace() if stands_by else 1.0
         return last.step.frame.stamp.ns + round(pace * (self._clock_ns() - last.at_ns))
 
+    @property
+    def fault_seq(self) -> int:
+        """The ``seq`` of the last decision that told of a fault, taken or not; 0 before any."""
+        return self._fault_seq
+
     def stop(self) -> None:
         """End the run, and wait until it has left."""
         self.steps.halt()
@@ -88,6 +96,14 @@ class Run:
     def _run(self) -> None:
         try:
             for step in self.steps.steps():
+                self._note_fault(step.decision)
                 self._mailbox.put(Delivered(self, step, self._clock_ns()))
         except Exception as error:  # whatever it is, the panel says it and the tumour turns grey
             self.failure = one_line(error)
+
+    def _note_fault(self, decision: FixtureDecision) -> None:
+        """Between two steps: `Steps.between_steps` waits for it."""
+        begins = decision.hold and not self._on_hold
+        if begins or decision.state is MarginState.UNKNOWN:
+            self._fault_seq = decision.seq
+        self._on_hold = decision.hold

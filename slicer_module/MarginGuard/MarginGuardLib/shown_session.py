@@ -10,6 +10,7 @@ from app.geometry import NS_PER_S, InputError
 from app.scene import TransformHealth
 
 from .display import NOTHING_YET, SessionDisplay
+from .jobs import one_line
 from .replay_steps import OpenedCase, ReplaySteps
 from .run import Delivered, Run, Steps
 
@@ -33,6 +34,7 @@ class ShownSession:
         self.display: SessionDisplay | None = None
         self.opened: OpenedCase | None = None
         self.health: tuple[TransformHealth, ...] = ()
+        self.failure = ""
         self._mrml_scene = mrml_scene
         self._logic = logic
         self._clock_ns = clock_ns
@@ -52,6 +54,7 @@ class ShownSession:
             self.display.clear()
         self.run = self.opened = self._last = self.display = None
         self.health = ()
+        self.failure = ""
 
     def seek(self, seconds: float, *, paused: bool) -> None:
         """Replay the case from there, as it was changed since it was opened."""
@@ -66,11 +69,23 @@ class ShownSession:
         self.run = Run(steps, self._clock_ns)
 
     def take(self, wait_s: float) -> None:
-        """Show the newest step, waited for at most ``wait_s``, and grey what has become old."""
-        run = self.run
-        if run is None:
+        """Show the newest step, waited for at most ``wait_s``, and grey what has become old.
+
+        What cannot be brought up to date, as when the user has deleted a node, is taken out of the
+        scene: ``failure`` says why, and the next step shows all of it anew.
+        """
+        if self.run is None:
             return
-        delivered = run.newest(wait_s)
+        delivered = self.run.newest(wait_s)
+        try:
+            self._show(self.run, delivered)
+        except Exception as error:  # whatever it is, nothing may stay as it was
+            self.failure = one_line(error)
+            display, self.display, self.health = self.display, None, ()
+            if display is not None:
+                display.clear()
+
+    def _show(self, run: Run, delivered: Delivered | None) -> None:
         changes = run.steps.changes
         if delivered is not None and changes is not None:
             if self.display is None:
@@ -88,8 +103,28 @@ class ShownSession:
             self.health = self.display.show(
                 delivered.step, changes.scene, run.present_ns(delivered)
             )
+            self.failure = ""
         elif self._last is not None and self.display is not None:
             self.health = self.display.check(run.present_ns(self._last))
+
+    def rearm(self) -> None:
+        """End the hold of an earlier fault, for an operator who sees what is shown now.
+
+        Refused while that is UNKNOWN, and when a fault or another tumour, tool, registration or
+        margin came after it: nobody can have looked at them.
+        """
+        run, shown, changes = self.running(), self._last, self.changes()
+        if shown is None or self.display is None or self.readout()[0] is MarginState.UNKNOWN:
+            raise InputError("the margin that is shown is UNKNOWN: its cause must end first")
+        seq = shown.step.decision.seq
+        with run.steps.between_steps() as session:
+            if shown.run is not run or self.display.shown is not changes.scene:
+                raise InputError("what was changed is not shown yet: look at the margin again")
+            if seq < run.fault_seq:
+                raise InputError(
+                    f"a fault came after step {seq}, which is shown: look at the margin again"
+                )
+            session.rearm()
 
     @property
     def is_running(self) -> bool:
@@ -111,12 +146,13 @@ class ShownSession:
     def readout(self) -> tuple[MarginState, str]:
         """The state and the banner, as the scene shows them."""
         if self.display is None:
-            return MarginState.UNKNOWN, NOTHING_YET
+            why = f"UNKNOWN: nothing is shown, {self.failure}" if self.failure else NOTHING_YET
+            return MarginState.UNKNOWN, why
         return self.display.readout()
 
     def reasons(self) -> str:
         """Those of the last decision, or the one for which it is not shown any more."""
-        if self._last is None:
+        if self._last is None or self.display is None:
             return ""
         decision = self._last.step.decision
         if self.readout()[0] is not decision.state:
