@@ -45,7 +45,8 @@ from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap, values_reader
 from app.case.mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
 from app.case.message_definition import message_definition
-from app.case.mrml_recording import MRML_ENDINGS, read_mrml
+from app.case.mrml_files import MRML_ENDINGS
+from app.case.mrml_recording import read_mrml
 from app.case.player import Player
 from app.case.plus_config import PlusConfiguration, read_plus_config
 from app.case.recorder import Recorder, write_recording

@@ -19,7 +19,8 @@ from app.case.manifest import (
 from app.case.manifest_file import load_manifest
 from app.case.mcap import read_mcap
 from app.case.mesh_file import load_mesh
-from app.case.mrml_recording import MRML_ENDINGS, check_mrml, read_mrml
+from app.case.mrml_files import MRML_ENDINGS
+from app.case.mrml_recording import check_mrml, read_mrml
 from app.case.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
 from app.case.samples import TrackingFrame
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation

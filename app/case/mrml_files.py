@@ -1,0 +1,156 @@
+"""The files of an MRML scene: beside it in a folder, or in its bundle, which is not unpacked."""
+
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+from typing import IO, Protocol
+
+from app.case.paths import resolve_inside
+from app.geometry import InputError, MarginGuardError
+
+MRML_ENDINGS = (".mrb", ".mrml")
+
+_MAX_SCENE_BYTES = 256_000_000
+"""Of all scenes of one recording together: the sequences of a scene are held at the same time."""
+_MAX_HEADER_BYTES = 4_000_000_000
+"""Of all files of sequences in one bundle, unpacked."""
+_MAX_MEMBERS = 20_000
+_CHUNK_BYTES = 1_000_000
+_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
+"""What `zipfile` raises for damaged bytes, for a password and for methods that it does not know."""
+
+
+class _Budget:
+    """How much may be read into memory yet, of all scenes of one recording."""
+
+    def __init__(self) -> None:
+        self._left_bytes = _MAX_SCENE_BYTES
+
+    def read(self, file: IO[bytes], place: str) -> bytes:
+        """All of ``file``; `InputError` where that is too much."""
+        content = file.read(self._left_bytes + 1)
+        if len(content) > self._left_bytes:
+            raise InputError(
+                f"{place}: the scenes of a recording have more than the {_MAX_SCENE_BYTES} bytes "
+                "allowed"
+            )
+        self._left_bytes -= len(content)
+        return content
+
+
+class MrmlFiles(Protocol):
+    """A scene file and what lies beside it; ``place`` is for messages."""
+
+    place: str
+    budget: _Budget
+
+    def scene(self) -> bytes:
+        """The scene itself."""
+        ...
+
+    def open(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        """A file that the scene names."""
+        ...
+
+
+@contextmanager
+def open_mrml(path: Path) -> Iterator[MrmlFiles]:
+    """The files of the scene at ``path``; `InputError` for what cannot be read or is damaged."""
+    try:
+        if path.suffix.lower() == ".mrb":
+            with path.open("rb") as file, _Bundle.opened(file, str(path), _Budget()) as bundle:
+                yield bundle
+        else:
+            yield _Folder(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+
+
+def inner_scene(files: MrmlFiles, file: IO[bytes], name: str, place: str) -> bytes:
+    """The scene that ``file``, one of ``files``, holds, as its ``name`` says: bare, or a bundle."""
+    content = files.budget.read(file, place)
+    if name.endswith(".mrb"):
+        with _Bundle.opened(BytesIO(content), place, files.budget) as bundle:
+            return bundle.scene()
+    return content
+
+
+class _Folder:
+    """An ``.mrml`` file; the files that it names may not lie outside of its folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.place = str(path)
+        self.budget = _Budget()
+        self._path = path
+
+    def scene(self) -> bytes:
+        with self._path.open("rb") as file:
+            return self.budget.read(file, self.place)
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[IO[bytes]]:
+        path = resolve_inside(self._path.parent, name, f"{self.place}: the file of a sequence")
+        with path.open("rb") as file:
+            yield file
+
+
+class _Bundle:
+    """A zip with one scene; its members are streamed and never unpacked to disk."""
+
+    def __init__(self, bundle: zipfile.ZipFile, place: str, budget: _Budget) -> None:
+        self.place = place
+        self.budget = budget
+        self._zip = bundle
+        self._left_bytes = _MAX_HEADER_BYTES
+        names = bundle.namelist()
+        scenes = [PurePosixPath(name) for name in names if name.lower().endswith(".mrml")]
+        # A sequence may be an .mrml file as well, deeper in.
+        top = min((len(path.parts) for path in scenes), default=0)
+        self._scenes = [path for path in scenes if len(path.parts) == top]
+        if len(self._scenes) != 1:
+            raise InputError(f"{place} has {len(self._scenes)} scenes (.mrml) in it: 1 wanted")
+
+    @classmethod
+    @contextmanager
+    def opened(cls, file: IO[bytes], place: str, budget: _Budget) -> Iterator["_Bundle"]:
+        with _whole(place), zipfile.ZipFile(file) as bundle:
+            if len(bundle.filelist) > _MAX_MEMBERS:
+                raise InputError(
+                    f"{place} has {len(bundle.filelist)} files in it: {_MAX_MEMBERS} allowed"
+                )
+            yield cls(bundle, place, budget)
+
+    def scene(self) -> bytes:
+        name = str(self._scenes[0])
+        with self._zip.open(name) as file:
+            return self.budget.read(file, f"{self.place}: {name}")
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[IO[bytes]]:
+        member = str(self._scenes[0].parent / name)
+        if member not in self._zip.NameToInfo:
+            raise InputError(f"{self.place} has no file {member!r}, which a sequence is to be in")
+        size = self._zip.getinfo(member).file_size
+        if size > self._left_bytes:
+            raise InputError(
+                f"{self.place}: {member} unpacks to {size} bytes: {self._left_bytes} allowed"
+            )
+        self._left_bytes -= size
+        with _whole(self.place), self._zip.open(member) as file:
+            yield file
+            while file.read(_CHUNK_BYTES):  # its checksum is compared at the end alone
+                pass
+
+
+@contextmanager
+def _whole(place: str) -> Iterator[None]:
+    try:
+        yield
+    except MarginGuardError:
+        raise
+    except _DAMAGE as error:
+        raise InputError(f"{place} is no whole bundle: {error or type(error).__name__}") from error
