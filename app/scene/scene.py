@@ -129,8 +129,9 @@ class MarginGuardScene:
             )
         with self._content():
             self.tumor.SetAndObservePolyData(smooth_surface(mesh))
-            self._remove(self.margin_surface)
-            self.margin_surface = None
+            if self.margin_surface is not None:
+                remove_displayed(self.scene, self.margin_surface)
+                self.margin_surface = None
             self._decision = None
             self.margin.breaches.clear()
             self._show_margin(self.margin, None)
@@ -143,21 +144,20 @@ class MarginGuardScene:
         """
         pose = self._pose_node(mesh.frame)
         surface = smooth_surface(mesh)
-        if self.margin_surface is not None:
-            with self.update():
+        with self._content():
+            if self.margin_surface is None:
+                self.margin_surface = add_model(
+                    self.scene,
+                    "MarginSurface",
+                    surface,
+                    _MARGIN_COLOR,
+                    opacity=_MARGIN_OPACITY,
+                    parent=pose,
+                )
+            else:
                 self.batch.hold(self.margin_surface)
                 self.margin_surface.SetAndObservePolyData(surface)
                 self.margin_surface.SetAndObserveTransformNodeID(pose.GetID())
-            return self.margin_surface
-        with self._content():
-            self.margin_surface = add_model(
-                self.scene,
-                "MarginSurface",
-                surface,
-                _MARGIN_COLOR,
-                opacity=_MARGIN_OPACITY,
-                parent=pose,
-            )
         return self.margin_surface
 
     def add_tool(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
@@ -249,7 +249,8 @@ class MarginGuardScene:
             if self.margin is not None:
                 self.margin.remove()
             for node in (self.tumor, self.margin_surface, self.tool):
-                self._remove(node)
+                if node is not None:
+                    remove_displayed(self.scene, node)
             self.tumor = self.margin_surface = self.tool = self.margin = None
             self._decision = self._shown_ns = None
             self.tree.clear()
@@ -277,10 +278,6 @@ class MarginGuardScene:
         for robot in self.robots.values():
             yield from robot.transforms.values()
             yield from robot.models.values()
-
-    def _remove(self, node: vtkMRMLModelNode | None) -> None:
-        if node is not None:
-            remove_displayed(self.scene, node)
 
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
         margin.show(shown_margin(self._decision, self.watchdog, now_ns))
