@@ -4,7 +4,6 @@ import asyncio
 
 import aiohttp
 import pytest
-from yarl import URL
 
 from tests.viewer.conftest import TOKEN, Server
 
@@ -23,7 +22,7 @@ PATHS = [
 def asked(server: Server, path: str, **given: object) -> tuple[int, bytes, dict[str, str]]:
     async def ask() -> tuple[int, bytes, dict[str, str]]:
         async with aiohttp.ClientSession() as session:
-            url = URL(f"http://{server.host}{path}")
+            url = f"http://{server.host}{path}"
             async with session.get(url, allow_redirects=False, **given) as answer:
                 return answer.status, await answer.read(), dict(answer.headers)
 
