@@ -258,8 +258,8 @@ def test_the_settings_are_in_the_parameter_node_and_a_closed_scene_brings_new_on
     node = panel.settings.parameterNode
     assert node.GetParameter("segment") == "Tumor"
     assert node.IsA("vtkMRMLScriptedModuleNode")
-    panel.settings.warn_mm = 12.5
-    assert panel.ui.warnSpinBox.value() == 12.5
+    panel.settings.warn_mm = 12.25
+    assert panel.ui.warnSpinBox.value() == 12.25
     application.scene.Clear(0)
     assert (panel.settings.segment, panel.settings.warn_mm) == ("", 5.0)
     assert panel.ui.segmentLineEdit.text() == ""
