@@ -94,6 +94,6 @@ def _lamp(lamp: TransformHealth, *, silent: bool) -> dict[str, str]:
 
 def _age(age_ns: int | None) -> str:
     if age_ns is None:
-        return "never seen"
+        return "never"
     milliseconds = age_ns / NS_PER_MS
     return f"{milliseconds:.0f} ms" if milliseconds < 1000.0 else f"{milliseconds / 1000.0:.1f} s"
