@@ -227,3 +227,7 @@ def test_a_removed_lookup_is_nobodys_and_stale(node, peer, spin_until):
     found = vtk.vtkMatrix4x4()
     lookup.GetMatrixTransformToParent(found)
     assert np.isclose(found.GetElement(1, 3), 500.0)
+    node.GetScene().AddNode(lookup)
+    assert lookup.AddToROS2Node(node.GetID(), "shed", "spade")
+    assert lookup.GetState() == "missing"  # that one has not been seen yet
+    assert node.RemoveAndDeleteTf2LookupNode("shed", "spade")

@@ -138,6 +138,7 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
 
     def _start(self, owner: "RosHost", parent: str, child: str) -> None:
         self._parent, self._child = parent, child
+        self._found, self._problem = None, ""
         _ = owner.buffer  # hears tf from here on
         self.SetName(f"ros2:tf2lookup:{parent}To{child}")
         self._judge()
