@@ -33,8 +33,11 @@ class Diagnostics:
         self._last_ns: int | None = None
         self._last_key: object = None
 
-    def report(self, step: StepResult) -> DiagnosticArray | None:
-        """The report that is due after ``step``, None when nothing is."""
+    def report(self, step: StepResult, stale_after_ns: int) -> DiagnosticArray | None:
+        """The report that is due after ``step``, None when nothing is.
+
+        A pose that is older than ``stale_after_ns`` is said to be stale, whatever its status was.
+        """
         for sample in step.frame.poses:
             edge = (sample.target, sample.source)
             self._samples[edge] = sample
@@ -47,32 +50,33 @@ class Diagnostics:
         if key == self._last_key and elapsed_ns is not None and 0 <= elapsed_ns < PERIOD_NS:
             return None
         self._last_ns, self._last_key = now.ns, key
-        status = [_margin_status(step), self._tracking_status(now)]
+        status = [_margin_status(step), self._tracking_status(now, stale_after_ns)]
         if step.joints is not None or step.robot_problem:
             status.append(_robot_status(step))
         if self._counts is not None:
             counts = {name: str(count) for name, count in self._counts().items()}
-            status.append(_status("source", DiagnosticStatus.OK, "live", counts))
+            status.append(_status("source", DiagnosticStatus.OK, "counts since the start", counts))
         return DiagnosticArray(header=header_message("", now), status=status)
 
-    def _tracking_status(self, now: Stamp) -> DiagnosticStatus:
-        lost = [
-            f"{target} -> {source}"
-            for (target, source), sample in self._samples.items()
-            if sample.status is not TrackingStatus.OK
-        ]
-        values = {}
+    def _tracking_status(self, now: Stamp, stale_after_ns: int) -> DiagnosticStatus:
+        lost, stale, values = [], [], {}
         for (target, source), sample in self._samples.items():
             edge = f"{target} -> {source}"
+            if not 0 <= sample.stamp.age_ns(now) <= stale_after_ns:
+                stale.append(edge)
+            elif sample.status is not TrackingStatus.OK:
+                lost.append(edge)
             values[f"{edge}: status"] = sample.status.name
             values[f"{edge}: age_ms"] = _age_ms(now, sample.stamp)
             values[f"{edge}: lost samples"] = str(self._lost[target, source])
-        return _status(
-            "tracking",
-            DiagnosticStatus.WARN if lost else DiagnosticStatus.OK,
-            f"lost: {', '.join(lost)}" if lost else "all tracked",
-            values,
-        )
+        level, words = DiagnosticStatus.OK, []
+        if lost:
+            level, words = DiagnosticStatus.WARN, [f"lost: {', '.join(lost)}"]
+        if stale:
+            level, words = DiagnosticStatus.STALE, [f"stale: {', '.join(stale)}", *words]
+        if not self._samples:
+            level, words = DiagnosticStatus.STALE, ["nothing was tracked so far"]
+        return _status("tracking", level, "; ".join(words) or "all tracked", values)
 
 
 def _margin_status(step: StepResult) -> DiagnosticStatus:

@@ -77,13 +77,16 @@ class Heartbeat(Generic[Message]):
             return first
 
     def rest(self, last: Message | None = None) -> None:
-        """Send ``last``, when there is one, and then nothing until the next `newest`."""
-        self._raise_error()
+        """Send ``last``, when there is one, and then nothing until the next `newest`.
+
+        It is sent also where the thread has ended in an error, which is raised afterwards.
+        """
         with self._lock:
             if last is not None:
                 self._end(last)
                 self._send_again()
             self._message, self._expires_ns = None, None
+        self._raise_error()
 
     @property
     def ended(self) -> bool:

@@ -20,11 +20,22 @@ from app.bridge.prepared_shapes import PreparedShapes
 from app.bridge.qos import Topic
 from app.bridge.replay_scene import ReplayScene
 from app.bridge.tf.broadcaster import tf_message
-from app.fixture import FixtureDecision, MarginState
+from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp
 from app.session import StepResult
 
 NODE_NAME = "marginguard"
+
+_NOTHING_KNOWN = FixtureDecision(
+    state=MarginState.UNKNOWN,
+    reasons=(Reason.STARTING,),
+    proximity=None,
+    margin=None,
+    constraint=None,
+    hold=True,
+    stamp=None,
+    seq=0,
+)
 
 
 class SessionPublisher:
@@ -82,9 +93,10 @@ class SessionPublisher:
             opening.callback(self.constraints.close)
             self._open = opening.pop_all()
 
-    def publish(self, step: StepResult) -> bool:
+    def publish(self, step: StepResult, spent_ns: int = 0) -> bool:
         """Send everything that ``step`` found; the clock first, so that no sample is from later.
 
+        ``spent_ns``: how long ago its frame was the present, on a clock that is not ours.
         False when it came too late: the constraint before has been told to be stale meanwhile,
         this one is sent on hold, and the session has to latch that (`Session.hold`).
         """
@@ -94,10 +106,10 @@ class SessionPublisher:
         for sample in step.frame.joints if self._voice.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
         in_time = self.constraints.newest(
-            self._constraint_builder.message(step.decision), lasts_ns=self._lasts_ns(step)
+            self._constraint_builder.message(step.decision), lasts_ns=self._lasts_ns(step, spent_ns)
         )
         self._publish_margin(step.decision)
-        report = self._diagnostics.report(step)
+        report = self._diagnostics.report(step, self._scene.margins.stale_after_ns)
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
         return in_time
@@ -105,6 +117,7 @@ class SessionPublisher:
     def use(self, scene: ReplayScene, shapes: PreparedShapes | None = None) -> None:
         """Go on with other margins, another tumour or registration from the next step on.
 
+        Of another tumour or registration nothing is known up to that step, and that is said now.
         ``shapes`` are those of ``scene``, made before because that takes long; None where tumour
         and tool stay as they are. Raises `BridgeError` for those of another scene. The robot's
         description stays as it was.
@@ -116,7 +129,12 @@ class SessionPublisher:
         self._constraint_builder.use(scene)
         if shapes is not self._shapes or scene.static_edges != before.static_edges:
             self._shapes = shapes
+            # First of all: the planes of what was there before are no way to retreat from this.
+            message = self._constraint_builder.message(_NOTHING_KNOWN)
+            speaks = self.constraints.forget(message)
             self._latch(scene)
+            if speaks:
+                self._publish_margin(_NOTHING_KNOWN)
 
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. A second call does nothing."""
@@ -130,7 +148,7 @@ class SessionPublisher:
         for publisher in self._opened:
             self.ros.withdraw(publisher)
 
-    def _lasts_ns(self, step: StepResult) -> int | None:
+    def _lasts_ns(self, step: StepResult, spent_ns: int) -> int | None:
         """For how long a heartbeat may repeat the constraint of ``step``.
 
         None for one that allows no approach anyway, and for a time of ours, which can be paused.
@@ -138,7 +156,7 @@ class SessionPublisher:
         decision = step.decision
         if self._voice.clock or decision.state is MarginState.UNKNOWN or decision.stamp is None:
             return None
-        age_ns = decision.stamp.age_ns(step.frame.stamp)
+        age_ns = decision.stamp.age_ns(step.frame.stamp) + spent_ns
         return max(0, self._scene.margins.stale_after_ns - age_ns)
 
     def _speaks_on(self, topic: Topic) -> bool:

@@ -1,8 +1,8 @@
 """A live session with all that it has on the ROS graph, for the command and whoever shows it."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from app.cli.publishing import scene_of
 
 if TYPE_CHECKING:
-    from app.bridge import SessionPublisher
+    from app.bridge import ReplayScene, SessionPublisher
     from app.bridge.control import (
         GuidancePublisher,
         MarginParameterServer,
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         TwistLimiter,
     )
     from app.bridge.node import RosNode
+    from app.bridge.prepared_shapes import PreparedShapes
     from app.case import Case, LiveCase
     from app.session import LiveSession, SessionSetup, StepResult
 
@@ -33,29 +34,48 @@ class LiveGuard:
     _twists: "TwistLimiter"
     _guidance: "GuidancePublisher | None"
 
-    def steps(self) -> Iterator["StepResult"]:
+    def steps(self) -> Generator["StepResult"]:
         """Publish each step as it happens, and yield it; ends with ``live.stop``.
 
-        The last word is then that of a rest: hold, no motion and no force.
+        The last word is then that of a rest, also after an error: no motion, no force and hold.
         """
         try:
-            yield from self._steps()
+            # Closed at once: an error would else keep the session from being changed or asked.
+            with closing(self.live.steps()) as steps:
+                for step in steps:
+                    self._say(step)
+                    yield step
         finally:
-            self._publisher.constraints.rest("inactive")
             self._twists.forbid()
-            if self._guidance is not None:
-                self._guidance.rest()
+            try:
+                if self._guidance is not None:
+                    self._guidance.rest()
+            finally:
+                with self.live.between_steps():
+                    self._publisher.constraints.rest("inactive")
 
-    def _steps(self) -> Iterator["StepResult"]:
-        for step in self.live.steps():
-            if self._publisher.publish(step):
-                self._twists.allow(step, self.changes.scene.margins.stale_after_ns)
-            else:
-                self.live.hold()
-                self._twists.forbid()
-            if self._guidance is not None:
-                self._guidance.publish(step)
-            yield step
+    def _say(self, step: "StepResult") -> None:
+        if self._publisher.publish(step, self.live.spent_ns()):
+            stale_after_ns = self.changes.scene.margins.stale_after_ns
+            self._twists.allow(step, stale_after_ns, self.live.spent_ns())
+        else:
+            self.live.hold()
+            self._twists.forbid()
+        if self._guidance is not None:
+            self._guidance.publish(step)
+
+
+@dataclass(frozen=True, slots=True)
+class Speakers:
+    """Whoever speaks by the margins, the tumour or the registration that are replaced."""
+
+    publisher: "SessionPublisher"
+    twists: "TwistLimiter"
+
+    def use(self, scene: "ReplayScene", shapes: "PreparedShapes | None" = None) -> None:
+        """What the last step allowed was by those before: no motion up to the next one."""
+        self.twists.forbid()
+        self.publisher.use(scene, shapes)
 
 
 @contextmanager
@@ -116,13 +136,13 @@ def guarding(
         counts=lambda: {name: n for counts in counted for name, n in counts().items()},
         ros=ros,
     ) as publisher:
-        RearmService(publisher.ros, publisher.constraints, live.rearm)
-        changes = SessionChanges(live.between_steps, publisher, scene)
-        margins = MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
-        OperatorServices(publisher.ros, changes)
+        RearmService(publisher.ros, publisher.constraints, live.between_steps)
         buffer = TransformBuffer()
         TfListener(publisher.ros, buffer, clock=False)
         twists = TwistLimiter(publisher.ros, buffer, parameters=limits)
+        changes = SessionChanges(live.between_steps, Speakers(publisher, twists), scene)
+        margins = MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)
+        OperatorServices(publisher.ros, changes)
         guidance = None if guides is None else GuidancePublisher(publisher.ros, guides)
         source = source_of(publisher.ros, entry, live.add)
         counted += [

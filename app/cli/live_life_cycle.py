@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, closing
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -15,16 +15,19 @@ class GuardLifeCycle:
     """What `app.bridge.control.LifecycleRosNode` manages: a `LiveGuard`, made at each *configure*.
 
     ``opened(ros)`` makes it; ``follow(steps)`` goes through its steps while it is active, in a
-    thread of its own, and ends when they do.
+    thread of its own, and ends when they do. ``failed(error)`` is told there of an error that ended
+    them: a node that is active and says nothing must not stay.
     """
 
     def __init__(
         self,
         opened: "Callable[[RosNode], AbstractContextManager[LiveGuard]]",
         follow: "Callable[[Iterator[StepResult]], None]",
+        failed: Callable[[Exception], None],
     ) -> None:
         self._opened = opened
         self._follow = follow
+        self._failed = failed
         self._open = ExitStack()
         self._guard: LiveGuard | None = None
         self._thread: threading.Thread | None = None
@@ -38,7 +41,7 @@ class GuardLifeCycle:
         if self._guard is not None:
             self._guard.live.resume()
             self._thread = threading.Thread(
-                target=self._follow, args=(self._guard.steps(),), name="guard", daemon=True
+                target=self._run, args=(self._guard,), name="guard", daemon=True
             )
             self._thread.start()
 
@@ -53,3 +56,10 @@ class GuardLifeCycle:
         """Leave the source, and close what `configure` made."""
         self._guard = None
         self._open.close()
+
+    def _run(self, guard: "LiveGuard") -> None:
+        try:
+            with closing(guard.steps()) as steps:
+                self._follow(steps)
+        except Exception as error:  # handed over to the thread that can end the process
+            self._failed(error)

@@ -1,7 +1,7 @@
 """A session that follows a live source: one step a frame, and one whenever a pose becomes stale."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 
 from app.case import JointSample, TrackingFrame
@@ -44,7 +44,7 @@ class LiveSession:
         self._changed = threading.Condition()
         self._stepping = threading.Lock()
         self._stopped = False
-        self._watch_ns = host_ns()
+        self._watch_ns = self._taken_ns = host_ns()
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -75,14 +75,13 @@ class LiveSession:
                 stamp = sample.stamp.shifted(-offset_ns, sample.stamp.clock)
                 self._frames.add_joints(JointSample(sample.names, sample.positions, stamp))
 
+    def spent_ns(self) -> int:
+        """How long ago the frame of the last step was taken: by so much its data are older now."""
+        return max(0, self._host_ns() - self._taken_ns)
+
     def hold(self) -> None:
         """Latch ``hold`` from the next step on; for whoever takes `steps`, while it has one."""
         self._session.hold()
-
-    def rearm(self) -> None:
-        """End the hold of an earlier fault; `NotRearmableError` while the state is UNKNOWN."""
-        with self._stepping:
-            self._session.rearm()
 
     @contextmanager
     def between_steps(self) -> Iterator[Session]:
@@ -104,7 +103,7 @@ class LiveSession:
         with self._changed:
             self._stopped = False
 
-    def steps(self) -> Iterator[StepResult]:
+    def steps(self) -> Generator[StepResult]:
         """Yield the steps as they happen, for ever; ends with `stop`."""
         while self._is_due():
             with self._stepping:
@@ -131,7 +130,7 @@ class LiveSession:
     def _take(self) -> TrackingFrame:
         """What is ready, or a frame without poses; stamped with the present."""
         with self._changed:
-            host_ns = self._host_ns()
+            host_ns = self._taken_ns = self._host_ns()
             frame = self._frames.take(host_ns)
             # Without a sample the source's time is not known: it is before all others.
             return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())

@@ -5,7 +5,10 @@ from dataclasses import replace
 import pytest
 
 from app.bridge.diagnostics import Diagnostics
+from app.case import TrackingFrame
 from app.fixture import MarginState
+
+STALE_NS = 200_000_000
 
 
 def parts(report):
@@ -18,17 +21,17 @@ def values(status):
 
 def test_a_second_passes_between_reports_of_the_same(make_step):
     diagnostics = Diagnostics()
-    spoken = [index for index in range(120) if diagnostics.report(make_step(index))]
+    spoken = [index for index in range(120) if diagnostics.report(make_step(index), STALE_NS)]
     assert spoken == [0, 50, 100]
 
 
 def test_a_change_and_a_seek_back_are_said_at_once(make_step):
     diagnostics = Diagnostics()
-    assert diagnostics.report(make_step(10))
-    assert diagnostics.report(make_step(11, lost=True))
-    assert diagnostics.report(make_step(12))
-    assert diagnostics.report(make_step(13)) is None
-    assert diagnostics.report(make_step(3))
+    assert diagnostics.report(make_step(10), STALE_NS)
+    assert diagnostics.report(make_step(11, lost=True), STALE_NS)
+    assert diagnostics.report(make_step(12), STALE_NS)
+    assert diagnostics.report(make_step(13), STALE_NS) is None
+    assert diagnostics.report(make_step(3), STALE_NS)
 
 
 @pytest.mark.parametrize(
@@ -41,12 +44,12 @@ def test_a_change_and_a_seek_back_are_said_at_once(make_step):
     ],
 )
 def test_the_level_follows_the_state(make_step, state, level):
-    report = Diagnostics().report(make_step(0, state=state))
+    report = Diagnostics().report(make_step(0, state=state), STALE_NS)
     assert parts(report)["margin"].level == level
 
 
 def test_ages_and_distances_are_said(make_step):
-    report = parts(Diagnostics().report(make_step(0)))
+    report = parts(Diagnostics().report(make_step(0), STALE_NS))
     margin = values(report["margin"])
     assert margin["signed_distance_mm"] == "7.500"
     assert margin["applied_stop_mm"] == "1.750"
@@ -57,12 +60,12 @@ def test_ages_and_distances_are_said(make_step):
 
 def test_lost_poses_are_named_and_counted(make_step):
     diagnostics = Diagnostics()
-    diagnostics.report(make_step(0, lost=True))
-    diagnostics.report(make_step(1, lost=True))
-    tracking = parts(diagnostics.report(make_step(2)))["tracking"]
+    diagnostics.report(make_step(0, lost=True), STALE_NS)
+    diagnostics.report(make_step(1, lost=True), STALE_NS)
+    tracking = parts(diagnostics.report(make_step(2), STALE_NS))["tracking"]
     assert tracking.message == "all tracked"
     assert values(tracking)["tracker -> cautery: lost samples"] == "2"
-    tracking = parts(diagnostics.report(make_step(3, lost=True)))["tracking"]
+    tracking = parts(diagnostics.report(make_step(3, lost=True), STALE_NS))["tracking"]
     assert tracking.message == "lost: tracker -> cautery"
     assert tracking.level == b"\x01"
     assert values(tracking)["tracker -> cautery: status"] == "INVALID"
@@ -70,19 +73,38 @@ def test_lost_poses_are_named_and_counted(make_step):
 
 def test_a_robot_whose_joints_cannot_be_used_is_said_at_once_and_why(make_step):
     diagnostics = Diagnostics()
-    diagnostics.report(make_step(0))
+    diagnostics.report(make_step(0), STALE_NS)
     silent = [
         replace(make_step(index), robot_problem=f"joint positions are {index} ms old")
         for index in (1, 2)
     ]
-    joints = parts(diagnostics.report(silent[0]))["joints"]
+    joints = parts(diagnostics.report(silent[0], STALE_NS))["joints"]
     assert joints.message == "joint positions are 1 ms old"
     assert joints.level == b"\x01"
-    assert diagnostics.report(silent[1]) is None
-    assert parts(diagnostics.report(make_step(3)))["joints"].level == b"\x00"
+    assert diagnostics.report(silent[1], STALE_NS) is None
+    assert parts(diagnostics.report(make_step(3), STALE_NS))["joints"].level == b"\x00"
 
 
 def test_a_robot_that_never_spoke_is_said_too(make_step):
     never = replace(make_step(0), joints=None, robot_problem="no joint positions yet")
-    joints = parts(Diagnostics().report(never))["joints"]
+    joints = parts(Diagnostics().report(never, STALE_NS))["joints"]
     assert (joints.message, values(joints)) == ("no joint positions yet", {})
+
+
+def test_a_tracker_that_fell_silent_is_not_all_tracked(make_step):
+    """tf has no word for a lost pose: the last one was good, and it is all that there is."""
+    diagnostics = Diagnostics()
+    diagnostics.report(make_step(0), STALE_NS)
+    silent = replace(make_step(60, lost=True), frame=TrackingFrame(make_step(60).frame.stamp, ()))
+    tracking = parts(diagnostics.report(silent, STALE_NS))["tracking"]
+    assert tracking.level == b"\x03"
+    assert tracking.message == "stale: tracker -> cautery, reference -> needle"
+    assert values(tracking)["tracker -> cautery: status"] == "OK"
+    tracking = parts(diagnostics.report(make_step(120, lost=True), STALE_NS))["tracking"]
+    assert (tracking.level, tracking.message) == (b"\x01", "lost: tracker -> cautery")
+
+
+def test_before_anything_came_nothing_is_tracked(make_step):
+    silent = replace(make_step(0, lost=True), frame=TrackingFrame(make_step(0).frame.stamp, ()))
+    tracking = parts(Diagnostics().report(silent, STALE_NS))["tracking"]
+    assert (tracking.level, tracking.message) == (b"\x03", "nothing was tracked so far")

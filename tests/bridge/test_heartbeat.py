@@ -148,3 +148,22 @@ def test_a_message_that_came_to_its_end_is_not_followed_unseen():
     assert heartbeat.newest("e", unless_ended=True) is None
     heartbeat.close()
     assert sent.pairs == [("a", 0), ("b is old", 1), ("d", 2), ("rest", 3)]
+
+
+def test_the_last_word_is_sent_also_after_an_error_in_the_thread():
+    sent = []
+
+    def send(message, seq):
+        if seq == 1:
+            raise RuntimeError("the wire is cut")
+        sent.append(message)
+
+    heartbeat = Heartbeat(send, 1000.0)
+    (beats,) = [thread for thread in threading.enumerate() if thread.name == "heartbeat"]
+    heartbeat.newest("a")
+    beats.join()
+    heartbeat.seq = 2  # the wire is mended
+    with pytest.raises(BridgeError, match="the wire is cut"):
+        heartbeat.rest("hold")
+    assert sent == ["a", "hold"]
+    heartbeat.close()

@@ -1,7 +1,9 @@
 """A replay as an independent process hears it: every topic, in SI units, with source stamps."""
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
@@ -10,7 +12,7 @@ from app.bridge.errors import BridgeError
 from app.bridge.prepared_shapes import PreparedShapes
 from app.bridge.session_publisher import SessionPublisher
 from app.fixture import MarginState
-from app.geometry import SurfaceMesh
+from app.geometry import SurfaceMesh, Transform
 
 TF = "/tf:tf2_msgs/msg/TFMessage"
 TF_STATIC = "/tf_static:tf2_msgs/msg/TFMessage"
@@ -251,3 +253,38 @@ def test_closing_twice_is_closing_once(domain_id, scene):
     ros.close()
     ros.close()
     assert not ros.ros.is_open
+
+
+@pytest.mark.parametrize("what", ["tumour", "registration"])
+def test_of_another_tumor_or_base_nothing_is_known_at_once(
+    domain_id, scene, make_step, start_receiver, what
+):
+    """Without a step in between, and while what was there before is still valid."""
+    if what == "tumour":
+        larger = SurfaceMesh("tumor", 2.0 * scene.tumor.vertices_mm, scene.tumor.faces)
+        after = replace(scene, tumor=larger)
+        shapes = PreparedShapes(after)
+    else:
+        moved = Transform("reference", "robot_base", np.eye(3), [501.0, 0.0, -250.0])
+        kept = [edge for edge in scene.static_edges if edge.source != "robot_base"]
+        after, shapes = replace(scene, static_edges=(*kept, moved), registration=moved), None
+    with SessionPublisher(scene, domain_id=domain_id) as ros:
+        receiver = start_receiver(f"{CONSTRAINT}:2", f"{MARGIN_MM}:2", f"{COLOR}:2:latched")
+        wait_for_one_subscriber(ros, topics.CONSTRAINT, topics.MARGIN_MM, topics.MARGIN_COLOR)
+        ros.publish(make_step(0))
+        lines = receiver.take(3)
+        ros.use(after, shapes)
+        lines += receiver.messages()
+    by_topic = {}
+    for line in lines:
+        by_topic.setdefault(line["topic"].removeprefix("/marginguard/"), []).append(line["message"])
+    known, unknown = by_topic["constraint"]
+    assert known["half_spaces"]
+    assert (unknown["state"], unknown["hold"], unknown["reasons"]) == (3, True, ["starting"])
+    assert unknown["half_spaces"] == []
+    assert ns(unknown["valid_until"]) == 0
+    assert unknown["model_id"] == after.model_id
+    assert unknown["registration_id"] == after.registration_id
+    assert (known["model_id"], known["registration_id"]) != (after.model_id, after.registration_id)
+    assert math.isnan(by_topic["margin_mm"][1]["data"])
+    assert by_topic["margin_color"][1]["g"] == 0.5

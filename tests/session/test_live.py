@@ -51,6 +51,10 @@ class World:
         else:
             self.ns = until_ns
 
+    def rearm(self):
+        with self.live.between_steps() as session:
+            session.rearm()
+
     def run(self, until_ms):
         """Host time in ms and result of each step."""
         self.at(until_ms, self.live.stop)
@@ -122,11 +126,11 @@ def test_rearming_is_refused_while_unknown_and_ends_the_hold_after_it():
 
     def try_while_silent():
         with pytest.raises(NotRearmableError):
-            world.live.rearm()
+            world.rearm()
         refusals.append(True)
 
     world.at(600, try_while_silent)
-    world.at(1000, world.live.rearm)
+    world.at(1000, world.rearm)
     steps = world.run(1300)
     assert refusals
     held = {at: step.decision.hold for at, step in steps if at > 850}
@@ -312,3 +316,15 @@ def test_whatever_comes_a_known_state_rests_on_fresh_poses(arrivals, stamps_of_h
     gaps = np.diff([at for at, _ in steps])
     assert gaps.max(initial=0.0) <= STALE_MS + 1.0
     assert set(world.live.edges) <= {("tracker", "needle"), ("tracker", "cautery")}
+
+
+def test_it_is_told_how_old_the_last_step_is_by_now():
+    world = World()
+    track(world, 0, 100)
+    world.at(90, world.live.stop)
+    for _ in world.live.steps():
+        assert world.live.spent_ns() == 0
+        world.ns += 3
+        assert world.live.spent_ns() == 3
+        world.ns -= 5  # the host's clock was set back
+        assert world.live.spent_ns() == 0

@@ -102,3 +102,18 @@ def test_samples_from_the_future_and_lost_ones_break_nothing():
 def test_a_tumour_that_moves_against_nothing_is_refused():
     with pytest.raises(InputError, match="tumor_motion is given without a robot"):
         replace(make_setup(EXPECTED), robot=None)
+
+
+def test_a_tumour_pulled_away_is_not_followed_faster_than_the_margin_allows_for():
+    """By up to 320 mm/s, which may end at any moment, where the margin is made for 50."""
+    session, bound = Session(make_setup(EXPECTED)), PARAMETERS.v_max_mm_s
+    told = []
+    for at in range(0, 2000, 20):
+        away = -100.0 * max(0.0, (at - 400) / 1000.0) ** 2
+        needle = sample("reference", "needle", (away, 0.0, 0.001 * at), at)
+        step = session.step(
+            frame(at, needle, sample("reference", "cautery", (60, 0, 0.001 * at), at))
+        )
+        constraint = step.decision.constraint
+        told.append(float(constraint.normals[0] @ constraint.tumor_velocities_mm_s[0]))
+    assert min(told) == pytest.approx(-bound)

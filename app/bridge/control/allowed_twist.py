@@ -88,6 +88,7 @@ class TwistLimiter:
         self._parameters = parameters or LimiterParameters()
         self._timeout_ns = timeout_ns
         self._lock = threading.Lock()
+        self._speaking = threading.Lock()
         self._allowance: _Allowance | None = None
         self._commanded_ns: int | None = None
         self._frame = ""
@@ -100,12 +101,13 @@ class TwistLimiter:
         ros.subscribe(topics.DESIRED_TWIST, self._take)
         self._watchdog.start()
 
-    def allow(self, step: StepResult, stale_after_ns: int) -> None:
+    def allow(self, step: StepResult, stale_after_ns: int, spent_ns: int = 0) -> None:
         """Take over what ``step`` allows, as long as its data are not too old; from any thread.
 
-        Planes of an earlier step say nothing about the tool where it is now: they allow nothing.
+        ``spent_ns``: how long ago its frame was the present. Planes of an earlier step say nothing
+        about the tool where it is now: they allow nothing.
         """
-        allowance = _allowance_of(step, stale_after_ns)
+        allowance = _allowance_of(step, stale_after_ns, spent_ns)
         with self._lock:
             self._allowance = allowance
 
@@ -124,8 +126,9 @@ class TwistLimiter:
         self._closing.set()
         self._ros.not_on_close(self.close)
         self._watchdog.join()
-        if self._commanded_ns is not None and self._ros.is_open:
-            self._stop("closed")
+        with self._speaking:  # after an answer that is on its way
+            if self._commanded_ns is not None and self._ros.is_open:
+                self._stop("closed")
 
     def _take(self, command: TwistStamped) -> None:
         if self._closing.is_set():
@@ -139,7 +142,9 @@ class TwistLimiter:
             kind = error.kind if isinstance(error, TwistRefusedError) else type(error).__name__
             self._count(kind, str(error))
             twist = np.zeros(6)
-        self._publish(command.header.stamp, twist)
+        with self._speaking:
+            if not self._closing.is_set():
+                self._publish(command.header.stamp, twist)
 
     def _allowed(self, command: TwistStamped) -> FloatArray:
         frame = command.header.frame_id
@@ -219,7 +224,7 @@ class TwistLimiter:
         self._publisher.publish(answer)
 
 
-def _allowance_of(step: StepResult, stale_after_ns: int) -> _Allowance | None:
+def _allowance_of(step: StepResult, stale_after_ns: int, spent_ns: int) -> _Allowance | None:
     """None where the step has no planes of the place that the tool has in it."""
     decision, pose = step.decision, step.tumor_from_tip
     constraint, stamp = decision.constraint, decision.stamp
@@ -233,7 +238,7 @@ def _allowance_of(step: StepResult, stale_after_ns: int) -> _Allowance | None:
         tip_mm=pose.translation_mm,
         stamp_ns=stamp.ns,
         stale_after_ns=stale_after_ns,
-        until_ns=time.monotonic_ns() + stale_after_ns - age_ns,
+        until_ns=time.monotonic_ns() + stale_after_ns - age_ns - spent_ns,
     )
 
 

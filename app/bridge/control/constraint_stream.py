@@ -95,6 +95,20 @@ class ConstraintStream:
         self._last = message
         return in_time
 
+    def forget(self, message: FixtureConstraint) -> bool:
+        """Repeat ``message``, which is UNKNOWN, in place of planes that mean nothing any more.
+
+        It is a fault of its own, whatever was said before: nobody who looked at an earlier
+        constraint can have looked at what comes after it. False, and nothing is sent, while
+        nothing is repeated. Not to be called while another thread is at `rest`.
+        """
+        if self._last is None:
+            return False
+        first = self._begin(message, None)
+        self._fault_seq = self._fault_seq if first is None else first
+        self._faulty, self._last = True, message
+        return True
+
     def rest(self, reason: str) -> None:
         """Hold for this reason as the last word, then silence until the next `newest`."""
         last = None if self._last is None else RawConstraint.of(_held(self._last, reason))

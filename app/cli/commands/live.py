@@ -8,7 +8,7 @@ import argparse
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,7 +58,8 @@ def run(options: argparse.Namespace) -> int:
         else:
             with _opened(options) as guard:
                 received.stops(guard.live.stop)
-                _tell(guard.steps())
+                with closing(guard.steps()) as steps:
+                    _tell(steps)
     return received.exit_status
 
 
@@ -67,11 +68,19 @@ def _be_managed(options: argparse.Namespace, received: Received) -> None:
     from app.bridge.session_publisher import NODE_NAME
 
     ended = threading.Event()
+    errors: list[Exception] = []
+
+    def failed(error: Exception) -> None:
+        errors.append(error)
+        ended.set()
+
     received.stops(ended.set)
-    life = GuardLifeCycle(lambda ros: _opened(options, ros), _tell)
+    life = GuardLifeCycle(lambda ros: _opened(options, ros), _tell, failed)
     with LifecycleRosNode(NODE_NAME, life, namespace=options.namespace):
         print("unconfigured: configure and activate it", file=sys.stderr, flush=True)
         ended.wait()
+    if errors:
+        raise errors[0]
 
 
 @contextmanager

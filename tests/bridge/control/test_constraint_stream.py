@@ -197,3 +197,28 @@ def test_the_interpreter_takes_turns_as_before_after_closing(hz):
     before = sys.getswitchinterval()
     ConstraintStream(Sent(), hz).close()
     assert sys.getswitchinterval() == before
+
+
+def test_planes_that_mean_nothing_any_more_are_not_repeated_and_are_a_fault_of_their_own():
+    sent = Sent()
+    stream = ConstraintStream(sent, 1000.0)
+    unknown = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True)
+    assert not stream.forget(unknown)  # nothing was said yet
+    # Also where there was a fault before, which somebody has looked at since.
+    stream.newest(constraint())
+    fault = constraint()
+    fault.state = FixtureConstraint.UNKNOWN
+    stream.newest(fault)
+    looked_at = stream.seq
+    assert stream.forget(unknown)
+    assert stream.fault_seq >= looked_at
+    sent.wait_until(lambda messages: len(messages[stream.fault_seq :]) >= 5)
+    assert not any(message.half_spaces for message in sent.messages[stream.fault_seq :])
+    assert stream.newest(constraint())
+    assert sent.messages[-1].half_spaces
+    stream.rest("inactive")
+    assert not stream.forget(unknown)
+    count = stream.seq
+    stream.close()
+    assert len(sent.messages) == count
+    assert list(sent.messages[-1].reasons) == ["inactive"]
