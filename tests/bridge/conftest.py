@@ -32,7 +32,7 @@ from tests.ros_domain import domain_id as domain_id
 HERE = Path(__file__).resolve().parent
 RECEIVER = HERE / "receiver.py"
 DEADLINE_S = 90.0
-"""After this a test has failed; nothing here takes more than a few seconds."""
+"""A wait that takes longer has failed; nothing here takes more than a few seconds."""
 
 
 class Receiver:
@@ -67,6 +67,7 @@ class Receiver:
 
     def take(self, count: int) -> list[dict[str, Any]]:
         """The next ``count`` messages, as soon as they are there."""
+        self._wait_anew()
         lines = list(islice(self._lines(), count))
         if len(lines) < count:
             pytest.fail(f"{len(lines)} messages came, {count} wanted: {self._said()}")
@@ -74,6 +75,7 @@ class Receiver:
 
     def messages(self) -> list[dict[str, Any]]:
         """All further messages; it ends by itself once it has what it was told to wait for."""
+        self._wait_anew()
         lines = [line for line in self._lines() if line.strip() != "ready"]
         if self._process.wait() != 0:
             pytest.fail(f"the receiving process did not get everything: {self._said()}")
@@ -86,6 +88,11 @@ class Receiver:
         self._process.wait()
         assert self._process.stdout is not None
         self._process.stdout.close()
+
+    def _wait_anew(self) -> None:
+        self._deadline.cancel()
+        self._deadline = threading.Timer(DEADLINE_S, self._process.kill)
+        self._deadline.start()
 
     def _lines(self) -> Iterator[str]:
         assert self._process.stdout is not None

@@ -40,9 +40,16 @@ class Child:
         self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
         self._deadline.start()
 
+    def _wait_anew(self) -> None:
+        """The time for one wait, however many there were before."""
+        self._deadline.cancel()
+        self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
+        self._deadline.start()
+
     def line(self, wanted: Callable[[str], bool] = lambda line: True) -> str:
         """The next line that is wanted; those before it are passed over."""
         assert self.process.stdout is not None
+        self._wait_anew()
         passed = []
         for line in iter(self.process.stdout.readline, ""):
             if wanted(line):
@@ -53,6 +60,7 @@ class Child:
 
     def end(self, number: int) -> int:
         """Send a signal and wait; the exit status."""
+        self._wait_anew()
         self.process.send_signal(number)
         return self.process.wait()
 
