@@ -54,11 +54,17 @@ def started(program, *arguments, **environment):
 
 def test_slicer_is_started_with_the_modules_and_the_environment(install):
     done = started(
-        install(), "--", "--no-splash", PYTHONPATH="/mine", LD_LIBRARY_PATH="/lib/of/mine"
+        install(),
+        "--",
+        "--no-splash",
+        "scene.mrb",
+        PYTHONPATH="/mine",
+        LD_LIBRARY_PATH="/lib/of/mine",
     )
     assert done.returncode == 7, done.stderr  # Slicer's own
     told = json.loads(done.stdout)
-    assert told["arguments"] == ["--additional-module-paths", *MODULES, "--no-splash"]
+    # Slicer takes whatever follows this option for a module's folder.
+    assert told["arguments"] == ["--no-splash", "scene.mrb", "--additional-module-paths", *MODULES]
     environment = told["environment"]
     assert environment[HOOK_DONE] == "1"
     libraries = environment["LD_LIBRARY_PATH"].split(os.pathsep)
@@ -86,12 +92,11 @@ def test_another_python_finds_ros_and_marginguard_by_that_environment_alone():
     assert done.stdout.strip() == str(ROOT / "app" / "__init__.py"), done.stderr
 
 
-def test_print_shows_a_command_that_a_shell_can_run(install):
-    program = install()
-    shown = started(program, "--print")
-    assert shown.returncode == 0
-    assert shlex.split(shown.stdout)[0] == "env"
-    done = subprocess.run(shown.stdout, shell=True, capture_output=True, text=True)
+def test_print_shows_a_command_that_a_shell_can_run(install, capsys):
+    assert main(["slicer", "--slicer", str(install()), "--print"]) == 0
+    shown = capsys.readouterr().out
+    assert shlex.split(shown)[0] == "env"
+    done = subprocess.run(shown, shell=True, capture_output=True, text=True)
     assert done.returncode == 7
     told = json.loads(done.stdout)
     assert told["arguments"] == ["--additional-module-paths", *MODULES]

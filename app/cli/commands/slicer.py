@@ -42,7 +42,8 @@ def run(options: argparse.Namespace) -> int:
     """Become Slicer, so that signals and its exit status are its own."""
     program = _checked_program(options.slicer)
     _check_python(program)
-    command = [str(program), "--additional-module-paths", *_module_folders(), *options.arguments]
+    # Last, since it takes all that follows for modules, a scene's file as well.
+    command = [str(program), *options.arguments, "--additional-module-paths", *_module_folders()]
     added = slicer_environment(os.environ)
     if not options.only_print:
         sys.stderr.flush()
