@@ -1,5 +1,6 @@
 """Slicer's module MarginGuard in a test: its folder on the path, and desktop Slicer's stand-ins."""
 
+import functools
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ if str(FOLDER) not in sys.path:
     sys.path.insert(0, str(FOLDER))  # as Slicer does with --additional-module-paths
 
 from app.scene import SceneApplication  # noqa: E402
+from MarginGuardLib.replay_steps import OpenedCase, open_recorded  # noqa: E402
 
 PATIENCE_SPINS = 6000
 """Of 20 ms each: a first run compiles for a minute."""
@@ -26,6 +28,12 @@ PATIENCE_SPINS = 6000
 def application() -> SceneApplication:
     """The scene with what markups need of Slicer's application."""
     return SceneApplication(slicer.vtkMRMLScene())
+
+
+@functools.cache
+def opened_case() -> OpenedCase:
+    """The recorded case, opened once; nothing in it changes."""
+    return open_recorded(CASE)
 
 
 def spin_until(guard: Any, wanted: Callable[[Any], bool]) -> Any:

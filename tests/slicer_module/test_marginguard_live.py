@@ -82,9 +82,23 @@ def test_a_configuration_that_is_wrong_is_one_line(guard, tmp_path):
         guard.set_margins(1.0, 5.0)
 
 
-def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(
-    guard, live_yaml, monkeypatch
-):
+class WaitingSteps:
+    """TEST DOUBLE: a live session whose tracker says nothing."""
+
+    changes = None
+
+    def __init__(self, config):
+        self._halted = threading.Event()
+
+    def steps(self):
+        self._halted.wait()
+        yield from ()
+
+    def halt(self):
+        self._halted.set()
+
+
+def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(guard, monkeypatch):
     go_on, opened = threading.Event(), threading.Event()
 
     def open_slowly(folder):
@@ -92,11 +106,13 @@ def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(
         opened.set()
 
     monkeypatch.setattr("MarginGuardLib.logic.open_recorded", open_slowly)
+    monkeypatch.setattr("MarginGuardLib.logic.LiveSteps", WaitingSteps)
     guard.load_case(CASE)
     assert guard.spin().message == "opening the case ..."
-    guard.connect(live_yaml(TRACKED))
+    guard.connect(CASE)
     go_on.set()
     opened.wait()
-    status = spin_until(guard, lambda now: guard.margins() is not None)
-    assert status.is_live
-    assert status.message == ""
+    for _ in range(5):
+        status = guard.spin()
+        assert status.is_live
+        assert status.message == ""

@@ -10,7 +10,7 @@ import slicer
 
 from app.fixture import MarginState
 from app.scene import Preset
-from tests.slicer_module.marginguard_module import CASE, FOLDER, UI
+from tests.slicer_module.marginguard_module import CASE, FOLDER, UI, opened_case
 from tests.slicer_module.marginguard_module import application as application
 from tests.slicer_module.marginguard_module import desktop as desktop
 
@@ -208,7 +208,9 @@ def test_a_timer_that_fails_leaves_no_banner_as_it_was(panel, monkeypatch, broke
     assert "rgb(128, 128, 128)" in panel.ui.bannerLabel.styleSheet()
 
 
-def test_a_replayed_case_is_shown(panel, desktop):
+def test_a_replayed_case_is_shown(panel, desktop, monkeypatch):
+    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened_case())
+
     def until(wanted):
         for _ in range(3000):
             panel.spin()
@@ -294,6 +296,7 @@ def test_the_module_tells_slicer_what_it_is(desktop):
 
 def test_the_test_for_slicer_runs_here_too(desktop, application, monkeypatch):
     in_slicer(monkeypatch, application)
+    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened_case())
     desktop.MarginGuardTest().runTest()
 
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import slicer
 
+from app.bridge.control import SessionChanges
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from app.report import ReplayLog
 from app.report.margin_csv import margin_csv
 from app.scene import Preset
 from app.session import Session
-from tests.slicer_module.marginguard_module import CASE, PATIENCE_SPINS, spin_until
+from tests.slicer_module.marginguard_module import CASE, PATIENCE_SPINS, opened_case, spin_until
 from tests.slicer_module.marginguard_module import application as application
 
 from MarginGuardLib.logic import GuardLogic  # isort: skip
-from MarginGuardLib.replay_steps import open_recorded  # isort: skip
 from MarginGuardLib.run import Run  # isort: skip
 
 GREY, RED = (0.5, 0.5, 0.5), (1.0, 0.0, 0.0)
@@ -46,7 +46,7 @@ class ClockDouble:
 
 @pytest.fixture(scope="module")
 def opened():
-    return open_recorded(CASE)
+    return opened_case()
 
 
 @pytest.fixture(scope="module")
@@ -324,7 +324,8 @@ def test_a_colour_that_is_no_states_is_not_taken_for_one(guard, application):
     assert guard.spin(0.0).state is MarginState.NEGATIVE  # and is overwritten
 
 
-def test_a_tumour_for_a_session_that_is_gone_is_not_told_as_set(guard, application):
+def test_a_tumour_for_a_session_that_is_gone_is_not_told_as_set(guard, application, monkeypatch):
+    monkeypatch.setattr(SessionChanges, "set_tumor", lambda *_: "the one that was set")
     points = application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "Around")
     for point in 10.0 * np.vstack([np.eye(3), -np.eye(3)]):
         points.AddControlPoint(point.tolist())
