@@ -9,6 +9,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from app.bridge import topics
 from app.bridge.errors import BridgeError
+from app.bridge.frame_tree import Voice
 from app.bridge.prepared_shapes import PreparedShapes
 from app.bridge.session_publisher import SessionPublisher
 from app.fixture import MarginState
@@ -192,6 +193,18 @@ def test_the_constraint_beats_between_steps(domain_id, scene, make_step, start_r
     numbers = [beat["seq"] for beat in beats]
     assert numbers == sorted(set(numbers))
     assert {ns(beat["header"]["stamp"]) for beat in beats} == {step.decision.stamp.ns}
+
+
+def test_a_step_that_is_old_when_it_is_published_is_stale_from_the_first(
+    domain_id, scene, make_step, start_receiver
+):
+    voice = Voice(clock=False)
+    with SessionPublisher(scene, domain_id=domain_id, heartbeat_hz=10.0, voice=voice) as ros:
+        receiver = start_receiver(f"{CONSTRAINT}:1")
+        wait_for_one_subscriber(ros, topics.CONSTRAINT)
+        ros.publish(make_step(0), scene.margins.stale_after_ns)
+        (first,) = [line["message"] for line in receiver.messages()]
+    assert (first["hold"], first["reasons"]) == (True, ["stale"])
 
 
 @pytest.mark.parametrize(

@@ -114,9 +114,16 @@ def test_a_way_that_was_not_seen_lately_is_not_used(ros, buffer, make_step, star
     assert zero(found[0])
 
 
-def test_on_stale_data_nothing_moves(ros, buffer, make_step, start_receiver):
+@pytest.mark.parametrize(
+    ("stale_after_ns", "spent_ns"),
+    [(3_000_000, 0), (LONG_NS, LONG_NS - 3_000_000)],
+    ids=["as old as its oldest sample", "grown old since"],
+)
+def test_on_stale_data_nothing_moves(
+    ros, buffer, make_step, start_receiver, stale_after_ns, spent_ns
+):
     limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
-    limiter.allow(make_step(0), 3_000_000)  # as old as its oldest sample
+    limiter.allow(make_step(0), stale_after_ns, spent_ns)
     found = answers(start_receiver, asked(0.0, 0.0, -0.01), asked(0.01, 0.0, 0.02))
     assert [zero(answer) for answer in found] == [True] * 3
     assert limiter.refused["the constraint is stale"] == 2
