@@ -25,12 +25,12 @@ _LINE_MM = 0.35
 
 
 class MarginDisplay:
-    """Colours ``tumor`` and keeps what tells of its margin; ``tumor_pose`` is where the tumour is.
+    """Colours ``tumor`` and keeps what tells of its margin; ``tumor_pose`` is where ``frame`` is.
 
     The line runs from the tool's governing point to the tumour's nearest one and carries the
     signed distance; the plane is the one that the tool may not pass. Both are hidden while they
     are not known. The text node holds the banner. Red marks stay where the tool was in the tumour.
-    ``state`` is the one that is shown.
+    ``state`` is the one that is shown; ``frame`` is the tumour's, in which all of it is drawn.
     """
 
     def __init__(
@@ -39,7 +39,9 @@ class MarginDisplay:
         batch: Batch,
         tumor: vtkMRMLModelNode,
         tumor_pose: vtkMRMLTransformNode,
+        frame: str,
     ) -> None:
+        self.frame = frame
         self._scene = scene
         self._batch = batch
         self._tumor = tumor

@@ -109,7 +109,7 @@ class MarginGuardScene:
                 opacity=_TUMOR_OPACITY,
                 parent=pose,
             )
-            self.margin = MarginDisplay(self.scene, self.batch, self.tumor, pose)
+            self.margin = MarginDisplay(self.scene, self.batch, self.tumor, pose, mesh.frame)
         return self.tumor
 
     def set_tumor(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
@@ -122,10 +122,10 @@ class MarginGuardScene:
         if self.tumor is None or self.margin is None:
             return self.add_tumor(mesh)
         self._require_nodes()
-        if self._pose_node(mesh.frame) is not self.tumor.GetParentTransformNode():
+        if mesh.frame != self.margin.frame:
             raise SceneError(
                 f"the new tumour is in frame {mesh.frame!r}: that of the present one, "
-                f"{self.tumor.GetParentTransformNode().GetName()}, wanted"
+                f"{self.margin.frame!r}, wanted"
             )
         with self._content():
             self.tumor.SetAndObservePolyData(smooth_surface(mesh))
@@ -202,10 +202,17 @@ class MarginGuardScene:
         A robot with no links at all is where nobody knows: it turns grey, and so does one that
         ``links`` had once and has no more. In a live scene
         ``now_ns`` is the present on the clock of the decision's stamp, as in `check`; a picture of
-        a moment takes none. Raises `SceneError` for the other way round, and without a tumour.
+        a moment takes none. Raises `SceneError` for the other way round, without a tumour, and for
+        a constraint that is not in the tumour's frame: its plane would be drawn elsewhere.
         """
         if self.margin is None:
             raise SceneError("a decision cannot be shown: the scene has no tumour yet")
+        constraint = decision.constraint
+        if constraint is not None and constraint.frame != self.margin.frame:
+            raise SceneError(
+                f"the constraint is in frame {constraint.frame!r}: the tumour's, "
+                f"{self.margin.frame!r}, wanted"
+            )
         for name in links:
             self._robot(name)
         if (now_ns is None) is not (self.watchdog is None):

@@ -189,13 +189,17 @@ def test_a_display_that_the_user_deleted_is_named(
 
 
 def constrained(
-    decision: FixtureDecision, *, current: bool = True, stamp_ns: int | None = None
+    decision: FixtureDecision,
+    *,
+    current: bool = True,
+    stamp_ns: int | None = None,
+    frame: str = "tumor",
 ) -> FixtureDecision:
     """``decision`` with planes 1 mm outside of the tumour, and the stamp of its data."""
     assert decision.proximity is not None
     return replace(
         decision,
-        constraint=constrain(decision.proximity, 1.0, frame="tumor"),
+        constraint=constrain(decision.proximity, 1.0, frame=frame),
         constraint_is_current=current,
         stamp=decision.stamp if stamp_ns is None else Stamp(stamp_ns),
     )
@@ -215,6 +219,17 @@ def test_plane_is_shown_where_it_is_known(shown: MarginGuardScene, decision: Dec
     assert not plane.GetDisplayNode().GetVisibility()
     shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     assert not plane.GetDisplayNode().GetVisibility()
+
+
+@pytest.mark.parametrize("current", [True, False])
+def test_planes_of_another_frame_are_refused(
+    shown: MarginGuardScene, decision: Decide, current: bool
+) -> None:
+    elsewhere = constrained(decision(MarginState.NEGATIVE, 9.0), current=current, frame="needle")
+    with pytest.raises(SceneError, match="constraint is in frame 'needle': the tumour's, 'tumor'"):
+        shown.show(elsewhere, {})
+    assert shown.margin.state is MarginState.UNKNOWN
+    assert not shown.margin.plane.node.GetDisplayNode().GetVisibility()
 
 
 def test_breaches_leave_marks_in_the_tumor(
