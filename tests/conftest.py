@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.browser import browser as browser
+
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -15,7 +15,6 @@ from tests.bridge.live.conftest import live_yaml as live_yaml
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, Watched
-from tests.viewer.conftest import browser as browser
 from tests.viewer.conftest import can_draw as can_draw
 
 SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"

@@ -1,4 +1,4 @@
-"""A served page, and Debian's Chromium to look at it."""
+"""A served page, and what watches it in the browser."""
 
 import os
 import subprocess
@@ -19,23 +19,12 @@ from playwright.sync_api import (
     Request,
     Route,
     ViewportSize,
-    sync_playwright,
 )
 
 from app.cli.replay_page import ReplayParts, replay_parts
 from app.scene import OffscreenError, use_offscreen_rendering
 from tests.viewer.viewed_case import write_viewed_case
 
-CHROMIUM = Path("/usr/bin/chromium")
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 SIZE = ViewportSize(width=1280, height=720)
 TOKEN = "only-for-this-test"
 DEADLINE_S = 120.0
@@ -124,16 +113,6 @@ def can_draw() -> None:
         use_offscreen_rendering()
     except OffscreenError as error:
         pytest.skip(str(error))
-
-
-@pytest.fixture(scope="module")  # Playwright's loop runs as long as it is open
-def browser() -> Iterator[Browser]:
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is not there: apt-get install chromium")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="session")
