@@ -161,21 +161,33 @@ def test_the_alarm_rings_in_a_breach_and_can_be_muted(page):
     go_to(page, 0)
     body = page.locator("body")
     expect(body).to_have_attribute("data-sound", "on")
-    before = int(body.get_attribute("data-alarm") or 0)
+    before = int(body.get_attribute("data-inside-rung") or 0)
     go_to(page, BREACH_FRAME)
-    page.wait_for_function("n => Number(document.body.dataset.alarm) > n + 1", arg=before)
+    page.wait_for_function("n => Number(document.body.dataset.insideRung) > n + 1", arg=before)
     tones = int(body.get_attribute("data-tones") or 0)
     assert tones > 0
     page.keyboard.press("m")
     expect(body).to_have_attribute("data-sound", "muted")
     expect(page.locator("#sound")).to_have_attribute("aria-pressed", "true")
     tones = int(body.get_attribute("data-tones"))
-    rung = int(body.get_attribute("data-alarm"))
-    page.wait_for_function("n => Number(document.body.dataset.alarm) > n + 1", arg=rung)
+    rung = int(body.get_attribute("data-inside-rung"))
+    page.wait_for_function("n => Number(document.body.dataset.insideRung) > n + 1", arg=rung)
     assert int(body.get_attribute("data-tones")) == tones
     page.locator("#sound").click()
     expect(body).to_have_attribute("data-sound", "on")
     go_to(page, 0)
+
+
+def test_a_low_tone_is_heard_when_what_was_known_is_lost(page):
+    go_to(page, 0)
+    expect(page.locator("#word")).to_have_text("CLEAR")
+    body = page.locator("body")
+    rung = int(body.get_attribute("data-unknown-rung") or 0)
+    go_to(page, LOST[0])
+    page.wait_for_function("n => Number(document.body.dataset.unknownRung) > n + 1", arg=rung)
+    go_to(page, 0)
+    expect(page.locator("#word")).to_have_text("CLEAR")
+    assert page.locator("body").get_attribute("data-sound") == "on"
 
 
 # A test double of a browser with a window: it keeps sound back until the page is clicked. What a

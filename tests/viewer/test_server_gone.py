@@ -1,10 +1,11 @@
 """A page whose server has died, stands still or has ended does not go on looking alive."""
 
+import re
 import signal
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, WebSocketRoute, expect
 
-from tests.viewer.conftest import watching
+from tests.viewer.conftest import SIZE, watching
 
 GREY = "rgb(128, 128, 128)"
 
@@ -43,3 +44,22 @@ def test_a_server_that_was_killed_is_lost(browser, serve, viewed_case):
         expect(watched.page.locator("#lost")).to_be_hidden()
         server.process.kill()
         check_lost(watched.page)
+        expect(watched.page.locator("body")).to_have_attribute("data-unknown-rung", re.compile("."))
+
+
+def test_a_page_that_is_not_heard_is_grey_although_heartbeats_come(browser, server):
+    """Nobody draws for a page that says nothing: the last picture would stay, green, for ever."""
+    heard = True
+
+    def connect(socket: WebSocketRoute) -> None:
+        above = socket.connect_to_server()
+        socket.on_message(lambda message: above.send(message) if heard else None)
+
+    context = browser.new_context(viewport=SIZE)
+    page = context.new_page()
+    page.route_web_socket("**/ws", connect)
+    page.goto(server.url)
+    page.wait_for_selector("body:not([data-lost]) #word")
+    heard = False
+    expect(page.locator("#lost strong")).to_have_text("PICTURE LATE")
+    context.close()

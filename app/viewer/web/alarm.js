@@ -1,14 +1,24 @@
-// The alarm: two tones while the tool is in the tumour, and once for a breach between two pictures.
+// The alarm: two high tones again and again while the tool is in the tumour, and once for a breach
+// between two pictures. A low tone, more slowly, while what was known is known no more.
 
-const PERIOD_MS = 600;
 const TONE_S = 0.18;
+const ALARMS = {
+  inside: { hertz: [880, 660], periodMs: 600 },
+  unknown: { hertz: [330], periodMs: 3000 },
+};
 
 export function soundAlarm(trame) {
   const context = new AudioContext();
   let muted = false;
-  let inside = false;
+  let known = false;
+  let alarm = "";
   let breaches = 0;
   let timer = null;
+
+  // For whoever tests it: a tone cannot be read back.
+  function count(name) {
+    document.body.dataset[name] = String(Number(document.body.dataset[name] ?? 0) + 1);
+  }
 
   function show() {
     const word = muted ? "muted" : context.state === "running" ? "on" : "blocked";
@@ -28,29 +38,35 @@ export function soundAlarm(trame) {
     source.stop(begin + TONE_S);
   }
 
-  function ring() {
-    document.body.dataset.alarm = String(Number(document.body.dataset.alarm ?? 0) + 1);
+  function ring(name) {
+    count(`${name}Rung`);
     if (muted || context.state !== "running") return;
-    document.body.dataset.tones = String(Number(document.body.dataset.tones ?? 0) + 1);
-    tone(880, 0);
-    tone(660, TONE_S);
+    count("tones");
+    ALARMS[name].hertz.forEach((hertz, n) => tone(hertz, n * TONE_S));
+  }
+
+  // What is the matter now; a page on which nothing was known yet has lost nothing.
+  function wanted(now) {
+    const isKnown = now.state !== "UNKNOWN" && !document.body.dataset.lost;
+    known ||= isKnown;
+    if (!isKnown) return known ? "unknown" : "";
+    return now.state === "POSITIVE" ? "inside" : "";
   }
 
   function listen() {
     const now = trame.state.get("now");
-    const was = inside;
-    inside = now.state === "POSITIVE";
     const missed = now.breaches > breaches;
     breaches = now.breaches;
-    if (inside && !was) {
-      ring();
+    const next = wanted(now);
+    if (next !== alarm) {
       clearInterval(timer);
-      timer = setInterval(ring, PERIOD_MS);
-    } else if (!inside && was) {
-      clearInterval(timer);
-    } else if (missed && !inside) {
-      ring();
+      alarm = next;
+      if (alarm) {
+        ring(alarm);
+        timer = setInterval(ring, ALARMS[alarm].periodMs, alarm);
+      }
     }
+    if (missed && alarm !== "inside") ring("inside");
   }
 
   async function allow() {
@@ -78,4 +94,5 @@ export function soundAlarm(trame) {
   });
   show();
   listen();
+  return listen;
 }

@@ -3,6 +3,6 @@ import { watchServer } from "./watch.js";
 import { soundAlarm } from "./alarm.js";
 import { listenToKeys } from "./keys.js";
 
-watchServer(window.trame);
-soundAlarm(window.trame);
+const listen = soundAlarm(window.trame);
+watchServer(window.trame, listen);
 listenToKeys(window.trame);

@@ -2,13 +2,17 @@
 // like a tool that is held still: when no heartbeat comes, the page itself turns grey and says so.
 
 const PATIENCE_MS = 1000;
+// A question and its answer pass through all that is queued both ways: what comes here is no older
+// than the last question that was answered. Drawing may hold an answer up for a while.
+const ANSWER_MS = 2000;
 const AREA = "stage";
 
-export function watchServer(trame) {
+export function watchServer(trame, onChange) {
   const page = crypto.randomUUID();
   const session = trame.client.getConnection().getSession();
   const began = performance.now();
   let heard = began; // the last heartbeat
+  let answered = began; // when the last question that has an answer was asked
   let complete = began; // the last time that no picture was missing
   let last = 0; // the number of the last picture here
   let connected = true;
@@ -21,7 +25,7 @@ export function watchServer(trame) {
   document.body.append(cover);
 
   function say(words, more) {
-    if (document.body.dataset.lost === words) return;
+    if ((document.body.dataset.lost ?? "") === words) return;
     if (words) {
       cover.querySelector("strong").textContent = words;
       cover.querySelector("span").textContent = more;
@@ -29,6 +33,7 @@ export function watchServer(trame) {
     } else {
       delete document.body.dataset.lost;
     }
+    onChange();
   }
 
   function judge() {
@@ -36,12 +41,19 @@ export function watchServer(trame) {
     if (!connected) say("CONNECTION LOST", "Nothing here is live any more.");
     else if (last === 0) say("CONNECTING", "Waiting for the first picture.");
     else if (now - heard > PATIENCE_MS) say("CONNECTION LOST", "The server does not answer.");
+    else if (now - answered > ANSWER_MS) say("PICTURE LATE", "What arrives here is old.");
     else if (now - complete > PATIENCE_MS) say("PICTURE LATE", "Pictures do not arrive in time.");
     else say("", "");
   }
 
   function tell() {
-    if (connected) session.call("marginguard.seen", [page, last]).catch(() => {});
+    if (!connected) return;
+    const asked = performance.now();
+    const note = () => {
+      answered = Math.max(answered, asked);
+    };
+    // Without an answer `judge` speaks.
+    session.call("marginguard.seen", [page, last]).then(note, () => {});
   }
 
   session.subscribe("marginguard.beat", ([beat]) => {
