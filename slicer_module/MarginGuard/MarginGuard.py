@@ -128,60 +128,6 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             with self._told():
                 self.logic.guard.set_patient_to_ras(patient_to_ras)
 
-    def on_connect(self, checked=False):
-        """Connect: guard live."""
-        with self._told():
-            self.logic.guard.connect(Path(self.ui.configPathLineEdit.currentPath))
-
-    def on_disconnect(self, checked=False):
-        """Disconnect: end the live session."""
-        with self._told():
-            self.logic.guard.disconnect()
-
-    def on_register(self, checked=False):
-        """Register: find a registration, from where the user chose."""
-        from MarginGuardLib.settings import FROM_CASE
-
-        with self._told():
-            if self.settings.registration_source == FROM_CASE:
-                self.logic.guard.register_case(Path(self.ui.registrationPathLineEdit.currentPath))
-            else:
-                self.logic.guard.register_landmarks(
-                    self.settings.fixed_points, self.settings.moving_points
-                )
-
-    def on_accept(self, checked=False):
-        """Accept: use the registration that was found."""
-        with self._told():
-            self.logic.guard.accept_registration()
-
-    def on_set_tumor(self, checked=False):
-        """Set tumour: guard the chosen surface."""
-        with self._told():
-            self.logic.guard.set_tumor(self.settings.tumor, self.settings.segment)
-
-    def on_apply_margins(self, checked=False):
-        """Apply margins: both, or neither."""
-        with self._told():
-            self.logic.guard.set_margins(self.settings.stop_mm, self.settings.warn_mm)
-
-    def on_rearm(self, checked=False):
-        """Re-arm: end the hold of an earlier fault."""
-        with self._told():
-            self.logic.guard.rearm()
-
-    def on_anterior_view(self, checked=False):
-        """Look from the front."""
-        self._look("ANTERIOR")
-
-    def on_left_view(self, checked=False):
-        """Look from the patient's left."""
-        self._look("LEFT")
-
-    def on_superior_view(self, checked=False):
-        """Look from above."""
-        self._look("SUPERIOR")
-
     def on_bullseye(self, checked=False):
         """Bullseye: follow the tool, or stay."""
         with self._told():
@@ -191,59 +137,65 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         """Mute the alarm, or not."""
         self.logic.guard.alarm.muted = checked
 
-    def on_load(self, checked=False):
-        """Load case: open it, and wait at its beginning."""
-        with self._told():
-            self.logic.guard.load_case(Path(self.ui.casePathLineEdit.currentPath))
-
-    def on_play(self, checked=False):
-        """Play."""
-        with self._told():
-            self.logic.guard.play()
-
-    def on_pause(self, checked=False):
-        """Pause."""
-        with self._told():
-            self.logic.guard.pause()
-
-    def on_step(self, checked=False):
-        """Step: one frame."""
-        with self._told():
-            self.logic.guard.step()
-
     def on_seek(self, seconds):
         """The seek slider was moved by the user."""
         with self._told():
             self.logic.guard.seek(seconds)
 
-    def _look(self, name):
+    def _connect_widgets(self):
         from app.scene import Preset
 
-        with self._told():
-            self.logic.guard.look(Preset[name])
-
-    def _connect_widgets(self):
         ui = self.ui
         ui.configPathLineEdit.filters = ctk.ctkPathLineEdit.Files
         ui.casePathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
         ui.registrationPathLineEdit.filters = ctk.ctkPathLineEdit.Dirs
-        ui.connectButton.clicked.connect(self.on_connect)
-        ui.disconnectButton.clicked.connect(self.on_disconnect)
-        ui.registerButton.clicked.connect(self.on_register)
-        ui.acceptButton.clicked.connect(self.on_accept)
-        ui.setTumorButton.clicked.connect(self.on_set_tumor)
-        ui.applyMarginsButton.clicked.connect(self.on_apply_margins)
-        ui.rearmButton.clicked.connect(self.on_rearm)
-        ui.anteriorViewButton.clicked.connect(self.on_anterior_view)
-        ui.leftViewButton.clicked.connect(self.on_left_view)
-        ui.superiorViewButton.clicked.connect(self.on_superior_view)
+        for button, command in (
+            (
+                ui.connectButton,
+                lambda guard: guard.connect(Path(ui.configPathLineEdit.currentPath)),
+            ),
+            (ui.disconnectButton, lambda guard: guard.disconnect()),
+            (ui.registerButton, self._register),
+            (ui.acceptButton, lambda guard: guard.accept_registration()),
+            (
+                ui.setTumorButton,
+                lambda guard: guard.set_tumor(self.settings.tumor, self.settings.segment),
+            ),
+            (
+                ui.applyMarginsButton,
+                lambda guard: guard.set_margins(self.settings.stop_mm, self.settings.warn_mm),
+            ),
+            (ui.rearmButton, lambda guard: guard.rearm()),
+            (ui.anteriorViewButton, lambda guard: guard.look(Preset.ANTERIOR)),
+            (ui.leftViewButton, lambda guard: guard.look(Preset.LEFT)),
+            (ui.superiorViewButton, lambda guard: guard.look(Preset.SUPERIOR)),
+            (ui.loadButton, lambda guard: guard.load_case(Path(ui.casePathLineEdit.currentPath))),
+            (ui.playButton, lambda guard: guard.play()),
+            (ui.pauseButton, lambda guard: guard.pause()),
+            (ui.stepButton, lambda guard: guard.step()),
+        ):
+            self._on_click(button, command)
         ui.bullseyeButton.clicked.connect(self.on_bullseye)
         ui.muteButton.clicked.connect(self.on_mute)
-        ui.loadButton.clicked.connect(self.on_load)
-        ui.playButton.clicked.connect(self.on_play)
-        ui.pauseButton.clicked.connect(self.on_pause)
-        ui.stepButton.clicked.connect(self.on_step)
         ui.seekSlider.valueChanged.connect(self.on_seek)
+
+    def _on_click(self, button, command):
+        """Call ``command(guard)`` at each click."""
+
+        def clicked(checked=False):
+            with self._told():
+                command(self.logic.guard)
+
+        button.clicked.connect(clicked)
+
+    def _register(self, guard):
+        """Find a registration, from where the user chose."""
+        from MarginGuardLib.settings import FROM_CASE
+
+        if self.settings.registration_source == FROM_CASE:
+            guard.register_case(Path(self.ui.registrationPathLineEdit.currentPath))
+        else:
+            guard.register_landmarks(self.settings.fixed_points, self.settings.moving_points)
 
     def _use_parameter_node(self):
         self.settings = self.logic.getParameterNode()
