@@ -110,11 +110,6 @@ class Player:
             self._rate = checked
             self._changed.set()
 
-    def set_loop(self, loop: bool) -> None:
-        """Whether to begin again at the end."""
-        with self._lock:
-            self._loop = loop
-
     def seek(self, seconds: float) -> None:
         """Go on with the first frame that is ``seconds`` or more after the recording's first.
 
