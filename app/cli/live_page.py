@@ -101,6 +101,17 @@ class Casting:
             self._cast, self._scene = cast, scene
             self._making = self._makers.submit(stop_surface, scene.tumor, scene.margins.stop_mm)
         if self._making is not None and self._making.done():
-            self._cast = replace(self._cast, margin=self._making.result())
+            self._cast = replace(self._cast, margin=_made(self._making))
             self._making = None
         return self._cast
+
+
+def _made(making: "Future[SurfaceMesh | None]") -> "SurfaceMesh | None":
+    """What was made; the guard does not end for want of a surface that is only looked at."""
+    from app.geometry import MarginGuardError
+
+    try:
+        return making.result()
+    except MarginGuardError as error:
+        print(f"no margin surface is shown: {error}", file=sys.stderr)
+        return None
