@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from app.fixture import MarginState
-from app.geometry import NS_PER_S, FloatArray
+from app.geometry import FloatArray
 
 WIDTH, HEIGHT = 1000.0, 100.0
 _LONGEST = 1500
@@ -42,7 +42,7 @@ def plot(
     low = float(min(known.min(initial=0.0) - 1.0, _LOWEST_MM))
     high = float(min(max(known.max(initial=0.0) + 1.0, 10.0), _HIGHEST_MM))
     scale = HEIGHT / (high - low)
-    y = (high - np.clip(mm, low, high)) * scale
+    y = (high - mm) * scale
     return {
         "curve": _curve(x, y),
         "bands": _bands(x, [point.state.name for point in points]),
@@ -55,7 +55,6 @@ def plot(
             for value in (0, 5, 10, 20)
             if low < value < high
         ],
-        "seconds": round(span_ns / NS_PER_S, 3),
     }
 
 

@@ -1,4 +1,4 @@
-"""What the page says beside the picture, as plain values: the picture's number is ``seq``."""
+"""What the page says beside the picture, as plain values."""
 
 from typing import Any
 

@@ -95,19 +95,10 @@ class ReplayControl:
         """Go to the frame at ``share`` (0 to 1) of the duration; a replay that plays goes on."""
         if not 0.0 <= share <= 1.0:
             raise ViewerError(f"seek to {share} of the recording: 0 to 1 wanted")
-        self._go(bisect_right(self._media_ns, round(share * self.duration_ns)) - 1)
-
-    def seek_frame(self, frame: int) -> None:
-        """Go to ``frame``; a replay that plays goes on."""
-        if not 0 <= frame < self.frames:
-            raise ViewerError(f"seek to frame {frame}: 0 to {self.frames - 1} wanted")
-        self._go(frame)
-
-    def _go(self, frame: int) -> None:
         self._follow()
-        self._frame = frame
+        self._frame = bisect_right(self._media_ns, round(share * self.duration_ns)) - 1
         if self._anchor is not None:
-            self._anchor = _Anchor(self._clock_ns(), self._media_ns[frame])
+            self._anchor = _Anchor(self._clock_ns(), self._media_ns[self._frame])
 
     def _follow(self) -> None:
         """Move on to where the clock is."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import trame_rca.module
 from aiohttp import web
@@ -30,6 +31,8 @@ from app.viewer.timeline import Timeline
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "stage"
+_MOST_PIXELS = 1920 * 1200
+"""Of a picture, however large the page is or says it is: the page stretches it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +42,11 @@ class Address:
     host: str
     port: int
     token: str
+
+    def url(self, port: int) -> str:
+        """What opens the page, token and all, where ``port`` is the one that was taken."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{port}/?token={quote(self.token, safe='')}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +113,7 @@ class Viewer:
         link = PageLink(lambda page, number: pictures.has(page, number))
         pictures = self._pictures = self._schedule(self._page.area, self._page, link.beat)
         adapter = RcaViewAdapter(self._page.area, _AREA, scheduler=pictures)
+        adapter.max_pixel_count = _MOST_PIXELS
         server = self._server
         server.add_protocol_to_configure(lambda protocol: protocol.registerLinkProtocol(link))
         server.controller.on_server_bind.add(lambda bound: self._open(bound.app, address))
@@ -117,7 +126,7 @@ class Viewer:
         server.controller.rc_area_register(adapter)
         drawing = asyncio.create_task(pictures.run())
         stopping = asyncio.create_task(self._stopped.wait())
-        on_ready(f"http://{address.host}:{server.port}/?token={address.token}")
+        on_ready(address.url(server.port))
         await asyncio.wait({serving, drawing, stopping}, return_when=asyncio.FIRST_COMPLETED)
         self._loop = None
         for task in (drawing, stopping):

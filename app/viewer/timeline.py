@@ -49,7 +49,6 @@ class ReplayTimeline:
             "frames": control.frames,
             "seconds": f"{control.time_ns(frame) / NS_PER_S:.2f}",
             "duration": f"{control.duration_ns / NS_PER_S:.2f}",
-            "share": round(share, 5),
             "cursor": round(WIDTH * share, 2),
             "playing": control.playing,
             "rate": control.rate,

@@ -71,6 +71,7 @@ def test_the_right_cookie_opens_the_page_which_may_ask_nobody_else(server):
     assert b"<html" in body
     assert "default-src 'self'" in headers["Content-Security-Policy"]
     assert "http:" not in headers["Content-Security-Policy"]
+    assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
 
 
 @pytest.mark.parametrize(

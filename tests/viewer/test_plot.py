@@ -38,6 +38,12 @@ def test_a_distance_is_where_its_scale_says():
     assert stroke[:, 1] == pytest.approx(wanted, abs=0.03)
 
 
+def test_what_is_far_away_leaves_the_picture_and_does_not_run_along_its_edge():
+    points = [Point(0, CLEAR, 5.0), Point(S, CLEAR, 60.0)]
+    (stroke,) = strokes(plot(points, [], 0, S)["curve"])
+    assert stroke[0, 1] > 0.0 > stroke[1, 1]
+
+
 def test_the_curve_has_a_gap_where_nothing_is_known():
     points = [Point(n * S, CLEAR, 3.0) for n in range(3)]
     points += [Point(3 * S, UNKNOWN, None)]

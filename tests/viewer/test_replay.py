@@ -86,7 +86,7 @@ def test_seeking_keeps_what_it_was_doing(control, clock):
     control.seek(0.5)
     assert (control.frame, control.playing) == (2, False)
     control.play()
-    control.seek_frame(1)
+    control.seek(STAMPS[1] / STAMPS[-1])
     clock.ns += 20 * MS
     assert (control.frame, control.playing) == (2, True)
 
@@ -96,12 +96,6 @@ def test_a_share_beyond_the_recording_is_refused(control, share):
     with pytest.raises(ViewerError, match="0 to 1 wanted"):
         control.seek(share)
     assert control.frame == 0
-
-
-@pytest.mark.parametrize("frame", [-1, 5])
-def test_a_frame_beyond_the_recording_is_refused(control, frame):
-    with pytest.raises(ViewerError, match="0 to 4 wanted"):
-        control.seek_frame(frame)
 
 
 def test_a_rate_that_is_not_offered_is_refused(control):
@@ -143,7 +137,7 @@ ACTIONS = st.lists(
         st.tuples(st.just("play"), st.just(0)),
         st.tuples(st.just("pause"), st.just(0)),
         st.tuples(st.just("step"), st.integers(-3, 3)),
-        st.tuples(st.just("frame"), st.integers(0, 30)),
+        st.tuples(st.just("seek"), st.integers(0, 30)),
     ),
     max_size=30,
 )
@@ -178,7 +172,7 @@ def test_any_hands_lead_where_a_slow_player_stands(gaps, actions):
             slow.playing = False
         else:
             frame = value % len(stamps)
-            control.seek_frame(frame)
+            control.seek(slow.due[frame] / max(slow.due[-1], 1))
             slow.frame, slow.media = frame, slow.due[frame]
             slow.playing = slow.playing and frame < len(stamps) - 1
         assert (control.frame, control.playing) == (slow.frame, slow.playing)

@@ -8,8 +8,8 @@ export function listenToKeys(trame) {
     if (event.key >= "1" && event.key <= String(looks.length)) {
       return trame.trigger("look", [looks[Number(event.key) - 1]]);
     }
-    if (event.key === "m") return window.marginguard.mute();
-    if (event.key === "s") return document.getElementById("screenshot").click();
+    if (event.key.toLowerCase() === "m") return window.marginguard.mute();
+    if (event.key.toLowerCase() === "s") return document.getElementById("screenshot").click();
     if (!replay) return undefined;
     if (event.key === " ") return trame.trigger("play");
     if (event.key === "ArrowLeft") return trame.trigger("step", [event.shiftKey ? -25 : -1]);
@@ -26,6 +26,7 @@ export function listenToKeys(trame) {
     if (at.matches?.("input[type=range], select")) return;
     if (event.key === " " && at.matches?.("button, a, input")) return;
     if (event.key === " " || event.key.startsWith("Arrow")) event.preventDefault();
-    act(event);
+    // Held down, only a step is meant again.
+    if (!event.repeat || event.key.startsWith("Arrow")) act(event);
   });
 }
