@@ -36,8 +36,8 @@ class UnknownInUiError(Exception):
 
 
 class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
-    contentsCollapsed = Signal(bool)  # noqa: N815
-    NATIVE: ClassVar[set[str]] = {"contentsCollapsed(bool)"}
+    # Its signal contentsCollapsed(bool) is left out: nobody listens, and each `emit` of a bool by
+    # PySide6 6.12 takes a reference of True or False that it does not own.
 
     def __init__(self, parent: QtWidgets.QWidget | None = None) -> None:
         super().__init__(parent)
@@ -47,7 +47,6 @@ class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
 
     def _set_collapsed(self, collapsed: bool) -> None:
         self._collapsed = collapsed
-        self.contentsCollapsed.emit(collapsed)
 
     collapsed = Property(bool, lambda self: self._collapsed, _set_collapsed)
 
