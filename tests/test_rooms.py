@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "fixture": {"geometry"},
     "session": {"geometry", "registration", "robot", "case", "fixture"},
     "bridge": {"geometry", "registration", "robot", "case", "fixture", "session"},
-    "scene": {"geometry", "robot", "fixture", "registration", "session"},
+    "scene": {"geometry", "robot", "fixture"},
     "report": {"geometry", "registration", "case", "fixture", "session"},
     "viewer": {"geometry", "registration", "robot", "case", "fixture", "session", "scene"},
 }
