@@ -29,16 +29,17 @@ def new_token() -> str:
 
 
 class Gate:
-    """Lets requests pass that carry ``token``: in the address once, then as a cookie.
+    """Lets requests pass that carry ``token``: in the address once, then a cookie for it.
 
     Pages, static files and the websocket alike; anything else is answered with 403 and no word.
     A request that another site's page sends has no business here either, cookie or not.
     """
 
     def __init__(self, token: str) -> None:
-        self._token = token.encode()
-        # Cookies are shared by the ports of a host: two viewers keep apart by the name.
-        self._cookie = f"marginguard_{secrets.token_hex(4)}"
+        self._token = token
+        # Cookies are shared by the ports of a host: two viewers keep apart by the name, and what
+        # other servers are sent is not the token.
+        self._cookie, self._pass = f"marginguard_{secrets.token_hex(4)}", new_token()
 
     def close(self, app: web.Application) -> None:
         """Put the gate before everything that ``app`` serves."""
@@ -50,9 +51,9 @@ class Gate:
             origin = request.headers.get("Origin")
             if origin is not None and urlsplit(origin).netloc != request.host:
                 return web.Response(status=403)
-            if self._is_token(request.query.get("token", "")):
+            if _same(request.query.get("token", ""), self._token):
                 return self._admitted(request)
-            if not self._is_token(request.cookies.get(self._cookie, "")):
+            if not _same(request.cookies.get(self._cookie, ""), self._pass):
                 return web.Response(status=403)
             response = await handler(request)
             if not response.prepared:
@@ -61,13 +62,12 @@ class Gate:
 
         return gate
 
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(errors="backslashreplace"), self._token)
-
     def _admitted(self, request: web.Request) -> web.Response:
         """To the page, without the token: an address is kept in places where no token belongs."""
         response = web.Response(status=303, headers={"Location": "index.html", **_HEADERS})
-        response.set_cookie(
-            self._cookie, self._token.decode(), httponly=True, samesite="Strict", path="/"
-        )
+        response.set_cookie(self._cookie, self._pass, httponly=True, samesite="Strict", path="/")
         return response
+
+
+def _same(given: str, secret: str) -> bool:
+    return hmac.compare_digest(given.encode(errors="backslashreplace"), secret.encode())

@@ -16,6 +16,7 @@ from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, Watched
 from tests.viewer.conftest import can_draw as can_draw
+from tests.viewer.test_server_gone import check_lost
 
 SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
 
@@ -72,6 +73,8 @@ def test_a_live_session_is_shown_and_is_grey_without_its_source(
     expect(page.locator(".lamps [data-light=valid]")).to_have_count(0)
     assert watched.left_machine() == []
     assert watched.complaints == []
-    context.close()
     live_server.process.send_signal(signal.SIGINT)
+    check_lost(page)
     assert live_server.process.wait() == 130
+    assert live_server.log.read_text().count("\n") == 1  # the range of ROS
+    context.close()

@@ -30,13 +30,14 @@ def asked(server: Server, path: str, **given: object) -> tuple[int, bytes, dict[
 
 
 def entry(server: Server) -> dict[str, str]:
-    """The cookie that the right token is answered with."""
+    """The cookie that the right token is answered with: not the token."""
     status, _, headers = asked(server, f"/?token={TOKEN}")
     assert status == 303
     assert TOKEN not in headers["Location"]
     words = headers["Set-Cookie"].split("; ")
     assert {"HttpOnly", "SameSite=Strict"} <= set(words)
     name, value = words[0].split("=", 1)
+    assert TOKEN not in value  # the browser sends it to other ports of the host as well
     return {name: value}
 
 

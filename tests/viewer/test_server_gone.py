@@ -22,7 +22,7 @@ def check_lost(page: Page) -> None:
     assert colour == GREY
 
 
-def test_a_server_that_stands_still_is_lost_until_it_goes_on_and_one_that_ends_is_lost(
+def test_a_server_that_stands_still_is_lost_until_it_goes_on_and_one_that_was_killed_is_lost(
     browser, serve, viewed_case
 ):
     server = serve(str(viewed_case))
@@ -30,21 +30,11 @@ def test_a_server_that_stands_still_is_lost_until_it_goes_on_and_one_that_ends_i
         expect(watched.page.locator("#lost")).to_be_hidden()
         server.process.send_signal(signal.SIGSTOP)
         check_lost(watched.page)
+        expect(watched.page.locator("body")).to_have_attribute("data-unknown-rung", re.compile("."))
         server.process.send_signal(signal.SIGCONT)
-        expect(watched.page.locator("#lost")).to_be_hidden()
-        server.process.send_signal(signal.SIGINT)
-        check_lost(watched.page)
-        assert server.process.wait() == 130
-        assert server.log.read_text() == ""
-
-
-def test_a_server_that_was_killed_is_lost(browser, serve, viewed_case):
-    server = serve(str(viewed_case))
-    with watching(browser, server) as watched:
         expect(watched.page.locator("#lost")).to_be_hidden()
         server.process.kill()
         check_lost(watched.page)
-        expect(watched.page.locator("body")).to_have_attribute("data-unknown-rung", re.compile("."))
 
 
 def test_a_page_that_is_not_heard_is_grey_although_heartbeats_come(browser, server):
