@@ -141,7 +141,9 @@ def faults(figures: dict[str, dict[str, float]]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="marginguard bench push", description=__doc__.split("\n\n")[0]
+    )
     parser.add_argument("--directions", type=int, default=200)
     parser.add_argument("--processes", type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument(

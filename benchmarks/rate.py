@@ -1,6 +1,6 @@
 """The constraint at 1 kHz for a minute, beside a session at 50 Hz, to another process.
 
-    python -m benchmarks.rate [--seconds 60] [--case data/recorded_case] [--json FILE]
+    marginguard bench rate [--seconds 60] [--case data/recorded_case] [--json FILE]
 
 Three processes at a time: one takes the steps of a session with the recorded case's frames, in real
 time, and sends the constraint 1000 times a second; one receives it as bytes; one sleeps from
@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from app.bridge.environment import prepare_environment
 
+CHECKOUT = Path(__file__).resolve().parents[1]
 RATE_HZ = 1000
 LEAST_MEAN_HZ = 999.0
 MOST_GAP_MS = 10.0
@@ -187,10 +188,12 @@ def tell(part: subprocess.Popen[str], word: str) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="marginguard bench rate",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", type=Path, default=Path("data/recorded_case"))
+    parser.add_argument("--case", type=Path, default=CHECKOUT / "data/recorded_case")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     found = run(options.seconds, options.case)

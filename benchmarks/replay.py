@@ -1,6 +1,6 @@
 """How long a replay of a recorded case takes, from the command to the last report file.
 
-    python -m benchmarks.replay [CASE] [--runs 5] [--json FILE]
+    marginguard bench replay [CASE] [--runs 5] [--json FILE]
 
 The whole command is run again and again, in processes of its own, without ROS. Told are its wall
 clock and processor time and its phases, of the fastest run: on a machine that does other work too,
@@ -64,10 +64,12 @@ def summary(runs: list[dict[str, Any]], duration_s: float) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print a table, and write the figures where they are wanted."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="marginguard bench replay", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("case", type=Path, nargs="?", default=CHECKOUT / "data/recorded_case")
-    parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--json", type=Path)
+    parser.add_argument("--runs", type=int, default=5, help="default: 5; the fastest counts")
+    parser.add_argument("--json", type=Path, help="write the figures there as well")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report"

@@ -1,6 +1,6 @@
 """How long one step of a session takes at 1 kHz: a tracker frame in, a decision out.
 
-    python -m benchmarks.session [--seconds 60] [--case data/recorded_case] [--json FILE]
+    marginguard bench session [--seconds 60] [--case data/recorded_case] [--json FILE]
 
 The recorded case's tumour, tool, robot and registration, with its frames interpolated to 1 kHz.
 Steps are paced by an absolute clock; a bare loop, paced alike in the same run, shows how late the
@@ -26,6 +26,7 @@ from app.geometry import FloatArray, Stamp, Transform
 from app.session import ProximityModel, Session, SessionSetup, setup_from_case
 from benchmarks.session_trajectory import Trajectory
 
+CHECKOUT = Path(__file__).resolve().parents[1]
 RATE_HZ = 1000
 MOST_STEP_MS = 1.0
 MOST_GROWTH_MB = 2.0
@@ -191,9 +192,13 @@ def failures(figures: Figures) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="marginguard bench session",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", type=Path, default=Path("data/recorded_case"))
+    parser.add_argument("--case", type=Path, default=CHECKOUT / "data/recorded_case")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     case = open_case(options.case)

@@ -1,6 +1,6 @@
 """What registration and calibration reach, each figure beside that of a peer in the same run.
 
-    python -m benchmarks.registration [--quick] [--only TOPIC] [--json FILE]
+    marginguard bench registration [--quick] [--only TOPIC] [--json FILE]
 
 Exit status 1 when a figure is not what is wanted of it.
 """

@@ -25,6 +25,7 @@ from playwright.sync_api import Browser, sync_playwright
 from benchmarks.view.results import Seen, failures, figures, ratios
 from benchmarks.view.stamps import READ_IN_PAGE
 
+CHECKOUT = Path(__file__).resolve().parents[2]
 CHROMIUM = "/usr/bin/chromium"
 ARGUMENTS = [
     "--no-sandbox",
@@ -68,10 +69,12 @@ def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> Seen:
 
 def main() -> int:
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="marginguard bench view",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", type=Path, default=Path("data/recorded_case"))
+    parser.add_argument("--case", type=Path, default=CHECKOUT / "data/recorded_case")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     with sync_playwright() as playwright:

@@ -4,6 +4,7 @@ Exit status: that of the benchmark; 1 when a figure is not what is wanted of it.
 """
 
 import argparse
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -35,10 +36,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it in a process of its own, so that nothing loaded here disturbs its figures."""
+    """Run it in a process of its own, so that nothing loaded here disturbs its figures.
+
+    It runs where the user is, so that paths among its options mean what they say, and finds its
+    code in the checkout alone.
+    """
     from app.geometry import InputError
 
     if not (CHECKOUT / "benchmarks").is_dir():
         raise InputError("there is no benchmarks folder: they run in a checkout of the project")
-    command = [sys.executable, "-m", BENCHMARKS[options.name], *options.options]
-    return subprocess.run(command, cwd=CHECKOUT, check=False).returncode
+    code = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
+    return subprocess.run(
+        [sys.executable, "-m", BENCHMARKS[options.name], *options.options],
+        env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
+        check=False,
+    ).returncode

@@ -1,0 +1,40 @@
+"""``marginguard bench``: it runs where the user is, with the code of the checkout."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+
+
+def test_a_relative_path_is_the_users_and_a_folder_of_our_name_is_not_ours(tmp_path):
+    pytest.importorskip("pinocchio")
+    (tmp_path / "benchmarks").mkdir()
+    (tmp_path / "benchmarks" / "kinematics.py").write_text("raise SystemExit(7)")
+    options = ("--samples", "1", "--json", "figures.json")
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "app.cli", "bench", "kinematics", *options],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "figures.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["replay", "session"])
+def test_each_help_names_the_command(name):
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "bench", name, "--help"],
+        cwd=CHECKOUT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.startswith(f"usage: marginguard bench {name} ")
