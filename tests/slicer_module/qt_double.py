@@ -28,17 +28,35 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from PySide6 import QtCore, QtGui, QtUiTools, QtWidgets
-from PySide6.QtCore import Property, Signal
+from PySide6.QtCore import Property
 
 
 class UnknownInUiError(Exception):
     """The .ui file names something that the real widgets do not have, as far as we know."""
 
 
-class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
-    # Its signal contentsCollapsed(bool) is left out: nobody listens, and each `emit` of a bool by
-    # PySide6 6.12 takes a reference of True or False that it does not own.
+class Signal:
+    """A signal of one widget. Each ``emit`` of PySide6 6.12's own, which gives True, takes a
+    reference of it that is nobody's: at last Python 3.11 aborts.
+    """
 
+    def __init__(self, widget: QtCore.QObject) -> None:
+        self._widget = widget
+        self._slots: list[Callable[[Any], object]] = []
+
+    def connect(self, slot: Callable[[Any], object]) -> None:
+        self._slots.append(slot)
+
+    def disconnect(self, slot: Callable[[Any], object]) -> None:
+        self._slots.remove(slot)
+
+    def emit(self, value: Any) -> None:
+        if not self._widget.signalsBlocked():
+            for slot in tuple(self._slots):
+                slot(value)
+
+
+class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
     def __init__(self, parent: QtWidgets.QWidget | None = None) -> None:
         super().__init__(parent)
         self._collapsed = False
@@ -54,12 +72,12 @@ class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
 class ctkPathLineEdit(QtWidgets.QLineEdit):  # noqa: N801
     """Says that its path has changed when there is such a path, as the real one."""
 
-    currentPathChanged = Signal(str)  # noqa: N815
     NATIVE: ClassVar[set[str]] = {"currentPathChanged(QString)"}
     Dirs, Files = 0x001, 0x002
 
     def __init__(self, parent: QtWidgets.QWidget | None = None) -> None:
         super().__init__(parent)
+        self.currentPathChanged = Signal(self)
         self._filters = 0
         self.textChanged.connect(self._on_text)
 
@@ -79,12 +97,12 @@ class ctkPathLineEdit(QtWidgets.QLineEdit):  # noqa: N801
 class ctkSliderWidget(QtWidgets.QWidget):  # noqa: N801
     """A slider in steps of a thousandth of its range, and its value beside it."""
 
-    valueChanged = Signal(float)  # noqa: N815
     NATIVE: ClassVar[set[str]] = {"valueChanged(double)", "setValue(double)"}
     _STEPS = 1000
 
     def __init__(self, parent: QtWidgets.QWidget | None = None) -> None:
         super().__init__(parent)
+        self.valueChanged = Signal(self)
         self._minimum, self._maximum, self._value = 0.0, 99.0, 0.0
         self._decimals, self._suffix, self._single_step = 2, "", 1.0
         self._tracking = True
@@ -122,8 +140,11 @@ class ctkSliderWidget(QtWidgets.QWidget):  # noqa: N801
 
 
 class qMRMLWidget(QtWidgets.QWidget):  # noqa: N801
-    mrmlSceneChanged = Signal(object)  # noqa: N815
     NATIVE: ClassVar[set[str]] = {"mrmlSceneChanged(vtkMRMLScene*)", "setMRMLScene(vtkMRMLScene*)"}
+
+    def __init__(self, parent: QtWidgets.QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.mrmlSceneChanged = Signal(self)
 
     def setMRMLScene(self, scene: Any) -> None:  # noqa: N802
         self.mrmlSceneChanged.emit(scene)
@@ -132,7 +153,6 @@ class qMRMLWidget(QtWidgets.QWidget):  # noqa: N801
 class qMRMLNodeComboBox(QtWidgets.QComboBox):  # noqa: N801
     """Its list is made anew whenever it is asked for a node."""
 
-    currentNodeChanged = Signal(object)  # noqa: N815
     NATIVE: ClassVar[set[str]] = {
         "currentNodeChanged(vtkMRMLNode*)",
         "setMRMLScene(vtkMRMLScene*)",
@@ -141,6 +161,7 @@ class qMRMLNodeComboBox(QtWidgets.QComboBox):  # noqa: N801
 
     def __init__(self, parent: QtWidgets.QWidget | None = None) -> None:
         super().__init__(parent)
+        self.currentNodeChanged = Signal(self)
         self.scene: Any = None
         self._node: Any = None
         self._types: list[str] = []

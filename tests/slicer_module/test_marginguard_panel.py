@@ -10,7 +10,7 @@ import slicer
 
 from app.fixture import MarginState
 from app.scene import Preset
-from tests.slicer_module.marginguard_module import CASE, FOLDER, UI, opened_case
+from tests.slicer_module.marginguard_module import CASE, FOLDER, PATIENCE_SPINS, UI, opened_case
 from tests.slicer_module.marginguard_module import application as application
 from tests.slicer_module.marginguard_module import desktop as desktop
 
@@ -212,7 +212,7 @@ def test_a_replayed_case_is_shown(panel, desktop, monkeypatch):
     monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened_case())
 
     def until(wanted):
-        for _ in range(3000):
+        for _ in range(PATIENCE_SPINS):
             panel.spin()
             if wanted():
                 return
