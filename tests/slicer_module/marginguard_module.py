@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 import slicer
 
+from tests.slicer_module.desktop import desktop_slicer
+
 FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "MarginGuard"
 UI = FOLDER / "Resources" / "UI" / "MarginGuard.ui"
 CASE = Path(__file__).resolve().parents[2] / "data" / "recorded_case"
@@ -48,21 +50,9 @@ def spin_until(guard: Any, wanted: Callable[[Any], bool]) -> Any:
 @pytest.fixture(scope="module")
 def desktop() -> Iterator[ModuleType]:
     """The module's file, loaded with TEST DOUBLES for what only desktop Slicer has."""
-    qt_double = pytest.importorskip(
-        "tests.slicer_module.qt_double",
-        reason="PySide6 cannot be loaded: apt install libegl1 libxkbcommon0 libfontconfig1",
-        exc_type=ImportError,
-    )
-    from tests.slicer_module import slicer_double
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("QT_QPA_PLATFORM", "offscreen")
-        application = qt_double.QApplication.instance() or qt_double.QApplication([])
-        for name, module in slicer_double.stand_ins().items():
-            patch.setitem(sys.modules, name, module)
+    with desktop_slicer():
         import MarginGuard
 
         yield MarginGuard
-        application.processEvents()
-        for name in ("MarginGuard", "MarginGuardLib.settings"):
-            sys.modules.pop(name, None)
+    for name in ("MarginGuard", "MarginGuardLib.settings"):
+        sys.modules.pop(name, None)

@@ -10,6 +10,7 @@ import slicer
 
 from app.scene import SceneApplication
 from tests.ros_domain import environment_of
+from tests.slicer_module.desktop import desktop_slicer
 
 FOLDER = Path(__file__).resolve().parents[2] / "slicer_module" / "ROS2"
 BUTTONS = {
@@ -22,23 +23,11 @@ BUTTONS = {
 @pytest.fixture(scope="module")
 def module():
     """ROS2.py, loaded as Slicer loads it."""
-    qt_double = pytest.importorskip(
-        "tests.slicer_module.qt_double",
-        reason="PySide6 cannot be loaded: apt install libegl1 libxkbcommon0 libfontconfig1",
-        exc_type=ImportError,
-    )
-    from tests.slicer_module import slicer_double
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("QT_QPA_PLATFORM", "offscreen")
-        application = qt_double.QApplication.instance() or qt_double.QApplication([])
-        for name, stand_in in slicer_double.stand_ins().items():
-            patch.setitem(sys.modules, name, stand_in)
+    with desktop_slicer():
         spec = importlib.util.spec_from_file_location("ROS2", FOLDER / "ROS2.py")
         found = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(found)
         yield found
-        application.processEvents()
 
 
 @pytest.fixture
