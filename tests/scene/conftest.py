@@ -3,6 +3,7 @@
 import importlib.metadata
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,10 @@ import pytest
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.robot import Joint, JointType, Link, Robot, Shape
-from app.scene import OffscreenError, use_offscreen_rendering
+from app.scene import MarginGuardScene, OffscreenError, ShownRobot, use_offscreen_rendering
+
+Decide = Callable[[MarginState, float | None], FixtureDecision]
+Fill = Callable[[MarginGuardScene], MarginGuardScene]
 
 BOX_FACES = np.array(
     [
@@ -122,6 +126,45 @@ def fixed() -> tuple[Transform, ...]:
     )
 
 
+@pytest.fixture
+def fill(
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    tool: SurfaceMesh,
+    arm: Robot,
+) -> Fill:
+    """Puts the whole case into a scene, and returns it."""
+
+    def put(scene: MarginGuardScene) -> MarginGuardScene:
+        scene.set_poses(edges, fixed)
+        scene.add_tumor(tumor)
+        scene.add_tool(tool)
+        scene.add_robot("arm", arm, "robot_base")
+        return scene
+
+    return put
+
+
+@pytest.fixture
+def moment_values(
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+    tumor: SurfaceMesh,
+    tool: SurfaceMesh,
+    arm: Robot,
+) -> dict[str, Any]:
+    """All of a `Moment` of the case but its decision; the arm is stretched out."""
+    return {
+        "tumor": tumor,
+        "tool": tool,
+        "tip_frame": "cautery_tip",
+        "measured": edges,
+        "fixed": fixed,
+        "robot": ShownRobot(arm, "robot_base", arm.forward_kinematics({})),
+    }
+
+
 def build_decision(state: MarginState, distance_mm: float | None) -> FixtureDecision:
     proximity = None
     if distance_mm is not None:
@@ -133,7 +176,7 @@ def build_decision(state: MarginState, distance_mm: float | None) -> FixtureDeci
 
 
 @pytest.fixture(scope="session")
-def decision() -> Callable[[MarginState, float | None], FixtureDecision]:
+def decision() -> Decide:
     """A decision whose closest points lie on the tumour's +z axis."""
     return build_decision
 

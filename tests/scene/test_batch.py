@@ -1,7 +1,6 @@
 """Events counted by observers: one a node that changed, one drawing, whatever happened between."""
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,8 @@ from trame_slicer.views import ThreeDView
 from trame_slicer.views.render_scheduler import DirectRendering
 from vtkmodules.vtkCommonCore import vtkCommand
 
-from app.fixture import FixtureDecision, MarginState, constrain
-from app.geometry import SurfaceMesh, Transform
+from app.fixture import MarginState, constrain
+from app.geometry import Transform
 from app.robot import Robot
 from app.scene import (
     Batch,
@@ -21,8 +20,8 @@ from app.scene import (
     draw_once_an_update,
     use_offscreen_rendering,
 )
+from tests.scene.conftest import Decide, Fill
 
-Decide = Callable[[MarginState, float | None], FixtureDecision]
 TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
 
 
@@ -58,20 +57,8 @@ def application() -> SceneApplication:
 
 
 @pytest.fixture
-def scene(
-    application: SceneApplication,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-) -> MarginGuardScene:
-    scene = MarginGuardScene(application.scene, logic=application.logic)
-    scene.set_poses(edges, fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
-    scene.add_robot("arm", arm, "robot_base")
-    return scene
+def scene(application: SceneApplication, fill: Fill) -> MarginGuardScene:
+    return fill(MarginGuardScene(application.scene, logic=application.logic))
 
 
 def test_every_transform_that_moved_tells_it_once(

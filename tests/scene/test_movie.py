@@ -1,44 +1,29 @@
 from collections.abc import Callable
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from app.cli.commands.replay import PICTURES_PER_S
-from app.fixture import FixtureDecision, MarginState
-from app.geometry import SurfaceMesh, Transform
-from app.robot import Robot
-from app.scene import Moment, MomentScene, ShownRobot, movie_gif
+from app.fixture import MarginState
+from app.geometry import Transform
+from app.scene import Moment, MomentScene, movie_gif
 from app.scene.convert import world_matrix
 from app.scene.movie import PICTURE_MS
+from tests.scene.conftest import Decide
 
 SIZE = (320, 200)
 BANNER = 40
-Decide = Callable[[MarginState, float | None], FixtureDecision]
 Make = Callable[..., Moment]
 
 
 @pytest.fixture
-def moment(
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-    decision: Decide,
-) -> Make:
+def moment(moment_values: dict[str, Any], decision: Decide) -> Make:
     def make(state: MarginState, distance_mm: float | None = -2.0, **changes: object) -> Moment:
-        values: dict[str, object] = {
-            "decision": decision(state, distance_mm),
-            "tumor": tumor,
-            "tool": tool,
-            "tip_frame": "cautery_tip",
-            "measured": edges,
-            "fixed": fixed,
-            "robot": ShownRobot(arm, "robot_base", arm.forward_kinematics({})),
-        }
-        return Moment(**{**values, **changes})  # type: ignore[arg-type]
+        judged = {"decision": decision(state, distance_mm)}
+        return Moment(**{**moment_values, **judged, **changes})
 
     return make
 

@@ -1,12 +1,13 @@
 from collections.abc import Callable
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from slicer import vtkMRMLScene
 
-from app.fixture import FixtureDecision, MarginState
+from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene import (
@@ -19,36 +20,24 @@ from app.scene import (
     scene_png,
 )
 from app.scene.pixels import png, text_strip
+from tests.scene.conftest import Decide
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
 pytestmark = pytest.mark.usefixtures("can_draw")
-Decide = Callable[[MarginState, float | None], FixtureDecision]
 Draw = Callable[..., np.ndarray]
 
 
 @pytest.fixture
-def draw(
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-    decision: Decide,
-) -> Draw:
+def draw(moment_values: dict[str, Any], arm: Robot, decision: Decide) -> Draw:
     """Draws the case in a state; returns the picture without the banner, values from 0 to 1."""
 
     def build(state: MarginState = MarginState.POSITIVE, **changes: object) -> np.ndarray:
         links = arm.forward_kinematics({"shoulder": 0.9, "elbow": 0.6})
-        values: dict[str, object] = {
+        judged = {
             "decision": decision(state, -2.0),
-            "tumor": tumor,
-            "tool": tool,
-            "tip_frame": "cautery_tip",
-            "measured": edges,
-            "fixed": fixed,
             "robot": ShownRobot(arm, "robot_base", links),
         }
-        moment = Moment(**{**values, **changes})  # type: ignore[arg-type]
+        moment = Moment(**{**moment_values, **judged, **changes})
         picture = imread(BytesIO(moment_png(moment, SIZE)))
         assert picture.shape[:2] == SIZE[::-1]
         return picture[64:, :, :3]

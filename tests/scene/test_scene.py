@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,24 +11,12 @@ from app.robot import Robot
 from app.scene import MarginGuardScene, SceneError
 from app.scene.convert import world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
-
-Decide = Callable[[MarginState, float | None], FixtureDecision]
+from tests.scene.conftest import Decide, Fill
 
 
 @pytest.fixture
-def shown(
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-) -> MarginGuardScene:
-    scene = MarginGuardScene(vtkMRMLScene())
-    scene.set_poses(edges, fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
-    scene.add_robot("arm", arm, "robot_base")
-    return scene
+def shown(fill: Fill) -> MarginGuardScene:
+    return fill(MarginGuardScene(vtkMRMLScene()))
 
 
 def test_names_are_those_of_slicer_igt(shown: MarginGuardScene) -> None:
@@ -276,19 +263,8 @@ STALE_NS = 200_000_000
 
 
 @pytest.fixture
-def live(
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-) -> MarginGuardScene:
-    scene = MarginGuardScene(vtkMRMLScene(), stale_after_ns=STALE_NS)
-    scene.set_poses(edges, fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
-    scene.add_robot("arm", arm, "robot_base")
-    return scene
+def live(fill: Fill) -> MarginGuardScene:
+    return fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=STALE_NS))
 
 
 def assert_shown_stale(scene: MarginGuardScene, why: str) -> None:

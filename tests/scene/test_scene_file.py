@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 from trame_slicer.core import SlicerApp
 
-from app.fixture import FixtureDecision, MarginState
-from app.geometry import SurfaceMesh, Transform
+from app.fixture import MarginState
+from app.geometry import Transform
 from app.robot import Robot
 from app.scene import MarginGuardScene, SceneApplication, SceneError, load_scene, save_scene
+from tests.scene.conftest import Decide, Fill
 from tests.scene.scene_content import content
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,19 +34,9 @@ def application() -> SceneApplication:
 
 @pytest.fixture
 def shown(
-    application: SceneApplication,
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-    decision: Callable[[MarginState, float | None], FixtureDecision],
+    application: SceneApplication, fill: Fill, arm: Robot, decision: Decide
 ) -> MarginGuardScene:
-    scene = MarginGuardScene(application.scene)
-    scene.set_poses(edges, fixed)
-    scene.add_tumor(tumor)
-    scene.add_tool(tool)
-    scene.add_robot("arm", arm, "robot_base")
+    scene = fill(MarginGuardScene(application.scene))
     links = arm.forward_kinematics({"shoulder": 0.7, "elbow": -0.4})
     scene.show(decision(MarginState.POSITIVE, -3.25), {"arm": links})
     return scene

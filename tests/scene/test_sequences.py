@@ -1,6 +1,5 @@
 """Sequences as MRML writes them, played by MRML, and read by the reader of cases."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene, vtkMRMLSequenceNode
 
 from app.case import read_mrml
-from app.fixture import FixtureDecision, MarginState, Reason
+from app.fixture import MarginState, Reason
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.robot import Robot
 from app.scene import (
@@ -20,6 +19,7 @@ from app.scene import (
     save_scene,
 )
 from app.scene.convert import vtk_matrix, world_matrix
+from tests.scene.conftest import Decide
 
 COUNT = 40
 NOW = 25
@@ -72,7 +72,7 @@ def shown(
     fixed: tuple[Transform, ...],
     tumor: SurfaceMesh,
     tool: SurfaceMesh,
-    decision: Callable[[MarginState, float | None], FixtureDecision],
+    decision: Decide,
 ) -> MarginGuardScene:
     scene = MarginGuardScene(SceneApplication(vtkMRMLScene()).scene)
     scene.set_poses([sample.transform for sample in frames[NOW] if sample.transform], fixed)

@@ -1,6 +1,5 @@
 """What a surgeon sees of a state, with all of the scene's nodes shown: pixels of a small view."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +11,9 @@ from app.geometry import Stamp, SurfaceMesh, Transform
 from app.scene import MarginGuardScene, SceneApplication, bullseye, forward_of, offscreen_view
 from app.scene.convert import world_matrix, world_points
 from app.scene.framing import fit
+from tests.scene.conftest import Decide
 
 pytestmark = pytest.mark.usefixtures("can_draw")
-Decide = Callable[[MarginState, float | None], FixtureDecision]
 NOW_NS, STALE_NS = 10**12, 200_000_000
 
 
