@@ -5,8 +5,6 @@ lost, and how, stands in an attribute of the sequence. `app.case` reads both aga
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from decimal import Decimal
 from typing import TypeVar
 
 from slicer import (
@@ -20,19 +18,13 @@ from slicer import (
 )
 
 from app.fixture import MarginState, Reason
-from app.geometry import (
-    NS_PER_S,
-    TrackedTransform,
-    TrackingStatus,
-    Transform,
-    join_transform_name,
-)
+from app.geometry import NS_PER_S, TrackedTransform
 from app.scene.convert import vtk_matrix
 from app.scene.errors import SceneError
-from app.scene.frame_graph import poses_in
 from app.scene.models import Rgb
 from app.scene.scene import TOOL_COLOR, MarginGuardScene
 from app.scene.shown_margin import banner
+from app.scene.tracks import SAME_INDEX_S, Track, index_text, tracks_of
 
 BROWSER_NAME = "MarginGuard"
 CLOCK_NAME = "ReplayTime"
@@ -42,14 +34,10 @@ LOST_ATTRIBUTE = "MarginGuard.Lost"
 DERIVED_ATTRIBUTE = "MarginGuard.Derived"
 """Marks a sequence that was computed of measured ones: it moves the scene, it is no measurement."""
 
-MOST_ITEMS = 200_000
-"""Poses of all sequences together. MRML makes a node of each, and so does who loads the scene."""
-
 Judged = tuple[int, MarginState, tuple[Reason, ...]]
 """A stamp in ns, what was judged then, and why."""
 
 _T = TypeVar("_T")
-_SAME_INDEX_S = 1e-9
 
 
 def add_sequences(
@@ -66,10 +54,10 @@ def add_sequences(
     banner follow the states, grey before the first; distance, line, plane and robots are known,
     and shown, at ``now_ns`` alone.
     Raises `SceneError`, and adds nothing, where times do not rise, for sequences are ordered by
-    time, for more than `MOST_ITEMS` poses, and for a recording without a good sample of the frames
-    in the scene.
+    time, for more than `app.scene.tracks.MOST_ITEMS` poses, and for a recording without a good
+    sample of the frames in the scene.
     """
-    tracks = _tracks(scene, frames)
+    tracks = tracks_of(scene, frames)
     played = {name: track for name, track in tracks.items() if track.node is not None}
     if not played:
         raise SceneError("the recording has no good sample of the frames in the scene")
@@ -88,82 +76,19 @@ def add_sequences(
         _play(browser, sequences[name], track.node)
     for sequence, node in _margin(scene, list(states), stamps, now_ns):
         _play(browser, sequence, node)
-    browser.SetSelectedItemByIndexValue(_index(now_ns), False)
+    browser.SetSelectedItemByIndexValue(index_text(now_ns), False)
     return browser
 
 
-@dataclass(slots=True)
-class _Track:
-    """One edge over time, by stamp in ns; ``node`` shows it, where one does."""
-
-    derived: bool
-    node: vtkMRMLLinearTransformNode | None
-    poses: dict[int, Transform] = field(default_factory=dict)
-    lost: dict[int, TrackingStatus] = field(default_factory=dict)
-
-
-def _tracks(
-    scene: MarginGuardScene, frames: Iterable[Sequence[TrackedTransform]]
-) -> dict[str, _Track]:
-    """Every edge with a good sample, by its name."""
-    measured: dict[str, _Track] = {}
-    derived: dict[str, _Track] = {}
-    first_ns = last_ns = None
-    for samples in frames:
-        if not samples:
-            continue
-        ns = samples[0].stamp.ns
-        first_ns = ns if first_ns is None else first_ns
-        if last_ns is not None and ns / NS_PER_S - last_ns / NS_PER_S <= _SAME_INDEX_S:
-            raise SceneError(
-                f"a frame at {_index(ns)} s comes after one at {_index(last_ns)} s: sequences are "
-                "ordered by time, which is a double"
-            )
-        last_ns = ns
-        for sample in samples:
-            track = _track(measured, scene, sample.target, sample.source)
-            if sample.transform is None:
-                track.lost[ns] = sample.status
-            else:
-                track.poses[ns] = sample.transform
-        known = [sample.transform for sample in samples if sample.transform is not None]
-        for frame, pose in poses_in(scene.reference, known).items():
-            if frame != scene.reference and scene.tree.node(frame) is not None:
-                _track(derived, scene, scene.reference, frame, derived=True).poses[ns] = pose
-        if sum(len(track.poses) for track in (*measured.values(), *derived.values())) > MOST_ITEMS:
-            raise SceneError(
-                f"the recording is longer than {_index(ns - first_ns)} s: "
-                f"{MOST_ITEMS} poses are allowed in a scene, which takes 9 kB for each"
-            )
-    # A pose that was measured as the node shows it is not told twice.
-    return derived | {name: track for name, track in measured.items() if track.poses}
-
-
-def _track(
-    tracks: dict[str, _Track],
-    scene: MarginGuardScene,
-    target: str,
-    source: str,
-    *,
-    derived: bool = False,
-) -> _Track:
-    name = join_transform_name(source, target)
-    if name not in tracks:
-        node = scene.tree.node(source)
-        shown = node is not None and node.GetName() == name
-        tracks[name] = _Track(derived, node if shown else None)
-    return tracks[name]
-
-
-def _transforms(scene: vtkMRMLScene, name: str, track: _Track) -> vtkMRMLSequenceNode:
+def _transforms(scene: vtkMRMLScene, name: str, track: Track) -> vtkMRMLSequenceNode:
     node = vtkMRMLLinearTransformNode()  # the sequence keeps copies
     node.SetName(name)
     sequence = _sequence(scene, name)
     for ns, pose in track.poses.items():
         node.SetMatrixTransformToParent(vtk_matrix(pose))
-        sequence.SetDataNodeAtValue(node, _index(ns))
+        sequence.SetDataNodeAtValue(node, index_text(ns))
     if track.lost:
-        lost = " ".join(f"{_index(ns)}={status.name}" for ns, status in track.lost.items())
+        lost = " ".join(f"{index_text(ns)}={status.name}" for ns, status in track.lost.items())
         sequence.SetAttribute(LOST_ATTRIBUTE, lost)
     if track.derived:
         sequence.SetAttribute(DERIVED_ATTRIBUTE, "true")
@@ -222,7 +147,7 @@ def _texts(scene: vtkMRMLScene, name: str, texts: Mapping[int, str]) -> vtkMRMLS
     node = vtkMRMLTextNode()
     for ns in sorted(texts):
         node.SetText(texts[ns])
-        sequence.SetDataNodeAtValue(node, _index(ns))
+        sequence.SetDataNodeAtValue(node, index_text(ns))
     return sequence
 
 
@@ -239,7 +164,7 @@ def _displays(
             display.SetVisibility(change)
         else:
             display.SetColor(*change)
-        sequence.SetDataNodeAtValue(display, _index(ns))
+        sequence.SetDataNodeAtValue(display, index_text(ns))
     return sequence
 
 
@@ -249,7 +174,7 @@ def _sequence(scene: vtkMRMLScene, source: str) -> vtkMRMLSequenceNode:
     sequence.SetAttribute("Sequences.Source", source)
     sequence.SetIndexName("time")
     sequence.SetIndexUnit("s")
-    sequence.SetNumericIndexValueTolerance(_SAME_INDEX_S)
+    sequence.SetNumericIndexValueTolerance(SAME_INDEX_S)
     return sequence
 
 
@@ -260,8 +185,3 @@ def _play(
     browser.AddSynchronizedSequenceNode(sequence.GetID())
     browser.AddProxyNode(node, sequence, False)
     browser.EndModify(modifying)
-
-
-def _index(ns: int) -> str:
-    """Nanoseconds as decimal seconds, exactly."""
-    return f"{Decimal(ns).scaleb(-9):f}"

@@ -269,7 +269,7 @@ def test_what_is_no_sequence_is_refused_and_adds_nothing(
     with pytest.raises(SceneError, match="no good sample"):
         add_sequences(shown, [], [], stamp(0).ns)
     # Three edges, and the three poses in the reference that come of them.
-    monkeypatch.setattr("app.scene.sequences.MOST_ITEMS", 18)
+    monkeypatch.setattr("app.scene.tracks.MOST_ITEMS", 18)
     with pytest.raises(SceneError, match=r"longer than 0\.060000003 s: 18 poses are allowed"):
         add_sequences(shown, frames, [], stamp(0).ns)
     assert shown.scene.GetNumberOfNodes() == before
