@@ -90,22 +90,13 @@ def _replay(options: argparse.Namespace, received: Received) -> int:
 def _played(options: argparse.Namespace, received: Received, painter: ScenePainter | None) -> int:
     watch = Stopwatch()
     from app import __version__
-    from app.case import Player, check_place, open_case, write_small
-    from app.geometry import InputError
-    from app.report import all_passed, check_writable, summarise, write_report
+    from app.case import Player, open_case, write_small
+    from app.report import all_passed, summarise, write_report
     from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
     watch.lap("load the program")
+    _check(options)
     wanted = _wanted(options)
-    if options.loop and (options.rate is None or wanted):
-        raise InputError(
-            "--loop is for watching: it takes --rate, and no --report, --save-scene or --movie"
-        )
-    if options.report is not None:
-        check_writable(options.report)
-    for path in (options.save_scene, options.movie):
-        if path is not None:
-            check_place(path)
     opened = open_case(options.case, package_dirs=options.package_dirs)
     case, clock = with_estimated_clock(with_repaired_tumor(opened))
     watch.lap("open the case")
@@ -143,6 +134,23 @@ def _played(options: argparse.Namespace, received: Received, painter: ScenePaint
         watch.tell()
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
     return 0 if all_passed(summary) else 1
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse, before anything is read, what could not be done or not be written in the end."""
+    from app.case import check_place
+    from app.geometry import InputError
+    from app.report import check_writable
+
+    if options.loop and (options.rate is None or _wanted(options)):
+        raise InputError(
+            "--loop is for watching: it takes --rate, and no --report, --save-scene or --movie"
+        )
+    if options.report is not None:
+        check_writable(options.report)
+    for path in (options.save_scene, options.movie):
+        if path is not None:
+            check_place(path)
 
 
 def _wanted(options: argparse.Namespace) -> tuple[str, ...]:
