@@ -23,7 +23,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.subscription import Subscription
 
-from app.bridge.errors import BridgeError
+from app.bridge.errors import BridgeError, reason_of
 from app.bridge.qos import Topic
 from app.geometry import NS_PER_S
 
@@ -62,8 +62,7 @@ class RosNode:
             self.node = make_node(name, context=self._context, namespace=namespace)
         except Exception as error:  # rclpy raises several unrelated types here
             self._context.try_shutdown()
-            reason = " ".join(str(error).split())
-            raise BridgeError(f"ROS node {name!r} cannot be started: {reason}") from error
+            raise BridgeError(f"ROS node {name!r} cannot be started: {reason_of(error)}") from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._publishers: list[tuple[Topic, Publisher]] = []

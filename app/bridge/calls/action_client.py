@@ -23,6 +23,7 @@ from app.bridge.calls.pending import Pending
 from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, wait_until_there
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import action_type
+from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 
 _CANCEL_S = 2.0
@@ -93,8 +94,7 @@ class ActionClient:
         try:
             self._client = RosActionClient(ros.node, self.type, name)
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            reason = " ".join(str(error).split())
-            raise CallError(f"no client for an action {name!r}: {reason}") from error
+            raise CallError(f"no client for an action {name!r}: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
         self.late_goals = 0
         self._closed = False

@@ -13,6 +13,7 @@ from rclpy.task import Future
 from app.bridge.calls.errors import CallError
 from app.bridge.calls.service_server import failed
 from app.bridge.convert.types import action_type
+from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
@@ -103,8 +104,7 @@ class ActionServer:
                 result_timeout=_RESULT_KEPT_S,
             )
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            reason = " ".join(str(error).split())
-            raise CallError(f"no action {name!r}: {reason}") from error
+            raise CallError(f"no action {name!r}: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
         self._idle = threading.Event()
         self._idle.set()

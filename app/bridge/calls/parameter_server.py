@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 
 from app.bridge.calls.errors import CallError
 from app.bridge.calls.parameter_values import Plain, plain_value
+from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
@@ -109,8 +110,9 @@ class ParameterServer:
             try:
                 declared = ros.node.declare_parameter(name, each.value, each.descriptor())
             except Exception as error:  # rclpy has an unrelated type for each way to refuse
-                reason = " ".join(str(error).split())
-                raise CallError(f"parameter {name} cannot be declared: {reason}") from error
+                raise CallError(
+                    f"parameter {name} cannot be declared: {reason_of(error)}"
+                ) from error
             started[name] = plain_value(declared.get_parameter_value())
         reason = self._take(started)
         if reason:

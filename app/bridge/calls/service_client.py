@@ -13,6 +13,7 @@ from app.bridge.calls.pending import Pending
 from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, wait_until_there
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import service_type
+from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 
 _SETTLE_S = 0.1
@@ -36,8 +37,7 @@ class ServiceClient:
         try:
             self._client = ros.node.create_client(self.type, name)
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            reason = " ".join(str(error).split())
-            raise CallError(f"no client for a service {name!r}: {reason}") from error
+            raise CallError(f"no client for a service {name!r}: {reason_of(error)}") from error
         self.name = str(self._client.service_name)
         self.late_replies = 0
         self.forgotten = 0

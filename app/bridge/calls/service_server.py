@@ -10,6 +10,7 @@ from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError
 from app.bridge.convert.types import service_type
+from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
@@ -48,8 +49,7 @@ class ServiceServer:
                 callback_group=ReentrantCallbackGroup() if in_thread else None,
             )
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            reason = " ".join(str(error).split())
-            raise CallError(f"no service {name!r}: {reason}") from error
+            raise CallError(f"no service {name!r}: {reason_of(error)}") from error
         self.name = str(self._service.service_name)
 
     def close(self) -> None:

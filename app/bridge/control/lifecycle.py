@@ -22,6 +22,7 @@ from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 
+from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
@@ -176,7 +177,6 @@ class _StateMachine(LifecycleNode):
         try:
             return serve(request, response)
         except RuntimeError as error:
-            reason = " ".join(str(error).split())
-            self._log.warning(f"transition {request.transition.id} refused: {reason}")
+            self._log.warning(f"transition {request.transition.id} refused: {reason_of(error)}")
             response.success = False
             return response

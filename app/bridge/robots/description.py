@@ -27,8 +27,6 @@ from app.bridge.robots.settings import DEFAULT_NODE, DESCRIPTION, RobotSettings
 from app.geometry import MarginGuardError
 from app.robot import Robot, bodies_from_mesh_map, robot_from_text
 
-LoadText = Callable[[str], Robot]
-
 MAX_MESSAGE_BYTES = 9 * 1024 * 1024
 _LOOK_AGAIN_S = 0.5
 _CALL_TIMEOUT_S = 5.0

@@ -9,6 +9,7 @@ from slicer import vtkMRMLScene, vtkMRMLScriptedModuleNode
 from std_msgs.msg import Header
 
 from app.bridge import RosNode, prepare_environment
+from app.bridge.errors import reason_of
 from app.bridge.messages import time_message
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.broadcaster import TfBroadcaster
@@ -136,7 +137,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
         except MarginGuardError:
             raise
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            raise Ros2Error(f"no name {name!r}: {' '.join(str(error).split())}") from error
+            raise Ros2Error(f"no name {name!r}: {reason_of(error)}") from error
 
     def adopt(self, member: Member, names: tuple[str, ...]) -> None:
         """Take a member on; raises `MarginGuardError` when that is refused."""
