@@ -10,10 +10,10 @@ if TYPE_CHECKING:
 
 
 class Member:
-    """Mixed into a class of MRML nodes; `ROLE` and `_key` say which of its ROS node's it is.
+    """Mixed into a class of MRML nodes; `ROLE` and `key` say which of its ROS node's it is.
 
     A subclass gives `_start` (join the graph; raises `MarginGuardError`), `_stop` (leave it) and
-    `_spin` (bring what has come into the scene, in the thread that owns it).
+    `spin` (bring what has come into the scene, in the thread that owns it).
     """
 
     ROLE = ""
