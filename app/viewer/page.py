@@ -30,6 +30,7 @@ class Page:
         self._drawn: object = None
         state.now = {**readout(None), **timeline.at(None), "number": 0}
         state.look = ""
+        state.plot = None  # a name that comes later is never drawn by a page that is open
 
     def prepare(self) -> bool:
         """Bring the scene to the present; whether that changed anything."""

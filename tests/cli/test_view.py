@@ -1,5 +1,6 @@
 """``marginguard view``: what it refuses, and a live session in the browser."""
 
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -66,6 +67,7 @@ def test_a_live_session_is_shown_and_is_grey_without_its_source(
     sender = start(str(SENDER), str(frames_file), "tracked", "again")
     expect(word).to_have_text("IN TUMOUR", timeout=30_000)
     expect(page.locator("#distance")).to_contain_text("\N{MINUS SIGN}")
+    expect(page.locator("#timeline .curve")).to_have_attribute("d", re.compile("^M.*L"))
     assert page.locator(".lamps [data-light=valid]").count() == 3
     sender.end(signal.SIGKILL)
     expect(word).to_have_text("UNKNOWN")
