@@ -26,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "case", type=Path, nargs="?", metavar="CASE", help="folder with a case.yaml, to be replayed"
     )
     parser.add_argument("--live", action="store_true", help="a live session instead of a CASE")
-    parser.add_argument("--config", type=Path, metavar="FILE", help="live.yaml of --live: docs/live.md")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="live.yaml of --live: docs/live.md"
+    )
     parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of --live")
     add_package_dirs(parser)
     parser.add_argument(
