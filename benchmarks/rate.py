@@ -17,7 +17,6 @@ is also longer than the bare loop's longest, when a message was lost or came twi
 99th percentile from sending to receiving is above 2 ms.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -30,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.bridge.environment import prepare_environment
+from benchmarks.case_options import case_options
 
-CHECKOUT = Path(__file__).resolve().parents[1]
 RATE_HZ = 1000
 LEAST_MEAN_HZ = 999.0
 MOST_GAP_MS = 10.0
@@ -187,15 +186,7 @@ def tell(part: subprocess.Popen[str], word: str) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="marginguard bench rate",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", type=Path, default=CHECKOUT / "data/recorded_case")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = case_options("rate", __doc__)
     found = run(options.seconds, options.case)
     print(f"{found.sent} constraints in {found.seconds:.2f} s beside {found.steps} steps")
     print(

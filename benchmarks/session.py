@@ -9,7 +9,6 @@ thread, is above 1 ms, or when the resident memory grows by more than 2 MB after
 time is shown beside: on a machine that does nothing else it is the same.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -24,9 +23,9 @@ from app.case import TrackingFrame, open_case
 from app.fixture import MarginState, Proximity, SweptProximity
 from app.geometry import FloatArray, Stamp, Transform
 from app.session import ProximityModel, Session, SessionSetup, setup_from_case
+from benchmarks.case_options import case_options
 from benchmarks.session_trajectory import Trajectory
 
-CHECKOUT = Path(__file__).resolve().parents[1]
 RATE_HZ = 1000
 MOST_STEP_MS = 1.0
 MOST_GROWTH_MB = 2.0
@@ -192,15 +191,7 @@ def failures(figures: Figures) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="marginguard bench session",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", type=Path, default=CHECKOUT / "data/recorded_case")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = case_options("session", __doc__)
     case = open_case(options.case)
     setup = setup_from_case(case)
     source = Trajectory(list(case.frames()), RATE_HZ)

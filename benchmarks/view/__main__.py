@@ -12,7 +12,6 @@ default. Exit status 1 when ours has less than 10 pictures a second, a 95th perc
 or a delay that grows.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -22,10 +21,10 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, sync_playwright
 
+from benchmarks.case_options import case_options
 from benchmarks.view.results import Seen, failures, figures, ratios
 from benchmarks.view.stamps import READ_IN_PAGE
 
-CHECKOUT = Path(__file__).resolve().parents[2]
 CHROMIUM = "/usr/bin/chromium"
 ARGUMENTS = [
     "--no-sandbox",
@@ -68,15 +67,7 @@ def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> Seen:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="marginguard bench view",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", type=Path, default=CHECKOUT / "data/recorded_case")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = case_options("view", __doc__)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         ours, peer = (
