@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are used: rotations take a quarter of a second
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from app.geometry.errors import FrameError, TransformError
 from app.geometry.frames import check_frame
@@ -106,7 +106,7 @@ class Transform:
     ) -> "Transform":
         """From an axis times an angle in radians, (3,), and a translation in mm."""
         vector = _checked(rotation_vector, (3,), f"rotation vector of {target}_from_{source}")
-        rotation = Rotation.from_rotvec(vector).as_matrix()
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix()
         return cls(target, source, rotation, np.asarray(translation_mm, dtype=np.float64))
 
     @property
@@ -120,12 +120,12 @@ class Transform:
     @property
     def quaternion_xyzw(self) -> FloatArray:
         """The rotation as (x, y, z, w), w not negative."""
-        return Rotation.from_matrix(self.rotation).as_quat(canonical=True)
+        return scipy.spatial.transform.Rotation.from_matrix(self.rotation).as_quat(canonical=True)
 
     @property
     def rotation_vector(self) -> FloatArray:
         """The rotation as an axis times an angle in [0, pi]."""
-        return Rotation.from_matrix(self.rotation).as_rotvec()
+        return scipy.spatial.transform.Rotation.from_matrix(self.rotation).as_rotvec()
 
     def inverse(self) -> "Transform":
         """``source_from_target``."""
@@ -168,8 +168,13 @@ class Transform:
         self._check_same_frames(other)
         if not 0.0 <= fraction <= 1.0:
             raise TransformError(f"fraction {fraction} of an interpolation is not within 0 and 1")
-        turn = Rotation.from_matrix(self.rotation.T @ other.rotation).as_rotvec()
-        rotation = self.rotation @ Rotation.from_rotvec(fraction * turn).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_matrix(
+            self.rotation.T @ other.rotation
+        ).as_rotvec()
+        rotation = (
+            self.rotation
+            @ scipy.spatial.transform.Rotation.from_rotvec(fraction * turn).as_matrix()
+        )
         step = other.translation_mm - self.translation_mm
         return _unchecked(self.target, self.source, rotation, self.translation_mm + fraction * step)
 
@@ -201,7 +206,9 @@ def mean_transform(transforms: Sequence[Transform]) -> Transform:
     first = transforms[0]
     for other in transforms:
         first._check_same_frames(other)
-    rotation = Rotation.from_matrix(np.stack([each.rotation for each in transforms])).mean()
+    rotation = scipy.spatial.transform.Rotation.from_matrix(
+        np.stack([each.rotation for each in transforms])
+    ).mean()
     translation = np.mean([each.translation_mm for each in transforms], axis=0)
     return Transform(first.target, first.source, rotation.as_matrix(), translation)
 

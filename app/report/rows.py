@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from app.fixture import MarginState
 from app.geometry import NS_PER_S
 from app.report.errors import ReportError
-from app.session import StepResult
+
+if TYPE_CHECKING:
+    from app.session import StepResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,7 @@ class ReportRow:
                 )
 
     @classmethod
-    def from_step(cls, step: StepResult) -> Self:
+    def from_step(cls, step: "StepResult") -> Self:
         """The row of one step of the session."""
         decision = step.decision
         proximity, margin = decision.proximity, decision.margin

@@ -3,42 +3,7 @@
 mm and radians inside; metres only in URDF files and in the positions of sliding joints, as in ROS.
 """
 
-from app.robot.ambf import bodies_from_mesh_map, load_adf, parse_mesh_map
-from app.robot.errors import (
-    AdfError,
-    JointError,
-    RobotError,
-    RobotMeshError,
-    UnreachableError,
-    UrdfError,
-)
-from app.robot.inverse import IkOptions
-from app.robot.joint import Joint, JointType, Mimic
-from app.robot.loading import load_robot, robot_from_text, urdf_text
-from app.robot.robot import Robot
-from app.robot.shapes import Link, Rgba, Shape
-from app.robot.xacro_file import parse_xacro_args
+import lazy_loader
 
-__all__ = [
-    "AdfError",
-    "IkOptions",
-    "Joint",
-    "JointError",
-    "JointType",
-    "Link",
-    "Mimic",
-    "Rgba",
-    "Robot",
-    "RobotError",
-    "RobotMeshError",
-    "Shape",
-    "UnreachableError",
-    "UrdfError",
-    "bodies_from_mesh_map",
-    "load_adf",
-    "load_robot",
-    "parse_mesh_map",
-    "parse_xacro_args",
-    "robot_from_text",
-    "urdf_text",
-]
+# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from app.geometry import FloatArray, Transform
 from app.robot.errors import JointError, UnreachableError
@@ -119,7 +119,9 @@ class _Problem:
     def attempt(self, positions: FloatArray) -> _Attempt:
         matrices = self.matrices(positions)
         reached = matrices[self.link]
-        turn = Rotation.from_matrix(self.wanted.rotation @ reached[:3, :3].T).as_rotvec()
+        turn = scipy.spatial.transform.Rotation.from_matrix(
+            self.wanted.rotation @ reached[:3, :3].T
+        ).as_rotvec()
         shift = self.wanted.translation_mm - reached[:3, 3]
         return _Attempt(positions, matrices, np.concatenate([shift, MM_PER_RAD * turn]))
 

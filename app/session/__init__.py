@@ -5,35 +5,7 @@ Registration, robot, case and fixture do not know each other; the session joins 
 Reads no clock and knows neither ROS nor VTK.
 """
 
-from app.session.from_case import margin_parameters, setup_from_case
-from app.session.joint_clock import tip_signals, with_estimated_clock
-from app.session.live import LiveSession
-from app.session.live_control import (
-    guidance_parameters,
-    limiter_parameters,
-    tumor_motion_parameters,
-)
-from app.session.pose_tree import MeasuredPose, PoseTree
-from app.session.session import Session, StepResult
-from app.session.setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
-from app.session.tumor_repair import with_repaired_tumor
+import lazy_loader
 
-__all__ = [
-    "REFERENCE",
-    "LiveSession",
-    "MeasuredPose",
-    "PoseTree",
-    "ProximityModel",
-    "RobotSetup",
-    "Session",
-    "SessionSetup",
-    "StepResult",
-    "guidance_parameters",
-    "limiter_parameters",
-    "margin_parameters",
-    "setup_from_case",
-    "tip_signals",
-    "tumor_motion_parameters",
-    "with_estimated_clock",
-    "with_repaired_tumor",
-]
+# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

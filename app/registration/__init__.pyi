@@ -1,0 +1,97 @@
+from .acceptance import AcceptanceLimits, judge
+from .drift import DriftBound, RegistrationDrift, check_drift
+from .dwells import Dwell, DwellSettings, detect_dwells
+from .errors import (
+    CoincidentPointsError,
+    CollinearPointsError,
+    ConvergenceError,
+    CovarianceError,
+    DegenerateMotionError,
+    FlatSignalError,
+    FreeMotionError,
+    MirroredPointsError,
+    NoConsensusError,
+    NotFiniteError,
+    NoValidSamplesError,
+    RegistrationError,
+    ScaleMismatchError,
+    ShapeError,
+    TooFewError,
+    UnequalCountsError,
+)
+from .landmarks import (
+    LandmarkDetection,
+    LandmarkMatch,
+    detect_landmarks,
+    match_landmarks,
+)
+from .pivot import PivotResult, calibrate_pivot
+from .points import register_points
+from .poses import PoseNoise, select_poses, usable_poses
+from .result import RegistrationResult, given_registration
+from .robot_world import RobotWorldResult, solve_robot_world
+from .robust_points import register_points_robust
+from .spin import SpinResult, calibrate_spin
+from .surface import register_surface
+from .time_offset import TimeOffset, estimate_time_offset
+from .timed_signal import TimedSignal
+from .tip_frame import tip_transform
+from .tre import (
+    predict_layout_tre,
+    predict_tre,
+    tre_covariances,
+    tre_upper_bound,
+)
+
+__all__ = [
+    "AcceptanceLimits",
+    "CoincidentPointsError",
+    "CollinearPointsError",
+    "ConvergenceError",
+    "CovarianceError",
+    "DegenerateMotionError",
+    "DriftBound",
+    "Dwell",
+    "DwellSettings",
+    "FlatSignalError",
+    "FreeMotionError",
+    "LandmarkDetection",
+    "LandmarkMatch",
+    "MirroredPointsError",
+    "NoConsensusError",
+    "NoValidSamplesError",
+    "NotFiniteError",
+    "PivotResult",
+    "PoseNoise",
+    "RegistrationDrift",
+    "RegistrationError",
+    "RegistrationResult",
+    "RobotWorldResult",
+    "ScaleMismatchError",
+    "ShapeError",
+    "SpinResult",
+    "TimeOffset",
+    "TimedSignal",
+    "TooFewError",
+    "UnequalCountsError",
+    "calibrate_pivot",
+    "calibrate_spin",
+    "check_drift",
+    "detect_dwells",
+    "detect_landmarks",
+    "estimate_time_offset",
+    "given_registration",
+    "judge",
+    "match_landmarks",
+    "predict_layout_tre",
+    "predict_tre",
+    "register_points",
+    "register_points_robust",
+    "register_surface",
+    "select_poses",
+    "solve_robot_world",
+    "tip_transform",
+    "tre_covariances",
+    "tre_upper_bound",
+    "usable_poses",
+]

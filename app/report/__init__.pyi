@@ -1,0 +1,25 @@
+from .breaches import Breach, find_breaches
+from .checks import Check, check_expected
+from .errors import ReportError
+from .margin_csv import margin_csv
+from .record import ReplayLog, ReplayRecord
+from .rows import ReportRow
+from .summary import all_passed, summarise
+from .write import REPORT_FILES, check_writable, write_report
+
+__all__ = [
+    "REPORT_FILES",
+    "Breach",
+    "Check",
+    "ReplayLog",
+    "ReplayRecord",
+    "ReportError",
+    "ReportRow",
+    "all_passed",
+    "check_expected",
+    "check_writable",
+    "find_breaches",
+    "margin_csv",
+    "summarise",
+    "write_report",
+]

@@ -1,0 +1,39 @@
+from .ambf import bodies_from_mesh_map, load_adf, parse_mesh_map
+from .errors import (
+    AdfError,
+    JointError,
+    RobotError,
+    RobotMeshError,
+    UnreachableError,
+    UrdfError,
+)
+from .inverse import IkOptions
+from .joint import Joint, JointType, Mimic
+from .loading import load_robot, robot_from_text, urdf_text
+from .robot import Robot
+from .shapes import Link, Rgba, Shape
+from .xacro_file import parse_xacro_args
+
+__all__ = [
+    "AdfError",
+    "IkOptions",
+    "Joint",
+    "JointError",
+    "JointType",
+    "Link",
+    "Mimic",
+    "Rgba",
+    "Robot",
+    "RobotError",
+    "RobotMeshError",
+    "Shape",
+    "UnreachableError",
+    "UrdfError",
+    "bodies_from_mesh_map",
+    "load_adf",
+    "load_robot",
+    "parse_mesh_map",
+    "parse_xacro_args",
+    "robot_from_text",
+    "urdf_text",
+]

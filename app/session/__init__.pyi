@@ -1,0 +1,32 @@
+from .from_case import margin_parameters, setup_from_case
+from .joint_clock import tip_signals, with_estimated_clock
+from .live import LiveSession
+from .live_control import (
+    guidance_parameters,
+    limiter_parameters,
+    tumor_motion_parameters,
+)
+from .pose_tree import MeasuredPose, PoseTree
+from .session import Session, StepResult
+from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
+from .tumor_repair import with_repaired_tumor
+
+__all__ = [
+    "REFERENCE",
+    "LiveSession",
+    "MeasuredPose",
+    "PoseTree",
+    "ProximityModel",
+    "RobotSetup",
+    "Session",
+    "SessionSetup",
+    "StepResult",
+    "guidance_parameters",
+    "limiter_parameters",
+    "margin_parameters",
+    "setup_from_case",
+    "tip_signals",
+    "tumor_motion_parameters",
+    "with_estimated_clock",
+    "with_repaired_tumor",
+]
