@@ -1,13 +1,14 @@
 """Types of ROS 2 as another DDS implementation has them, written by hand; nothing of ROS here.
 
 Names and layouts are those of ROS 2's mapping to DDS: ``package::msg::dds_::Type_``; a request
-without fields has one that means nothing.
+without fields has one that means nothing. An action is three services and two topics, whose types
+hold the action's own goal, result and feedback beside the goal's id.
 """
 
 from dataclasses import dataclass
 
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32
+from cyclonedds.idl.types import array, float64, int8, int32, int64, sequence, uint8, uint32
 
 
 @dataclass
@@ -109,3 +110,101 @@ class GetParametersResponse(
     IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameters_Response_"
 ):
     values: sequence[ParameterValue]
+
+
+@dataclass
+class UUID(IdlStruct, typename="unique_identifier_msgs::msg::dds_::UUID_"):
+    uuid: array[uint8, 16]
+
+
+@dataclass
+class GoalInfo(IdlStruct, typename="action_msgs::msg::dds_::GoalInfo_"):
+    goal_id: UUID
+    stamp: Time
+
+
+@dataclass
+class GoalStatus(IdlStruct, typename="action_msgs::msg::dds_::GoalStatus_"):
+    goal_info: GoalInfo
+    status: int8
+
+
+@dataclass
+class GoalStatusArray(IdlStruct, typename="action_msgs::msg::dds_::GoalStatusArray_"):
+    status_list: sequence[GoalStatus]
+
+
+@dataclass
+class CancelGoalRequest(IdlStruct, typename="action_msgs::srv::dds_::CancelGoal_Request_"):
+    goal_info: GoalInfo
+
+
+@dataclass
+class CancelGoalResponse(IdlStruct, typename="action_msgs::srv::dds_::CancelGoal_Response_"):
+    return_code: int8
+    goals_canceling: sequence[GoalInfo]
+
+
+@dataclass
+class ReplayGoal(IdlStruct, typename="marginguard_msgs::action::dds_::Replay_Goal_"):
+    case_folder: str
+    rate: float64
+    start: float64
+    end: float64
+
+
+@dataclass
+class ReplayResult(IdlStruct, typename="marginguard_msgs::action::dds_::Replay_Result_"):
+    success: bool
+    message: str
+    frames: uint32
+    breaches: uint32
+    min_signed_distance: float64
+
+
+@dataclass
+class ReplayFeedback(IdlStruct, typename="marginguard_msgs::action::dds_::Replay_Feedback_"):
+    time: float64
+    duration: float64
+    frames: uint32
+    state: uint8
+    signed_distance: float64
+
+
+@dataclass
+class SendGoalRequest(
+    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_SendGoal_Request_"
+):
+    goal_id: UUID
+    goal: ReplayGoal
+
+
+@dataclass
+class SendGoalResponse(
+    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_SendGoal_Response_"
+):
+    accepted: bool
+    stamp: Time
+
+
+@dataclass
+class GetResultRequest(
+    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_GetResult_Request_"
+):
+    goal_id: UUID
+
+
+@dataclass
+class GetResultResponse(
+    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_GetResult_Response_"
+):
+    status: int8
+    result: ReplayResult
+
+
+@dataclass
+class FeedbackMessage(
+    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_FeedbackMessage_"
+):
+    goal_id: UUID
+    feedback: ReplayFeedback

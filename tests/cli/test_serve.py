@@ -13,12 +13,14 @@ import pytest
 
 from app.bridge.calls import ActionClient, GoalAbortedError
 from app.bridge.node import RosNode
+from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 from tests.bridge.conftest import domain_id as domain_id
 from tests.bridge.conftest import start_receiver as start_receiver
 from tests.cli.small_case import FRAMES, write_small_case
 
 BRIDGE = Path(__file__).resolve().parents[1] / "bridge"
 SENDER, CALLER = BRIDGE / "calls" / "goal_sender.py", BRIDGE / "caller.py"
+CYCLONE_SENDER = BRIDGE / "cyclone_goal_sender.py"
 REPLAY = "marginguard_msgs/action/Replay"
 LOAD_CASE = "marginguard_msgs/srv/LoadCase"
 
@@ -67,6 +69,38 @@ def test_a_replay_in_real_time_is_cancelled(served, start_receiver):
     assert not reply["result"]["success"]
     # At 0.05 frames a second the second frame was not waited for.
     assert reply["result"]["frames"] == 1
+
+
+def test_cyclone_dds_replays_and_cancels(served, start_receiver):
+    whole = {"case_folder": "small", "rate": math.inf, "start": 0.0, "end": math.inf}
+    slow = {**whole, "rate": 0.01, "cancel": True}
+    sender = start_receiver(
+        "/marginguard_server/replay",
+        json.dumps(whole),
+        json.dumps(slow),
+        script=CYCLONE_SENDER,
+        environment=CYCLONE_ON_THIS_MACHINE,
+    )
+    played, cancelled = sender.messages()
+    executing, succeeded, is_cancelled = 2, 4, 5  # action_msgs/GoalStatus
+
+    assert played["first"]["duration"] == pytest.approx(0.05 * (FRAMES - 1))
+    assert (played["status"], played["states"][-1]) == (succeeded, succeeded)
+    assert played["states"] == sorted(played["states"])
+    assert played["result"] == {
+        "success": True,
+        "message": "",
+        "frames": FRAMES,
+        "breaches": 1,
+        "min_signed_distance": pytest.approx(-0.003, abs=0.0003),
+    }
+
+    assert cancelled["first"]["frames"] == 1
+    assert cancelled["cancel"] == {"return_code": 0, "ours": [True]}
+    assert (cancelled["status"], cancelled["states"][-1]) == (is_cancelled, is_cancelled)
+    assert executing in cancelled["states"]
+    assert not cancelled["result"]["success"]
+    assert cancelled["result"]["message"] == "cancelled after 1 frames"
 
 
 def test_cases_outside_the_folder_are_refused(served, start_receiver):

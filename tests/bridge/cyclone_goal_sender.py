@@ -1,0 +1,164 @@
+"""A process of another DDS implementation that sends goals: Eclipse Cyclone DDS, without ROS.
+
+    cyclone_goal_sender.py ACTION JSON ...
+
+ACTION serves ``marginguard_msgs/action/Replay``. Each JSON is an object with the goal's fields;
+"cancel" in it cancels the goal at its first feedback. Prints ``ready``, then for each goal what
+the action's services and topics said, as a line of JSON. It imports nothing of the project and
+nothing of ROS.
+"""
+
+import json
+import os
+import sys
+import uuid
+from dataclasses import asdict
+
+from cyclone_types import (
+    UUID,
+    CancelGoalRequest,
+    CancelGoalResponse,
+    FeedbackMessage,
+    GetResultRequest,
+    GetResultResponse,
+    GoalInfo,
+    GoalStatusArray,
+    ReplayGoal,
+    SendGoalRequest,
+    SendGoalResponse,
+    Time,
+)
+from cyclonedds.core import DDSStatus, Policy, Qos, WaitSet
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
+QOS = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(1000))
+LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1000))
+MOST_TRIES = 60
+DEADLINE_S = 80  # the first replay after a checkout compiles for up to a minute
+ENDED = (4, 5, 6)  # succeeded, cancelled, aborted: action_msgs/GoalStatus
+
+
+class Service:
+    """Requests and replies of one service; one request at a time."""
+
+    def __init__(self, participant, name, request_type, reply_type):
+        asked = Topic(participant, f"rq/{name}Request", request_type, qos=QOS)
+        answered = Topic(participant, f"rr/{name}Reply", reply_type, qos=QOS)
+        self._reader = DataReader(participant, answered, qos=QOS)
+        self._writer = DataWriter(participant, asked, qos=QOS)
+
+    def ask(self, request):
+        self._writer.write(request)
+
+    def reply(self, wanted=lambda reply: True):
+        return following(self._reader, wanted)
+
+    def call(self, request):
+        self.ask(request)
+        return self.reply()
+
+    def is_served(self, request):
+        """Whether somebody answers within a minute; asked every second, an early one is dropped."""
+        for _ in range(MOST_TRIES):
+            self.ask(request)
+            for _ in self._reader.take_iter(timeout=duration(seconds=1)):
+                return True
+        return False
+
+
+class ReplayAction:
+    """The three services and two topics of an action."""
+
+    def __init__(self, participant, action):
+        self._participant = participant
+        name = f"{action.removeprefix('/')}/_action"
+        self._status = DataReader(
+            participant,
+            Topic(participant, f"rt/{name}/status", GoalStatusArray, qos=LATCHED),
+            qos=LATCHED,
+        )
+        self._feedback = DataReader(
+            participant,
+            Topic(participant, f"rt/{name}/feedback", FeedbackMessage, qos=QOS),
+            qos=QOS,
+        )
+        self._goal = Service(participant, f"{name}/send_goal", SendGoalRequest, SendGoalResponse)
+        self._cancel = Service(
+            participant, f"{name}/cancel_goal", CancelGoalRequest, CancelGoalResponse
+        )
+        self._result = Service(
+            participant, f"{name}/get_result", GetResultRequest, GetResultResponse
+        )
+
+    def wait_for_server(self):
+        """Wait for the one who gives feedback, then ask for no goal's result until it is answered.
+
+        Endpoints are announced in order: a server that has found our last service has found all,
+        and we have found its services once we have found its topics, which it makes after them.
+        """
+        self._feedback.set_status_mask(DDSStatus.SubscriptionMatched)
+        waiting = WaitSet(self._participant)
+        waiting.attach(self._feedback)
+        if waiting.wait(timeout=duration(seconds=MOST_TRIES)) == 0:
+            raise TimeoutError("nobody gives feedback")
+        if not self._result.is_served(GetResultRequest(UUID(bytes(16)))):
+            raise TimeoutError("the action does not answer")
+
+    def send(self, goal, cancel):
+        key = UUID(uuid.uuid4().bytes)
+        if not self._goal.call(SendGoalRequest(key, goal)).accepted:
+            raise ValueError(f"rejected: {goal}")
+        first = following(self._feedback, lambda message: message.goal_id == key)
+        cancelled = None
+        if cancel:
+            reply = self._cancel.call(CancelGoalRequest(GoalInfo(key, Time(0, 0))))
+            ours = [info.goal_id == key for info in reply.goals_canceling]
+            cancelled = {"return_code": reply.return_code, "ours": ours}
+        self._result.ask(GetResultRequest(key))
+        # Late answers to `wait_for_server` have status 0, unknown.
+        result = self._result.reply(lambda reply: reply.status != 0)
+        return {
+            "first": asdict(first.feedback),
+            "cancel": cancelled,
+            "states": self._states_until_the_end(key),
+            "status": result.status,
+            "result": asdict(result.result),
+        }
+
+    def _states_until_the_end(self, key):
+        states = []
+
+        def has_ended(message):
+            new = [each.status for each in message.status_list if each.goal_info.goal_id == key]
+            states.extend(new)
+            return new and new[-1] in ENDED
+
+        following(self._status, has_ended)
+        return states
+
+
+def following(reader, wanted=lambda sample: True):
+    """The next sample that is wanted; `TimeoutError` when none comes for too long."""
+    for sample in reader.take_iter(timeout=duration(seconds=DEADLINE_S)):
+        if wanted(sample):
+            return sample
+    raise TimeoutError(f"{reader.topic.name} brought nothing that was waited for")
+
+
+def main(name, *goals):
+    action = ReplayAction(DomainParticipant(int(os.environ["ROS_DOMAIN_ID"])), name)
+    print("ready", flush=True)
+    action.wait_for_server()
+    for text in goals:
+        fields = json.loads(text)
+        cancel = fields.pop("cancel", False)
+        print(json.dumps(action.send(ReplayGoal(**fields), cancel)), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
