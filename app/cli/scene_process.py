@@ -1,14 +1,15 @@
 """Draws what a replay shows in a process of its own: ``python -m app.cli.scene_process``.
 
-It loads 3D Slicer's scene, which takes seconds, and only then reads what is wanted, pickled, from
-standard input. The answer goes to standard output, pickled: by name the bytes, or why there are
-none. When the input ends without a request it ends quietly.
+It loads 3D Slicer's scene and what draws it, which takes seconds, and only then reads what is
+wanted, pickled, from standard input. The answer goes to standard output, pickled: by name the
+bytes, or why there are none. When the input ends without a request it ends quietly.
 """
 
 import os
 import pickle
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -33,7 +34,7 @@ def main() -> None:
 
 def _answered(stream: IO[bytes]) -> bytes:
     try:
-        import app.scene  # noqa: F401
+        _load()
     except ImportError as error:
         request = _read(stream)
         reason = f"{error}; 'marginguard doctor' says what to install"
@@ -42,6 +43,19 @@ def _answered(stream: IO[bytes]) -> bytes:
     if request is None:
         return b""
     return pickle.dumps({name: _content(name, request) for name in request["wanted"]})
+
+
+def _load() -> None:
+    """Load all that a picture needs, and draw one: the first one in a process takes longest."""
+    from slicer import vtkMRMLScene
+
+    from app.scene import OffscreenError, SceneApplication, offscreen_view
+
+    # Why nothing can be drawn is said when a picture is asked for; a scene file needs none.
+    with suppress(OffscreenError):
+        nothing = SceneApplication(vtkMRMLScene())
+        with offscreen_view(nothing, "MarginGuardLoading", (16, 16)) as view:
+            view.pixels()
 
 
 def _read(stream: IO[bytes]) -> dict[str, Any] | None:

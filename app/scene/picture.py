@@ -37,40 +37,33 @@ def scene_png(
     if margin is None:
         raise SceneError("a picture needs a tumour in the scene, there is none")
     width, height = size
-    view = ((width - _GAP_PIXELS) // 2, height - _BANNER_PIXELS)
-    with _hidden(margin.line):  # its words would cover the tumour, which is small there
-        overview = _overview(application, scene, view)
-    with _hidden(*_robot_models(scene)):  # what is judged is the tool, and a hand would hide it
-        close_up = _close_up(application, scene, view, _along(margin.line))
-    gap = np.full((view[1], width - 2 * view[0], 3), 255, dtype=np.uint8)
+    half = ((width - _GAP_PIXELS) // 2, height - _BANNER_PIXELS)
+    # One view for both: what the driver compiles for its window takes longer than to draw.
+    with offscreen_view(application, "MarginGuardPicture", half) as view:
+        with _hidden(margin.line):  # its words would cover the tumour, which is small there
+            overview = _overview(view, scene)
+        with _hidden(*_robot_models(scene)):  # what is judged is the tool: a hand would hide it
+            close_up = _close_up(view, scene, _along(margin.line))
+    gap = np.full((half[1], width - 2 * half[0], 3), 255, dtype=np.uint8)
     banner = text_strip(margin.status.GetText(), (width, _BANNER_PIXELS), margin.state.color)
     return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
 
 
-def _overview(
-    application: SceneApplication, scene: MarginGuardScene, size: tuple[int, int]
-) -> Pixels:
+def _overview(view: OffscreenView, scene: MarginGuardScene) -> Pixels:
     tumor, others = content_points(scene)
-    with offscreen_view(application, "MarginGuardOverview", size) as view:
-        _look(view, scene, best_direction(tumor, others, upright(scene)), tumor, others)
-        return view.pixels()
+    _look(view, scene, best_direction(tumor, others, upright(scene)), tumor, others)
+    return view.pixels()
 
 
-def _close_up(
-    application: SceneApplication,
-    scene: MarginGuardScene,
-    size: tuple[int, int],
-    along: FloatArray | None,
-) -> Pixels:
+def _close_up(view: OffscreenView, scene: MarginGuardScene, along: FloatArray | None) -> Pixels:
     tumor = world_points(scene.tumor)
     tool = np.empty((0, 3)) if scene.tool is None else world_points(scene.tool)
     center = tumor.mean(axis=0)
     reach = _CLOSE_UP_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
     near = tool[np.linalg.norm(tool - center, axis=1) < reach]
     towards = best_direction(tumor, tool, upright(scene), along=along)
-    with offscreen_view(application, "MarginGuardCloseUp", size) as view:
-        _look(view, scene, towards, tumor, near)
-        return view.pixels()
+    _look(view, scene, towards, tumor, near)
+    return view.pixels()
 
 
 def _look(
