@@ -57,7 +57,8 @@ class Batch:
         held, self._held = self._held, {}
         # A transform tells what hangs from it: parents first, so that a child that moved as well
         # has one event for both.
-        for node, was_held in sorted(held.items(), key=lambda item: _depth_of(item[0])):
+        depths: dict[vtkMRMLNode, int] = {}
+        for node, was_held in sorted(held.items(), key=lambda item: _depth_of(item[0], depths)):
             node.EndModify(was_held)
         if self._logic is not None:
             self._logic.ResumeRender()
@@ -65,10 +66,10 @@ class Batch:
             listener()
 
 
-def _depth_of(node: vtkMRMLNode) -> int:
-    """How many transforms ``node`` hangs from."""
-    depth = 0
-    while isinstance(node, vtkMRMLTransformableNode) and node.GetParentTransformNode() is not None:
-        node = node.GetParentTransformNode()
-        depth += 1
-    return depth
+def _depth_of(node: vtkMRMLNode, known: dict[vtkMRMLNode, int]) -> int:
+    """How many transforms ``node`` hangs from; kept in ``known``, for many nodes share them."""
+    if node not in known:
+        can_hang = isinstance(node, vtkMRMLTransformableNode)
+        parent = node.GetParentTransformNode() if can_hang else None
+        known[node] = 0 if parent is None else 1 + _depth_of(parent, known)
+    return known[node]

@@ -8,9 +8,9 @@ from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelNode, vtkMRMLScene
 from app.geometry import Transform, join_transform_name
 from app.robot import Link, Robot
 from app.scene.batch import Batch
-from app.scene.convert import is_at, vtk_matrix
 from app.scene.errors import SceneError
 from app.scene.models import Rgb, add_model, colored_surface, remove_displayed, remove_node
+from app.scene.poses import PoseNodes
 
 STALE_COLOR: Rgb = (0.5, 0.5, 0.5)
 _DEFAULT_COLOR: Rgb = (0.78, 0.80, 0.83)
@@ -36,15 +36,18 @@ class RobotModel:
         self._batch = batch or Batch(scene)
         self._root = robot.root_link
         self.base = base
-        self.transforms: dict[str, vtkMRMLLinearTransformNode] = {}
         self.models: dict[str, vtkMRMLModelNode] = {}
         self._colors: dict[str, Rgb] = {}
         self._known = True
-        self.transforms[self._root] = (
-            base
-            if self._root == base_frame
-            else self._add_transform(join_transform_name(self._root, base_frame), base)
-        )
+        root = base if self._root == base_frame else self._add_root(base_frame)
+        moving = [link.name for link in robot.links if link.name != self._root]
+        self._moving = PoseNodes(scene, self._root, moving, root, self._batch)
+        self._places = {link: place for place, link in enumerate(moving)}
+        self._root_from_links = np.tile(np.eye(4), (len(moving), 1, 1))
+        self.transforms: dict[str, vtkMRMLLinearTransformNode] = {
+            self._root: root,
+            **self._moving.nodes,
+        }
         for link in robot.links:
             self._add_link(link)
         self.set_links(robot.forward_kinematics({}))
@@ -61,12 +64,16 @@ class RobotModel:
                     f"link {name!r} is not of the robot in the scene: "
                     f"{', '.join(sorted(self.transforms))} are"
                 )
-        with self._batch.changes():
-            for name, root_from_link in links.items():
-                node, matrix = self.transforms[name], vtk_matrix(root_from_link)
-                if name != self._root and not is_at(node, matrix):
-                    self._batch.hold(node)
-                    node.SetMatrixTransformToParent(matrix)
+        if not links:
+            return
+        root_from_links = self._root_from_links.copy()
+        for name, root_from_link in links.items():
+            if name != self._root:
+                matrix = root_from_links[self._places[name]]
+                matrix[:3, :3] = root_from_link.rotation
+                matrix[:3, 3] = root_from_link.translation_mm
+        self._moving.move(root_from_links)
+        self._root_from_links = root_from_links
 
     def set_known(self, known: bool) -> None:
         """Show the links in their colours, or in grey while nobody knows where they are."""
@@ -84,17 +91,14 @@ class RobotModel:
         """Take every node of the robot out of the scene; ``base`` is not the robot's and stays."""
         for model in self.models.values():
             remove_displayed(self._scene, model)
-        for node in self.transforms.values():
-            if node is not self.base:
-                remove_node(self._scene, node)
+        self._moving.remove()
+        root = self.transforms.get(self._root, self.base)
+        if root is not self.base:
+            remove_node(self._scene, root)
         self.models.clear()
         self.transforms.clear()
 
     def _add_link(self, link: Link) -> None:
-        if link.name != self._root:
-            self.transforms[link.name] = self._add_transform(
-                join_transform_name(link.name, self._root), self.transforms[self._root]
-            )
         if not link.visuals:
             return
         parts = [
@@ -116,9 +120,8 @@ class RobotModel:
             parent=self.transforms[link.name],
         )
 
-    def _add_transform(
-        self, name: str, parent: vtkMRMLLinearTransformNode
-    ) -> vtkMRMLLinearTransformNode:
+    def _add_root(self, base_frame: str) -> vtkMRMLLinearTransformNode:
+        name = join_transform_name(self._root, base_frame)
         node = self._scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", name)
-        node.SetAndObserveTransformNodeID(parent.GetID())
+        node.SetAndObserveTransformNodeID(self.base.GetID())
         return node

@@ -5,9 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 from slicer import vtkMRMLScene, vtkMRMLTransformableNode
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.scene import PoseNodes, SceneError, TransformTree
+from app.scene.batch import Batch
 from app.scene.convert import poly_data, world_matrix
 from app.scene.models import add_model
 
@@ -76,6 +78,27 @@ def test_who_moves_says_so_once_and_who_stays_says_nothing(tumor: SurfaceMesh) -
         moved = int(place in (3, 20))
         assert of_node["transform"] == of_model["transform"] == moved
         assert of_node["modified"] <= 1 and of_model["modified"] <= 1
+
+
+def test_what_somebody_else_moved_is_put_back() -> None:
+    nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
+    nodes.move(poses(7))
+    nodes.nodes["body_3"].SetMatrixTransformToParent(vtkMatrix4x4())
+    assert nodes.move(poses(7)) == 1
+    assert np.array_equal(world_matrix(nodes.nodes["body_3"]), poses(7)[3])
+
+
+def test_in_an_open_batch_observers_are_told_at_its_end_and_once() -> None:
+    scene = vtkMRMLScene()
+    batch = Batch(scene)
+    nodes = PoseNodes(scene, "world", FRAMES, batch=batch)
+    events = count_events(nodes.nodes["body_3"])
+    with batch.changes():
+        nodes.move(poses(8))
+        nodes.move(poses(9))
+        assert not events
+    assert events["transform"] == 1
+    assert np.array_equal(world_matrix(nodes.nodes["body_3"]), poses(9)[3])
 
 
 @pytest.mark.parametrize(
