@@ -5,6 +5,7 @@ target is ``stylus``; in tf terms its parent is ``stylus`` and its child ``stylu
 """
 
 import re
+from functools import lru_cache
 
 from app.geometry.errors import FrameError
 
@@ -17,12 +18,17 @@ _TO = re.compile(r"(?<=[A-Za-z0-9])To(?=[A-Z0-9])")
 
 def check_frame(name: str) -> str:
     """Return ``name`` when it can be a tf frame; raise `FrameError` otherwise."""
-    if not isinstance(name, str) or not _FRAME.fullmatch(name):
+    if not isinstance(name, str) or not _is_frame(name):
         raise FrameError(
             f"frame name {name!r} is not allowed: letters, digits, '_', '-' and '.', "
             "parts joined by '/', none empty, no leading '/'"
         )
     return name
+
+
+@lru_cache(maxsize=4096)  # a session has few frames, and names them in every transform
+def _is_frame(name: str) -> bool:
+    return _FRAME.fullmatch(name) is not None
 
 
 def snake_case(name: str) -> str:

@@ -90,14 +90,14 @@ class Transform:
         The quaternion is normalised when its norm is within `ROTATION_TOLERANCE` of 1.
         """
         name = f"{target}_from_{source}"
-        quaternion = _checked(xyzw, (4,), f"quaternion of {name}")
-        norm = math.hypot(*quaternion.tolist())  # a square would overflow where this does not
+        x, y, z, w = _checked(xyzw, (4,), f"quaternion of {name}").tolist()
+        norm = math.hypot(x, y, z, w)  # a square would overflow where this does not
         if abs(norm - 1.0) > ROTATION_TOLERANCE:
             raise TransformError(
                 f"quaternion of {name} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted"
             )
         translation = _checked(translation_mm, (3,), f"translation_mm of {name}")
-        rotation = _rotation_of_unit_quaternion(*(quaternion / norm).tolist())
+        rotation = _rotation_of_unit_quaternion(x / norm, y / norm, z / norm, w / norm)
         return cls.by_construction(target, source, rotation, translation)
 
     @classmethod

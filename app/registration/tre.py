@@ -8,6 +8,7 @@ and Fitzpatrick, "General approach to first-order error prediction in rigid poin
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +20,6 @@ from app.registration.motion import move_origin, point_jacobian
 from app.registration.quantiles import chi_square_quantile
 from app.registration.result import RegistrationResult
 
-_IDENTITY = np.eye(3)
-
 
 def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     """Sigma in mm, (m,), at points (m, 3) in mm in the fixed frame.
@@ -29,14 +28,19 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     deviation along any single direction. Raises `CovarianceError` for a registration whose
     uncertainty is not known (a given one).
     """
-    covariance = _known_covariance(result)
+    spread, lever, shift = _trace_terms(result)
     points = as_points(points_mm, "points_mm of a target error")
-    # The trace of J C J^T alone, written out in p: this is asked at every step of a session.
+    variance = (points.dot(spread) * points).sum(axis=1) - 2.0 * points.dot(lever) + shift
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+@lru_cache(maxsize=16)  # asked at every step of a session, which has one registration
+def _trace_terms(result: RegistrationResult) -> tuple[FloatArray, FloatArray, float]:
+    """The trace of J C J^T at a point p, written out: ``p A p - 2 b p + c``, as A, b and c."""
+    covariance = _known_covariance(result)
     turn, mixed, shift = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
     lever = [mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]]
-    spread = turn.trace() * _IDENTITY - turn
-    variance = (points.dot(spread) * points).sum(axis=1) - 2.0 * points.dot(lever) + shift.trace()
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+    return turn.trace() * np.eye(3) - turn, np.array(lever), float(shift.trace())
 
 
 def tre_covariances(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:

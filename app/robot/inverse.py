@@ -54,7 +54,7 @@ class IkOptions:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Attempt:
     positions: FloatArray
-    matrices: Mapping[str, FloatArray]
+    matrices: FloatArray
     error: FloatArray
 
     @property
@@ -112,13 +112,13 @@ class _Problem:
                 )
         return lower, upper
 
-    def matrices(self, positions: FloatArray) -> dict[str, FloatArray]:
+    def matrices(self, positions: FloatArray) -> FloatArray:
         given = {**self.held, **dict(zip(self.names, positions.tolist(), strict=True))}
         return self.tree.link_matrices(self.tree.all_positions(given))
 
     def attempt(self, positions: FloatArray) -> _Attempt:
         matrices = self.matrices(positions)
-        reached = matrices[self.link]
+        reached = matrices[self.tree.link_names.index(self.link)]
         turn = scipy.spatial.transform.Rotation.from_matrix(
             self.wanted.rotation @ reached[:3, :3].T
         ).as_rotvec()

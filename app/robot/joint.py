@@ -11,8 +11,6 @@ from app.robot.errors import UrdfError
 
 MM_PER_M = 1000.0
 
-_LAST = (0.0, 0.0, 0.0, 1.0)
-
 
 class JointType(StrEnum):
     """The joint types that have kinematics here: at most one degree of freedom each.
@@ -62,7 +60,6 @@ class Joint:
     upper: float = math.inf
     mimic: Mimic | None = None
     pivot_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
-    _turns_off_origin: bool = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         axis = np.array(self.axis, dtype=np.float64)
@@ -89,7 +86,6 @@ class Joint:
         axis.flags.writeable = pivot_mm.flags.writeable = False
         object.__setattr__(self, "axis", axis)
         object.__setattr__(self, "pivot_mm", pivot_mm)
-        object.__setattr__(self, "_turns_off_origin", bool(pivot_mm.any()))
 
     @property
     def parent(self) -> str:
@@ -111,25 +107,19 @@ class Joint:
         """True where the position is a length (m) and not an angle (rad)."""
         return self.type is JointType.PRISMATIC
 
-    def motion(self, position: float) -> FloatArray:
-        """The (4, 4) motion of the child at ``position`` (rad or m) from its place at 0, in mm."""
-        if not self.moves:
-            return np.eye(4)
-        x, y, z = self.axis.tolist()
+    @property
+    def twist(self) -> FloatArray:
+        """T (4, 4) of the motion ``I + a T + b T^2`` of the child from its place at 0, in mm.
+
+        A turn by q has a = sin q, b = 1 - cos q (Rodrigues; Murray, Li and Sastry, A Mathematical
+        Introduction to Robotic Manipulation, 1994, equation 2.36); a slide by q metres has a = q,
+        and T^2 is 0. A fixed joint's is 0.
+        """
+        twist = np.zeros((4, 4))
         if self.slides:
-            way = position * MM_PER_M
-            return np.array([[1, 0, 0, way * x], [0, 1, 0, way * y], [0, 0, 1, way * z], _LAST])
-        # Rodrigues' formula for a unit axis.
-        cosine, sine = math.cos(position), math.sin(position)
-        rest = 1.0 - cosine
-        motion = np.array(
-            [
-                [cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y, 0.0],
-                [rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x, 0.0],
-                [rest * x * z - sine * y, rest * y * z + sine * x, cosine + rest * z * z, 0.0],
-                _LAST,
-            ]
-        )
-        if self._turns_off_origin:
-            motion[:3, 3] = self.pivot_mm - motion[:3, :3] @ self.pivot_mm
-        return motion
+            twist[:3, 3] = MM_PER_M * self.axis
+        elif self.moves:
+            x, y, z = self.axis.tolist()
+            twist[:3, :3] = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
+            twist[:3, 3] = -twist[:3, :3] @ self.pivot_mm
+        return twist

@@ -1,8 +1,9 @@
 """A robot: links with their shapes, joints, and where the links are."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from app.geometry import FrameError, Transform
 from app.robot.errors import JointError
@@ -48,21 +49,22 @@ class Robot:
         and for one that puts a link beyond all numbers.
         """
         matrices = self._tree.link_matrices(self._tree.all_positions(positions))
-        links = {}
-        for link in self.links:
-            matrix = matrices[link.name]
-            translation_mm = matrix[:3, 3].copy()
-            if not all(map(math.isfinite, translation_mm.tolist())):
-                raise JointError(
-                    f"link {link.name!r} is at {translation_mm.tolist()} mm with the joints at "
-                    f"{dict(positions)}: finite numbers wanted"
-                )
-            # Origins were checked when the robot was read, and a joint's motion is a rotation by
-            # its formula: so is their product, which needs no checking at every step.
-            links[link.name] = Transform.by_construction(
-                self.root_link, link.name, matrix[:3, :3].copy(), translation_mm
+        names, places_mm = self._tree.link_names, matrices[:, :3, 3].copy()
+        finite = np.isfinite(places_mm).all(axis=1)
+        if not finite.all():
+            first = int(np.argmin(finite))
+            raise JointError(
+                f"link {names[first]!r} is at {places_mm[first].tolist()} mm with the joints at "
+                f"{dict(positions)}: finite numbers wanted"
             )
-        return links
+        # Origins were checked when the robot was read, and a joint's motion is a rotation by its
+        # formula: so is their product, which needs no checking at every step.
+        return {
+            name: Transform.by_construction(self.root_link, name, rotation, place_mm)
+            for name, rotation, place_mm in zip(
+                names, matrices[:, :3, :3].copy(), places_mm, strict=True
+            )
+        }
 
     def inverse_kinematics(
         self,

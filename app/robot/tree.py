@@ -23,7 +23,12 @@ class KinematicTree:
         self.link_names = (self.root, *(joint.child for joint in self.joints))
         self._joint_named = {joint.name: joint for joint in joints}
         self._joint_above = {joint.child: joint for joint in joints}
-        self._origins = [joint.origin.matrix for joint in self.joints]
+        place = {name: index for index, name in enumerate(self.link_names)}
+        self._parents = [place[joint.parent] for joint in self.joints]
+        self._origins = np.array([joint.origin.matrix for joint in self.joints]).reshape(-1, 4, 4)
+        twists = np.array([joint.twist for joint in self.joints]).reshape(-1, 4, 4)
+        self._turned = self._origins @ twists
+        self._turned_twice = self._turned @ twists
         self._leaders_first = _leaders_first(joints, self._joint_named)
 
     def joint(self, name: str) -> Joint:
@@ -58,14 +63,18 @@ class KinematicTree:
                 positions[joint.name] = 0.0
         return positions
 
-    def link_matrices(self, positions: Mapping[str, float]) -> dict[str, FloatArray]:
-        """``root_from_link`` as (4, 4) in mm for every link, from `all_positions`."""
-        matrices = {self.root: np.eye(4)}
-        for joint, origin in zip(self.joints, self._origins, strict=True):
-            placed = matrices[joint.parent].dot(origin)
-            if joint.moves:
-                placed = placed.dot(joint.motion(positions[joint.name]))
-            matrices[joint.child] = placed
+    def link_matrices(self, positions: Mapping[str, float]) -> FloatArray:
+        """``root_from_link`` (n, 4, 4) in mm, as in ``link_names``, from `all_positions`.
+
+        All joints are moved at once (`Joint.twist`): a robot is placed at every step of a session.
+        """
+        factors = np.array([_factors(joint, positions) for joint in self.joints]).reshape(-1, 2)
+        first, second = factors.T[:, :, None, None]
+        placed = self._origins + first * self._turned + second * self._turned_twice
+        matrices = np.empty((len(self.link_names), 4, 4))
+        matrices[0] = np.eye(4)
+        for link, parent in enumerate(self._parents, start=1):
+            np.dot(matrices[parent], placed[link - 1], out=matrices[link])
         return matrices
 
     def path_to(self, link: str) -> list[Joint]:
@@ -89,9 +98,7 @@ class KinematicTree:
             joint = self._joint_named[joint.mimic.leader]
         return joint.name, gain
 
-    def jacobian(
-        self, link: str, drivers: Sequence[str], matrices: Mapping[str, FloatArray]
-    ) -> FloatArray:
+    def jacobian(self, link: str, drivers: Sequence[str], matrices: FloatArray) -> FloatArray:
         """How ``link`` moves with ``drivers``: (6, n), mm and rad per rad (or per m), in the root.
 
         Rows are the velocity of the link's origin, then its angular velocity (the geometric
@@ -100,7 +107,7 @@ class KinematicTree:
         """
         jacobian = np.zeros((6, len(drivers)))
         column_of = {name: column for column, name in enumerate(drivers)}
-        origin = matrices[link][:3, 3]
+        origin = matrices[self.link_names.index(link)][:3, 3]
         for joint in self.path_to(link):
             if not joint.moves:
                 continue
@@ -109,7 +116,7 @@ class KinematicTree:
             if column is None:
                 continue
             # A motion leaves its own axis where it is, so the child's frame serves for it.
-            child = matrices[joint.child]
+            child = matrices[self.link_names.index(joint.child)]
             axis = child[:3, :3] @ joint.axis
             if joint.slides:
                 jacobian[:3, column] += gain * MM_PER_M * axis
@@ -118,6 +125,16 @@ class KinematicTree:
                 jacobian[:3, column] += gain * np.cross(axis, lever)
                 jacobian[3:, column] += gain * axis
         return jacobian
+
+
+def _factors(joint: Joint, positions: Mapping[str, float]) -> tuple[float, float]:
+    """Of the joint's twist and of its square in its motion."""
+    if not joint.moves:
+        return 0.0, 0.0
+    position = positions[joint.name]
+    if joint.slides:
+        return position, 0.0
+    return math.sin(position), 1.0 - math.cos(position)
 
 
 def _root_of(link_names: Sequence[str], joints: Sequence[Joint]) -> str:
