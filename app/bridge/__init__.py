@@ -9,7 +9,7 @@ from app.bridge.errors import BridgeError
 from app.bridge.frame_tree import Voice
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
-from app.bridge.replay_scene import ReplayScene, root_edges
+from app.bridge.replay_scene import ReplayScene, root_edges, scene_of
 from app.bridge.session_publisher import SessionPublisher
 
 __all__ = [
@@ -21,4 +21,5 @@ __all__ = [
     "Voice",
     "prepare_environment",
     "root_edges",
+    "scene_of",
 ]

@@ -4,8 +4,11 @@ import hashlib
 from dataclasses import dataclass
 
 from app.bridge.errors import BridgeError
+from app.case import Case
 from app.fixture import MarginParameters
 from app.geometry import SurfaceMesh, Transform
+from app.robot import urdf_text
+from app.session import SessionSetup
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +43,31 @@ class ReplayScene:
     def registration_id(self) -> str:
         """A name for the registration of the robot; empty when there is none."""
         return "" if self.registration is None else _digest(self.registration.matrix.tobytes())
+
+
+def scene_of(
+    case: Case, setup: SessionSetup, *, tip_only: bool, with_robot: bool = True
+) -> ReplayScene:
+    """What stays the same in a session of ``case``.
+
+    ``with_robot``: the robot's description is ours to publish.
+    """
+    robot = setup.robot
+    return ReplayScene(
+        static_edges=(
+            *setup.static_edges,
+            *(root_edges(robot.base_frame, robot.robot.root_link) if robot else ()),
+        ),
+        tumor=case.tumor_mesh(),
+        tool=None if tip_only else case.tool_mesh(),
+        margins=setup.margins,
+        robot_description=(
+            urdf_text(case.robot_urdf(), package_dirs=case.package_dirs)
+            if robot and with_robot
+            else None
+        ),
+        registration=robot.registration.transform if robot and robot.registration else None,
+    )
 
 
 def root_edges(base_frame: str, root_link: str) -> tuple[Transform, ...]:

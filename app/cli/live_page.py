@@ -10,11 +10,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from app.cli.live_guard import LiveGuard, guarding
 from app.cli.publishing import bridge_loaded
 
 if TYPE_CHECKING:
     from app.bridge import ReplayScene
+    from app.bridge.live import LiveGuard
     from app.geometry import SurfaceMesh
     from app.viewer import Cast, LiveFeed, Viewer
 
@@ -25,6 +25,7 @@ CONSTRAINT_HZ = 100.0
 @contextmanager
 def live_page(options: argparse.Namespace) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context."""
+    from app.bridge.live import guarding
     from app.bridge.mailbox import SWITCH_INTERVAL_S
     from app.case import open_live
     from app.session import setup_from_case, with_repaired_tumor
@@ -60,7 +61,7 @@ def live_page(options: argparse.Namespace) -> Iterator["Viewer"]:
             thread.join()
 
 
-def _follow(guard: LiveGuard, feed: "LiveFeed", cast: "Cast") -> None:
+def _follow(guard: "LiveGuard", feed: "LiveFeed", cast: "Cast") -> None:
     """Hand every step to the feed; where the session fails, the page says so and stays grey."""
     why = "the session has ended"
     with ThreadPoolExecutor(max_workers=1) as makers:

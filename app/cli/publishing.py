@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from app.bridge import ReplayScene
     from app.case import Case, Player
     from app.session import SessionSetup, StepResult
 
@@ -29,31 +28,6 @@ def bridge_loaded(otherwise: str) -> None:
     print(prepare_environment(), file=sys.stderr)
 
 
-def scene_of(
-    case: "Case", setup: "SessionSetup", *, tip_only: bool, with_robot: bool = True
-) -> "ReplayScene":
-    """What of a session stays the same; ``with_robot``: its description is ours to publish."""
-    from app.bridge import ReplayScene, root_edges
-    from app.robot import urdf_text
-
-    robot = setup.robot
-    return ReplayScene(
-        static_edges=(
-            *setup.static_edges,
-            *(root_edges(robot.base_frame, robot.robot.root_link) if robot else ()),
-        ),
-        tumor=case.tumor_mesh(),
-        tool=None if tip_only else case.tool_mesh(),
-        margins=setup.margins,
-        robot_description=(
-            urdf_text(case.robot_urdf(), package_dirs=case.package_dirs)
-            if robot and with_robot
-            else None
-        ),
-        registration=robot.registration.transform if robot and robot.registration else None,
-    )
-
-
 @contextmanager
 def publishing(
     case: "Case", setup: "SessionSetup", player: "Player", options: argparse.Namespace
@@ -66,7 +40,7 @@ def publishing(
         yield lambda step: None
         return
     bridge_loaded("--no-ros replays without it")
-    from app.bridge import PlayerServices, SessionPublisher
+    from app.bridge import PlayerServices, SessionPublisher, scene_of
 
     heartbeat_hz = HEARTBEAT_HZ if options.rate is not None else None
     scene = scene_of(case, setup, tip_only=options.tip_only)

@@ -12,13 +12,12 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.live_guard import LiveGuard, guarding
-from app.cli.live_life_cycle import GuardLifeCycle
 from app.cli.options import add_package_dirs
 from app.cli.publishing import bridge_loaded
 from app.cli.signals import Received, note_signals
 
 if TYPE_CHECKING:
+    from app.bridge.live import LiveGuard
     from app.bridge.node import RosNode
     from app.session import StepResult
 
@@ -65,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _be_managed(options: argparse.Namespace, received: Received) -> None:
     from app.bridge.control import LifecycleRosNode
+    from app.bridge.live import GuardLifeCycle
     from app.bridge.session_publisher import NODE_NAME
 
     ended = threading.Event()
@@ -84,7 +84,8 @@ def _be_managed(options: argparse.Namespace, received: Received) -> None:
 
 
 @contextmanager
-def _opened(options: argparse.Namespace, ros: "RosNode | None" = None) -> Iterator[LiveGuard]:
+def _opened(options: argparse.Namespace, ros: "RosNode | None" = None) -> Iterator["LiveGuard"]:
+    from app.bridge.live import guarding
     from app.case import open_live
     from app.session import setup_from_case, with_repaired_tumor
 

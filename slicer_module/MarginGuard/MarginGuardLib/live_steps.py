@@ -5,11 +5,10 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+from app.bridge import BridgeError, prepare_environment
 from app.bridge.control import SessionChanges
-from app.bridge.errors import BridgeError
+from app.bridge.live import LiveGuard, guarding
 from app.case import open_live
-from app.cli.live_guard import LiveGuard, guarding
-from app.cli.publishing import bridge_loaded
 from app.session import Session, StepResult, setup_from_case, with_repaired_tumor
 
 CONSTRAINT_HZ = 1000.0
@@ -31,7 +30,7 @@ class LiveSteps:
 
     def steps(self) -> Iterator[StepResult]:
         """Join the ROS graph, and yield the steps as they happen."""
-        bridge_loaded("a live session is ROS")
+        prepare_environment()
         config = open_live(self._config)
         case = with_repaired_tumor(config.case)
         setup = setup_from_case(case)

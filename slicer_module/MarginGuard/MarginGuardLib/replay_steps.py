@@ -9,9 +9,8 @@ from pathlib import Path
 
 from app.bridge.control import SessionChanges
 from app.bridge.prepared_shapes import PreparedShapes
-from app.bridge.replay_scene import ReplayScene
+from app.bridge.replay_scene import ReplayScene, scene_of
 from app.case import Case, Player, open_case
-from app.cli.publishing import scene_of
 from app.geometry import NS_PER_S, InputError
 from app.session import (
     Session,

@@ -5,36 +5,48 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
-from app.cli.publishing import scene_of
-
-if TYPE_CHECKING:
-    from app.bridge import ReplayScene, SessionPublisher
-    from app.bridge.control import (
-        GuidancePublisher,
-        MarginParameterServer,
-        SessionChanges,
-        TwistLimiter,
-    )
-    from app.bridge.node import RosNode
-    from app.bridge.prepared_shapes import PreparedShapes
-    from app.case import Case, LiveCase
-    from app.session import LiveSession, SessionSetup, StepResult
+from app.bridge.control import (
+    GuidancePublisher,
+    MarginParameterServer,
+    OperatorServices,
+    SessionChanges,
+    TwistLimiter,
+)
+from app.bridge.frame_tree import Voice
+from app.bridge.live.joints import listen_to_joints
+from app.bridge.live.rearming import RearmService
+from app.bridge.live.source import source_of
+from app.bridge.node import RosNode
+from app.bridge.prepared_shapes import PreparedShapes
+from app.bridge.replay_scene import ReplayScene, scene_of
+from app.bridge.session_publisher import SessionPublisher
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf.listener import TfListener
+from app.case import Case, LiveCase, TfSourceEntry
+from app.session import (
+    LiveSession,
+    Session,
+    SessionSetup,
+    StepResult,
+    guidance_parameters,
+    limiter_parameters,
+    tumor_motion_parameters,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveGuard:
     """``live`` steps, ``changes`` and ``margins`` change it; made by `guarding`."""
 
-    live: "LiveSession"
-    changes: "SessionChanges"
-    margins: "MarginParameterServer"
-    _publisher: "SessionPublisher"
-    _twists: "TwistLimiter"
-    _guidance: "GuidancePublisher | None"
+    live: LiveSession
+    changes: SessionChanges
+    margins: MarginParameterServer
+    _publisher: SessionPublisher
+    _twists: TwistLimiter
+    _guidance: GuidancePublisher | None
 
-    def steps(self) -> Generator["StepResult"]:
+    def steps(self) -> Generator[StepResult]:
         """Publish each step as it happens, and yield it; ends with ``live.stop``.
 
         The last word is then that of a rest, also after an error: no motion, no force and hold.
@@ -54,7 +66,7 @@ class LiveGuard:
                 with self.live.between_steps():
                     self._publisher.constraints.rest("inactive")
 
-    def _say(self, step: "StepResult") -> None:
+    def _say(self, step: StepResult) -> None:
         if self._publisher.publish(step, self.live.spent_ns()):
             stale_after_ns = self.changes.scene.margins.stale_after_ns
             self._twists.allow(step, stale_after_ns, self.live.spent_ns())
@@ -69,10 +81,10 @@ class LiveGuard:
 class Speakers:
     """Whoever speaks by the margins, the tumour or the registration that are replaced."""
 
-    publisher: "SessionPublisher"
-    twists: "TwistLimiter"
+    publisher: SessionPublisher
+    twists: TwistLimiter
 
-    def use(self, scene: "ReplayScene", shapes: "PreparedShapes | None" = None) -> None:
+    def use(self, scene: ReplayScene, shapes: PreparedShapes | None = None) -> None:
         """What the last step allowed was by those before: no motion up to the next one."""
         self.twists.forbid()
         self.publisher.use(scene, shapes)
@@ -80,41 +92,20 @@ class Speakers:
 
 @contextmanager
 def guarding(
-    config: "LiveCase",
-    case: "Case",
-    setup: "SessionSetup",
+    config: LiveCase,
+    case: Case,
+    setup: SessionSetup,
     *,
     namespace: str,
     constraint_hz: float,
     tip_only: bool,
-    ros: "RosNode | None" = None,
+    ros: RosNode | None = None,
 ) -> Iterator[LiveGuard]:
     """Join the graph: listen to the source that ``config`` names, serve the operator.
 
     With ``ros`` through that node, and in its own thread; whose node it is takes back the services
-    and subscriptions. ``case`` and ``setup`` are those of ``config``, the tumour repaired. ROS has
-    to be loaded (`app.cli.publishing.bridge_loaded`).
+    and subscriptions. ``case`` and ``setup`` are those of ``config``, the tumour repaired.
     """
-    from app.bridge import SessionPublisher, Voice
-    from app.bridge.control import (
-        GuidancePublisher,
-        MarginParameterServer,
-        OperatorServices,
-        SessionChanges,
-        TwistLimiter,
-    )
-    from app.bridge.live import RearmService, listen_to_joints, source_of
-    from app.bridge.tf import TransformBuffer
-    from app.bridge.tf.listener import TfListener
-    from app.case import TfSourceEntry
-    from app.session import (
-        LiveSession,
-        Session,
-        guidance_parameters,
-        limiter_parameters,
-        tumor_motion_parameters,
-    )
-
     entry = config.source
     limits, guides = limiter_parameters(config), guidance_parameters(config)
     setup = replace(setup, tumor_motion=tumor_motion_parameters(config))

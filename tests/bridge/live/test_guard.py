@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.cli.live_guard import LiveGuard, Speakers
-from app.cli.live_life_cycle import GuardLifeCycle
+from app.bridge.live import GuardLifeCycle, LiveGuard
+from app.bridge.live.guard import Speakers
 from app.fixture import Reason
 from tests.doubles import PARAMETERS
 from tests.session.test_live import World, track

@@ -3,12 +3,10 @@
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from app.bridge.node import RosNode
-    from app.cli.live_guard import LiveGuard
-    from app.session import StepResult
+from app.bridge.live.guard import LiveGuard
+from app.bridge.node import RosNode
+from app.session import StepResult
 
 
 class GuardLifeCycle:
@@ -21,8 +19,8 @@ class GuardLifeCycle:
 
     def __init__(
         self,
-        opened: "Callable[[RosNode], AbstractContextManager[LiveGuard]]",
-        follow: "Callable[[Iterator[StepResult]], None]",
+        opened: Callable[[RosNode], AbstractContextManager[LiveGuard]],
+        follow: Callable[[Iterator[StepResult]], None],
         failed: Callable[[Exception], None],
     ) -> None:
         self._opened = opened
@@ -32,7 +30,7 @@ class GuardLifeCycle:
         self._guard: LiveGuard | None = None
         self._thread: threading.Thread | None = None
 
-    def configure(self, ros: "RosNode") -> None:
+    def configure(self, ros: RosNode) -> None:
         """Read everything, listen to the source, serve the operator."""
         self._guard = self._open.enter_context(self._opened(ros))
 
@@ -57,7 +55,7 @@ class GuardLifeCycle:
         self._guard = None
         self._open.close()
 
-    def _run(self, guard: "LiveGuard") -> None:
+    def _run(self, guard: LiveGuard) -> None:
         try:
             with closing(guard.steps()) as steps:
                 self._follow(steps)
