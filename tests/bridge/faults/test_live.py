@@ -134,7 +134,8 @@ def watch(
 ) -> Callable[[str], Watched]:
     def begin(kind: str) -> Watched:
         topic, message_type, source = TOPICS[kind]
-        live = start("-m", "app.cli", "live", "--config", str(live_yaml(source)))
+        words = ("live", "--constraint-hz", "100", "--config", str(live_yaml(source)))
+        live = start("-m", "app.cli", *words)
         live.line(lambda line: line.startswith("UNKNOWN"))  # before others take their turns
         hostile = start(str(HOSTILE), f"{topic}={message_type}", "--flood", FLOOD_S)
         start(str(SENDER), str(frames_file), kind, "again")
