@@ -10,12 +10,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rosbags.interfaces import Connection as BagConnection
-from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
-from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import (
     Stores,
@@ -50,6 +47,9 @@ from app.case.ros_messages import (
 )
 from app.case.samples import TrackingFrame
 from app.geometry import InputError, MarginGuardError, Stamp
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection as BagConnection
 
 Note = Callable[[str], None]
 
@@ -241,6 +241,8 @@ def _messages(path: Path, note: Note) -> Iterator[RawMessage]:
 
 
 def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
+    from rosbags.rosbag2 import Reader, ReaderError  # slow to load
+
     try:
         with Reader(path) as bag:
             connections = {known.id: _connection(known) for known in bag.connections}
@@ -251,7 +253,9 @@ def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
         raise InputError(f"{path} is no rosbag2 recording that can be read: {reason}") from error
 
 
-def _connection(known: BagConnection) -> Connection:
+def _connection(known: "BagConnection") -> Connection:
+    from rosbags.interfaces import MessageDefinitionFormat
+
     idl = known.msgdef.format is MessageDefinitionFormat.IDL
     return Connection(
         known.topic, known.msgtype, known.msgdef.data, "ros2idl" if idl else "ros2msg"

@@ -9,7 +9,6 @@ import numpy as np
 
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
 from app.robot import primitives
-from app.robot.ambf import load_adf
 from app.robot.errors import RobotMeshError, UrdfError
 from app.robot.joint import MM_PER_M, Joint, JointType, Mimic
 from app.robot.mesh_file import FileMesh, read_mesh_file
@@ -17,7 +16,6 @@ from app.robot.packages import MeshLocator
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Rgba, Shape
 from app.robot.urdf import MAX_URDF_BYTES, parse_urdf, read_urdf
-from app.robot.xacro_file import expand_xacro
 from app.robot.xml_guard import read_xml
 
 ADF_SUFFIXES = (".yaml", ".yml", ".adf")
@@ -45,9 +43,13 @@ def load_robot(
     if xacro_args and suffix != ".xacro":
         raise UrdfError(f"{path} takes no xacro arguments ({', '.join(xacro_args)}): not a .xacro")
     if suffix in ADF_SUFFIXES:
+        from app.robot.ambf import load_adf
+
         return load_adf(path, package_dirs=package_dirs)
     locator = MeshLocator(path, package_dirs)
     if suffix == ".xacro":
+        from app.robot.xacro_file import expand_xacro
+
         data = expand_xacro(path, xacro_args or {}, locator.package_folder)
         return _robot(parse_urdf(data, path), locator, path)
     return _robot(read_urdf(path), locator, path)
@@ -60,6 +62,8 @@ def urdf_text(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> s
     if suffix in ADF_SUFFIXES:
         return None
     if suffix == ".xacro":
+        from app.robot.xacro_file import expand_xacro
+
         return expand_xacro(path, {}, MeshLocator(path, package_dirs).package_folder).decode()
     return read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES).decode()
 

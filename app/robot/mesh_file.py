@@ -17,7 +17,6 @@ from trimesh.exchange.load import mesh_loaders
 from trimesh.resolvers import FilePathResolver
 
 from app.geometry import FloatArray
-from app.robot.collada import read_collada
 from app.robot.errors import RobotMeshError
 
 FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply")
@@ -47,7 +46,7 @@ def read_mesh_file(path: Path) -> FileMesh:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise RobotMeshError(f"mesh {path} has more than {MAX_FILE_BYTES} bytes")
-        keywords, unit = read_collada(path) if kind == ".dae" else (_read_raw(path), 1.0)
+        keywords, unit = _read_dae(path) if kind == ".dae" else (_read_raw(path), 1.0)
         parts = _parts(trimesh.load_scene(_unprocessed(keywords)))
     except RobotMeshError:
         raise
@@ -69,6 +68,12 @@ def read_mesh_file(path: Path) -> FileMesh:
     if len(faces) == 0:
         raise RobotMeshError(f"mesh {path} holds no triangles with an area")
     return FileMesh(vertices, faces, _joined_colors(parts, kept))
+
+
+def _read_dae(path: Path) -> tuple[dict[str, Any], float]:
+    from app.robot.collada import read_collada  # slow to load
+
+    return read_collada(path)
 
 
 def _read_raw(path: Path) -> dict[str, Any]:

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import binary_fill_holes, generate_binary_structure, label
+import scipy
 
 from app.case.landmark_file import read_points
-from app.case.tumor.contour_surface import surface_around
-from app.case.tumor.label_surface import surface_of_labels
 from app.case.tumor.segmentation import read_segment
 from app.geometry import MeshError, SurfaceMesh
 
@@ -29,6 +27,8 @@ def tumor_from_contour(path: Path, *, frame: str) -> BuiltTumor:
     The file's coordinates, in RAS axes, are those of ``frame``. Raises `InputError` for a file
     that cannot be read, `MeshError` for points that span no solid.
     """
+    from app.case.tumor.contour_surface import surface_around  # slow to load
+
     points = np.array([position for _, position in read_points(path)])
     try:
         mesh = surface_around(points, frame)
@@ -44,8 +44,10 @@ def tumor_from_segmentation(path: Path, *, frame: str, segment: str | None) -> B
     coordinates, in RAS axes, are those of ``frame``. Raises `InputError` for a file that cannot be
     read and a segment that is not there, `MeshError` for one too large.
     """
+    from app.case.tumor.label_surface import surface_of_labels  # slow to load
+
     labels = read_segment(path, segment)
-    filled = binary_fill_holes(labels.marked)
+    filled = scipy.ndimage.binary_fill_holes(labels.marked)
     try:
         mesh = surface_of_labels(filled, labels.ras_from_index, frame)
     except MeshError as error:
@@ -55,7 +57,7 @@ def tumor_from_segmentation(path: Path, *, frame: str, segment: str | None) -> B
     hollow = int(np.count_nonzero(filled)) - voxels
     if hollow:
         notes.append(f"{hollow} voxels that the segment encloses count as tumour")
-    parts = label(filled, generate_binary_structure(3, 3))[1]
+    parts = scipy.ndimage.label(filled, scipy.ndimage.generate_binary_structure(3, 3))[1]
     if parts > 1:
         notes.append(f"the segment has {parts} parts that do not touch")
     if labels.at_border:

@@ -1,0 +1,23 @@
+from .contour_surface import surface_around
+from .label_surface import surface_of_labels
+from .nrrd_file import NrrdVolume, read_nrrd
+from .segmentation import LabelMap, read_segment
+from .sources import (
+    SEGMENTATION_ENDING,
+    BuiltTumor,
+    tumor_from_contour,
+    tumor_from_segmentation,
+)
+
+__all__ = [
+    "SEGMENTATION_ENDING",
+    "BuiltTumor",
+    "LabelMap",
+    "NrrdVolume",
+    "read_nrrd",
+    "read_segment",
+    "surface_around",
+    "surface_of_labels",
+    "tumor_from_contour",
+    "tumor_from_segmentation",
+]
