@@ -15,14 +15,14 @@ from app.geometry import FloatArray, SurfaceMesh, Transform
 
 def vtk_array(values: NDArray[Any], name: str = "") -> vtkDataArray:
     """A copy of ``values`` (n,) or (n, components)."""
-    array: vtkDataArray = numpy_to_vtk(values, deep=True)  # type: ignore[no-untyped-call]
+    array: vtkDataArray = numpy_to_vtk(values, deep=True)
     array.SetName(name)
     return array
 
 
 def numpy_array(array: vtkDataArray) -> NDArray[Any]:
     """The values of ``array``, (n,) or (n, components): a view, good while the array lives."""
-    values: NDArray[Any] = vtk_to_numpy(array)  # type: ignore[no-untyped-call]
+    values: NDArray[Any] = vtk_to_numpy(array)
     return values
 
 

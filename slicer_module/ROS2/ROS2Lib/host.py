@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import vtk
 from slicer import vtkMRMLScene, vtkMRMLScriptedModuleNode
@@ -19,6 +19,7 @@ from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member
 
 MemberKey = tuple[str, tuple[str, ...]]
+Kind = TypeVar("Kind", bound=Member)
 
 
 class RosHost(vtkMRMLScriptedModuleNode):
@@ -55,7 +56,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
         self.SetName(f"ros2:node:{nodeName}")
         self.SetModuleName("ROS2")
 
-        @vtk.calldata_type(vtk.VTK_OBJECT)
+        @vtk.calldata_type(vtk.VTK_OBJECT)  # type: ignore[untyped-decorator]  # VTK types none
         def removed(_: object, __: str, node: Any) -> None:
             self._removed(node)
 
@@ -155,8 +156,8 @@ class RosHost(vtkMRMLScriptedModuleNode):
         return tuple(self._members.values())
 
     def _create(
-        self, kind: type, *names: str, prepare: Callable[[Any], None] = lambda _: None
-    ) -> Any:
+        self, kind: type[Kind], *names: str, prepare: Callable[[Kind], None] = lambda _: None
+    ) -> Kind | None:
         scene = self.GetScene()
         try:
             member = kind()
@@ -173,13 +174,14 @@ class RosHost(vtkMRMLScriptedModuleNode):
             return None
         return member
 
-    def _member(self, kind: type[Member], *names: str) -> Any:
+    def _member(self, kind: type[Kind], *names: str) -> Kind | None:
         try:
-            return self._members.get((kind.ROLE, kind.key(self, *names)))
+            found = self._members.get((kind.ROLE, kind.key(self, *names)))
         except MarginGuardError:  # a name that cannot be is nobody's
             return None
+        return found if isinstance(found, kind) else None
 
-    def _by_id(self, kind: type[Member], node_id: str) -> Any:
+    def _by_id(self, kind: type[Kind], node_id: str) -> Kind | None:
         each = (member for member in self._members.values() if isinstance(member, kind))
         return next((member for member in each if member.GetID() == node_id), None)
 

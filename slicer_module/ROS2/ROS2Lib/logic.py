@@ -72,7 +72,8 @@ class Ros2Api:
         for node in self.nodes():
             if node.GetROS2NodeName() == DEFAULT_NODE:
                 return node
-        made = self.AddNewNodeByClass(vtkMRMLROS2NodeNode.__name__)
+        made = vtkMRMLROS2NodeNode()
+        self.scene.AddNode(made)
         try:
             made.Create(DEFAULT_NODE)
         except MarginGuardError:

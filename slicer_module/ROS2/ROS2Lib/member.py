@@ -6,10 +6,14 @@ from typing import TYPE_CHECKING, Any
 from app.geometry import MarginGuardError
 
 if TYPE_CHECKING:
+    from slicer import vtkMRMLNode as _Node
+
     from ROS2Lib.host import RosHost
+else:
+    _Node = object  # the class of MRML that it is mixed into is the node
 
 
-class Member:
+class Member(_Node):
     """Mixed into a class of MRML nodes; `ROLE` and `key` say which of its ROS node's it is.
 
     A subclass gives `_start` (join the graph; raises `MarginGuardError`), `_stop` (leave it) and
@@ -27,7 +31,7 @@ class Member:
         """Join the graph as part of the ROS node ``nodeId``; False, and said, when refused."""
         scene = self.GetScene()
         owner = None if scene is None else scene.GetNodeByID(nodeId)
-        if not hasattr(owner, "adopt"):
+        if owner is None or not hasattr(owner, "adopt"):
             logging.error(f"{self.GetClassName()}: no ROS 2 node {nodeId!r} in its scene")
             return False
         try:

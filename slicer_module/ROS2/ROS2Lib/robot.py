@@ -152,9 +152,12 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         """A node for the edge: one that is there already stays its maker's."""
         if self._owner is None:
             raise Ros2Error(f"{self.GetName()} is not on a ROS node")
-        there = self._owner.GetTf2LookupNodeByParentChild(parent, child)
+        there: vtkMRMLROS2Tf2LookupNode | None = self._owner.GetTf2LookupNodeByParentChild(
+            parent, child
+        )
         if there is not None:
             return there
+        made: vtkMRMLROS2Tf2LookupNode | None
         made = self._owner.CreateAndAddTf2LookupNode(parent, child)
         if made is None:
             raise Ros2Error(f"{self.GetName()}: no lookup from {parent!r} to {child!r}")

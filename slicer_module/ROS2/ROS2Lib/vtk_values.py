@@ -1,7 +1,7 @@
 """VTK's arrays, tables, matrices, images and points to plain values of ours, and back."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from app.scene.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
 
 Plain = Mapping[str, Any]
+Array = TypeVar("Array", bound=vtkDataArray)
 
 _INT32 = np.iinfo(np.int32)
 
@@ -47,7 +48,7 @@ def translation_and_rotation(value: vtkMatrix4x4) -> tuple[dict[str, float], dic
     )
 
 
-def array(values: NDArray[Any] | Sequence[float], kind: type[vtkDataArray]) -> vtkDataArray:
+def array(values: NDArray[Any] | Sequence[float], kind: type[Array]) -> Array:
     """``kind`` of the values (n,): vtkIntArray or vtkDoubleArray.
 
     Raises `Ros2Error` for an integer that has no place in VTK's 32 bits.
