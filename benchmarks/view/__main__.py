@@ -22,19 +22,10 @@ from pathlib import Path
 from playwright.sync_api import Browser, sync_playwright
 
 from benchmarks.case_options import case_options
+from benchmarks.view.chromium import launch
 from benchmarks.view.results import Seen, failures, figures, ratios
 from benchmarks.view.stamps import READ_IN_PAGE
 
-CHROMIUM = "/usr/bin/chromium"
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 SIZE = {"width": 1280, "height": 720}
 
 
@@ -69,7 +60,7 @@ def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> Seen:
 def main() -> int:
     options = case_options("view", __doc__)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        browser = launch(playwright)
         ours, peer = (
             watch(browser, options.case, schedule, options.seconds)
             for schedule in ("ours", "default")
