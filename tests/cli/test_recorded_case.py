@@ -37,6 +37,13 @@ def test_every_check_of_the_case_passes(report, case):
     assert sum(interval["shaft_only"] for interval in intervals) == 1
 
 
+def test_info_says_how_many_frames_a_replay_of_it_has(report, case, capsys):
+    assert main(["info", str(case)]) == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if "  frames " in line)
+    frames = json.loads((report / "summary.json").read_text())["frames"]
+    assert line.endswith(f"silences: 1, so a replay has {frames} frames")
+
+
 def test_all_files_of_the_report_are_there(report):
     assert sorted(path.name for path in report.iterdir()) == [
         "margin.csv",

@@ -83,8 +83,7 @@ def as_text(found: dict[str, Any]) -> str:
         found["name"],
         f"  provenance     {found['provenance']['kind']}: {found['provenance']['source']}",
         f"  recording      {found['recording']}",
-        f"  frames         {found['frames']} in {found['duration_s']:.3f} s, "
-        f"silences: {found['silences']}",
+        f"  frames         {_frames(found)}",
     ]
     for edge in found["transforms"]:
         statuses = ", ".join(f"{count} {name}" for name, count in edge["statuses"].items())
@@ -108,3 +107,10 @@ def as_text(found: dict[str, Any]) -> str:
         *(f"  note           {note}" for note in found["notes"]),
     ]
     return "\n".join(lines)
+
+
+def _frames(found: dict[str, Any]) -> str:
+    recorded, silences = found["frames"], found["silences"]
+    said = f"{recorded} in {found['duration_s']:.3f} s, silences: {silences}"
+    # The watchdog speaks in each: a step without poses, which a replay counts and no file holds.
+    return f"{said}, so a replay has {recorded + silences} frames" if silences else said
