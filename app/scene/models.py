@@ -35,12 +35,17 @@ def add_model(
     *,
     opacity: float = 1.0,
     parent: vtkMRMLTransformNode | None = None,
+    node: vtkMRMLModelNode | None = None,
 ) -> vtkMRMLModelNode:
-    """A visible model under ``parent``; cell colours of the surface go before ``color``."""
-    node = scene.AddNewNodeByClass("vtkMRMLModelNode", name)
+    """A visible model under ``parent``; cell colours of the surface go before ``color``.
+
+    With ``node`` that one, which is in the scene already.
+    """
+    node = node or scene.AddNewNodeByClass("vtkMRMLModelNode", name)
     node.SetAndObservePolyData(surface)
     node.CreateDefaultDisplayNodes()
     display = node.GetDisplayNode()
+    display.SetVisibility(True)
     display.SetColor(*color)
     display.SetOpacity(opacity)
     # Some light of its own: a lone headlight leaves the sides black, and a state must show there.

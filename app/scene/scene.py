@@ -1,7 +1,7 @@
 """The scene that a surgeon sees, in the MRML scene that is handed in."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 
 from slicer import (
     vtkMRMLApplicationLogic,
@@ -17,6 +17,7 @@ from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene.batch import Batch
+from app.scene.earlier import PART, SURFACE, Earlier, mark
 from app.scene.errors import SceneError
 from app.scene.frame_graph import poses_in
 from app.scene.margin_display import MarginDisplay
@@ -44,6 +45,10 @@ class MarginGuardScene:
     With ``stale_after_ns`` the scene is a live one: `show` and `check` are told the present, and
     what is older than that is grey. None makes a picture of a moment, which does not age.
     ``logic`` is the application's, whose views then draw once an `update`.
+
+    With ``go_on`` it takes over what an earlier one left in ``scene``, which was saved and is open
+    again: frames, tumour and tool keep their nodes, with whatever hangs from them, and the rest is
+    made anew. No other may be showing anything in ``scene`` then.
     """
 
     def __init__(
@@ -54,12 +59,15 @@ class MarginGuardScene:
         *,
         stale_after_ns: int | None = None,
         logic: vtkMRMLApplicationLogic | None = None,
+        go_on: bool = False,
     ) -> None:
         self.scene = scene
         self.reference = reference
         self.batch = Batch(scene, logic)
         self.watchdog = None if stale_after_ns is None else TransformWatchdog(stale_after_ns)
-        self.tree = TransformTree(scene, self.batch)
+        earlier = Earlier.in_scene(scene) if go_on else Earlier()
+        self._earlier_surfaces = earlier.surfaces
+        self.tree = TransformTree(scene, self.batch, earlier.frames)
         self.tree.set(ras_from_reference or Transform.identity(RAS, reference))
         self.tumor: vtkMRMLModelNode | None = None
         self.margin_surface: vtkMRMLModelNode | None = None
@@ -108,7 +116,9 @@ class MarginGuardScene:
                 MarginState.UNKNOWN.color,  # until the first decision
                 opacity=_TUMOR_OPACITY,
                 parent=pose,
+                node=self._earlier_surfaces.pop("Tumor", None),
             )
+            mark(self.tumor, SURFACE)
             self.margin = MarginDisplay(self.scene, self.batch, self.tumor, pose, mesh.frame)
         return self.tumor
 
@@ -180,7 +190,7 @@ class MarginGuardScene:
         with self._content():
             model = RobotModel(self.scene, robot, base, base_frame, self.batch)
             model.set_known(self.watchdog is None)
-        self.robots[name] = model
+            self.robots[name] = model
         return model
 
     def remove_robot(self, name: str) -> None:
@@ -258,14 +268,21 @@ class MarginGuardScene:
             for node in (self.tumor, self.margin_surface, self.tool):
                 if node is not None:
                     remove_displayed(self.scene, node)
+            for node in self._earlier_surfaces.values():
+                remove_displayed(self.scene, node)
+            self._earlier_surfaces.clear()
             self.tumor = self.margin_surface = self.tool = self.margin = None
             self._decision = self._shown_ns = None
             self.tree.clear()
 
-    def _content(self) -> AbstractContextManager[None]:
+    @contextmanager
+    def _content(self) -> Iterator[None]:
         """`update` in which nodes are added or removed."""
         self._require_nodes()
-        return self.batch.content()
+        with self.batch.content():
+            yield
+            for node in self._nodes():
+                mark(node, PART)
 
     def _require_nodes(self) -> None:
         for node in self._nodes():
@@ -309,7 +326,9 @@ class MarginGuardScene:
         pose = self._pose_node(frame)
         color = TOOL_COLOR if self.watchdog is None else MarginState.UNKNOWN.color
         with self._content():
-            self.tool = add_model(self.scene, "Tool", surface, color, parent=pose)
+            node = self._earlier_surfaces.pop("Tool", None)
+            self.tool = add_model(self.scene, "Tool", surface, color, parent=pose, node=node)
+            mark(self.tool, SURFACE)
         return self.tool
 
     def _pose_node(self, frame: str) -> vtkMRMLLinearTransformNode:

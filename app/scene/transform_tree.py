@@ -1,10 +1,13 @@
 """The tree of linear transform nodes, named as SlicerIGT names them."""
 
+from collections.abc import Mapping
+
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene
 
 from app.geometry import Transform, join_transform_name
 from app.scene.batch import Batch
 from app.scene.convert import is_at, vtk_matrix
+from app.scene.earlier import FRAME, mark
 from app.scene.edited import EditedTransform, OnEdit, OnRefused
 from app.scene.errors import SceneError
 from app.scene.models import remove_node
@@ -17,11 +20,18 @@ class TransformTree:
 
     The root is the scene's world, `RAS`. A frame has one node; the frames that hang from it follow
     when it moves. A node that is put where it is already tells nobody; one that somebody hung
-    elsewhere comes back, but for those of the world.
+    elsewhere comes back, but for those of the world. A frame that has none of its own yet takes
+    the node of that name in ``earlier``, if there is one.
     """
 
-    def __init__(self, scene: vtkMRMLScene, batch: Batch | None = None) -> None:
+    def __init__(
+        self,
+        scene: vtkMRMLScene,
+        batch: Batch | None = None,
+        earlier: Mapping[str, vtkMRMLLinearTransformNode] | None = None,
+    ) -> None:
         self._scene = scene
+        self._earlier = dict(earlier or {})
         self._batch = batch or Batch(scene)
         self._nodes: dict[str, vtkMRMLLinearTransformNode] = {}
         self._edges: dict[str, Transform] = {}
@@ -41,7 +51,9 @@ class TransformTree:
             )
         node = self._nodes.get(frame)
         if node is None:
-            node = self._scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+            node = self._earlier.pop(join_transform_name(frame, target), None)
+            node = node or self._scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+            mark(node, FRAME)
             self._nodes[frame] = node
         self._batch.hold(node)
         self._hang(node, frame, target)
@@ -82,8 +94,9 @@ class TransformTree:
         """Take every node of the tree out of the scene."""
         for edited in self._edited.values():
             edited.close()
-        for node in self._nodes.values():
+        for node in (*self._nodes.values(), *self._earlier.values()):
             remove_node(self._scene, node)
+        self._earlier.clear()
         self._nodes.clear()
         self._edges.clear()
         self._edited.clear()

@@ -2,6 +2,7 @@
 
 import csv
 import threading
+from collections import Counter
 from contextlib import contextmanager
 
 import numpy as np
@@ -13,7 +14,7 @@ from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from app.report import ReplayLog
 from app.report.margin_csv import margin_csv
-from app.scene import Preset
+from app.scene import Preset, load_scene, save_scene
 from app.session import Session
 from tests.slicer_module.marginguard_module import CASE, PATIENCE_SPINS, opened_case, spin_until
 from tests.slicer_module.marginguard_module import application as application
@@ -414,6 +415,32 @@ def test_what_cannot_be_is_refused_and_what_fails_later_is_one_line(guard, appli
     status = spin_until(guard, lambda now: "..." not in now.message and now.message)
     assert status.message.startswith("registering: ")
     assert "\n" not in status.message
+
+
+def names_in(scene):
+    """How often each name is that of a node which is seen or moves something."""
+    nodes = [scene.GetNthNode(place) for place in range(scene.GetNumberOfNodes())]
+    return Counter(node.GetName() for node in nodes if node.IsA("vtkMRMLTransformableNode"))
+
+
+def test_a_scene_that_was_saved_and_opened_again_is_gone_on_with(
+    guard, application, clock, tmp_path
+):
+    guard.seek(1.0)
+    spin_until(guard, at(1.0))
+    scene = application.scene
+    before = names_in(scene)
+    save_scene(scene, tmp_path / "case.mrb")
+    guard.close()
+    load_scene(scene, tmp_path / "case.mrb")
+    tumor = scene.GetFirstNodeByName("Tumor")
+    again = GuardLogic(scene, application.logic, clock)
+    again.load_case(CASE)
+    spin_until(again, at(0.0))
+    assert before["Tumor"] == before["CauteryToReference"] == 1
+    assert names_in(scene) == before
+    assert scene.GetFirstNodeByName("Tumor") is tumor
+    again.close()
 
 
 def test_nothing_is_left_in_the_scene(guard, application):

@@ -186,6 +186,7 @@ class SessionDisplay:
             root,
             stale_after_ns=shown.margins.stale_after_ns,
             logic=self._logic,
+            go_on=True,
         )
         self.hang_under(self._patient_to_ras)
         for target, source in self._measured:
