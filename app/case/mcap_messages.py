@@ -40,9 +40,12 @@ _DAMAGED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Connection:
-    """A topic of a recording; ``definition`` is the text of its message type's schema."""
+    """A topic of a recording; ``definition`` is the text of its message type's schema.
+
+    Compared by identity: it is looked up for every message.
+    """
 
     topic: str
     message_type: str
