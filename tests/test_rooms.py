@@ -92,25 +92,35 @@ def test_one_file_alone_imports_fcl():
     assert len([path for path in FILES if "fcl" in set(imports(path))]) == 1
 
 
-def test_the_session_needs_neither_ros_nor_vtk():
-    code = (
-        "import sys, app.session, app.case, app.robot, app.fixture, app.registration\n"
-        "heavy = {'rclpy', 'vtk', 'vtkmodules', 'slicer', 'matplotlib'}\n"
-        "print(sorted(heavy & set(sys.modules)))"
-    )
+def loaded(code: str, watched: set[str]) -> set[str]:
+    """Those of ``watched`` that a process has loaded after ``code``."""
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=APP.parent
+        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=APP.parent,
     )
-    assert done.stdout.strip() == "[]"
+    return watched & set(done.stdout.split())
+
+
+def all_of(*rooms: str) -> str:
+    return "\n".join(f"from app.{room} import *" for room in rooms)
+
+
+def test_the_session_needs_neither_ros_nor_vtk():
+    code = all_of("session", "case", "robot", "fixture", "registration")
+    heavy = {"rclpy", "vtk", "vtkmodules", "slicer", "matplotlib"}
+    assert loaded(code, heavy | {"app.fixture.engine"}) == {"app.fixture.engine"}
 
 
 def test_what_is_slow_to_load_waits_until_it_is_needed():
-    code = (
-        "import sys, app.cli.main, app.session, app.report\n"
-        "slow = {'matplotlib', 'scipy.stats', 'rich', 'slicer'}\n"
-        "print(sorted(slow & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=APP.parent
-    )
-    assert done.stdout.strip() == "[]"
+    code = f"import app.cli.main\n{all_of('session', 'report')}"
+    slow = {"matplotlib", "scipy.stats", "rich", "slicer"}
+    assert loaded(code, slow | {"app.session.live"}) == {"app.session.live"}
+
+
+def test_a_room_loads_what_is_asked_of_it_and_no_more():
+    code = "from app.fixture import FixtureDecision; from app.robot import Robot; import app.report"
+    slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.decision"}
+    assert loaded(code, slow) == {"app.fixture.decision"}
