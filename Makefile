@@ -35,7 +35,7 @@ demo: $(run)
 	@echo 'The report is $(report)/report.html'
 
 test: $(test)
-	@$(python) -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
+	@$(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 lint: $(test)
 	@$(python) -m ruff check
