@@ -197,7 +197,7 @@ def test_another_tumour_in_a_session_is_in_its_recording(
     case = tmp_path / "case"
     of_session = ("--config", config, "--namespace", "theatre")
     recorder = start("-m", "app.cli", "record", "-o", str(case), *of_session)
-    start("-m", "app.cli", "live", *of_session)
+    start("-m", "app.cli", "live", "--constraint-hz", "100", *of_session)
     start(str(SENDER), str(frames_file), "tracked", "again")
     recorder.line(lambda line: line == "recording /theatre/marginguard/constraint\n")
     with RosNode("operator", domain_id=domain_id) as ros:
