@@ -53,7 +53,7 @@ class RobotModel:
         self.set_links(robot.forward_kinematics({}))
 
     def set_links(self, links: Mapping[str, Transform]) -> None:
-        """Move every link of ``links`` to its ``root_from_link``; others stay.
+        """Move every link of ``links`` to its ``root_from_link``; others stay where they were set.
 
         A link that is there already tells nobody. A name that is not the robot's raises
         `SceneError` and moves nothing.
