@@ -44,11 +44,6 @@ class SourceClock:
         self._ahead: dict[int, tuple[int, int]] = {}
         """Level and time of arrival of each sample that is not believed yet, by its stamp."""
 
-    @property
-    def is_hosts(self) -> bool:
-        """Whether the source's clock is the host's, so that a late stamp is late."""
-        return self._stamps_of_host
-
     def arrived(self, ns: int, host_ns: int) -> None:
         """Take in that a sample stamped ``ns`` was there at ``host_ns``."""
         if self._stamps_of_host:

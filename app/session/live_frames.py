@@ -8,7 +8,7 @@ from app.case import JointSample, TrackingFrame, agreed_sample
 from app.geometry import NS_PER_MS, TrackedTransform
 from app.session.live_clock import SourceClock
 from app.session.pose_tree import Edge, shortest_path
-from app.session.set_back import SetBack
+from app.session.recent_samples import RecentSamples
 from app.session.setup import REFERENCE, SessionSetup
 
 COMPLETE_WITHIN_NS = 5 * NS_PER_MS
@@ -61,7 +61,7 @@ class LiveFrames:
         self._own_frames = frozenset(edge.source for edge in setup.static_edges)
         self._named = frozenset(edges)
         self._clock = clock
-        self._set_back = SetBack(setup.margins.stale_after_ns)
+        self._recent = RecentSamples()
         self._edges: dict[Edge, None] = {}
         self._used: frozenset[Edge] = frozenset()
         self._together: dict[Edge, frozenset[Edge]] = {}
@@ -127,9 +127,12 @@ class LiveFrames:
         known = self._newest.get(edge)
         if known is not None and sample.stamp < known.stamp and self._is_ahead(known, host_ns):
             known = None  # a stamp from the future does not make those of the present late
-        is_repeated = self._set_back.knows(sample)
-        jumped = known is not None and sample.stamp.ns < known.stamp.ns - JUMP_NS
-        if self._is_set_back(sample, host_ns) or (jumped and not is_repeated):
+        is_repeated = self._recent.was_there(sample, host_ns)
+        if (
+            known is not None
+            and sample.stamp.ns < known.stamp.ns - JUMP_NS
+            and not is_repeated  # by a relay, or by somebody who would have the old pass for new
+        ):
             self._start_anew()
             known = None
         self._clock.arrived(sample.stamp.ns, host_ns)
@@ -143,12 +146,6 @@ class LiveFrames:
                 return
         self._newest[edge] = sample
         self._group_of(edge, sample.stamp.ns, host_ns).samples[edge] = sample
-
-    def _is_set_back(self, sample: TrackedTransform, host_ns: int) -> bool:
-        now = self._clock.now(host_ns)
-        if now is None or self._clock.is_hosts:
-            return False
-        return self._set_back.saw(sample, host_ns, delay_ns=sample.stamp.age_ns(now))
 
     def _is_ahead(self, sample: TrackedTransform, host_ns: int) -> bool:
         now = self._clock.now(host_ns)
@@ -198,7 +195,6 @@ class LiveFrames:
         self._anew = True
         self.left_out[SET_BACK] += 1
         self._clock.restart()
-        self._set_back.restart()
         self._newest.clear()
         self._groups.clear()
         self._last_stamp_of.clear()

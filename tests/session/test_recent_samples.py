@@ -1,0 +1,198 @@
+"""What comes again makes nothing new, and what comes later than before is as old as it is."""
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from app.fixture import MarginState, Reason
+from app.session.live_frames import SET_BACK
+from app.session.recent_samples import MOST_REMEMBERED, REMEMBERED_NS, RecentSamples
+from tests.doubles import sample
+from tests.session.test_live import HOST_MS, STALE_MS, World
+
+WAY_MS = 3.0
+LATER_MS = 300
+FOUND_MS = 40
+"""By then the way from the tumour to the tool is known; what came before is not remembered."""
+
+
+def bring(world, sent_ms, way_ms=WAY_MS, *, stamp_error_ms=0.0):
+    """Both poses of a moment; the tool's place over the tumour tells which moment it was."""
+    stamp_ms = sent_ms + stamp_error_ms
+    world.arrive(
+        sent_ms + way_ms,
+        sample("tracker", "needle", (0.0, 0.0, 0.001 * sent_ms), stamp_ms),
+        sample("tracker", "cautery", (30.0, 0.0, 0.002 * sent_ms), stamp_ms),
+    )
+
+
+def known(steps):
+    """When there was a margin, and how old the poses truly were that it was of (ms)."""
+    unknown = MarginState.UNKNOWN
+    found = [(at, step) for at, step in steps if step.decision.state is not unknown]
+    return [(at, at - 1000.0 * step.tumor_from_tip.translation_mm[2]) for at, step in found]
+
+
+def longer_way(world, at_ms):
+    bring(world, at_ms, WAY_MS if at_ms < 1000 else WAY_MS + LATER_MS)
+
+
+def clock_set_back_a_little(world, at_ms):
+    bring(world, at_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
+
+
+def clock_set_back_a_little_and_a_longer_way(world, at_ms):
+    way_ms = WAY_MS + 1000 if at_ms >= 3000 else WAY_MS
+    bring(world, at_ms, way_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
+
+
+def queue_that_fills_while_one_pose_is_overtaken(world, at_ms):
+    if at_ms == 1000:
+        bring(world, at_ms, 330)
+    else:
+        bring(world, at_ms, WAY_MS if at_ms < 1200 else 320)
+
+
+def relay_that_is_left(world, at_ms):
+    """Everything comes a second time; from some moment on only so."""
+    if at_ms < 1000:
+        bring(world, at_ms)
+    bring(world, at_ms, WAY_MS + LATER_MS)
+
+
+def slow_relay_that_is_left(world, at_ms):
+    if at_ms < 1000:
+        bring(world, at_ms)
+    if at_ms >= FOUND_MS:
+        bring(world, at_ms, 900)
+
+
+def relay_of_what_was_lost_just_before(world, at_ms):
+    if at_ms < 1000 and not 820 <= at_ms < 880:
+        bring(world, at_ms)
+    bring(world, at_ms, WAY_MS + LATER_MS)
+
+
+def standby_with_samples_of_its_own(world, at_ms):
+    if at_ms < 1000:
+        bring(world, at_ms)
+    if at_ms >= 700:
+        bring(world, at_ms + 7, WAY_MS + LATER_MS)
+
+
+def one_stamp_of_the_future_and_a_longer_way(world, at_ms):
+    if at_ms == 980:
+        bring(world, at_ms, stamp_error_ms=10_000)
+    else:
+        longer_way(world, at_ms)
+
+
+def all_that_was_is_said_again(world, at_ms):
+    """An attacker that repeats, in its rhythm and for ever, the last moments of a source."""
+    if at_ms < 1000:
+        bring(world, at_ms)
+    else:
+        again_ms = FOUND_MS + at_ms % (1000 - FOUND_MS)
+        bring(world, again_ms, at_ms - again_ms)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        longer_way,
+        clock_set_back_a_little,
+        clock_set_back_a_little_and_a_longer_way,
+        queue_that_fills_while_one_pose_is_overtaken,
+        relay_that_is_left,
+        slow_relay_that_is_left,
+        relay_of_what_was_lost_just_before,
+        standby_with_samples_of_its_own,
+        one_stamp_of_the_future_and_a_longer_way,
+        all_that_was_is_said_again,
+    ],
+)
+def test_what_is_late_by_its_stamps_is_unknown_however_long_it_is_steady(source):
+    world = World()
+    for at_ms in range(0, 12_000, 20):
+        source(world, at_ms)
+    found = known(world.run(11_900))
+    assert 900 < found[-1][0] < 1300 + STALE_MS
+    assert max(age_ms for _, age_ms in found) <= STALE_MS + WAY_MS + 20
+    assert SET_BACK not in world.live.left_out()
+
+
+@pytest.mark.parametrize("stamps_of_host", [False, True])
+def test_a_slow_repetition_is_no_fault(stamps_of_host):
+    world = World(stamps_of_host)
+    for at_ms in range(0, 3000, 20):
+        bring(world, at_ms, stamp_error_ms=HOST_MS if stamps_of_host else 0)
+        if at_ms >= FOUND_MS:
+            bring(world, at_ms, 900, stamp_error_ms=HOST_MS if stamps_of_host else 0)
+    steps = world.run(2900)
+    assert not any(step.decision.hold for at, step in steps if at > 200)
+    assert SET_BACK not in world.live.left_out()
+
+
+def test_a_clock_that_is_set_back_by_more_than_half_a_second_is_counted_and_followed():
+    world = World()
+    for at_ms in range(0, 3000, 20):
+        bring(world, at_ms, stamp_error_ms=0 if at_ms < 1000 else -610)
+    steps = world.run(2900)
+    jumped = [at for at, step in steps if Reason.CLOCK_JUMPED_BACK in step.decision.reasons]
+    assert jumped == [pytest.approx(1000 + WAY_MS, abs=1.0)]
+    assert world.live.left_out()[SET_BACK] == 1
+    assert known(steps)[-1][0] > 2800
+    assert steps[-1][1].decision.hold
+
+
+@settings(max_examples=25, deadline=None)
+@example([(6000, 300)], 0)
+@example([(6000, 3)], 900)
+@given(
+    st.lists(st.tuples(st.integers(20, 7000), st.integers(3, 4000)), min_size=1, max_size=4),
+    st.sampled_from([0, 250, 400, 900, 3000]),
+)
+def test_a_way_that_keeps_the_order_never_makes_old_poses_known(ways, relay_ms):
+    """Each part of the time has its way (ms); what is sent later is never there earlier."""
+    world, sent_ms, there_ms = World(), 0, 0.0
+    for lasts_ms, way_ms in [(400, WAY_MS), *ways]:
+        end_ms = sent_ms + lasts_ms
+        while sent_ms < end_ms:
+            there_ms = max(there_ms, sent_ms + way_ms)
+            bring(world, sent_ms, there_ms - sent_ms)
+            if relay_ms and sent_ms >= FOUND_MS:
+                bring(world, sent_ms, there_ms - sent_ms + relay_ms)
+            sent_ms += 20
+    for at, age_ms in known(world.run(sent_ms + 5000)):
+        assert age_ms <= STALE_MS + WAY_MS + 0.0002 * at + 20.0
+
+
+def moment(at_ms, place_mm=1.0):
+    return sample("tracker", "needle", (0.0, 0.0, place_mm), at_ms)
+
+
+def test_the_same_sample_is_known_again_and_no_other_is():
+    recent = RecentSamples()
+    assert not recent.was_there(moment(100), 0)
+    assert recent.was_there(moment(100), 1)
+    assert not recent.was_there(moment(120), 2)
+    assert not recent.was_there(moment(100, 1.0 + 1e-12), 3)
+    assert not recent.was_there(sample("tracker", "cautery", (0.0, 0.0, 1.0), 100), 4)
+
+
+def test_a_sample_is_forgotten_after_its_time_and_not_while_it_is_repeated():
+    recent = RecentSamples()
+    recent.was_there(moment(100), 0)
+    assert recent.was_there(moment(100), REMEMBERED_NS)
+    assert recent.was_there(moment(100), 2 * REMEMBERED_NS)
+    assert not recent.was_there(moment(100), 3 * REMEMBERED_NS + 1)
+
+
+def test_no_more_is_kept_than_there_is_room_for():
+    recent = RecentSamples()
+    for index in range(MOST_REMEMBERED + 500):
+        recent.was_there(moment(index), 0)
+    assert not recent.was_there(moment(499), 0)
+    assert recent.was_there(moment(MOST_REMEMBERED + 499), 0)
+    (remembered,) = recent._edges.values()
+    assert len(remembered) == MOST_REMEMBERED
