@@ -1,7 +1,7 @@
 """Samples in the order of arrival become frames in the order of acquisition."""
 
 from bisect import bisect_right, insort_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,18 +38,29 @@ class FrameAssembler:
         self._contradiction_said = False
         self._newest_ns: int | None = None
 
-    def add_pose(self, sample: TrackedTransform) -> Iterator[TrackingFrame]:
-        """Take a sample; yield the frames that are complete now."""
+    def add_pose(self, sample: TrackedTransform) -> Iterable[TrackingFrame]:
+        """Take a sample; give the frames that are complete now."""
         ns = sample.stamp.ns
-        if self._newest_ns is not None and ns < self._newest_ns - REORDER_NS:
-            yield from self.flush()
-            self._newest_ns = ns
-        newest = self._newest_ns = max(ns, self._newest_ns) if self._newest_ns is not None else ns
-        draft = self._drafts.setdefault(ns, _Draft())
+        draft = self._drafts.get(ns)
+        finished = []
+        if draft is None:
+            finished = self._begin(ns)
+            draft = self._drafts[ns] = _Draft()
         edge = (sample.target, sample.source)
         draft.poses[edge] = self._agreed(draft.poses.get(edge), sample)
-        while (oldest := min(self._drafts)) < newest - REORDER_NS:
-            yield self._finished(oldest)
+        return finished
+
+    def _begin(self, ns: int) -> list[TrackingFrame]:
+        """The frames that are complete when there is a sample of ``ns``."""
+        newest = ns if self._newest_ns is None else max(ns, self._newest_ns)
+        if ns < newest - REORDER_NS:
+            finished = list(self.flush())
+            newest = ns
+        else:
+            old = sorted(stamp for stamp in self._drafts if stamp < newest - REORDER_NS)
+            finished = [self._finished(stamp) for stamp in old]
+        self._newest_ns = newest
+        return finished
 
     def _agreed(self, known: TrackedTransform | None, sample: TrackedTransform) -> TrackedTransform:
         if known is None:
@@ -72,7 +83,10 @@ class FrameAssembler:
 
     def add_joints(self, sample: JointSample) -> None:
         """Take a joint sample, its stamp on the tracker's clock."""
-        insort_right(self._joints, sample, key=_ns)
+        if self._joints and sample.stamp.ns < self._joints[-1].stamp.ns:
+            insort_right(self._joints, sample, key=_ns)
+        else:
+            self._joints.append(sample)
         if len(self._joints) > _MAX_PENDING_JOINTS:
             del self._joints[: _MAX_PENDING_JOINTS // 2]
             if not self._joints_dropped:

@@ -7,7 +7,7 @@ is not read, for it holds nothing measured. Message types come from the recordin
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,7 +91,7 @@ class _Reading:
         self._assembler = FrameAssembler(note)
         self._tracked_edges: set[tuple[str, str]] = set()
         self._unreadable: Counter[str] = Counter()
-        self._readers: dict[str, tuple[str, Callable[[Any], Iterator[TrackingFrame]]]] = {
+        self._readers: dict[str, tuple[str, Callable[[Any], Iterable[TrackingFrame]]]] = {
             TRACKED_TRANSFORMS_TOPIC: (TRACKED_TRANSFORM, self._tracked),
             TF_TOPIC: (TF_MESSAGE, self._tf),
             UNFILTERED_TIME_TOPIC: (TIME_REFERENCE, self._unfiltered),
@@ -121,22 +121,22 @@ class _Reading:
         if self._unreadable[topic] == 1:
             self._note(f"a message on {topic} cannot be used and is skipped: {error}")
 
-    def _tracked(self, values: PoseValues) -> Iterator[TrackingFrame]:
+    def _tracked(self, values: PoseValues) -> Iterable[TrackingFrame]:
         self._tracked_edges.add(values.edge)
-        yield from self._assembler.add_pose(values.sample())
+        return self._assembler.add_pose(values.sample())
 
-    def _tf(self, poses: tuple[PoseValues, ...]) -> Iterator[TrackingFrame]:
+    def _tf(self, poses: tuple[PoseValues, ...]) -> Iterable[TrackingFrame]:
         for values in poses:
             if values.edge not in self._tracked_edges:
                 yield from self._assembler.add_pose(values.sample())
 
-    def _unfiltered(self, values: TimeValues) -> Iterator[TrackingFrame]:
+    def _unfiltered(self, values: TimeValues) -> Iterable[TrackingFrame]:
         self._assembler.add_unfiltered(Stamp(values.ns), Stamp(values.unfiltered_ns))
-        return iter(())
+        return ()
 
-    def _joints(self, values: JointValues) -> Iterator[TrackingFrame]:
+    def _joints(self, values: JointValues) -> Iterable[TrackingFrame]:
         self._assembler.add_joints(values.sample(offset_ns=self._offset_ns))
-        return iter(())
+        return ()
 
 
 _VALUES_OF: dict[str, Callable[[Any], Any]] = {

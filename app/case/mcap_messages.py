@@ -29,6 +29,7 @@ MAX_RECORD_BYTES = 256 * 1024 * 1024
 _HEAD = struct.Struct("<BQ")
 # Of a message: its channel, sequence, log time and publish time; its data follow.
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_MESSAGE = int(Opcode.MESSAGE)
 # What the decoders raise on bytes that are not what they should be.
 _DAMAGED = (
     McapError,
@@ -83,17 +84,18 @@ def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterat
     schemas: dict[int, Schema] = {}
     channels: dict[int, Connection] = {}
     for record in _records(file, name, note):
-        if isinstance(record, Schema):
+        if isinstance(record, _Message):
+            if record.channel_id in channels:
+                yield RawMessage(channels[record.channel_id], record.data)
+        elif isinstance(record, Schema):
             schemas[record.id] = record
-        elif isinstance(record, Channel):
+        else:
             schema = schemas.get(record.schema_id)
             if schema is not None and record.message_encoding == "cdr":
                 definition = schema.data.decode("utf-8", errors="replace")
                 channels[record.id] = Connection(
                     record.topic, schema.name, definition, schema.encoding
                 )
-        elif record.channel_id in channels:
-            yield RawMessage(channels[record.channel_id], record.data)
 
 
 def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[_Record]:
@@ -120,14 +122,17 @@ def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterato
 def _parsed(opcode: int, body: bytes) -> list[_Record]:
     if opcode == Opcode.CHUNK:
         return _records_in(_unpacked(Chunk.read(ReadDataStream(BytesIO(body)))))
-    if opcode == Opcode.MESSAGE:
-        channel_id, _, _, _ = _MESSAGE_HEAD.unpack_from(body)
-        return [_Message(channel_id, body[_MESSAGE_HEAD.size :])]
+    if opcode == _MESSAGE:
+        return [_message(body)]
     if opcode == Opcode.SCHEMA:
         return [Schema.read(ReadDataStream(BytesIO(body)))]
     if opcode == Opcode.CHANNEL:
         return [Channel.read(ReadDataStream(BytesIO(body)))]
     return []
+
+
+def _message(body: bytes) -> _Message:
+    return _Message(_MESSAGE_HEAD.unpack_from(body)[0], body[_MESSAGE_HEAD.size :])
 
 
 def _records_in(data: bytes) -> list[_Record]:
@@ -137,8 +142,11 @@ def _records_in(data: bytes) -> list[_Record]:
     while at < len(data):
         opcode, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
-        if opcode != Opcode.CHUNK:  # none lies in another
-            records += _parsed(opcode, data[at : at + length])
+        body = data[at : at + length]
+        if opcode == _MESSAGE:  # nearly all are
+            records.append(_message(body))
+        elif opcode != Opcode.CHUNK:  # none lies in another
+            records += _parsed(opcode, body)
         at += length
     return records
 

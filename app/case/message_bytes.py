@@ -21,6 +21,9 @@ from app.case.message_values import JointValues, PoseValues
 from app.case.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
 from app.geometry import NS_PER_S
 
+_Names = tuple[str, str]
+_Move = tuple[float, float, float]
+_Turn = tuple[float, float, float, float]
 Values = PoseValues | tuple[PoseValues, ...] | JointValues
 ReadBytes = Callable[[bytes], Values | None]
 
@@ -28,6 +31,7 @@ _LITTLE_ENDIAN = b"\0\1"
 _ENCAPSULATION = 4
 _COUNT = struct.Struct("<I")
 _TIME = struct.Struct("<iI")
+_TIME_AND_COUNT = struct.Struct("<iII")
 _POSE = struct.Struct("<7d")
 _PADDING = 3
 """So many bytes may follow a message, to a multiple of four."""
@@ -58,29 +62,36 @@ def bytes_reader(definitions: Typesdict, message_type: str) -> ReadBytes | None:
 
 
 def _tracked(body: bytes) -> tuple[PoseValues, int]:
-    pose, end = _pose(body, 0)
-    return pose._replace(status=body[end]), end + 1
+    names, ns, move, turn, end = _pose(body, 0)
+    return PoseValues(*names, ns, move, turn, body[end]), end + 1
 
 
 def _tf(body: bytes) -> tuple[tuple[PoseValues, ...], int]:
     count, at = _count(body, 0)
     poses = []
     for _ in range(count):
-        pose, at = _pose(body, at)
-        poses.append(pose)
+        names, ns, move, turn, at = _pose(body, at)
+        poses.append(PoseValues(*names, ns, move, turn))
     return tuple(poses), at
 
 
-def _pose(body: bytes, at: int) -> tuple[PoseValues, int]:
+def _pose(body: bytes, at: int) -> tuple[_Names, int, _Move, _Turn, int]:
     """What `TrackedTransform` and `TransformStamped` have in common, and where it ends."""
-    at = _aligned(at, 4)
-    sec, nanosec = _TIME.unpack_from(body, at)
-    target, at = _name(body, at + _TIME.size)
-    source, at = _name(body, at)
-    at = _aligned(at, 8)
+    at = (at + 3) & ~3
+    sec, nanosec, count = _TIME_AND_COUNT.unpack_from(body, at)
+    first = at + _TIME.size
+    second = (first + _COUNT.size + count + 3) & ~3
+    end = second + _COUNT.size + _COUNT.unpack_from(body, second)[0]
+    at = (end + 7) & ~7
     x, y, z, qx, qy, qz, qw = _POSE.unpack_from(body, at)
     ns = sec * NS_PER_S + nanosec
-    return PoseValues(target, source, ns, (x, y, z), (qx, qy, qz, qw)), at + _POSE.size
+    return _two_names(body[first:end]), ns, (x, y, z), (qx, qy, qz, qw), at + _POSE.size
+
+
+@lru_cache(maxsize=1024)  # a recording has few frames, and names them over and over
+def _two_names(text: bytes) -> _Names:
+    target, at = _name(text, 0)
+    return target, _name(text, at)[0]
 
 
 class _JointReader:
@@ -93,13 +104,13 @@ class _JointReader:
     def __call__(self, body: bytes) -> tuple[JointValues, int]:
         sec, nanosec = _TIME.unpack_from(body, 0)
         _, at = _name(body, _TIME.size)
-        at = _aligned(at, 4)
+        at = (at + 3) & ~3
         if not (self._known and body.startswith(self._known, at)):
             self._names, end = _names(body, at)
             self._known = body[at:end]
         positions, at = _floats(body, at + len(self._known))
-        _, at = _floats(body, at)  # velocity
-        _, at = _floats(body, at)  # effort
+        at = _behind_floats(body, at)  # velocity
+        at = _behind_floats(body, at)  # effort
         return JointValues(self._names, positions, sec * NS_PER_S + nanosec), at
 
 
@@ -117,29 +128,30 @@ def _name(body: bytes, at: int) -> tuple[str, int]:
     end = at + count
     if count == 0 or body[end - 1] != 0:
         raise ValueError("no zero closes the name")
-    return _decoded(body[at : end - 1]), end
-
-
-@lru_cache(maxsize=1024)  # a recording has few names, and says them over and over
-def _decoded(name: bytes) -> str:
-    return name.decode()
+    return body[at : end - 1].decode(), end
 
 
 def _floats(body: bytes, at: int) -> tuple[tuple[float, ...], int]:
     count, at = _count(body, at)
     if not count:
         return (), at
-    at = _aligned(at, 8)
-    return struct.unpack_from(f"<{count}d", body, at), at + 8 * count
+    at = (at + 7) & ~7
+    return _doubles(count).unpack_from(body, at), at + 8 * count
+
+
+def _behind_floats(body: bytes, at: int) -> int:
+    count, at = _count(body, at)
+    return ((at + 7) & ~7) + 8 * count if count else at
+
+
+@lru_cache(maxsize=64)
+def _doubles(count: int) -> struct.Struct:
+    return struct.Struct(f"<{count}d")
 
 
 def _count(body: bytes, at: int) -> tuple[int, int]:
     at = (at + 3) & ~3
     return _COUNT.unpack_from(body, at)[0], at + _COUNT.size
-
-
-def _aligned(at: int, size: int) -> int:
-    return (at + size - 1) & -size
 
 
 def _fields(definitions: Typesdict, message_type: str, prefix: str = "") -> Iterator[str]:

@@ -46,8 +46,9 @@ class PoseValues(NamedTuple):
         status = _STATUSES.get(self.status, TrackingStatus.INVALID)
         if status is not TrackingStatus.OK:
             return TrackedTransform.lost(target, source, stamp, status)
-        translation_mm = [MM_PER_M * value for value in self.translation_m]
-        if not all(map(math.isfinite, (*translation_mm, *self.quaternion))):
+        x, y, z = self.translation_m
+        translation_mm = (MM_PER_M * x, MM_PER_M * y, MM_PER_M * z)
+        if not all(map(math.isfinite, translation_mm + self.quaternion)):
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_FINITE)
         try:
             transform = Transform.from_quaternion(
@@ -75,9 +76,10 @@ class JointValues(NamedTuple):
         """
         stamp = Stamp(self.ns + offset_ns)
         sample = JointSample(self.names, np.array(self.positions), stamp)
-        for name, position in zip(self.names, self.positions, strict=True):
-            if not math.isfinite(position):
-                raise InputError(f"joint {name!r} is at {position}: a finite position wanted")
+        if not all(map(math.isfinite, self.positions)):
+            for name, position in zip(self.names, self.positions, strict=True):
+                if not math.isfinite(position):
+                    raise InputError(f"joint {name!r} is at {position}: a finite position wanted")
         return sample
 
 

@@ -36,5 +36,7 @@ def _watchdog(
 def _split(
     joints: tuple[JointSample, ...], until_ns: int
 ) -> tuple[tuple[JointSample, ...], tuple[JointSample, ...]]:
-    early = tuple(sample for sample in joints if sample.stamp.ns <= until_ns)
-    return early, tuple(sample for sample in joints if sample.stamp.ns > until_ns)
+    late = [sample for sample in joints if sample.stamp.ns > until_ns]
+    if not late:
+        return joints, ()
+    return tuple(sample for sample in joints if sample.stamp.ns <= until_ns), tuple(late)

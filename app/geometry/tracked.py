@@ -48,11 +48,14 @@ class TrackedTransform:
                 "OK samples carry one, the others none"
             )
         if self.transform is not None:
-            for name in ("target", "source"):
-                given, known = getattr(self, name), getattr(self.transform, name)
-                if given not in ("", known):
-                    raise FrameError(f"{name} {given!r} is not the transform's {known!r}")
-                object.__setattr__(self, name, known)
+            for name, given, known in (
+                ("target", self.target, self.transform.target),
+                ("source", self.source, self.transform.source),
+            ):
+                if given != known:
+                    if given != "":
+                        raise FrameError(f"{name} {given!r} is not the transform's {known!r}")
+                    object.__setattr__(self, name, known)
         else:
             check_frame(self.target)
             check_frame(self.source)
