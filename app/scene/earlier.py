@@ -8,6 +8,7 @@ from slicer import (
     vtkMRMLModelNode,
     vtkMRMLNode,
     vtkMRMLScene,
+    vtkMRMLSequenceBrowserNode,
 )
 
 from app.scene.models import remove_displayed, remove_node
@@ -38,11 +39,14 @@ class Earlier:
         """What ``scene`` holds; what is made anew anyway (marks, robots) is taken out of it.
 
         The surfaces are hidden until they are used: what they showed was true when it was saved.
+        No browser plays a recording into it any more: its colours would pass for those of now.
         """
         earlier = cls()
         count = scene.GetNumberOfNodes()
         for node in [scene.GetNthNode(place) for place in range(count)]:
             role, name = node.GetAttribute(_ROLE), node.GetName()
+            if role is not None:
+                _stop_playing(scene, node)
             if role == FRAME:
                 earlier.frames.setdefault(name, node)
             elif role == SURFACE and name not in earlier.surfaces:
@@ -53,3 +57,14 @@ class Earlier:
             elif role is not None:
                 remove_node(scene, node)
         return earlier
+
+
+def _stop_playing(scene: vtkMRMLScene, node: vtkMRMLNode) -> None:
+    """Take out the browsers whose sequences move or colour ``node``; the sequences stay."""
+    played = {node.GetID()}
+    if isinstance(node, vtkMRMLDisplayableNode):
+        played |= {node.GetNthDisplayNodeID(n) for n in range(node.GetNumberOfDisplayNodes())}
+    found = scene.GetNodesByClass(vtkMRMLSequenceBrowserNode.__name__)
+    for browser in [found.GetItemAsObject(place) for place in range(found.GetNumberOfItems())]:
+        if any(browser.IsProxyNodeID(node_id) for node_id in played):
+            scene.RemoveNode(browser)

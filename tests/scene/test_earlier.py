@@ -1,5 +1,6 @@
 """A scene that was saved and is open again is gone on with: no second tumour, no second tree."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,17 @@ import pytest
 from slicer import vtkMRMLScene
 
 from app.fixture import MarginState
-from app.geometry import SurfaceMesh, Transform
+from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.robot import Robot
-from app.scene import MarginGuardScene, SceneApplication, load_scene, save_scene
+from app.scene import (
+    MarginGuardScene,
+    SceneApplication,
+    add_sequences,
+    load_scene,
+    save_scene,
+)
 from app.scene.convert import world_matrix
+from app.scene.sequences import BROWSER_NAME
 from tests.scene.conftest import Decide, Fill
 from tests.scene.scene_content import content
 
@@ -104,3 +112,34 @@ def test_a_node_of_somebody_else_is_not_taken_for_ours(fill: Fill) -> None:
 def test_cleared_it_is_as_if_nothing_had_been_loaded(opened: SceneApplication, fill: Fill) -> None:
     fill(MarginGuardScene(opened.scene, go_on=True)).clear()
     assert content(opened.scene).keys() == {"UsersPoints"}
+
+
+def test_a_recording_that_was_saved_with_it_moves_and_colours_nothing_of_it(
+    fill: Fill, edges: tuple[Transform, ...], decision: Decide, tmp_path: Path
+) -> None:
+    first = SceneApplication(vtkMRMLScene())
+    saved = fill(MarginGuardScene(first.scene))
+    good = [TrackedTransform(edge, Stamp(0), TrackingStatus.OK) for edge in edges]
+    frames = [
+        [replace(each, stamp=Stamp(index * 20_000_000)) for each in good] for index in (0, 1, 2)
+    ]
+    states = [(index * 20_000_000, MarginState.NEGATIVE, ()) for index in (0, 1, 2)]
+    saved.show(decision(MarginState.NEGATIVE, 7.0), {})
+    add_sequences(saved, frames, states, 20_000_000)
+    save_scene(first.scene, tmp_path / "scene.mrb")
+    second = SceneApplication(vtkMRMLScene())
+    load_scene(second.scene, tmp_path / "scene.mrb")
+    browser = second.scene.GetFirstNodeByName(BROWSER_NAME)
+    users = second.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", "Users")
+    scene = fill(MarginGuardScene(second.scene, stale_after_ns=STALE_NS, go_on=True))
+    moved = Transform("reference", "cautery", np.eye(3), [1.0, 2.0, 3.0])
+    scene.set_poses([moved])
+    at = world_matrix(scene.tree.node("cautery_tip"))
+    for item in (0, 2, 1):
+        browser.SetSelectedItemNumber(item)
+        assert scene.tumor.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+        assert scene.tool.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+        assert scene.margin.status.GetText() == ""
+        assert np.array_equal(world_matrix(scene.tree.node("cautery_tip")), at)
+    assert named(second.scene, "MarginGuard-NeedleToReference-Seq")
+    assert second.scene.IsNodePresent(users)
