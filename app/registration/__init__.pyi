@@ -39,6 +39,7 @@ from .tip_frame import tip_transform
 from .tre import (
     predict_layout_tre,
     predict_tre,
+    tre_at,
     tre_covariances,
     tre_upper_bound,
 )
@@ -91,6 +92,7 @@ __all__ = [
     "select_poses",
     "solve_robot_world",
     "tip_transform",
+    "tre_at",
     "tre_covariances",
     "tre_upper_bound",
     "usable_poses",

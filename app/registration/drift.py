@@ -54,12 +54,30 @@ class DriftBound:
 
 @dataclass(frozen=True, slots=True)
 class RegistrationDrift:
-    """How far apart the two poses are, whether that is accepted, and the line that says so."""
+    """How far apart two poses of ``frame`` are, and what was allowed."""
 
+    frame: str
     translation_mm: float
     rotation_rad: float
-    accepted: bool
-    reason: str
+    bound: DriftBound
+
+    @property
+    def accepted(self) -> bool:
+        """Whether both are within the bound."""
+        return bool(
+            self.translation_mm <= self.bound.translation_mm
+            and self.rotation_rad <= self.bound.rotation_rad
+        )
+
+    @property
+    def reason(self) -> str:
+        """The line that says so."""
+        return (
+            f"{self.frame} is {self.translation_mm:.3g} mm and "
+            f"{math.degrees(self.rotation_rad):.3g} degrees from where the registration puts it, "
+            f"{self.bound.translation_mm:g} mm and {math.degrees(self.bound.rotation_rad):.3g} "
+            "degrees allowed"
+        )
 
 
 def check_drift(predicted: Transform, measured: Transform, bound: DriftBound) -> RegistrationDrift:
@@ -68,16 +86,9 @@ def check_drift(predicted: Transform, measured: Transform, bound: DriftBound) ->
     ``predicted`` goes by way of the registration (base, kinematics, mount), ``measured`` by the
     tracker. Raises `FrameError` when they are not between the same frames.
     """
-    translation = predicted.distance_mm_to(measured)
-    rotation = predicted.angle_to(measured)
-    accepted = bool(translation <= bound.translation_mm and rotation <= bound.rotation_rad)
     return RegistrationDrift(
-        translation_mm=translation,
-        rotation_rad=rotation,
-        accepted=accepted,
-        reason=(
-            f"{predicted.source} is {translation:.3g} mm and {math.degrees(rotation):.3g} degrees "
-            f"from where the registration puts it, {bound.translation_mm:g} mm and "
-            f"{math.degrees(bound.rotation_rad):.3g} degrees allowed"
-        ),
+        frame=predicted.source,
+        translation_mm=predicted.distance_mm_to(measured),
+        rotation_rad=predicted.angle_to(measured),
+        bound=bound,
     )

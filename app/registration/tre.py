@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from app.geometry import FloatArray
 from app.registration.errors import CovarianceError, ShapeError
-from app.registration.inputs import as_covariances, as_points
+from app.registration.inputs import as_covariances, as_point, as_points
 from app.registration.motion import move_origin, point_jacobian
 from app.registration.quantiles import chi_square_quantile
 from app.registration.result import RegistrationResult
@@ -32,6 +32,15 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
     points = as_points(points_mm, "points_mm of a target error")
     variance = (points.dot(spread) * points).sum(axis=1) - 2.0 * points.dot(lever) + shift
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def tre_at(result: RegistrationResult, point_mm: FloatArray) -> float:
+    """As `predict_tre`, at one point (3,): for what asks at every step."""
+    spread, lever, shift = _trace_terms(result)
+    variance = float(point_mm.dot(spread).dot(point_mm) - 2.0 * point_mm.dot(lever) + shift)
+    if not math.isfinite(variance):
+        as_point(point_mm, "point_mm of a target error")
+    return math.sqrt(max(variance, 0.0))
 
 
 @lru_cache(maxsize=16)  # asked at every step of a session, which has one registration

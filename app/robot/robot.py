@@ -50,9 +50,8 @@ class Robot:
         """
         matrices = self._tree.link_matrices(self._tree.all_positions(positions))
         names, places_mm = self._tree.link_names, matrices[:, :3, 3].copy()
-        finite = np.isfinite(places_mm).all(axis=1)
-        if not finite.all():
-            first = int(np.argmin(finite))
+        if not np.isfinite(places_mm).all():
+            first = int(np.argmin(np.isfinite(places_mm).all(axis=1)))
             raise JointError(
                 f"link {names[first]!r} is at {places_mm[first].tolist()} mm with the joints at "
                 f"{dict(positions)}: finite numbers wanted"

@@ -9,6 +9,8 @@ from app.geometry import FloatArray
 from app.robot.errors import JointError, UrdfError
 from app.robot.joint import MM_PER_M, Joint
 
+_IDENTITY: FloatArray = np.eye(4)
+
 
 class KinematicTree:
     """Joints in the order from root to leaves, checked to be one tree over ``link_names``.
@@ -24,6 +26,7 @@ class KinematicTree:
         self._joint_named = {joint.name: joint for joint in joints}
         self._joint_above = {joint.child: joint for joint in joints}
         place = {name: index for index, name in enumerate(self.link_names)}
+        self._motions = tuple((joint.name, joint.moves, joint.slides) for joint in self.joints)
         self._parents = [place[joint.parent] for joint in self.joints]
         self._origins = np.array([joint.origin.matrix for joint in self.joints]).reshape(-1, 4, 4)
         twists = np.array([joint.twist for joint in self.joints]).reshape(-1, 4, 4)
@@ -66,15 +69,22 @@ class KinematicTree:
     def link_matrices(self, positions: Mapping[str, float]) -> FloatArray:
         """``root_from_link`` (n, 4, 4) in mm, as in ``link_names``, from `all_positions`.
 
-        All joints are moved at once (`Joint.twist`): a robot is placed at every step of a session.
+        All joints are moved at once by the factors of their twists (`Joint.twist`): a robot is
+        placed at every step of a session.
         """
-        factors = np.array([_factors(joint, positions) for joint in self.joints]).reshape(-1, 2)
-        first, second = factors.T[:, :, None, None]
-        placed = self._origins + first * self._turned + second * self._turned_twice
+        first, second = [], []
+        for name, moves, slides in self._motions:
+            position = positions[name] if moves else 0.0
+            first.append(position if slides else math.sin(position))
+            second.append(0.0 if slides else 1.0 - math.cos(position))
+        placed = self._turned * np.array(first)[:, None, None]
+        placed += self._turned_twice * np.array(second)[:, None, None]
+        placed += self._origins
         matrices = np.empty((len(self.link_names), 4, 4))
-        matrices[0] = np.eye(4)
-        for link, parent in enumerate(self._parents, start=1):
-            np.dot(matrices[parent], placed[link - 1], out=matrices[link])
+        each = list(matrices)
+        each[0][...] = _IDENTITY
+        for link, parent, here in zip(each[1:], self._parents, placed, strict=True):
+            np.dot(each[parent], here, out=link)
         return matrices
 
     def path_to(self, link: str) -> list[Joint]:
@@ -125,16 +135,6 @@ class KinematicTree:
                 jacobian[:3, column] += gain * np.cross(axis, lever)
                 jacobian[3:, column] += gain * axis
         return jacobian
-
-
-def _factors(joint: Joint, positions: Mapping[str, float]) -> tuple[float, float]:
-    """Of the joint's twist and of its square in its motion."""
-    if not joint.moves:
-        return 0.0, 0.0
-    position = positions[joint.name]
-    if joint.slides:
-        return position, 0.0
-    return math.sin(position), 1.0 - math.cos(position)
 
 
 def _root_of(link_names: Sequence[str], joints: Sequence[Joint]) -> str:

@@ -14,10 +14,10 @@ from app.fixture import (
     path_mm,
 )
 from app.geometry import FloatArray, FrameError, Stamp, Transform
-from app.registration import RegistrationDrift, check_drift, predict_tre
+from app.registration import RegistrationDrift, check_drift, tre_at
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
-from app.session.pose_tree import MeasuredPose, PoseTree
+from app.session.pose_tree import PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.tumor_velocity import TumorVelocity
 
@@ -89,9 +89,12 @@ class Session:
         if tool.transform is not None:
             tumor_from_tip = self._tumor_from_frame @ tool.transform @ self.setup.tool_from_tip
         in_reference = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
-        links, robot_problem = self._links(frame, in_reference.transform)
-        sigma_tre_mm, registration_problems = self._registration_at_tip(in_reference)
-        drift = self._drift(links, in_reference.transform)
+        seen = None
+        if in_reference.transform is not None:
+            seen = in_reference.transform @ self.setup.tool_from_tip
+        links, robot_problem = self._links(frame, seen)
+        sigma_tre_mm, registration_problems = self._registration_at_tip(seen, in_reference.problems)
+        drift = self._drift(links, seen)
         if drift is not None:
             self._drifted = not drift.accepted
         # A drift that was seen is not over because the robot has fallen silent.
@@ -203,13 +206,15 @@ class Session:
         swept = model.sweep(last.tumor_from_tip, tumor_from_tip, stamp)
         return here, swept.lowest if swept.lowest.signed_distance_mm <= 0.0 else None
 
-    def _registration_at_tip(self, tool: MeasuredPose) -> tuple[float, frozenset[Reason]]:
+    def _registration_at_tip(
+        self, tip: Transform | None, problems: frozenset[Reason]
+    ) -> tuple[float, frozenset[Reason]]:
         """The standard deviation in mm of the registration at the tip, and what is wrong with it.
 
         Without a robot nothing is registered and nothing is added. With one, the tip has to be
         known in the reference frame, since the constraint reaches the robot through it. A
-        registration that was given states no uncertainty, and adds none. ``tool`` is
-        ``reference_from_tool``.
+        registration that was given states no uncertainty, and adds none. ``tip`` is
+        ``reference_from_tip``, or ``problems`` say why it is not known.
         """
         robot = self.setup.robot
         if robot is None:
@@ -217,18 +222,19 @@ class Session:
         registration = robot.registration
         if registration is None:
             return 0.0, frozenset({Reason.REGISTRATION_MISSING})
-        problems = tool.problems
         if not registration.accepted:
             problems |= {Reason.REGISTRATION_REFUSED}
-        if tool.transform is None or registration.covariance is None:
+        if tip is None or registration.covariance is None:
             return 0.0, problems
-        tip_mm = tool.transform.apply(self.setup.tool_from_tip.translation_mm)
-        return float(predict_tre(registration, tip_mm[None])[0]), problems
+        return tre_at(registration, tip.translation_mm), problems
 
     def _drift(
         self, links: Mapping[str, Transform], seen: Transform | None
     ) -> RegistrationDrift | None:
-        """How far the tool is from where the robot's joints and the registration put it."""
+        """How far the tip is from where the robot's joints and the registration put it.
+
+        ``seen`` is ``reference_from_tip``.
+        """
         robot = self.setup.robot
         if (
             robot is None
@@ -238,24 +244,23 @@ class Session:
             or seen is None
         ):
             return None
-        measured = seen @ self.setup.tool_from_tip
         link = robot.registration.transform @ links[robot.tool_link].renamed(
             target=robot.base_frame
         )
         # Without a known mount the link only tells where the tip is, not how it is turned.
         predicted = (
-            Transform(link.target, measured.source, measured.rotation, link.translation_mm)
+            Transform(link.target, seen.source, seen.rotation, link.translation_mm)
             if robot.link_from_tip is None
             else link @ robot.link_from_tip
         )
-        return check_drift(predicted, measured, robot.max_drift)
+        return check_drift(predicted, seen, robot.max_drift)
 
     def _links(
         self, frame: TrackingFrame, seen: Transform | None
     ) -> tuple[Mapping[str, Transform], str]:
         """``root_from_link`` from the latest joints, or nothing and what is wrong with them.
 
-        Without recorded joints: from the tool where it is ``seen`` in the reference frame.
+        Without recorded joints: from the tip where it is ``seen`` in the reference frame.
         """
         if frame.joints:
             self._joints = frame.joints[-1]
@@ -278,7 +283,7 @@ class Session:
         if self._follower is None or seen is None:
             return {}, "the tool is not seen in the reference frame: the robot cannot follow it"
         try:
-            return self._follower.links(seen @ self.setup.tool_from_tip), ""
+            return self._follower.links(seen), ""
         except UnreachableError as error:
             return {}, f"{OUT_OF_REACH}: {error}"
 

@@ -5,10 +5,12 @@ from scipy.spatial.transform import Rotation
 from app.geometry import FloatArray, Transform
 from app.registration import (
     CovarianceError,
+    NotFiniteError,
     given_registration,
     predict_layout_tre,
     predict_tre,
     register_points,
+    tre_at,
     tre_covariances,
     tre_upper_bound,
 )
@@ -57,6 +59,9 @@ def test_sigma_is_the_root_of_the_covariances_trace() -> None:
         targets = rng.normal(scale=200.0, size=(7, 3))
         traces = np.trace(tre_covariances(result, targets), axis1=1, axis2=2)
         np.testing.assert_allclose(predict_tre(result, targets), np.sqrt(traces), rtol=1e-9)
+        assert [tre_at(result, target) for target in targets] == pytest.approx(np.sqrt(traces))
+        with pytest.raises(NotFiniteError, match="nan"):
+            tre_at(result, np.array([0.0, np.nan, 0.0]))
 
 
 @pytest.mark.parametrize("matched", [True, False])
