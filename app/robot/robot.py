@@ -9,6 +9,7 @@ from app.geometry import FrameError, Transform
 from app.robot.errors import JointError
 from app.robot.inverse import IkOptions, inverse_kinematics
 from app.robot.joint import Joint
+from app.robot.link_poses import LinkPoses
 from app.robot.shapes import Link
 from app.robot.tree import KinematicTree
 
@@ -40,7 +41,7 @@ class Robot:
         """The joints that take a position: neither fixed nor following another; in file order."""
         return tuple(joint.name for joint in self.joints if joint.moves and joint.mimic is None)
 
-    def forward_kinematics(self, positions: Mapping[str, float]) -> dict[str, Transform]:
+    def forward_kinematics(self, positions: Mapping[str, float]) -> LinkPoses:
         """``root_from_link`` in mm for every link, at ``positions`` in rad (m for sliding joints).
 
         A joint that is not given is at 0, a mimic joint where its leader puts it unless it is
@@ -58,12 +59,9 @@ class Robot:
             )
         # Origins were checked when the robot was read, and a joint's motion is a rotation by its
         # formula: so is their product, which needs no checking at every step.
-        return {
-            name: Transform.by_construction(self.root_link, name, rotation, place_mm)
-            for name, rotation, place_mm in zip(
-                names, matrices[:, :3, :3].copy(), places_mm, strict=True
-            )
-        }
+        return LinkPoses(
+            self.root_link, self._tree.link_rows, matrices[:, :3, :3].copy(), places_mm
+        )
 
     def inverse_kinematics(
         self,

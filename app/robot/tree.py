@@ -25,9 +25,9 @@ class KinematicTree:
         self.link_names = (self.root, *(joint.child for joint in self.joints))
         self._joint_named = {joint.name: joint for joint in joints}
         self._joint_above = {joint.child: joint for joint in joints}
-        place = {name: index for index, name in enumerate(self.link_names)}
+        self.link_rows = {name: row for row, name in enumerate(self.link_names)}
         self._motions = tuple((joint.name, joint.moves, joint.slides) for joint in self.joints)
-        self._parents = [place[joint.parent] for joint in self.joints]
+        self._parents = [self.link_rows[joint.parent] for joint in self.joints]
         self._origins = np.array([joint.origin.matrix for joint in self.joints]).reshape(-1, 4, 4)
         twists = np.array([joint.twist for joint in self.joints]).reshape(-1, 4, 4)
         self._turned = self._origins @ twists
@@ -117,7 +117,7 @@ class KinematicTree:
         """
         jacobian = np.zeros((6, len(drivers)))
         column_of = {name: column for column, name in enumerate(drivers)}
-        origin = matrices[self.link_names.index(link)][:3, 3]
+        origin = matrices[self.link_rows[link]][:3, 3]
         for joint in self.path_to(link):
             if not joint.moves:
                 continue
@@ -126,7 +126,7 @@ class KinematicTree:
             if column is None:
                 continue
             # A motion leaves its own axis where it is, so the child's frame serves for it.
-            child = matrices[self.link_names.index(joint.child)]
+            child = matrices[self.link_rows[joint.child]]
             axis = child[:3, :3] @ joint.axis
             if joint.slides:
                 jacobian[:3, column] += gain * MM_PER_M * axis

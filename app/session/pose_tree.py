@@ -60,7 +60,7 @@ class _EdgeState:
         as ``now``: nothing was seen later than that.
         """
         self.latest = sample
-        self.latest_at = min(sample.stamp, now)
+        self.latest_at = sample.stamp if sample.stamp.ns <= now.ns else now
         if sample.transform is None:
             self.bad = frozenset({REASON_OF_STATUS[sample.status]})
             return False
@@ -76,9 +76,7 @@ class _EdgeState:
 
     def unchanged_ns(self) -> int:
         """For how long the good samples up to the latest have repeated the same digits."""
-        if self.unchanged_since is None:
-            return 0
-        return self.unchanged_since.age_ns(self.latest_at)
+        return 0 if self.unchanged_since is None else self.latest_at.ns - self.unchanged_since.ns
 
 
 @dataclass(slots=True)
@@ -128,13 +126,13 @@ class PoseTree:
         samples = []
         for edge in path:
             state = self._edges[edge]
-            latest = state.latest
-            samples.append(latest)
-            if oldest is None or latest.stamp.ns < oldest.ns:
-                oldest = latest.stamp
+            stamp = state.latest.stamp
+            samples.append(state.latest)
+            if oldest is None or stamp.ns < oldest.ns:
+                oldest = stamp
             edge_unchanged_ns = self._unchanged_ns(edge, state)
             unchanged_ns = max(unchanged_ns, edge_unchanged_ns)
-            problems |= state.bad or self._aged(latest.stamp.age_ns(self._now), edge_unchanged_ns)
+            problems |= state.bad or self._aged(self._now.ns - stamp.ns, edge_unchanged_ns)
         return MeasuredPose(
             transform=None if problems else _along(target, samples),
             oldest=oldest,
@@ -151,18 +149,20 @@ class PoseTree:
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
     def _insert_sample(self, sample: TrackedTransform, now: Stamp) -> None:
+        sample.stamp.age_ns(now)  # raises for another clock: below, numbers are compared
         edge = (sample.target, sample.source)
         state = self._edges.get(edge)
         if state is None:
             state = self._edges[edge] = _EdgeState(sample, now)
             self._paths.clear()
-        elif sample.stamp < state.latest.stamp <= now:
+        elif sample.stamp.ns < state.latest.stamp.ns <= now.ns:
             return
         if state.take(sample, now):
             self._changed.add(edge)
 
     def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
-        return state.unchanged_ns() if self._has_to_move(edge) else 0
+        unchanged_ns = state.unchanged_ns()
+        return unchanged_ns if unchanged_ns == 0 or self._has_to_move(edge) else 0
 
     def _has_to_move(self, edge: Edge) -> bool:
         target, source = edge
