@@ -14,6 +14,7 @@ from app.geometry import (
     TrackingStatus,
     Transform,
     TransformError,
+    rotation_of_quaternion,
 )
 
 MM_PER_M = 1000.0
@@ -51,12 +52,11 @@ class PoseValues(NamedTuple):
         if not all(map(math.isfinite, translation_mm + self.quaternion)):
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_FINITE)
         try:
-            transform = Transform.from_quaternion(
-                self.quaternion, translation_mm, target=target, source=source
-            )
+            rotation = rotation_of_quaternion(*self.quaternion)
         except TransformError:
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_RIGID)
-        return TrackedTransform(transform, stamp, TrackingStatus.OK)
+        transform = Transform.by_construction(target, source, rotation, np.array(translation_mm))
+        return TrackedTransform(transform, stamp, status, target, source)
 
 
 _STATUSES = {int(status): status for status in TrackingStatus}

@@ -21,7 +21,13 @@ from app.geometry.frames import (
 from app.geometry.mesh import SurfaceMesh
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
 from app.geometry.tracked import TrackedTransform, TrackingStatus
-from app.geometry.transform import FloatArray, Transform, mean_transform, rotation_angle
+from app.geometry.transform import (
+    FloatArray,
+    Transform,
+    mean_transform,
+    rotation_angle,
+    rotation_of_quaternion,
+)
 
 __all__ = [
     "NS_PER_MS",
@@ -43,6 +49,7 @@ __all__ = [
     "join_transform_name",
     "mean_transform",
     "rotation_angle",
+    "rotation_of_quaternion",
     "snake_case",
     "split_transform_name",
 ]

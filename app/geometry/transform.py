@@ -90,14 +90,9 @@ class Transform:
         The quaternion is normalised when its norm is within `ROTATION_TOLERANCE` of 1.
         """
         name = f"{target}_from_{source}"
-        x, y, z, w = _checked(xyzw, (4,), f"quaternion of {name}").tolist()
-        norm = math.hypot(x, y, z, w)  # a square would overflow where this does not
-        if abs(norm - 1.0) > ROTATION_TOLERANCE:
-            raise TransformError(
-                f"quaternion of {name} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted"
-            )
+        what = f"quaternion of {name}"
+        rotation = rotation_of_quaternion(*_checked(xyzw, (4,), what).tolist(), what=what)
         translation = _checked(translation_mm, (3,), f"translation_mm of {name}")
-        rotation = _rotation_of_unit_quaternion(x / norm, y / norm, z / norm, w / norm)
         return cls.by_construction(target, source, rotation, translation)
 
     @classmethod
@@ -213,6 +208,27 @@ def mean_transform(transforms: Sequence[Transform]) -> Transform:
     return Transform(first.target, first.source, rotation.as_matrix(), translation)
 
 
+def rotation_of_quaternion(
+    x: float, y: float, z: float, w: float, *, what: str = "quaternion"
+) -> FloatArray:
+    """A new array (3, 3), by the Euler-Rodrigues formula.
+
+    ``what`` is normalised when its norm is within `ROTATION_TOLERANCE` of 1; `TransformError`
+    otherwise. Recordings are read through this, so it is written out.
+    """
+    norm = math.hypot(x, y, z, w)  # a square would overflow where this does not
+    if not abs(norm - 1.0) <= ROTATION_TOLERANCE:
+        raise TransformError(f"{what} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted")
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
 def rotation_angle(rotation: FloatArray) -> float:
     """The angle in radians of a (3, 3) rotation, exact near 0 and near pi alike."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
@@ -255,17 +271,6 @@ def _nearest_rotation(rotation: FloatArray, name: str) -> FloatArray:
         return rotation
     left, _, right = np.linalg.svd(rotation)
     return np.asarray(left @ right, dtype=np.float64)
-
-
-def _rotation_of_unit_quaternion(x: float, y: float, z: float, w: float) -> FloatArray:
-    """The Euler-Rodrigues formula; recordings are read through it, so it is written out."""
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
 
 
 def _read_only(array: FloatArray) -> FloatArray:
