@@ -249,7 +249,7 @@ class Session:
         )
         # Without a known mount the link only tells where the tip is, not how it is turned.
         predicted = (
-            Transform(link.target, seen.source, seen.rotation, link.translation_mm)
+            Transform.by_construction(link.target, seen.source, seen.rotation, link.translation_mm)
             if robot.link_from_tip is None
             else link @ robot.link_from_tip
         )
