@@ -118,7 +118,7 @@ class _Problem:
 
     def attempt(self, positions: FloatArray) -> _Attempt:
         matrices = self.matrices(positions)
-        reached = matrices[self.tree.link_names.index(self.link)]
+        reached = matrices[self.tree.link_rows[self.link]]
         turn = scipy.spatial.transform.Rotation.from_matrix(
             self.wanted.rotation @ reached[:3, :3].T
         ).as_rotvec()
