@@ -19,7 +19,6 @@ from app.fixture import (
     AppliedMargin,
     Constraint,
     FixtureDecision,
-    MarginParameters,
     MarginState,
     Proximity,
     Reason,
@@ -27,6 +26,7 @@ from app.fixture import (
 )
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
 from app.session import StepResult
+from tests.doubles import PARAMETERS
 from tests.ros_domain import domain_id as domain_id
 
 HERE = Path(__file__).resolve().parent
@@ -177,16 +177,7 @@ def scene() -> ReplayScene:
         ),
         tumor=SurfaceMesh("tumor", TETRAHEDRON, FACES),
         tool=SurfaceMesh("cautery_tip", TETRAHEDRON / 10.0, FACES),
-        margins=MarginParameters(
-            stop_mm=1.0,
-            warn_mm=5.0,
-            k_tre=2.0,
-            v_max_mm_s=50.0,
-            stale_after_ns=200_000_000,
-            release_samples=3,
-            release_band_mm=0.5,
-            frozen_after_ns=1_000_000_000,
-        ),
+        margins=PARAMETERS,
         robot_description="<robot name='arm'><link name='base_link'/></robot>",
         registration=registration,
     )

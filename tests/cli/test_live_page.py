@@ -9,20 +9,9 @@ import trimesh
 
 from app.bridge import ReplayScene
 from app.cli.live_page import Casting
-from app.fixture import MarginParameters
 from app.geometry import MeshError, SurfaceMesh
 from app.viewer import Cast
-
-MARGINS = MarginParameters(
-    stop_mm=1.0,
-    warn_mm=5.0,
-    k_tre=2.0,
-    v_max_mm_s=50.0,
-    stale_after_ns=200_000_000,
-    release_samples=3,
-    release_band_mm=0.2,
-    frozen_after_ns=500_000_000,
-)
+from tests.doubles import PARAMETERS
 
 
 def ball(radius_mm: float) -> SurfaceMesh:
@@ -32,7 +21,7 @@ def ball(radius_mm: float) -> SurfaceMesh:
 
 @pytest.fixture
 def scene() -> ReplayScene:
-    return ReplayScene(static_edges=(), tumor=ball(10.0), tool=None, margins=MARGINS)
+    return ReplayScene(static_edges=(), tumor=ball(10.0), tool=None, margins=PARAMETERS)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import pytest
 
 from app.fixture import MarginParameters, MarginState
 from app.report import ReplayRecord, ReportRow
+from tests.doubles import PARAMETERS
 
 Distances = Sequence[float | None]
 PERIOD_NS = 20_000_000
@@ -14,16 +15,7 @@ FIRST_NS = 1_000_000_000_000
 
 @pytest.fixture
 def margins() -> MarginParameters:
-    return MarginParameters(
-        stop_mm=1.0,
-        warn_mm=5.0,
-        k_tre=2.0,
-        v_max_mm_s=50.0,
-        stale_after_ns=200_000_000,
-        release_samples=3,
-        release_band_mm=0.5,
-        frozen_after_ns=1_000_000_000,
-    )
+    return PARAMETERS
 
 
 @pytest.fixture
