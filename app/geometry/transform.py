@@ -281,12 +281,18 @@ def _read_only(array: FloatArray) -> FloatArray:
 def _unchecked(
     target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
 ) -> Transform:
-    """As `Transform.by_construction`, with names that were checked before."""
+    """As `Transform.by_construction`, with names that were checked before.
+
+    A step of a session makes a dozen: so it is written out, and flags are given by place, which
+    NumPy takes in half the time, though its stubs want names.
+    """
+    rotation.setflags(False)  # type: ignore[call-arg]
+    translation_mm.setflags(False)  # type: ignore[call-arg]
     transform = object.__new__(Transform)
     _set(transform, "target", target)
     _set(transform, "source", source)
-    _set(transform, "rotation", _read_only(rotation))
-    _set(transform, "translation_mm", _read_only(translation_mm))
+    _set(transform, "rotation", rotation)
+    _set(transform, "translation_mm", translation_mm)
     return transform
 
 
