@@ -214,7 +214,7 @@ WHOLE = (
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(cut=st.integers(0, len(WHOLE) - len(" = LOCAL\n")))
 def test_a_header_cut_anywhere_is_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, cut: int

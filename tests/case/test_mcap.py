@@ -121,7 +121,7 @@ def test_late_messages_find_their_place(tmp_path: Path) -> None:
     assert [p.source for p in frames[0].poses] == ["cautery", "needle"]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(delays_ms=st.lists(st.integers(0, 450), min_size=1, max_size=40))
 def test_any_delay_within_the_buffer_is_sorted_out(
     tmp_path_factory: pytest.TempPathFactory, delays_ms: list[int]
@@ -247,7 +247,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int
     return path.read_bytes(), stamps, first.chunk_start_offset + first.chunk_length
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(data=st.data())
 def test_what_is_whole_of_a_cut_file_is_used_and_said(
     tmp_path_factory: pytest.TempPathFactory,
@@ -272,7 +272,7 @@ def test_what_is_whole_of_a_cut_file_is_used_and_said(
     assert found == stamps or any("is cut or damaged at byte" in note for note in notes)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(data=st.data())
 def test_damaged_bytes_never_crash_nor_make_up_a_pose(
     tmp_path_factory: pytest.TempPathFactory,

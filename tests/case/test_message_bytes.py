@@ -77,7 +77,7 @@ def test_every_message_reads_as_rosbags_reads_it() -> None:
     readers = {kind: bytes_reader(ros_types().fielddefs, kind) for kind in VALUES_OF}
     seen = set()
 
-    @settings(max_examples=300, deadline=None)
+    @settings(max_examples=300)
     @given(message=messages)
     def compare(message: Any) -> None:
         kind, data = kind_of(message), cdr(message)
@@ -89,14 +89,14 @@ def test_every_message_reads_as_rosbags_reads_it() -> None:
     assert seen == set(VALUES_OF)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(message=messages, cut=st.integers(1, 60))
 def test_a_cut_message_is_left_to_rosbags(message: Any, cut: int) -> None:
     read, data = bytes_reader(ros_types().fielddefs, kind_of(message)), cdr(message)
     assert read(data[: max(len(data) - cut, 0)]) is None
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(message=messages, noise=st.binary(min_size=1, max_size=4), at=st.floats(0.0, 1.0))
 def test_changed_bytes_are_read_as_by_rosbags_or_left_to_it(
     message: Any, noise: bytes, at: float

@@ -290,9 +290,7 @@ def test_what_is_no_bundle(tmp_path: Path) -> None:
         read(path)
 
 
-@settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255), cut=st.booleans())
 def test_a_damaged_bundle_is_refused_or_says_the_same(
     tmp_path: Path, place: float, bits: int, cut: bool

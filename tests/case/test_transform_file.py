@@ -58,7 +58,7 @@ def test_what_slicer_wrote_is_read_with_its_centre_of_turning(tmp_path: Path) ->
     np.testing.assert_allclose(back.matrix, TIP_TO_STYLUS.matrix, atol=1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     vector=st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3),
     shift=st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3),

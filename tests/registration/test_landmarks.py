@@ -33,7 +33,7 @@ def scalene(rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
             return dict(zip(NAMES, points, strict=False))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(4, 6))
 def test_dwells_in_any_order_find_their_landmarks(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

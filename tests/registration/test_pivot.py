@@ -32,7 +32,7 @@ def plain_least_squares(poses: list[Transform]) -> FloatArray:
     return solution[:3]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), cone=st.floats(31.0, 120.0), known=st.booleans())
 def test_noise_free_poses_give_the_truth(seed: int, cone: float, known: bool) -> None:
     scene = pivot_scene(np.random.default_rng(seed), 30, cone_deg=cone, noise=None)

@@ -27,7 +27,7 @@ FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
 BOX = np.array([[0, 0, 0], [80, 0, 0], [0, 60, 0], [0, 0, 40], [70, 50, 30]], dtype=float)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 12), weighted=st.booleans())
 def test_noise_free_points_give_the_truth(seed: int, count: int, weighted: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -38,7 +38,7 @@ def opencv(robot: list[Transform], sensor: list[Transform], method: int) -> Tran
     return Transform("reference", "base", rotation, translation.ravel())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(4, 20), known=st.booleans())
 def test_noise_free_poses_give_the_truth(seed: int, count: int, known: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -35,7 +35,7 @@ def angle_deg(one: FloatArray, other: FloatArray) -> float:
     return float(np.degrees(np.arcsin(min(1.0, np.linalg.norm(np.cross(*unit))))))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), spin=st.floats(15.0, 180.0))
 def test_noise_free_poses_give_the_shaft_and_its_sense(seed: int, spin: float) -> None:
     scene = pivot_scene(np.random.default_rng(seed), 25, cone_deg=0.0, noise=None, spin_deg=spin)

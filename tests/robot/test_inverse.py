@@ -30,7 +30,7 @@ def within_limits(robot, positions):
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(fractions)
 def test_every_pose_of_the_arm_is_found_again(touch, fractions):
     positions = {

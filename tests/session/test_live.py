@@ -278,7 +278,7 @@ def test_joints_are_brought_to_the_clock_of_an_estimated_source_once(of_host, ro
     assert 0.0 <= last.joints.stamp.age_ns(last.frame.stamp) / NS_PER_MS <= 11.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(

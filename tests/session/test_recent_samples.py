@@ -145,7 +145,7 @@ def test_a_clock_that_is_set_back_by_more_than_half_a_second_is_counted_and_foll
     assert steps[-1][1].decision.hold
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @example([(6000, 300)], 0)
 @example([(6000, 3)], 900)
 @given(

@@ -303,7 +303,7 @@ def check(decision: FixtureDecision, judge: Judge) -> None:
 
 
 @pytest.mark.parametrize("held_by", ["hand", "found", "missing", "refused"])
-@settings(max_examples=40 * ROUNDS, deadline=None, derandomize=ROUNDS == 1)
+@settings(max_examples=40 * ROUNDS, derandomize=ROUNDS == 1)
 @given(story=STORIES)
 def test_nothing_is_green_that_a_judge_calls_bad(engine, robots, held_by, story):
     robot = robots[held_by]

@@ -74,7 +74,7 @@ def test_nothing_known_and_a_single_frame_are_drawn_as_well():
     assert [band["state"] for band in drawn["bands"]] == ["UNKNOWN"]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 1.0]))
 def test_a_long_recording_keeps_its_extremes(seed, unknown_share):
     random = np.random.default_rng(seed)

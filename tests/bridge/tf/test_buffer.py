@@ -95,7 +95,7 @@ def trees(draw):
     return [edges[i] for i in order], [f"f{i}" for i in range(count)]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(trees(), st.data())
 def test_any_lookup_is_that_of_the_brute_force(tree, data):
     edges, names = tree
@@ -131,7 +131,7 @@ def test_any_lookup_is_that_of_the_brute_force(tree, data):
             assert latest == min(max(brute.samples[child]) for child in way)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(trees())
 def test_the_poses_of_many_frames_are_those_of_single_lookups(tree):
     edges, _ = tree

@@ -36,7 +36,7 @@ def by_rclpy(samples):
     return message
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(samples)
 def test_what_rclpy_writes_is_read(given_samples):
     read = read_tf_message(serialize_message(by_rclpy(given_samples)))
@@ -45,7 +45,7 @@ def test_what_rclpy_writes_is_read(given_samples):
         assert sample.pose == pytest.approx(wanted.pose, rel=1e-12, abs=1e-12)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(samples)
 def test_rclpy_reads_what_we_write(given_samples):
     assert deserialize_message(write_tf_message(given_samples), TFMessage) == by_rclpy(
@@ -90,7 +90,7 @@ def test_damaged_bytes_are_refused_by_what_is_wrong(message, words):
         read_tf_message(message)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.binary(max_size=200), st.integers(0, len(GOOD)))
 def test_no_bytes_do_more_than_be_refused(noise, place):
     try:

@@ -62,7 +62,7 @@ def test_the_origin_is_inside(tumour):
     assert tumour.height_mm(np.zeros((1, 3)))[0] < -5.0
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32))
 def test_any_seed_grows_a_tumour_of_sane_size(seed):
     grown = Tumour.grown(np.random.default_rng(seed))

@@ -50,7 +50,7 @@ def rounded_as_lumpnav_does(points: FloatArray) -> float:
     return float(ConvexHull(rounded.astype(np.float64)).volume)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     count=st.integers(4, 40),
     seed=st.integers(0, 10_000),

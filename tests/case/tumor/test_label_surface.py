@@ -67,7 +67,7 @@ def test_a_ball_is_found_within_part_of_a_voxel(
     assert mesh.signed_volume_mm3 == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=0.02)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     shape=st.tuples(*[st.integers(1, 7)] * 3),
     share=st.floats(0.05, 0.95),
