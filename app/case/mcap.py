@@ -87,30 +87,36 @@ class _Reading:
     def __init__(self, note: Note, joint_states_topic: str | None, offset_ns: int) -> None:
         self._note = note
         self._offset_ns = offset_ns
-        self._types = _EmbeddedTypes()
         self._assembler = FrameAssembler(note)
         self._tracked_edges: set[tuple[str, str]] = set()
         self._unreadable: Counter[str] = Counter()
-        self._readers: dict[str, tuple[str, Callable[[Any], Iterable[TrackingFrame]]]] = {
+        self._uses: dict[str, tuple[str, Callable[[Any], Iterable[TrackingFrame]]]] = {
             TRACKED_TRANSFORMS_TOPIC: (TRACKED_TRANSFORM, self._tracked),
             TF_TOPIC: (TF_MESSAGE, self._tf),
             UNFILTERED_TIME_TOPIC: (TIME_REFERENCE, self._unfiltered),
         }
         if joint_states_topic is not None:
-            self._readers[joint_states_topic] = (JOINT_STATE, self._joints)
+            self._uses[joint_states_topic] = (JOINT_STATE, self._joints)
+        self._readers: dict[Connection, Callable[[bytes], Any]] = {}
 
     def frames(self, messages: Iterator[RawMessage]) -> Iterator[TrackingFrame]:
-        for raw in messages:
-            topic, message_type = raw.connection.topic, raw.connection.message_type
-            expected_type, read = self._readers.get(topic, ("", None))
-            if read is None:
+        for connection, data in messages:
+            wanted_type, use = self._uses.get(connection.topic, ("", None))
+            if use is None:
                 continue
-            if message_type != expected_type:
-                raise InputError(f"topic {topic} carries {message_type}: {expected_type} wanted")
+            if connection.message_type != wanted_type:
+                raise InputError(
+                    f"topic {connection.topic} carries {connection.message_type}: "
+                    f"{wanted_type} wanted"
+                )
             try:
-                yield from read(self._types.values(raw))
+                read = self._readers.get(connection)
+                if read is None:
+                    # By the definition that the recording carries.
+                    read = self._readers[connection] = _reader(connection)
+                yield from use(read(data))
             except (SerdeError, MarginGuardError, AttributeError, TypeError) as error:
-                self._skip(topic, error)
+                self._skip(connection.topic, error)
         yield from self._assembler.flush()
         for topic, count in self._unreadable.items():
             if count > 1:
@@ -145,20 +151,6 @@ _VALUES_OF: dict[str, Callable[[Any], Any]] = {
     JOINT_STATE: joint_values,
     TIME_REFERENCE: time_values,
 }
-
-
-class _EmbeddedTypes:
-    """Unpacks messages by the definitions that the recording carries."""
-
-    def __init__(self) -> None:
-        self._readers: dict[Connection, Callable[[bytes], Any]] = {}
-
-    def values(self, raw: RawMessage) -> Any:
-        """What `app.case.message_values` has for the message's type."""
-        read = self._readers.get(raw.connection)
-        if read is None:
-            read = self._readers[raw.connection] = _reader(raw.connection)
-        return read(raw.data)
 
 
 def values_reader(message_type: str) -> Callable[[bytes], Any]:

@@ -85,8 +85,9 @@ def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterat
     channels: dict[int, Connection] = {}
     for record in _records(file, name, note):
         if isinstance(record, _Message):
-            if record.channel_id in channels:
-                yield RawMessage(channels[record.channel_id], record.data)
+            channel = channels.get(record.channel_id)
+            if channel is not None:
+                yield RawMessage(channel, record.data)
         elif isinstance(record, Schema):
             schemas[record.id] = record
         else:
@@ -123,7 +124,7 @@ def _parsed(opcode: int, body: bytes) -> list[_Record]:
     if opcode == Opcode.CHUNK:
         return _records_in(_unpacked(Chunk.read(ReadDataStream(BytesIO(body)))))
     if opcode == _MESSAGE:
-        return [_message(body)]
+        return [_message(body, 0, len(body))]
     if opcode == Opcode.SCHEMA:
         return [Schema.read(ReadDataStream(BytesIO(body)))]
     if opcode == Opcode.CHANNEL:
@@ -131,8 +132,12 @@ def _parsed(opcode: int, body: bytes) -> list[_Record]:
     return []
 
 
-def _message(body: bytes) -> _Message:
-    return _Message(_MESSAGE_HEAD.unpack_from(body)[0], body[_MESSAGE_HEAD.size :])
+def _message(data: bytes, at: int, length: int) -> _Message:
+    """The message that lies there, as far as the data go."""
+    if length < _MESSAGE_HEAD.size:
+        raise ValueError(f"a message of {length} bytes, its head alone has {_MESSAGE_HEAD.size}")
+    channel_id, _, _, _ = _MESSAGE_HEAD.unpack_from(data, at)
+    return _Message(channel_id, data[at + _MESSAGE_HEAD.size : at + length])
 
 
 def _records_in(data: bytes) -> list[_Record]:
@@ -142,11 +147,10 @@ def _records_in(data: bytes) -> list[_Record]:
     while at < len(data):
         opcode, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
-        body = data[at : at + length]
         if opcode == _MESSAGE:  # nearly all are
-            records.append(_message(body))
+            records.append(_message(data, at, length))
         elif opcode != Opcode.CHUNK:  # none lies in another
-            records += _parsed(opcode, body)
+            records += _parsed(opcode, data[at : at + length])
         at += length
     return records
 
