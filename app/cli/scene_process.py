@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 SCENE_NAME = "scene.mrb"
 
+_SMALL = (160, 120)
+"""Width and height of a picture that nobody sees."""
+
 
 def main() -> None:
     """Answer the one request."""
@@ -47,15 +50,12 @@ def _answered(stream: IO[bytes]) -> bytes:
 
 def _load() -> None:
     """Load all that a picture needs, and draw one: the first one in a process takes longest."""
-    from slicer import vtkMRMLScene
-
-    from app.scene import OffscreenError, SceneApplication, offscreen_view
+    from app.cli.scene_rehearsal import rehearsal
+    from app.scene import OffscreenError, moment_png
 
     # Why nothing can be drawn is said when a picture is asked for; a scene file needs none.
     with suppress(OffscreenError):
-        nothing = SceneApplication(vtkMRMLScene())
-        with offscreen_view(nothing, "MarginGuardLoading", (16, 16)) as view:
-            view.pixels()
+        moment_png(rehearsal(), _SMALL)
 
 
 def _read(stream: IO[bytes]) -> dict[str, Any] | None:

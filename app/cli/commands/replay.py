@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
+from app.cli.memory import LongLived
 from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
 from app.cli.publishing import publishing
@@ -75,19 +76,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay the case; what is published and what is reported come from the same steps."""
-    with note_signals() as received:
-        status = _replay(options, received)
+    with note_signals() as received, LongLived() as memory:
+        status = _replay(options, received, memory)
     return received.exit_status or status
 
 
-def _replay(options: argparse.Namespace, received: Received) -> int:
+def _replay(options: argparse.Namespace, received: Received, memory: LongLived) -> int:
     if not _wanted(options):
-        return _played(options, received, None)
+        return _played(options, received, memory, None)
     with ScenePainter() as painter:
-        return _played(options, received, painter)
+        return _played(options, received, memory, painter)
 
 
-def _played(options: argparse.Namespace, received: Received, painter: ScenePainter | None) -> int:
+def _played(
+    options: argparse.Namespace,
+    received: Received,
+    memory: LongLived,
+    painter: ScenePainter | None,
+) -> int:
     watch = Stopwatch()
     from app import __version__
     from app.case import Player, open_case, write_small
@@ -101,6 +107,7 @@ def _played(options: argparse.Namespace, received: Received, painter: ScenePaint
     case, clock = with_estimated_clock(with_repaired_tumor(opened))
     watch.lap("open the case")
     setup = setup_from_case(case, tip_only=options.tip_only)
+    memory.settle()
     watch.lap("meshes, robot, registration")
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     received.stops(player.stop)

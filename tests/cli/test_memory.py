@@ -1,0 +1,47 @@
+"""Cycles are not looked for while a command loads, and are found again afterwards."""
+
+import gc
+import weakref
+
+import pytest
+
+from app.cli.memory import LongLived
+
+
+class Cycle:
+    def __init__(self) -> None:
+        self.itself = self
+
+
+def forgotten() -> "weakref.ref[Cycle]":
+    return weakref.ref(Cycle())
+
+
+def test_what_is_loaded_stays_and_what_comes_later_is_collected() -> None:
+    with LongLived() as memory:
+        assert not gc.isenabled()
+        loaded = forgotten()
+        memory.settle()
+        assert gc.isenabled()
+        later = forgotten()
+        gc.collect()
+        assert (loaded() is None, later() is None) == (False, True)
+    gc.collect()
+    assert loaded() is None
+
+
+def test_an_error_while_loading_leaves_the_search_on() -> None:
+    with pytest.raises(ValueError, match="no such case"), LongLived():
+        raise ValueError("no such case")
+    assert gc.isenabled()
+
+
+def test_a_program_that_has_switched_the_search_off_keeps_it_off() -> None:
+    gc.disable()
+    try:
+        with LongLived() as memory:
+            memory.settle()
+            assert not gc.isenabled()
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
