@@ -30,8 +30,8 @@ class KinematicTree:
         self._parents = [self.link_rows[joint.parent] for joint in self.joints]
         self._origins = np.array([joint.origin.matrix for joint in self.joints]).reshape(-1, 4, 4)
         twists = np.array([joint.twist for joint in self.joints]).reshape(-1, 4, 4)
-        self._turned = self._origins @ twists
-        self._turned_twice = self._turned @ twists
+        turned = self._origins @ twists
+        self._turned = np.array([turned, turned @ twists])
         self._leaders_first = _leaders_first(joints, self._joint_named)
 
     def joint(self, name: str) -> Joint:
@@ -77,15 +77,13 @@ class KinematicTree:
             position = positions[name] if moves else 0.0
             first.append(position if slides else math.sin(position))
             second.append(0.0 if slides else 1.0 - math.cos(position))
-        placed = self._turned * np.array(first)[:, None, None]
-        placed += self._turned_twice * np.array(second)[:, None, None]
-        placed += self._origins
-        matrices = np.empty((len(self.link_names), 4, 4))
-        each = list(matrices)
-        each[0][...] = _IDENTITY
-        for link, parent, here in zip(each[1:], self._parents, placed, strict=True):
-            np.dot(each[parent], here, out=link)
-        return matrices
+        once, twice = self._turned * np.array([first, second])[:, :, None, None]
+        once += twice
+        once += self._origins
+        matrices = [_IDENTITY]
+        for parent, here in zip(self._parents, once, strict=True):
+            matrices.append(matrices[parent].dot(here))
+        return np.array(matrices)
 
     def path_to(self, link: str) -> list[Joint]:
         """The joints from the root to ``link``; `JointError` for an unknown link."""
