@@ -14,8 +14,10 @@ def a_run(wall_s: float) -> dict[str, Any]:
 
 
 def test_the_fastest_run_counts_and_loading_is_not_inside() -> None:
-    found = summary([a_run(5.0), a_run(3.0), a_run(4.0)], duration_s=60.0)
+    found = summary([a_run(5.0), a_run(3.0), a_run(4.0)], duration_s=60.0, frames=2000)
     assert (found["wall_s"], found["walls_s"]) == (3.0, [5.0, 3.0, 4.0])
     assert found["times_real_time"] == pytest.approx(20.0)
     assert found["inside_s"] == pytest.approx(1.25)
     assert found["times_real_time_inside"] == pytest.approx(48.0)
+    assert found["ms_per_frame"] == pytest.approx(0.5)
+    assert found["times_real_time_of_frames"] == pytest.approx(60.0)

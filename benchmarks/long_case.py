@@ -1,0 +1,67 @@
+"""A recorded case played over and over, as a case of its own: as long as an operation."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from app.case import JointSample, TrackingFrame, open_case, write_recording
+from app.geometry import NS_PER_S, InputError, Stamp
+
+_RECORDING = "repeated.mcap"
+
+
+def write_long_case(folder: Path, case_folder: Path, duration_s: float) -> None:
+    """Write to the new ``folder`` the case whose recording has been repeated up to ``duration_s``.
+
+    What the case expects is left out: it holds for one round. Raises `InputError` for a case whose
+    joints are on a clock that has to be estimated, and for one without a second frame.
+    """
+    case = open_case(case_folder)
+    clock, robot = case.manifest.clock, case.manifest.robot
+    frames = list(case.recorded_frames())
+    if len(frames) < 2:
+        raise InputError(f"{case_folder} has {len(frames)} frames: 2 or more wanted to go on")
+    shutil.copytree(case_folder, folder)
+    topic = {"joint_states_topic": robot.joint_states} if robot and robot.joint_states else {}
+    write_recording(
+        folder / _RECORDING,
+        _repeated(frames, round(duration_s * NS_PER_S)),
+        robot_to_tracker_offset_ns=clock.offset_robot_to_tracker_ns,
+        **topic,
+    )
+    manifest: dict[str, Any] = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
+    manifest.pop("expected", None)
+    manifest["recording"] = {"path": _RECORDING}
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest), encoding="utf-8")
+
+
+def _repeated(frames: list[TrackingFrame], duration_ns: int) -> Iterator[TrackingFrame]:
+    first_ns, last_ns = frames[0].stamp.ns, frames[-1].stamp.ns
+    # The next round begins as long after the last frame as the last came after the one before.
+    round_ns = last_ns - first_ns + last_ns - frames[-2].stamp.ns
+    shift_ns = 0
+    while True:
+        for frame in frames:
+            if frame.stamp.ns + shift_ns - first_ns > duration_ns:
+                return
+            yield _later(frame, shift_ns)
+        shift_ns += round_ns
+
+
+def _later(frame: TrackingFrame, shift_ns: int) -> TrackingFrame:
+    def moved(stamp: Stamp) -> Stamp:
+        return stamp.shifted(shift_ns, stamp.clock)
+
+    def moved_joints(joints: JointSample) -> JointSample:
+        return replace(joints, stamp=moved(joints.stamp))
+
+    return replace(
+        frame,
+        stamp=moved(frame.stamp),
+        poses=tuple(replace(pose, stamp=moved(pose.stamp)) for pose in frame.poses),
+        joints=tuple(moved_joints(joints) for joints in frame.joints),
+    )

@@ -1,0 +1,53 @@
+"""A recording that is repeated: the same samples again, later, and nothing lost at the seam."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.case import Case, open_case
+from app.geometry import NS_PER_S, FloatArray, TrackedTransform
+from benchmarks.long_case import write_long_case
+
+RECORDED = Path(__file__).resolve().parents[2] / "data/recorded_case"
+DURATION_S = 78.0
+
+
+def matrix(sample: TrackedTransform) -> FloatArray:
+    return np.zeros((4, 4)) if sample.transform is None else sample.transform.matrix
+
+
+@pytest.fixture(scope="module")
+def long_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    folder = tmp_path_factory.mktemp("long") / "case"
+    write_long_case(folder, RECORDED, DURATION_S)
+    return open_case(folder)
+
+
+def test_rounds_follow_each_other_at_the_recordings_own_pace(long_case: Case) -> None:
+    frames = list(long_case.recorded_frames())
+    once = list(open_case(RECORDED).recorded_frames())
+    last_ns = frames[0].stamp.ns + DURATION_S * NS_PER_S
+    assert last_ns - 0.02 * NS_PER_S < frames[-1].stamp.ns <= last_ns
+    period_ns = once[-1].stamp.ns - once[-2].stamp.ns
+    shift_ns = once[-1].stamp.ns + period_ns - once[0].stamp.ns
+    again = frames[len(once) :]
+    assert [frame.stamp.ns for frame in frames[: len(once)]] == [f.stamp.ns for f in once]
+    assert [f.stamp.ns - shift_ns for f in again] == [f.stamp.ns for f in once[: len(again)]]
+
+
+def test_samples_and_joints_are_those_of_the_first_round(long_case: Case) -> None:
+    frames = list(long_case.recorded_frames())
+    once = list(open_case(RECORDED).recorded_frames())
+    shift_ns = frames[len(once)].stamp.ns - once[0].stamp.ns
+    for later, first in zip(frames[len(once) + 1 :], once[1:], strict=False):
+        assert later.joints[-1].stamp.ns - shift_ns == first.joints[-1].stamp.ns
+        assert later.joints[-1].positions.tolist() == first.joints[-1].positions.tolist()
+        for pose, known in zip(later.poses, first.poses, strict=True):
+            assert (pose.source, pose.status) == (known.source, known.status)
+            np.testing.assert_allclose(matrix(pose), matrix(known), rtol=0.0, atol=1e-9)
+
+
+def test_the_last_round_is_no_part_of_what_is_expected_of_one(long_case: Case) -> None:
+    assert long_case.expected() is None
+    assert long_case.manifest.recorded().sha256 is None
