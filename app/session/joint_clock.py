@@ -1,20 +1,24 @@
 """The offset between the robot's clock and the tracker's, from the motion that both recorded."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from app.case import Case, TrackingFrame
 from app.geometry import FloatArray, InputError
-from app.registration import TimedSignal, TimeOffset, estimate_time_offset
+from app.registration import TimedSignal
 from app.robot import load_robot
 from app.session.pose_tree import PoseTree
 from app.session.setup import REFERENCE
 
+if TYPE_CHECKING:
+    from app.registration import TimeOffset
+
 ROBOT_CLOCK = "robot"
 
 
-def with_estimated_clock(case: Case) -> tuple[Case, TimeOffset | None]:
+def with_estimated_clock(case: Case) -> tuple[Case, "TimeOffset | None"]:
     """``case`` with the offset of its joints' clock, estimated where its manifest asks for that.
 
     Reads the whole recording then. Raises `InputError` when the motion does not tell the offset
@@ -22,6 +26,8 @@ def with_estimated_clock(case: Case) -> tuple[Case, TimeOffset | None]:
     """
     if not (case.manifest.clock.estimate and case.has_joints):
         return case, None
+    from app.registration import estimate_time_offset  # its splines take their time to load
+
     by_robot, by_tracker = tip_signals(case, case.with_joint_offset(0).frames())
     offset = estimate_time_offset(by_robot, by_tracker)
     if not offset.accepted:

@@ -5,7 +5,6 @@ A page of this machine, with a token in its address. Runs until SIGINT (exit sta
 """
 
 import argparse
-import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,6 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until a signal comes."""
+    import asyncio  # every command loads this file
+
     from app.geometry import InputError
 
     if options.live is (options.case is not None) or options.live is not bool(options.config):
