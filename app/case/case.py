@@ -22,6 +22,7 @@ from app.case.mesh_file import load_mesh
 from app.case.mrml_files import MRML_ENDINGS
 from app.case.mrml_recording import check_mrml, read_mrml
 from app.case.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
+from app.case.read_ahead import read_ahead
 from app.case.samples import TrackingFrame
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.case.watchdog import with_watchdog
@@ -54,7 +55,8 @@ class Case:
 
     def frames(self) -> Iterator[TrackingFrame]:
         """The recording's frames, and a frame without poses wherever it fell silent too long."""
-        return with_watchdog(self.recorded_frames(), self.manifest.margins.stale_after_ns)
+        frames = read_ahead(self.recorded_frames())
+        return with_watchdog(frames, self.manifest.margins.stale_after_ns)
 
     def recorded_frames(self) -> Iterator[TrackingFrame]:
         """The recording's own frames, streamed, joint stamps on the tracker's clock.
