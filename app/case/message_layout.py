@@ -20,6 +20,8 @@ _COUNT = struct.Struct("<I")
 _PADDING = 3
 """So many bytes may follow a message, to a multiple of four."""
 _MOST_KNOWN = 1024
+_LONGEST = 16 * 1024
+"""Where there are more or longer ones, all is forgotten: a hostile source fills no memory."""
 
 
 class Walk:
@@ -99,6 +101,7 @@ class LayoutReader(Generic[Values]):
         self._walk = walk
         self._values = values
         self._layouts: dict[int, _Layout] = {}
+        self._known_count = 0
 
     def __call__(self, data: bytes) -> Values | None:
         """The values of a message; None for bytes that are none."""
@@ -118,9 +121,13 @@ class LayoutReader(Generic[Values]):
         walk = Walk(data)
         known = self._walk(walk)
         walk.end()
+        if len(data) > _LONGEST or self._known_count + len(known) > _MOST_KNOWN:
+            self._layouts.clear()
+            self._known_count = 0
         layout = self._layouts.get(len(data))
-        if layout is None or layout.format != walk.format or len(layout.known) > _MOST_KNOWN:
+        if layout is None or layout.format != walk.format:
             layout = _Layout(walk.format, struct.Struct(walk.format).unpack)
             self._layouts[len(data)] = layout
         layout.known.update(known)
+        self._known_count += len(known)
         return layout
