@@ -15,7 +15,15 @@ AHEAD = 32
 def read_ahead(frames: Iterator[TrackingFrame]) -> Iterator[TrackingFrame]:
     """Yield ``frames``, of which `AHEAD` are read at once.
 
-    Where reading them raises, it does so up to so many frames early.
+    Where reading them raises, those before are yielded first.
     """
-    while block := list(islice(frames, AHEAD)):
+    while True:
+        block: list[TrackingFrame] = []
+        try:
+            block.extend(islice(frames, AHEAD))
+        except Exception:
+            yield from block
+            raise
+        if not block:
+            return
         yield from block
