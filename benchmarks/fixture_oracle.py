@@ -99,9 +99,9 @@ class Oracle:
     def signed_distance_mm(self, tumor_from_tool: Transform, resolution_mm: float = 0.04) -> float:
         """The smallest signed distance over samples of the tool's surface.
 
-        Never below the true one, and above it by ``resolution_mm`` at most: a face is cut into
-        four, and sampled at its middle, as long as it can hold a point so much lower than the
-        lowest sample, the distance changing by no more than the way that is gone.
+        Never below the true one, and above it by ``resolution_mm`` at most: a face is halved, and
+        sampled at its middle, as long as it can hold a point so much lower than the lowest sample,
+        the distance changing by no more than the way that is gone.
         """
         tumor = self._solids[0]
         faces = tumor_from_tool.apply(self.tool_faces_mm.reshape(-1, 3)).reshape(-1, 3, 3)
@@ -111,7 +111,7 @@ class Oracle:
             reach = np.linalg.norm(faces - middles[:, None], axis=2).max(axis=1)
             distances = tumor.signed(middles)
             lowest = min(lowest, float(distances.min()))
-            faces = _quartered(faces[distances - reach < lowest - resolution_mm])
+            faces = _halved(faces[distances - reach < lowest - resolution_mm])
         return lowest
 
 
@@ -128,12 +128,16 @@ def random_pose(
     )
 
 
-def _quartered(faces: FloatArray) -> FloatArray:
-    """(4 n, 3, 3): each of the triangles (n, 3, 3) cut at the middles of its edges."""
-    a, b, c = faces.transpose(1, 0, 2)
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    return np.concatenate([np.stack(each, axis=1) for each in corners])
+def _halved(faces: FloatArray) -> FloatArray:
+    """(2 n, 3, 3): each of the triangles (n, 3, 3) cut at the middle of its longest side.
+
+    Slender ones, as tools have, are soon no longer than wide.
+    """
+    sides = np.linalg.norm(np.roll(faces, -1, axis=1) - faces, axis=2)
+    turn = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(faces, turn[:, :, None], axis=1).transpose(1, 0, 2)
+    halfway = 0.5 * (a + b)
+    return np.concatenate([np.stack([a, halfway, c], axis=1), np.stack([halfway, b, c], axis=1)])
 
 
 def _part_points(mesh: SurfaceMesh) -> FloatArray:
