@@ -20,7 +20,7 @@ from app.bridge.calls.errors import (
     ServerGoneError,
 )
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, wait_until_there
+from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, settle, wait_until_there
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import action_type
 from app.bridge.errors import reason_of
@@ -97,6 +97,7 @@ class ActionClient:
             raise CallError(f"no client for an action {name!r}: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
         self.late_goals = 0
+        self._settled = False
         self._closed = False
         ros.on_close(self.close)
 
@@ -189,6 +190,9 @@ class ActionClient:
 
     def _wait(self, limit: Limit) -> None:
         wait_until_there(self._ros, lambda: self.is_there, limit, f"action {self.name}")
+        if not self._settled:
+            self._settled = True
+            settle(limit)
 
     def _take_late(self, future: Future) -> None:
         def taken(future: Future) -> None:

@@ -10,14 +10,11 @@ from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError, CallTimeoutError
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, wait_until_there
+from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, settle, wait_until_there
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
-
-_SETTLE_S = 0.1
-"""From when we see a server until it should see us: before that it drops its replies to us."""
 
 _MOST_OPEN = 1000
 _MOST_ABANDONED = 100
@@ -73,7 +70,7 @@ class ServiceClient:
         Raises `NotThereError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
         limit = Limit(timeout_s, cancel)
-        self._wait(limit, settle=repeat_s > timeout_s)
+        self._wait(limit, once=repeat_s > timeout_s)
         while True:
             pending = self.start(request)
             try:
@@ -124,11 +121,11 @@ class ServiceClient:
                 self._ros.node.destroy_client(self._client)
             self._closed = True
 
-    def _wait(self, limit: Limit, *, settle: bool = True) -> None:
+    def _wait(self, limit: Limit, *, once: bool = True) -> None:
         wait_until_there(self._ros, lambda: self.is_there, limit, f"service {self.name}")
-        if settle and not self._settled:
+        if once and not self._settled:
             self._settled = True
-            threading.Event().wait(min(_SETTLE_S, limit.remaining_s))
+            settle(limit)
 
     def _take(self, future: Future) -> None:
         with self._lock:

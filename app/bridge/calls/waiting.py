@@ -12,6 +12,9 @@ SLICE_S = 0.02
 
 DEFAULT_TIMEOUT_S = 5.0
 
+_SETTLE_S = 0.1
+"""From when we see a server until it should see us: before that it drops its replies to us."""
+
 
 class Limit:
     """Until when a call may take: ``timeout_s`` from now, or until ``cancel`` is set."""
@@ -55,3 +58,8 @@ def wait_until_there(ros: RosNode, ready: Callable[[], bool], limit: Limit, what
         if limit.remaining_s == 0.0:
             raise NotThereError(f"{what}: nobody serves it, waited {limit.timeout_s:g} s")
         pause.wait(min(SLICE_S, limit.remaining_s))
+
+
+def settle(limit: Limit) -> None:
+    """Give a server that was just found the time to find us too."""
+    threading.Event().wait(min(_SETTLE_S, limit.remaining_s))

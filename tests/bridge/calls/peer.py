@@ -10,7 +10,8 @@ leave. It imports nothing of the project.
     /peer/slow          Trigger: replies when /peer/go was called
     /peer/go            Trigger
     /peer/leave         Trigger: ends the process without a reply
-    /peer/lookup        tf2_msgs LookupTransform: source_frame says how it ends
+    /peer/lookup        tf2_msgs LookupTransform: source_frame says how it ends; "found" is said
+                        once it has discovered a client, whose answers would be lost before
 """
 
 import contextlib
@@ -128,6 +129,14 @@ def main() -> int:
         cancel_callback=take_cancel,
         callback_group=group,
     )
+
+    def look_for_client():
+        # A client has this one after all of its readers, and they are discovered in that order.
+        if node.count_subscribers("/peer/lookup/_action/status"):
+            timer.cancel()
+            say(lookup="found")
+
+    timer = node.create_timer(0.02, look_for_client)
     executor = MultiThreadedExecutor(6)
     executor.add_node(node)
     print("ready", flush=True)

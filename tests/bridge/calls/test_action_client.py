@@ -27,6 +27,7 @@ LOOKUP = "tf2_msgs/action/LookupTransform"
 def lookup(ros, peer):
     client = ActionClient(ros, LOOKUP, "/peer/lookup")
     client.wait(30.0)
+    assert peer.take(1) == [{"lookup": "found"}]
     return client
 
 

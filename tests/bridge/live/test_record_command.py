@@ -176,18 +176,26 @@ def test_publishers_that_promise_less_and_come_later_are_recorded_and_nothing_tw
     assert weak == list(range(weak[0], 100))
 
 
-def surfaces_so_far(case):
-    """Whether each message that can be read by now, in a file still written, has triangles."""
+def so_far(case):
+    """Topic and size of each message that can be read by now, in a file still written."""
     topics = {}
     with (case / "tracking" / "tracking_0.mcap").open("rb") as file:
         try:
             for record in StreamReader(file).records:
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
-                elif isinstance(record, Message) and topics[record.channel_id].endswith("markers"):
-                    yield len(record.data) > 2_000
+                elif isinstance(record, Message):
+                    yield topics[record.channel_id], len(record.data)
         except McapError:
             pass  # it has no end
+
+
+def has_surface_and_samples(case):
+    largest = {}
+    for topic, size in so_far(case):
+        largest[topic] = max(size, largest.get(topic, 0))
+    surface = largest.get("/theatre/marginguard/markers", 0) > 2_000
+    return surface and "/tracked_transforms" in largest
 
 
 def test_another_tumour_in_a_session_is_in_its_recording(
@@ -207,7 +215,7 @@ def test_another_tumour_in_a_session_is_in_its_recording(
     recorder.line(lambda line: line == "tumour or registration of the session were replaced\n")
     recorder.line(lambda line: line == "recording /theatre/marginguard/markers\n")
     pause = threading.Event()
-    while not any(surfaces_so_far(case)):
+    while not has_surface_and_samples(case):
         assert recorder.process.poll() is None  # its deadline is that of this loop
         pause.wait(0.1)
     assert recorder.end(signal.SIGINT) == 130
