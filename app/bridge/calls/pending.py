@@ -15,8 +15,9 @@ from app.bridge.calls.errors import (
 from app.bridge.calls.waiting import SLICE_S, Limit, check_may_wait
 from app.bridge.node import RosNode
 
-_GONE_AFTER = 5
-"""So many looks in a row without a server: its last reply may still be on the way."""
+_GONE_AFTER = 25
+"""So many looks in a row without a server, half a second: its last reply may still be on the way,
+and a busy machine hands it over late."""
 
 
 class Pending:
