@@ -26,13 +26,17 @@ class KinematicTree:
         self._joint_named = {joint.name: joint for joint in joints}
         self._joint_above = {joint.child: joint for joint in joints}
         self.link_rows = {name: row for row, name in enumerate(self.link_names)}
-        self._motions = tuple((joint.name, joint.moves, joint.slides) for joint in self.joints)
-        self._parents = [self.link_rows[joint.parent] for joint in self.joints]
+        self._drivers = tuple(joint.name if joint.moves else None for joint in self.joints)
+        self._slides = np.array([joint.slides for joint in self.joints], dtype=np.bool_)
+        self._parents = np.array([self.link_rows[joint.parent] for joint in self.joints], np.int64)
         self._origins = np.array([joint.origin.matrix for joint in self.joints]).reshape(-1, 4, 4)
         twists = np.array([joint.twist for joint in self.joints]).reshape(-1, 4, 4)
         turned = self._origins @ twists
         self._turned = np.array([turned, turned @ twists])
-        self._leaders_first = _leaders_first(joints, self._joint_named)
+        self._leaders_first = tuple(
+            (joint.name, joint.mimic) for joint in _leaders_first(joints, self._joint_named)
+        )
+        self._moving = frozenset(name for name, _ in self._leaders_first)
 
     def joint(self, name: str) -> Joint:
         """The moving joint of that name; `JointError` for a fixed or an unknown one."""
@@ -49,41 +53,36 @@ class KinematicTree:
         A mimic joint that is itself given (a driver may report it as measured) stays as given,
         as in robot_state_publisher.
         """
+        if not (given.keys() <= self._moving and all(map(math.isfinite, given.values()))):
+            self._refuse(given)
+        positions: dict[str, float] = {}
+        for name, mimic in self._leaders_first:
+            if name in given:
+                positions[name] = float(given[name])
+            elif mimic is not None:
+                positions[name] = mimic.multiplier * positions[mimic.leader] + mimic.offset
+            else:
+                positions[name] = 0.0
+        return positions
+
+    def link_matrices(self, positions: Mapping[str, float]) -> FloatArray:
+        """``root_from_link`` (n, 4, 4) in mm, as in ``link_names``, from `all_positions`."""
+        from app.robot.placing import place_links  # compiled: slow to load
+
+        each = np.array([0.0 if name is None else positions[name] for name in self._drivers])
+        matrices = np.empty((len(each) + 1, 4, 4))
+        matrices[0] = _IDENTITY
+        place_links(each, self._slides, self._origins, self._turned, self._parents, matrices)
+        return matrices
+
+    def _refuse(self, given: Mapping[str, float]) -> None:
+        """Raise `JointError` for the first of the positions that cannot be taken."""
         for name, position in given.items():
             self.joint(name)
             if not math.isfinite(position):
                 raise JointError(
                     f"position of joint {name!r} is {position}: a finite number wanted"
                 )
-        positions: dict[str, float] = {}
-        for joint in self._leaders_first:
-            if joint.name in given:
-                positions[joint.name] = float(given[joint.name])
-            elif joint.mimic is not None:
-                leader = positions[joint.mimic.leader]
-                positions[joint.name] = joint.mimic.multiplier * leader + joint.mimic.offset
-            else:
-                positions[joint.name] = 0.0
-        return positions
-
-    def link_matrices(self, positions: Mapping[str, float]) -> FloatArray:
-        """``root_from_link`` (n, 4, 4) in mm, as in ``link_names``, from `all_positions`.
-
-        All joints are moved at once by the factors of their twists (`Joint.twist`): a robot is
-        placed at every step of a session.
-        """
-        first, second = [], []
-        for name, moves, slides in self._motions:
-            position = positions[name] if moves else 0.0
-            first.append(position if slides else math.sin(position))
-            second.append(0.0 if slides else 1.0 - math.cos(position))
-        once, twice = self._turned * np.array([first, second])[:, :, None, None]
-        once += twice
-        once += self._origins
-        matrices = [_IDENTITY]
-        for parent, here in zip(self._parents, once, strict=True):
-            matrices.append(matrices[parent].dot(here))
-        return np.array(matrices)
 
     def path_to(self, link: str) -> list[Joint]:
         """The joints from the root to ``link``; `JointError` for an unknown link."""
