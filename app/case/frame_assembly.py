@@ -57,8 +57,9 @@ class FrameAssembler:
             finished = list(self.flush())
             newest = ns
         else:
-            old = sorted(stamp for stamp in self._drafts if stamp < newest - REORDER_NS)
-            finished = [self._finished(stamp) for stamp in old]
+            before = newest - REORDER_NS
+            old = [stamp for stamp in self._drafts if stamp < before]
+            finished = [self._finished(stamp) for stamp in sorted(old)]
         self._newest_ns = newest
         return finished
 

@@ -97,30 +97,37 @@ class _Reading:
         }
         if joint_states_topic is not None:
             self._uses[joint_states_topic] = (JOINT_STATE, self._joints)
-        self._readers: dict[Connection, Callable[[bytes], Any]] = {}
+        self._takers: dict[Connection, Callable[[bytes], Iterable[TrackingFrame]]] = {}
 
     def frames(self, messages: Iterator[RawMessage]) -> Iterator[TrackingFrame]:
         for connection, data in messages:
-            wanted_type, use = self._uses.get(connection.topic, ("", None))
-            if use is None:
-                continue
-            if connection.message_type != wanted_type:
-                raise InputError(
-                    f"topic {connection.topic} carries {connection.message_type}: "
-                    f"{wanted_type} wanted"
-                )
+            take = self._takers.get(connection)
+            if take is None:
+                take = self._takers[connection] = self._taker(connection)
             try:
-                read = self._readers.get(connection)
-                if read is None:
-                    # By the definition that the recording carries.
-                    read = self._readers[connection] = _reader(connection)
-                yield from use(read(data))
+                yield from take(data)
             except (SerdeError, MarginGuardError, AttributeError, TypeError) as error:
                 self._skip(connection.topic, error)
         yield from self._assembler.flush()
         for topic, count in self._unreadable.items():
             if count > 1:
                 self._note(f"{count} messages on {topic} were skipped in all")
+
+    def _taker(self, connection: Connection) -> Callable[[bytes], Iterable[TrackingFrame]]:
+        """What takes the messages of a connection, and gives the frames that are complete then."""
+        wanted_type, use = self._uses.get(connection.topic, ("", None))
+        if use is None:
+            return lambda data: ()
+        if connection.message_type != wanted_type:
+            raise InputError(
+                f"topic {connection.topic} carries {connection.message_type}: {wanted_type} wanted"
+            )
+
+        @cache  # a definition that is of no use is told for every message
+        def read() -> Callable[[bytes], Any]:
+            return _reader(connection)
+
+        return lambda data: use(read()(data))
 
     def _skip(self, topic: str, error: Exception) -> None:
         self._unreadable[topic] += 1
@@ -239,7 +246,7 @@ def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
         with Reader(path) as bag:
             connections = {known.id: _connection(known) for known in bag.connections}
             for known, _, data in bag.messages():
-                yield RawMessage(connections[known.id], bytes(data))
+                yield connections[known.id], bytes(data)
     except (ReaderError, OSError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path} is no rosbag2 recording that can be read: {reason}") from error

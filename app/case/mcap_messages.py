@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -54,17 +54,11 @@ class Connection:
     definition_encoding: str
 
 
-class RawMessage(NamedTuple):
-    """A message as it lies in the recording, in CDR."""
+RawMessage = tuple[Connection, bytes]
+"""A message as it lies in the recording, in CDR."""
 
-    connection: Connection
-    data: bytes
-
-
-class _Message(NamedTuple):
-    channel_id: int
-    data: bytes
-
+_Message = tuple[int, bytes]
+"""Channel and data: plain, as there are so many."""
 
 _Record = Schema | Channel | _Message
 
@@ -84,10 +78,11 @@ def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterat
     schemas: dict[int, Schema] = {}
     channels: dict[int, Connection] = {}
     for record in _records(file, name, note):
-        if isinstance(record, _Message):
-            channel = channels.get(record.channel_id)
+        if isinstance(record, tuple):
+            channel_id, data = record
+            channel = channels.get(channel_id)
             if channel is not None:
-                yield RawMessage(channel, record.data)
+                yield channel, data
         elif isinstance(record, Schema):
             schemas[record.id] = record
         else:
@@ -137,7 +132,7 @@ def _message(data: bytes, at: int, length: int) -> _Message:
     if length < _MESSAGE_HEAD.size:
         raise ValueError(f"a message of {length} bytes, its head alone has {_MESSAGE_HEAD.size}")
     channel_id, _, _, _ = _MESSAGE_HEAD.unpack_from(data, at)
-    return _Message(channel_id, data[at + _MESSAGE_HEAD.size : at + length])
+    return channel_id, data[at + _MESSAGE_HEAD.size : at + length]
 
 
 def _records_in(data: bytes) -> list[_Record]:

@@ -13,14 +13,13 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 
 from app.case.message_layout import Known, LayoutReader, Walk
-from app.case.message_values import JointValues, PoseValues
+from app.case.message_values import JointValues, PoseValues, frame_name
 from app.case.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
 from app.geometry import NS_PER_S
 
 Values = PoseValues | tuple[PoseValues, ...] | JointValues
 ReadBytes = Callable[[bytes], Values | None]
 
-_LITTLE_ENDIAN = b"\0\1"
 _POSE_NUMBERS = 10
 """Of a stamped transform in a message: two of its stamp, its names, seven of its pose."""
 
@@ -32,21 +31,14 @@ def bytes_reader(definitions: Typesdict, message_type: str) -> ReadBytes | None:
         known = tuple(_fields(definitions, message_type)) == fields
     except (KeyError, RecursionError):
         known = False
-    if make_reader is None or not known:
-        return None
-    read = make_reader()
-
-    def read_data(data: bytes) -> Values | None:
-        return read(data) if data.startswith(_LITTLE_ENDIAN) else None
-
-    return read_data
+    return make_reader() if make_reader is not None and known else None
 
 
 def _walk_pose(walk: Walk) -> Known:
     """What `TrackedTransform` and `TransformStamped` have in common."""
     walk.align(4)
     walk.numbers("iI", 8)
-    names = walk.text(), walk.text()
+    names = frame_name(walk.text()), frame_name(walk.text())
     walk.align(8)
     known = {walk.fixed(): names}
     walk.numbers("7d", 56)

@@ -16,6 +16,7 @@ Known = Mapping[bytes, Any]
 """What stretches of bytes that are the same in every message stand for."""
 
 _ENCAPSULATION = 4
+_LITTLE_ENDIAN = b"\0\1"
 _COUNT = struct.Struct("<I")
 _PADDING = 3
 """So many bytes may follow a message, to a multiple of four."""
@@ -104,7 +105,9 @@ class LayoutReader(Generic[Values]):
         self._known_count = 0
 
     def __call__(self, data: bytes) -> Values | None:
-        """The values of a message; None for bytes that are none."""
+        """The values of a message; None for bytes that are none, or have another byte order."""
+        if not data.startswith(_LITTLE_ENDIAN):
+            return None
         layout = self._layouts.get(len(data))
         if layout is not None:
             try:

@@ -21,7 +21,7 @@ MM_PER_M = 1000.0
 
 
 class PoseValues(NamedTuple):
-    """A stamped transform as its message has it: metres, quaternion as x, y, z, w."""
+    """A stamped transform in the numbers of its message: metres, quaternion as x, y, z, w."""
 
     target: str
     source: str
@@ -33,8 +33,7 @@ class PoseValues(NamedTuple):
     @property
     def edge(self) -> tuple[str, str]:
         """Target (parent) and source (child) frame."""
-        # A leading '/' is what tf had before ROS 2.
-        return self.target.removeprefix("/"), self.source.removeprefix("/")
+        return self.target, self.source
 
     def sample(self) -> TrackedTransform:
         """The sample in mm; what is not finite or no rotation is lost, with the reason as status.
@@ -42,7 +41,7 @@ class PoseValues(NamedTuple):
         A status that is none of ours counts as INVALID. Raises `FrameError` for names that cannot
         be frames.
         """
-        target, source = self.edge
+        target, source = self.target, self.source
         stamp = Stamp(self.ns)
         status = _STATUSES.get(self.status, TrackingStatus.INVALID)
         if status is not TrackingStatus.OK:
@@ -111,11 +110,16 @@ def time_values(message: Any) -> TimeValues:
     return TimeValues(_ns(message.header.stamp), _ns(message.time_ref))
 
 
+def frame_name(text: str) -> str:
+    """The frame that a message means: a leading '/' is what tf had before ROS 2."""
+    return text.removeprefix("/")
+
+
 def _pose(message: Any) -> PoseValues:
     move, turn = message.transform.translation, message.transform.rotation
     return PoseValues(
-        message.header.frame_id,
-        message.child_frame_id,
+        frame_name(message.header.frame_id),
+        frame_name(message.child_frame_id),
         _ns(message.header.stamp),
         (move.x, move.y, move.z),
         (turn.x, turn.y, turn.z, turn.w),

@@ -22,7 +22,7 @@ class JointSample:
                 f"joint sample has {len(self.names)} names and positions of shape "
                 f"{positions.shape}: one position a name wanted"
             )
-        positions.flags.writeable = False
+        positions.setflags(write=False)
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "positions", positions)
 

@@ -47,18 +47,21 @@ class TrackedTransform:
                 f"{'has a' if self.transform is not None else 'lacks its'} transform: "
                 "OK samples carry one, the others none"
             )
-        if self.transform is not None:
-            for name, given, known in (
-                ("target", self.target, self.transform.target),
-                ("source", self.source, self.transform.source),
-            ):
-                if given != known:
-                    if given != "":
-                        raise FrameError(f"{name} {given!r} is not the transform's {known!r}")
-                    object.__setattr__(self, name, known)
-        else:
+        if self.transform is None:
             check_frame(self.target)
             check_frame(self.source)
+        elif (self.target, self.source) != (self.transform.target, self.transform.source):
+            self._take_names(self.transform)
+
+    def _take_names(self, transform: Transform) -> None:
+        """The transform's own, where none are given; `FrameError` for others."""
+        for name, given, known in (
+            ("target", self.target, transform.target),
+            ("source", self.source, transform.source),
+        ):
+            if given not in ("", known):
+                raise FrameError(f"{name} {given!r} is not the transform's {known!r}")
+            object.__setattr__(self, name, known)
 
     @classmethod
     def lost(
