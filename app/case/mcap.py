@@ -53,6 +53,9 @@ if TYPE_CHECKING:
 
 Note = Callable[[str], None]
 
+# What rosbags raises on definitions of no use; one that holds itself has no end.
+_USELESS = (TypesysError, KeyError, RecursionError)
+
 CHANGES_NAME = "changes.yaml"
 """Lies in a folder during whose recording a session got another tumour or registration."""
 
@@ -206,7 +209,7 @@ def _definitions(connection: Connection) -> Typesdict:
         if connection.definition_encoding == "ros2idl":
             return get_types_from_idl(connection.definition)
         return get_types_from_msg(connection.definition, connection.message_type)
-    except (TypesysError, KeyError) as error:
+    except _USELESS as error:
         raise _useless(connection.message_type, error) from error
 
 
@@ -215,7 +218,7 @@ def _typestore(definitions: Typesdict, message_type: str) -> Typestore:
     try:
         store.register(definitions)
         store.get_msgdef(message_type)
-    except (TypesysError, KeyError) as error:
+    except _USELESS as error:
         raise _useless(message_type, error) from error
     return store
 

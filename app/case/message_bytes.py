@@ -7,6 +7,7 @@ give None: they go the way through rosbags, which knows whether they are one at 
 """
 
 from collections.abc import Callable, Iterator
+from itertools import zip_longest
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -28,7 +29,9 @@ def bytes_reader(definitions: Typesdict, message_type: str) -> ReadBytes | None:
     """What reads messages of this type; None when it is not defined as we know it."""
     fields, make_reader = _READERS.get(message_type, ((), None))
     try:
-        known = tuple(_fields(definitions, message_type)) == fields
+        # Up to the first that differs: types that hold others twice, and so on, are without end.
+        pairs = zip_longest(_fields(definitions, message_type), fields)
+        known = all(found == wanted for found, wanted in pairs)
     except (KeyError, RecursionError):
         known = False
     return make_reader() if make_reader is not None and known else None
@@ -100,9 +103,11 @@ def _joints(numbers: tuple[Any, ...], known: Known) -> JointValues:
 
 
 def _fields(definitions: Typesdict, message_type: str, prefix: str = "") -> Iterator[str]:
-    """Name and type of every value that a message holds, in their order."""
+    """Name and type of every value in a message, in their order; of an empty message its path."""
     # Each is (kind, what of): a name, (basic type, bound) or, of a sequence, (such a field, bound).
     fields: list[tuple[str, Any]] = list(definitions[message_type][1])
+    if not fields:
+        yield prefix
     for name, field in fields:
         path, (kind, of) = f"{prefix}{name}", field
         if kind == Nodetype.SEQUENCE:

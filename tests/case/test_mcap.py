@@ -1,5 +1,5 @@
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,15 +40,24 @@ def pose(ns: int, source: str = "cautery", x_mm: float = 0.0) -> TrackedTransfor
     return TrackedTransform(transform, Stamp(ns), TrackingStatus.OK)
 
 
-def write_messages(path: Path, messages: list[tuple[str, str, Any]], **options: Any) -> None:
-    """Any ROS messages (topic, type, message or CDR bytes) in this order, as an MCAP file."""
+def write_messages(
+    path: Path,
+    messages: list[tuple[str, str, Any]],
+    definitions: Mapping[str, str] | None = None,
+    **options: Any,
+) -> None:
+    """Any ROS messages (topic, type, message or CDR bytes) in this order, as an MCAP file.
+
+    ``definitions`` are other ones than their own, by topic.
+    """
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start(profile="ros2", library="a test")
         channels: dict[str, int] = {}
         for index, (topic, kind, message) in enumerate(messages):
             if topic not in channels:
-                definition, _ = ros_types().generate_msgdef(kind, ros_version=2)
+                own, _ = ros_types().generate_msgdef(kind, ros_version=2)
+                definition = (definitions or {}).get(topic, own)
                 schema = writer.register_schema(kind, "ros2msg", definition.encode())
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
             data = (
@@ -225,6 +234,18 @@ def test_a_recording_without_poses_is_refused(tmp_path: Path) -> None:
     write_messages(tmp_path / "x.mcap", [])
     with pytest.raises(InputError, match="holds no sample"):
         read(tmp_path / "x.mcap")
+
+
+@pytest.mark.parametrize("definition", ["no definition", "tf2_msgs/TFMessage[] transforms\n"])
+def test_a_topic_whose_definition_is_of_no_use_is_skipped(tmp_path: Path, definition: str) -> None:
+    path = tmp_path / "x.mcap"
+    messages = [tracked(pose(10**9)), tf(pose(10**9, "pointer")), tf(pose(10**9, "pointer"))]
+    write_messages(path, messages, {"/tf": definition})
+    (frame,), notes = read(path)
+    assert [sample.source for sample in frame.poses] == ["cautery"]
+    assert "a message on /tf cannot be used and is skipped: the definition of tf2_msgs" in notes[0]
+    assert "\n" not in notes[0]
+    assert notes[1:] == ["2 messages on /tf were skipped in all"]
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"RIFF" * 100])

@@ -145,6 +145,24 @@ def test_a_definition_without_end_or_sense_is_left_to_rosbags(field: str) -> Non
     assert bytes_reader(definitions, TRACKED_TRANSFORM) is None
 
 
+@pytest.mark.parametrize("innermost", ["int32 x", ""])
+def test_a_definition_that_doubles_is_not_gone_through_to_its_end(innermost: str) -> None:
+    looked_up = []
+
+    class Counted(dict[str, Any]):
+        def __getitem__(self, name: str) -> Any:
+            looked_up.append(name)
+            return super().__getitem__(name)
+
+    separator = "\n" + 80 * "=" + "\n"
+    parts = ["a/T0 x\n"]
+    parts += [f"MSG: a/T{k}\na/T{k + 1} x\na/T{k + 1} y\n" for k in range(10)]
+    parts.append(f"MSG: a/T10\n{innermost}\n")
+    definitions = Counted(get_types_from_msg(separator.join(parts), TRACKED_TRANSFORM))
+    assert bytes_reader(definitions, TRACKED_TRANSFORM) is None
+    assert len(looked_up) < 20  # of 2048
+
+
 def test_robots_that_take_turns_keep_their_names() -> None:
     def joints(*of: str) -> bytes:
         header = TYPES["std_msgs/msg/Header"](
