@@ -21,6 +21,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.subscription import Subscription
+from rclpy.validate_namespace import validate_namespace
+from rclpy.validate_node_name import validate_node_name
 
 from app.bridge.errors import BridgeError, reason_of
 from app.bridge.qos import Topic
@@ -57,6 +59,9 @@ class RosNode:
     ) -> None:
         self._context = Context()
         try:
+            # rclpy does this too late: it lets a node of a wrong name begin, and rcl warns of that.
+            validate_node_name(name)
+            validate_namespace(namespace if namespace.startswith("/") else f"/{namespace}")
             self._context.init(args=["marginguard", *ros_args], domain_id=domain_id)
             self.node = make_node(name, context=self._context, namespace=namespace)
         except Exception as error:  # rclpy raises several unrelated types here

@@ -203,7 +203,8 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     Raises `InputError` for the first thing that is wrong. Meshes are read when asked for.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder} is no case: no such folder")
+        found = "a folder with a case.yaml wanted" if folder.exists() else "no such folder"
+        raise InputError(f"{folder} is no case: {found}")
     manifest = load_manifest(folder)
     entry = manifest.recorded()
     recording = resolve_inside(folder, entry.path, "case.yaml: recording.path")

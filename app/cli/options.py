@@ -15,11 +15,12 @@ def add_package_dirs(parser: argparse.ArgumentParser) -> None:
     """Where ``package://`` names are found."""
     parser.add_argument(
         "--package-dir",
+        type=existing_folder,
         action="append",
         default=[],
         metavar="DIR",
         dest="package_dirs",
-        help="folder of a package that package://NAME/... may name; may be given again",
+        help="folder NAME that package://NAME/... means, or one that holds it; may be given again",
     )
 
 
@@ -33,6 +34,14 @@ def folder_path(text: str) -> Path:
     if not text:
         raise argparse.ArgumentTypeError("the name of the folder is empty")
     return Path(text)
+
+
+def existing_folder(text: str) -> Path:
+    """The path of a folder that is there: a misspelt one is said before anything is read."""
+    path = folder_path(text)
+    if not path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is no folder")
+    return path
 
 
 def file_path(ending: str) -> Callable[[str], Path]:

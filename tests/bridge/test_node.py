@@ -100,10 +100,11 @@ def test_ros_arguments_remap(domain_id, start_receiver):
     assert received[0]["message"]["data"] == "here"
 
 
-# rclpy cleans up a node that never was, and warns of it.
-@pytest.mark.filterwarnings("ignore:Failed to fini rosout")
-@pytest.mark.parametrize("name", ["two words", "", "1st"])
-def test_a_name_that_ros_refuses_is_one_line(domain_id, name):
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("name", "namespace"), [("two words", ""), ("", ""), ("1st", ""), ("speaker", "two words")]
+)
+def test_a_name_that_ros_refuses_is_one_line(domain_id, name, namespace):
     with pytest.raises(BridgeError, match="cannot be started") as caught:
-        RosNode(name, domain_id=domain_id)
+        RosNode(name, namespace=namespace, domain_id=domain_id)
     assert "\n" not in str(caught.value)

@@ -257,6 +257,9 @@ def test_a_tool_without_mesh_serves_until_it_is_asked_for(
 def test_no_folder(tmp_path: Path) -> None:
     with pytest.raises(MarginGuardError, match="no such folder"):
         open_case(tmp_path / "nowhere")
+    (tmp_path / "case.yaml").touch()
+    with pytest.raises(MarginGuardError, match=r"case\.yaml is no case: a folder with"):
+        open_case(tmp_path / "case.yaml")
 
 
 def test_a_tumour_to_be_repaired_has_no_use_before(

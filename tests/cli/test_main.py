@@ -31,6 +31,30 @@ def test_an_unknown_command_is_bad_input(capsys):
     assert "invalid choice: 'repaly'" in capsys.readouterr().err
 
 
+def test_a_package_is_found_in_the_folder_that_is_given(tmp_path, capsys):
+    (tmp_path / "packages/shapes").mkdir(parents=True)
+    case = write_small_case(
+        tmp_path / "case",
+        lambda manifest: manifest["tumor"]["mesh"].update(path="package://shapes/tumor.stl"),
+    )
+    (case / "tumor.stl").rename(tmp_path / "packages/shapes/tumor.stl")
+    for folder in ("packages", "packages/shapes"):
+        assert main(["info", str(case), "--package-dir", str(tmp_path / folder)]) == 0
+    assert main(["info", str(case)]) == 2
+    assert "package 'shapes' not found (no --package-dir)" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as stop:
+        main(["info", str(case), "--package-dir", str(tmp_path / "none")])
+    assert stop.value.code == 2
+    assert "none' is no folder" in capsys.readouterr().err
+
+
+def test_a_seed_below_zero_is_bad_input(tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["make-case", str(tmp_path / "case"), "--seed", "-1"])
+    assert stop.value.code == 2
+    assert "argument --seed: -1: 0 or more wanted" in capsys.readouterr().err
+
+
 def test_no_ros_leaves_rclpy_unimported(tmp_path, project_root):
     case = write_small_case(tmp_path / "case")
     code = (

@@ -11,8 +11,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard make-case``."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="new folder for the case")
     parser.add_argument(
-        "--seed", type=int, default=DEFAULT_SEED, help="seed of everything random (%(default)s)"
+        "--seed",
+        type=_seed,
+        default=DEFAULT_SEED,
+        help="seed of everything random, 0 or more (%(default)s)",
     )
+
+
+def _seed(text: str) -> int:
+    seed = int(text)
+    if seed < 0:
+        raise argparse.ArgumentTypeError(f"{text}: 0 or more wanted")
+    return seed
 
 
 def run(options: argparse.Namespace) -> int:
