@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     methods = parser.add_subparsers(dest="method", metavar="METHOD", required=True)
     for name, summary in _METHODS.items():
         method = methods.add_parser(name, help=summary, description=f"Find {summary}.")
-        _add_recording(method)
+        _add_recording(method, with_joints=name in ("hand-eye", "time"))
         if name != "time":
             _add_frames(method)
         if name in ("spin", "landmarks"):
@@ -56,10 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             )  # fmt: skip
 
 
-def _add_recording(parser: argparse.ArgumentParser) -> None:
+def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> None:
+    allowed = ".igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder or a case folder"
     parser.add_argument(
         "recording", type=Path, metavar="RECORDING",
-        help=".igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder or a case folder",
+        help="a case folder, with robot.joint_states" if with_joints else allowed,
     )  # fmt: skip
     add_package_dirs(parser)
     add_json(parser)
