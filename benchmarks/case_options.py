@@ -1,19 +1,32 @@
-"""The options of a benchmark that runs on a case for so many seconds."""
+"""Options of benchmarks that run on a case."""
 
 import argparse
+import math
 from pathlib import Path
 
-_CHECKOUT = Path(__file__).resolve().parents[1]
+RECORDED_CASE = Path(__file__).resolve().parents[1] / "data/recorded_case"
 
 
 def case_options(name: str, description: str | None) -> argparse.Namespace:
-    """``seconds``, ``case`` and ``json`` from the command line of ``marginguard bench NAME``."""
+    """``seconds`` (at least 1), ``case`` and ``json`` from ``marginguard bench NAME``."""
     parser = argparse.ArgumentParser(
         prog=f"marginguard bench {name}",
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--case", type=Path, default=_CHECKOUT / "data/recorded_case")
-    parser.add_argument("--json", type=Path)
-    return parser.parse_args()
+    parser.add_argument("--seconds", type=float, default=60.0, help="how long (default: 60)")
+    parser.add_argument(
+        "--case", type=case_folder, default=RECORDED_CASE, help="default: data/recorded_case"
+    )
+    parser.add_argument("--json", type=Path, help="write the figures there too")
+    options = parser.parse_args()
+    if not 1.0 <= options.seconds < math.inf:
+        parser.error(f"--seconds {options.seconds}: 1 or more wanted")
+    return options
+
+
+def case_folder(text: str) -> Path:
+    """The type of an option that takes a case."""
+    if not (Path(text) / "case.yaml").is_file():
+        raise argparse.ArgumentTypeError(f"{text!r} is no case: a folder with a case.yaml wanted")
+    return Path(text)

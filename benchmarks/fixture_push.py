@@ -144,16 +144,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="marginguard bench push", description=__doc__.split("\n\n")[0]
     )
-    parser.add_argument("--directions", type=int, default=200)
-    parser.add_argument("--processes", type=int, default=min(2, os.cpu_count() or 1))
+    parser.add_argument("--directions", type=int, default=200, help="pushes (default: 200)")
     parser.add_argument(
-        "--registration-mm", type=float, default=0.0, help="error an axis of the registration"
+        "--processes", type=int, default=min(2, os.cpu_count() or 1), help="at once"
+    )
+    parser.add_argument(
+        "--registration-mm", type=float, default=0.0, help="sigma of the registration on an axis"
     )
     parser.add_argument(
         "--no-recent", action="store_true", help="without the recent witnesses, to compare"
     )
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--plot", type=Path)
+    parser.add_argument("--json", type=Path, help="write the figures there too")
+    parser.add_argument("--plot", type=Path, help="draw the distances over time there")
     options = parser.parse_args()
     if options.directions < 1:
         parser.error(f"--directions {options.directions} is not at least 1")

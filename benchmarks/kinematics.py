@@ -140,9 +140,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Compare all, print a line a robot."""
     parser = argparse.ArgumentParser(prog="marginguard bench kinematics", description=__doc__)
     parser.add_argument("--samples", type=int, default=100, help="configurations of each robot")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1, help="of the configurations (1)")
     parser.add_argument("--json", type=Path, help="write the figures there as well")
     options = parser.parse_args(arguments)
+    if options.samples < 1:
+        parser.error(f"--samples {options.samples}: 1 or more wanted")
     rng = np.random.default_rng(options.seed)
     started = time.perf_counter()
     results, not_loaded = [], []

@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.case_options import RECORDED_CASE, case_folder
 from benchmarks.long_case import write_long_case
 
 CHECKOUT = Path(__file__).resolve().parents[1]
@@ -77,11 +78,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="marginguard bench replay", description=__doc__.splitlines()[0]
     )
-    parser.add_argument("case", type=Path, nargs="?", default=CHECKOUT / "data/recorded_case")
+    parser.add_argument(
+        "case",
+        type=case_folder,
+        nargs="?",
+        default=RECORDED_CASE,
+        help="default: data/recorded_case",
+    )
     parser.add_argument("--runs", type=int, default=5, help="default: 5; the fastest counts")
     parser.add_argument("--minutes", type=float, help="repeat the recording up to this length")
     parser.add_argument("--json", type=Path, help="write the figures there as well")
     options = parser.parse_args()
+    if options.runs < 1:
+        parser.error(f"--runs {options.runs}: 1 or more wanted")
     with tempfile.TemporaryDirectory() as folder:
         case, report = options.case, Path(folder) / "report"
         run(case, report)  # compiles what is not compiled yet

@@ -52,6 +52,9 @@ def main() -> int:
     parser.add_argument("--only", default="", help="topics whose name holds this")
     parser.add_argument("--json", type=Path, help="write the figures there too")
     arguments = parser.parse_args()
+    names = [topic.__name__ for topic, _, _ in TOPICS]
+    if not any(arguments.only in name for name in names):
+        parser.error(f"--only {arguments.only}: a part of one of {', '.join(names)} wanted")
     figures = []
     for figure in run(quick=arguments.quick, only=arguments.only):
         figures.append(figure)

@@ -38,3 +38,26 @@ def test_each_help_names_the_command(name):
         check=True,
     )
     assert done.stdout.startswith(f"usage: marginguard bench {name} ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["session", "--case", "nowhere"], "'nowhere' is no case: a folder with a case.yaml"),
+        (["session", "--seconds", "0"], "--seconds 0.0: 1 or more wanted"),
+        (["replay", "nowhere"], "'nowhere' is no case: a folder with a case.yaml"),
+        (["replay", "--runs", "0"], "--runs 0: 1 or more wanted"),
+        (["kinematics", "--samples", "0"], "--samples 0: 1 or more wanted"),
+    ],
+)
+def test_bad_options_are_one_line_and_no_figures(arguments, said):
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "bench", *arguments],
+        cwd=CHECKOUT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert said in done.stderr.splitlines()[-1]
