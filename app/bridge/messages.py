@@ -86,7 +86,7 @@ def joint_state_message(sample: JointSample) -> JointState:
     return JointState(
         header=header_message("", sample.stamp),
         name=list(sample.names),
-        position=sample.positions.tolist(),
+        position=list(sample.positions),
     )
 
 

@@ -74,7 +74,7 @@ class JointValues(NamedTuple):
         Raises `InputError` when names and positions do not match or a position is not finite.
         """
         stamp = Stamp(self.ns + offset_ns)
-        sample = JointSample(self.names, np.array(self.positions), stamp)
+        sample = JointSample(self.names, self.positions, stamp)
         if not all(map(math.isfinite, self.positions)):
             for name, position in zip(self.names, self.positions, strict=True):
                 if not math.isfinite(position):

@@ -2,33 +2,32 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from app.geometry import FloatArray, InputError, Stamp, TrackedTransform
+from app.geometry import InputError, Stamp, TrackedTransform
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
-    """Positions (n,) of the joints ``names``, in rad, in m for sliding joints as in ROS."""
+    """A position for each of the joints ``names``, in rad, in m for sliding joints as in ROS.
+
+    Plain numbers: hundreds of samples come in a second, and few of them are looked at.
+    """
 
     names: tuple[str, ...]
-    positions: FloatArray
+    positions: tuple[float, ...]
     stamp: Stamp
 
     def __post_init__(self) -> None:
-        positions = np.array(self.positions, dtype=np.float64)
-        if positions.shape != (len(self.names),):
-            raise InputError(
-                f"joint sample has {len(self.names)} names and positions of shape "
-                f"{positions.shape}: one position a name wanted"
-            )
-        positions.setflags(write=False)
         object.__setattr__(self, "names", tuple(self.names))
-        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "positions", tuple(map(float, self.positions)))
+        if len(self.positions) != len(self.names):
+            raise InputError(
+                f"joint sample has {len(self.names)} names and {len(self.positions)} positions: "
+                "one position a name wanted"
+            )
 
     def as_mapping(self) -> dict[str, float]:
         """Name to position, as the robot's kinematics take them."""
-        return dict(zip(self.names, self.positions.tolist(), strict=True))
+        return dict(zip(self.names, self.positions, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

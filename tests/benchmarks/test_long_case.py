@@ -42,7 +42,7 @@ def test_samples_and_joints_are_those_of_the_first_round(long_case: Case) -> Non
     shift_ns = frames[len(once)].stamp.ns - once[0].stamp.ns
     for later, first in zip(frames[len(once) + 1 :], once[1:], strict=False):
         assert later.joints[-1].stamp.ns - shift_ns == first.joints[-1].stamp.ns
-        assert later.joints[-1].positions.tolist() == first.joints[-1].positions.tolist()
+        assert later.joints[-1].positions == first.joints[-1].positions
         for pose, known in zip(later.poses, first.poses, strict=True):
             assert (pose.source, pose.status) == (known.source, known.status)
             np.testing.assert_allclose(matrix(pose), matrix(known), rtol=0.0, atol=1e-9)

@@ -131,7 +131,7 @@ class Simulation:
         time_s = (robot_ns + ROBOT_TO_TRACKER_OFFSET_NS - FIRST_STAMP_NS) / NS_PER_S
         return JointSample(
             self.arm_motion.joint_names,
-            self.arm_motion.positions(time_s),
+            tuple(self.arm_motion.positions(time_s).tolist()),
             Stamp(robot_ns, "robot"),
         )
 

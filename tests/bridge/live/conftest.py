@@ -132,7 +132,7 @@ def _plain(frame: TrackingFrame) -> dict[str, Any]:
         "joints": [
             {
                 "names": list(sample.names),
-                "positions": sample.positions.tolist(),
+                "positions": list(sample.positions),
                 "ns": sample.stamp.ns - round(37.4 * NS_PER_MS),
             }
             for sample in frame.joints
