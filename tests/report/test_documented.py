@@ -1,0 +1,17 @@
+"""``docs/report.md`` names everything that a report says."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from app.fixture import Reason
+from app.report import ReplayRecord, summarise
+from app.report.margin_csv import COLUMNS
+from app.report.write import REPORT_FILES
+
+
+def test_every_file_column_key_and_reason_is_explained(
+    project_root: Path, record_of: Callable[..., ReplayRecord]
+) -> None:
+    page = (project_root / "docs/report.md").read_text(encoding="utf-8")
+    words = {*REPORT_FILES, *COLUMNS, *map(str, Reason), *summarise(record_of([8.0, -1.0]))}
+    assert {word for word in words if f"`{word}`" not in page} == set()
