@@ -93,7 +93,9 @@ def test_every_message_reads_as_rosbags_reads_it() -> None:
 @given(message=messages, cut=st.integers(1, 60))
 def test_a_cut_message_is_left_to_rosbags(message: Any, cut: int) -> None:
     read, data = bytes_reader(ros_types().fielddefs, kind_of(message)), cdr(message)
-    assert read(data[: max(len(data) - cut, 0)]) is None
+    for _ in ("before it has seen the whole one", "after"):
+        assert read(data[: max(len(data) - cut, 0)]) is None
+        assert read(data) is not None
 
 
 @settings(max_examples=200)
@@ -104,9 +106,12 @@ def test_changed_bytes_are_read_as_by_rosbags_or_left_to_it(
     kind, data = kind_of(message), bytearray(cdr(message))
     start = round(at * (len(data) - 1))
     data[start : start + len(noise)] = noise[: len(data) - start]
-    found = bytes_reader(ros_types().fielddefs, kind)(bytes(data))
-    if found is not None:
-        assert repr(found) == repr(by_rosbags(bytes(data), kind))
+    read = bytes_reader(ros_types().fielddefs, kind)
+    for _ in ("before it has seen the message as it was", "after"):
+        found = read(bytes(data))
+        if found is not None:
+            assert repr(found) == repr(by_rosbags(bytes(data), kind))
+        assert repr(read(cdr(message))) == repr(by_rosbags(cdr(message), kind))
 
 
 @given(message=messages)
