@@ -32,7 +32,7 @@ class Walk:
     """
 
     def __init__(self, data: bytes) -> None:
-        self.format = f"<{_ENCAPSULATION}x"
+        self._codes = [f"<{_ENCAPSULATION}x"]
         self._body = data[_ENCAPSULATION:]
         self._at = self._begin = 0
 
@@ -60,7 +60,7 @@ class Walk:
     def fixed(self) -> bytes:
         """What lies between the last numbers and here, the same in every such message."""
         stretch = self._body[self._begin : self._at]
-        self.format += f"{len(stretch)}s"
+        self._codes.append(f"{len(stretch)}s")
         self._begin = self._at
         return stretch
 
@@ -69,21 +69,22 @@ class Walk:
 
         They follow on numbers or on `fixed`.
         """
-        self.format += code
+        self._codes.append(code)
         self._at += size
         self._begin = self._at
 
-    def end(self) -> None:
-        """The message has no more values."""
+    def end(self) -> str:
+        """The layout, in codes of `struct`, of a message that has no more values."""
         rest = len(self._body) - self._at
         if not 0 <= rest <= _PADDING:
             raise ValueError(f"{rest} bytes behind the last value: 0 to {_PADDING} wanted")
-        self.format += f"{rest}x"
+        self._codes.append(f"{rest}x")
+        return "".join(self._codes)
 
 
 @dataclass(slots=True)
 class _Layout:
-    format: str
+    codes: str
     unpack: Callable[[bytes], tuple[Any, ...]]
     known: dict[bytes, Any] = field(default_factory=dict)
 
@@ -123,13 +124,13 @@ class LayoutReader(Generic[Values]):
     def _learnt(self, data: bytes) -> _Layout:
         walk = Walk(data)
         known = self._walk(walk)
-        walk.end()
+        codes = walk.end()
         if len(data) > _LONGEST or self._known_count + len(known) > _MOST_KNOWN:
             self._layouts.clear()
             self._known_count = 0
         layout = self._layouts.get(len(data))
-        if layout is None or layout.format != walk.format:
-            layout = _Layout(walk.format, struct.Struct(walk.format).unpack)
+        if layout is None or layout.codes != codes:
+            layout = _Layout(codes, struct.Struct(codes).unpack)
             self._layouts[len(data)] = layout
         layout.known.update(known)
         self._known_count += len(known)
