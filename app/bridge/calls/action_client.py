@@ -189,10 +189,10 @@ class ActionClient:
             self._client.destroy()
 
     def _wait(self, limit: Limit) -> None:
-        wait_until_there(self._ros, lambda: self.is_there, limit, f"action {self.name}")
-        if not self._settled:
-            self._settled = True
+        what = f"action {self.name}"
+        if not (wait_until_there(self._ros, lambda: self.is_there, limit, what) and self._settled):
             settle(limit)
+            self._settled = True
 
     def _take_late(self, future: Future) -> None:
         def taken(future: Future) -> None:

@@ -122,10 +122,11 @@ class ServiceClient:
             self._closed = True
 
     def _wait(self, limit: Limit, *, once: bool = True) -> None:
-        wait_until_there(self._ros, lambda: self.is_there, limit, f"service {self.name}")
-        if once and not self._settled:
-            self._settled = True
+        what = f"service {self.name}"
+        known = wait_until_there(self._ros, lambda: self.is_there, limit, what) and self._settled
+        if once and not known:
             settle(limit)
+            self._settled = True
 
     def _take(self, future: Future) -> None:
         with self._lock:

@@ -48,16 +48,18 @@ def check_may_wait(ros: RosNode, what: str) -> None:
         raise CallError(f"{what}: the node is closed")
 
 
-def wait_until_there(ros: RosNode, ready: Callable[[], bool], limit: Limit, what: str) -> None:
-    """Return once ``ready()``; raises `NotThereError` when the time is over before."""
+def wait_until_there(ros: RosNode, ready: Callable[[], bool], limit: Limit, what: str) -> bool:
+    """Return once ``ready()``, and whether it was at once; `NotThereError` when time is over."""
     check_may_wait(ros, what)
-    pause = threading.Event()
+    pause, at_once = threading.Event(), True
     while not ready():
+        at_once = False
         limit.check(what)
         check_may_wait(ros, what)
         if limit.remaining_s == 0.0:
             raise NotThereError(f"{what}: nobody serves it, waited {limit.timeout_s:g} s")
         pause.wait(min(SLICE_S, limit.remaining_s))
+    return at_once
 
 
 def settle(limit: Limit) -> None:
