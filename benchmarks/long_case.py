@@ -18,13 +18,16 @@ def write_long_case(folder: Path, case_folder: Path, duration_s: float) -> None:
     """Write to the new ``folder`` the case whose recording has been repeated up to ``duration_s``.
 
     What the case expects is left out: it holds for one round. Raises `InputError` for a case whose
-    joints are on a clock that has to be estimated, and for one without a second frame.
+    joints are on a clock that has to be estimated, and for one whose last frame is not later than
+    the first and the one before.
     """
     case = open_case(case_folder)
     clock, robot = case.manifest.clock, case.manifest.robot
     frames = list(case.recorded_frames())
-    if len(frames) < 2:
-        raise InputError(f"{case_folder} has {len(frames)} frames: 2 or more wanted to go on")
+    if len(frames) < 2 or not max(frames[0].stamp, frames[-2].stamp) < frames[-1].stamp:
+        raise InputError(
+            f"{case_folder} has {len(frames)} frames: 2 or more wanted, the last one the latest"
+        )
     shutil.copytree(case_folder, folder)
     topic = {"joint_states_topic": robot.joint_states} if robot and robot.joint_states else {}
     write_recording(
@@ -64,4 +67,5 @@ def _later(frame: TrackingFrame, shift_ns: int) -> TrackingFrame:
         stamp=moved(frame.stamp),
         poses=tuple(replace(pose, stamp=moved(pose.stamp)) for pose in frame.poses),
         joints=tuple(moved_joints(joints) for joints in frame.joints),
+        unfiltered_stamp=frame.unfiltered_stamp and moved(frame.unfiltered_stamp),
     )

@@ -91,6 +91,8 @@ class Section:
             raise InputError(f"{path}{line}: {error.problem}") from error
         except (yaml.YAMLError, ValueError) as error:
             raise InputError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
+        if values is None:
+            raise InputError(f"{path} is empty: {', '.join(allowed[:3])}, ... wanted")
         return cls(values, f"{path.name}:", allowed)
 
     def place(self, key: object) -> str:

@@ -77,6 +77,8 @@ def read_mcap_messages(path: Path, note: Callable[[str], None]) -> Iterator[RawM
 def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[RawMessage]:
     schemas: dict[int, Schema] = {}
     channels: dict[int, Connection] = {}
+    # A recording may say its channels again and again: what knows a connection knows it then.
+    known: dict[tuple[str, str, str, str], Connection] = {}
     for record in _records(file, name, note):
         if isinstance(record, tuple):
             channel_id, data = record
@@ -89,9 +91,8 @@ def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterat
             schema = schemas.get(record.schema_id)
             if schema is not None and record.message_encoding == "cdr":
                 definition = schema.data.decode("utf-8", errors="replace")
-                channels[record.id] = Connection(
-                    record.topic, schema.name, definition, schema.encoding
-                )
+                said = (record.topic, schema.name, definition, schema.encoding)
+                channels[record.id] = known.setdefault(said, Connection(*said))
 
 
 def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[_Record]:
