@@ -60,7 +60,9 @@ def dwell_poses(
         for joints in frame.joints:
             for index in _dwells_at(dwells, joints.stamp.ns - start_ns):
                 found[index].link.append(_base_from_link(robot, joints))
-    return tuple(_dwell_pose(samples, number) for number, samples in enumerate(found, start=1))
+    return tuple(
+        _dwell_pose(samples, number, tool_frame) for number, samples in enumerate(found, start=1)
+    )
 
 
 def _dwells_at(dwells: Sequence[Dwell], since_start_ns: int) -> list[int]:
@@ -73,11 +75,12 @@ def _base_from_link(robot: RobotSetup, joints: JointSample) -> Transform:
     return root_from_link.renamed(target=robot.base_frame)
 
 
-def _dwell_pose(samples: _Samples, number: int) -> DwellPose:
-    for transforms, who in ((samples.tool, "the tracker"), (samples.link, "the robot")):
+def _dwell_pose(samples: _Samples, number: int, tool_frame: str) -> DwellPose:
+    tracked = f"{tool_frame!r} in {REFERENCE!r}"
+    for transforms, what in ((samples.tool, tracked), (samples.link, "the robot's joints")):
         if len(transforms) < MIN_SAMPLES:
             raise InputError(
-                f"registration: dwell {number} has {len(transforms)} good samples of {who}, "
+                f"registration: dwell {number} has {len(transforms)} good samples of {what}, "
                 f"at least {MIN_SAMPLES} wanted"
             )
     tips = np.array([transform.translation_mm for transform in samples.link])

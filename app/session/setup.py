@@ -76,8 +76,10 @@ class SessionSetup:
     the tracked frame that it moves with; ``proximity``: measures the tool, given in the tip's
     frame, against the tumour; ``robot``: None where the tool is held by hand; ``tumor_motion``: how
     the tumour is expected to move, for a constraint that tells its velocity, None where it is taken
-    to be still. Raises `FrameError` for shapes in other frames than those of the two transforms,
-    and `InputError` for a moving tumour without a robot, whose base tells against what it moves.
+    to be still. Raises `FrameError` for shapes in other frames than those of the two transforms and
+    for a robot's base with the name of one of them or of the reference, which would be a loop of
+    frames, and `InputError` for a moving tumour without a robot, whose base tells against what it
+    moves.
     """
 
     tool_from_tip: Transform
@@ -100,6 +102,13 @@ class SessionSetup:
                     f"the {what}'s shape is in {frame!r}: {edge.source!r} wanted, which is placed "
                     f"in {edge.target!r}"
                 )
+        edges = (self.tool_from_tip, self.frame_from_tumor)
+        others = {REFERENCE, *(name for edge in edges for name in (edge.target, edge.source))}
+        if self.robot is not None and self.robot.base_frame in others:
+            raise FrameError(
+                f"robot.base_frame is {self.robot.base_frame!r}: a name of its own wanted, "
+                f"{', '.join(sorted(others))} are other frames"
+            )
 
     @property
     def static_edges(self) -> tuple[Transform, ...]:

@@ -254,6 +254,12 @@ def test_a_tool_without_mesh_serves_until_it_is_asked_for(
         case.tool_mesh()
 
 
+def test_an_empty_manifest_is_said_to_be_empty(tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").touch()
+    with pytest.raises(InputError, match=r"case\.yaml is empty: schema, name, "):
+        open_case(tmp_path)
+
+
 def test_no_folder(tmp_path: Path) -> None:
     with pytest.raises(MarginGuardError, match="no such folder"):
         open_case(tmp_path / "nowhere")

@@ -60,7 +60,7 @@ def test_a_dwell_in_which_the_robot_moved_is_refused(recorded):
 
 def test_a_dwell_after_the_end_of_the_recording_is_refused(recorded):
     case = recorded(registration=at_dwells((500.0, 501.0)))
-    with pytest.raises(InputError, match="dwell 1 has 0 good samples of the tracker"):
+    with pytest.raises(InputError, match="dwell 1 has 0 good samples of 'cautery' in"):
         setup_from_case(case, tip_only=True)
 
 

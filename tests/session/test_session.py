@@ -328,6 +328,13 @@ def test_what_cannot_be_a_robot_setup_is_refused(touch):
         registered(touch, given_registration(Transform.identity("tracker", "robot_base")))
 
 
+@pytest.mark.parametrize("base", ["reference", "needle", "tumor", "cautery", "cautery_tip"])
+def test_a_base_with_the_name_of_another_frame_is_refused(touch, base):
+    robot = RobotSetup(touch, base, "stylus", None, DriftBound(5.0, 0.05))
+    with pytest.raises(FrameError, match=f"robot.base_frame is '{base}': a name of its own"):
+        SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
+
+
 class Lump(AnalyticSphere):
     """Test double: the sphere in a frame of another name, for a tool in ``cautery_tip`` alone."""
 
