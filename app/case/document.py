@@ -92,7 +92,7 @@ class Section:
         except (yaml.YAMLError, ValueError) as error:
             raise InputError(f"{path} is not YAML: {str(error).splitlines()[0]}") from error
         if values is None:
-            raise InputError(f"{path} is empty: {', '.join(allowed[:3])}, ... wanted")
+            raise InputError(f"{path} is empty: a mapping wanted")
         return cls(values, f"{path.name}:", allowed)
 
     def place(self, key: object) -> str:
