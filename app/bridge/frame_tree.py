@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from app.fixture import MarginState
-from app.geometry import Stamp, Transform
+from app.geometry import FrameError, Stamp, Transform
 from app.session import StepResult
 
 
@@ -55,17 +55,22 @@ class FrameTree:
     ``StylusToReference``), but tf gives a frame one parent and no loop: the edge that came first
     stays, a calibration in ``static_edges`` before all. tf2 also complains about a transform that
     comes again with the stamp that it had, as a joint sample does when the tracker is faster than
-    the robot. When the player seeks back, all samples are new again.
+    the robot. When the player seeks back, all samples are new again. Static edges that are no tree
+    by themselves raise `FrameError`.
     """
 
     def __init__(self, static_edges: Iterable[Transform] = (), voice: Voice = ALONE) -> None:
         self._voice = voice
-        self._parents = {edge.source: edge.target for edge in static_edges}
-        self._static = frozenset(self._parents)
+        self._parents: dict[str, str] = {}
+        self._static: frozenset[str] = frozenset()
         self._newest_ns: dict[str, int] = {}
         self._now_ns: int | None = None
         self.left_out: dict[tuple[str, str], str] = {}
         """Edges (parent, child) that did not fit, and why."""
+        for edge in static_edges:
+            if not self._fits(edge):
+                raise FrameError(f"fixed frames: {self.left_out[edge.target, edge.source]}")
+        self._static = frozenset(self._parents)
 
     def news(self, step: StepResult) -> list[tuple[Transform, Stamp]]:
         """The moving edges of ``step`` that are newer than the last of the same child frame."""

@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from app.bridge.frame_tree import FrameTree, moving_edges
 from app.case.samples import TrackingFrame
 from app.fixture import FixtureDecision, MarginState
-from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.session import StepResult
 
 
@@ -91,6 +92,19 @@ def test_a_second_parent_is_left_out_and_named():
     for now_ns in (1, 2):
         assert list(stamps(tree.news(measured(now_ns, *both)))) == [("tracker", "stylus")]
     assert tree.left_out == {("reference", "stylus"): "'stylus' hangs from 'tracker' already"}
+
+
+@pytest.mark.parametrize(
+    ("edges", "reason"),
+    [
+        ((("a", "a"),), "'a' hangs from 'a'"),
+        ((("a", "b"), ("b", "c"), ("c", "a")), "'c' hangs from 'a': it would be a loop"),
+        ((("a", "c"), ("b", "c")), "'c' hangs from 'a' already"),
+    ],
+)
+def test_fixed_frames_that_are_no_tree_are_refused(edges, reason):
+    with pytest.raises(FrameError, match=f"fixed frames: .*{reason}"):
+        FrameTree([Transform.identity(*edge) for edge in edges])
 
 
 def test_a_calibration_stays_before_a_measured_edge_of_the_same_frames():
