@@ -48,11 +48,12 @@ def test_a_package_is_found_in_the_folder_that_is_given(tmp_path, capsys):
     assert "none' is no folder" in capsys.readouterr().err
 
 
-def test_a_seed_below_zero_is_bad_input(tmp_path, capsys):
+@pytest.mark.parametrize("seed", ["-1", "x", "1.5"])
+def test_a_seed_that_is_none_is_bad_input(tmp_path, capsys, seed):
     with pytest.raises(SystemExit) as stop:
-        main(["make-case", str(tmp_path / "case"), "--seed", "-1"])
+        main(["make-case", str(tmp_path / "case"), "--seed", seed])
     assert stop.value.code == 2
-    assert "argument --seed: -1: 0 or more wanted" in capsys.readouterr().err
+    assert f"argument --seed: '{seed}': a whole number of 0 or more" in capsys.readouterr().err
 
 
 def test_no_ros_leaves_rclpy_unimported(tmp_path, project_root):
