@@ -66,6 +66,8 @@ class RobotSetup:
                     f"registration is {transform.target}_from_{transform.source}: "
                     f"{REFERENCE}_from_{self.base_frame} wanted"
                 )
+        # Once, so that the first step does not wait for the compiler.
+        self.robot.forward_kinematics({})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

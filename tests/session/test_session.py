@@ -10,7 +10,7 @@ from app.fixture import (
 )
 from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration, register_points
-from app.robot import load_robot
+from app.robot import Robot, load_robot
 from app.session import RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, joint_sample, lost, sample
 
@@ -333,6 +333,13 @@ def test_a_base_with_the_name_of_another_frame_is_refused(touch, base):
     robot = RobotSetup(touch, base, "stylus", None, DriftBound(5.0, 0.05))
     with pytest.raises(FrameError, match=f"robot.base_frame is '{base}': a name of its own"):
         SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
+
+
+def test_a_robot_was_placed_before_the_first_step_waits_for_the_compiler(touch, monkeypatch):
+    placed = []
+    monkeypatch.setattr(Robot, "forward_kinematics", lambda _, positions: placed.append(positions))
+    RobotSetup(touch, "robot_base", "stylus", None, DriftBound(5.0, 0.05))
+    assert placed == [{}]
 
 
 class Lump(AnalyticSphere):
