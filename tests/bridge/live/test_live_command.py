@@ -54,7 +54,7 @@ def check_distances(messages, shift_ns, distances):
         if message["state"] != UNKNOWN:
             stamp_ns = ns(message["header"]["stamp"]) - shift_ns
             known.setdefault(stamp_ns, message["signed_distance"])
-    assert len(known) > 10
+    assert len(known) > 5  # of some 25: a busy machine takes several frames as one
     assert min(known.values()) < 0.0 < max(known.values())
     # Distances are good to 0.005 mm and 0.2 % of themselves, whatever was asked before.
     agree = [
