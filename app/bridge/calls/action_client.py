@@ -20,7 +20,7 @@ from app.bridge.calls.errors import (
     ServerGoneError,
 )
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, settle, wait_until_there
+from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, ServerWait
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import action_type
 from app.bridge.errors import reason_of
@@ -97,7 +97,7 @@ class ActionClient:
             raise CallError(f"no client for an action {name!r}: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
         self.late_goals = 0
-        self._settled = False
+        self._server = ServerWait(ros, lambda: self.is_there, f"action {self.name}")
         self._closed = False
         ros.on_close(self.close)
 
@@ -108,7 +108,7 @@ class ActionClient:
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
-        self._wait(Limit(timeout_s, cancel))
+        self._server.wait(Limit(timeout_s, cancel))
 
     def start(
         self,
@@ -131,7 +131,7 @@ class ActionClient:
                 f"{self.name}: a {type(goal).__name__} is no goal of {self.type.__name__}"
             )
         limit = Limit(timeout_s, cancel)
-        self._wait(limit)
+        self._server.wait(limit)
 
         def said(message: Any) -> None:
             if feedback is not None:
@@ -187,12 +187,6 @@ class ActionClient:
         if not self._closed:
             self._closed = True
             self._client.destroy()
-
-    def _wait(self, limit: Limit) -> None:
-        what = f"action {self.name}"
-        if not (wait_until_there(self._ros, lambda: self.is_there, limit, what) and self._settled):
-            settle(limit)
-            self._settled = True
 
     def _take_late(self, future: Future) -> None:
         def taken(future: Future) -> None:

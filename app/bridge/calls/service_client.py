@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError, CallTimeoutError
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, settle, wait_until_there
+from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, ServerWait
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
@@ -38,7 +38,7 @@ class ServiceClient:
         self.name = str(self._client.service_name)
         self.late_replies = 0
         self.forgotten = 0
-        self._settled = False
+        self._server = ServerWait(ros, lambda: self.is_there, f"service {self.name}")
         self._closed = False
         self._lock = threading.Lock()
         self._open: set[Future] = set()
@@ -52,7 +52,7 @@ class ServiceClient:
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
-        self._wait(Limit(timeout_s, cancel))
+        self._server.wait(Limit(timeout_s, cancel))
 
     def call(
         self,
@@ -70,7 +70,7 @@ class ServiceClient:
         Raises `NotThereError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
         limit = Limit(timeout_s, cancel)
-        self._wait(limit, once=repeat_s > timeout_s)
+        self._server.wait(limit, settle=repeat_s > timeout_s)
         while True:
             pending = self.start(request)
             try:
@@ -120,13 +120,6 @@ class ServiceClient:
             if self._ros.is_open and not self._closed:
                 self._ros.node.destroy_client(self._client)
             self._closed = True
-
-    def _wait(self, limit: Limit, *, once: bool = True) -> None:
-        what = f"service {self.name}"
-        known = wait_until_there(self._ros, lambda: self.is_there, limit, what) and self._settled
-        if once and not known:
-            settle(limit)
-            self._settled = True
 
     def _take(self, future: Future) -> None:
         with self._lock:

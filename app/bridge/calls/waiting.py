@@ -48,20 +48,32 @@ def check_may_wait(ros: RosNode, what: str) -> None:
         raise CallError(f"{what}: the node is closed")
 
 
-def wait_until_there(ros: RosNode, ready: Callable[[], bool], limit: Limit, what: str) -> bool:
-    """Return once ``ready()``, and whether it was at once; `NotThereError` when time is over."""
-    check_may_wait(ros, what)
-    pause, at_once = threading.Event(), True
-    while not ready():
-        at_once = False
-        limit.check(what)
-        check_may_wait(ros, what)
-        if limit.remaining_s == 0.0:
-            raise NotThereError(f"{what}: nobody serves it, waited {limit.timeout_s:g} s")
-        pause.wait(min(SLICE_S, limit.remaining_s))
-    return at_once
+class ServerWait:
+    """Waits until a server is ``ready()`` and has had the time to find us too.
 
+    One that left and came back is waited for like a new one.
+    """
 
-def settle(limit: Limit) -> None:
-    """Give a server that was just found the time to find us too."""
-    threading.Event().wait(min(_SETTLE_S, limit.remaining_s))
+    def __init__(self, ros: RosNode, ready: Callable[[], bool], what: str) -> None:
+        self._ros = ros
+        self._ready = ready
+        self._what = what
+        self._settled = False
+
+    def wait(self, limit: Limit, *, settle: bool = True) -> None:
+        """Return once it is there; `NotThereError` when the time is over before.
+
+        Without ``settle`` a first reply may be lost: for requests that are repeated.
+        """
+        check_may_wait(self._ros, self._what)
+        pause = threading.Event()
+        while not self._ready():
+            self._settled = False
+            limit.check(self._what)
+            check_may_wait(self._ros, self._what)
+            if limit.remaining_s == 0.0:
+                raise NotThereError(f"{self._what}: nobody serves it, waited {limit.timeout_s:g} s")
+            pause.wait(min(SLICE_S, limit.remaining_s))
+        if settle and not self._settled:
+            pause.wait(min(_SETTLE_S, limit.remaining_s))
+            self._settled = True
