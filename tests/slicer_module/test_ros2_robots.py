@@ -36,6 +36,7 @@ def describe(peer):
 
 @pytest.fixture
 def robots(logic):
+    logic.GetDefaultROS2Node()  # made when first asked for: it stays when a robot has gone
     added = []
 
     def add(name, *arguments):
