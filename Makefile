@@ -34,8 +34,9 @@ demo: $(run)
 	@$(venv)/bin/marginguard replay $(case) --report $(report)
 	@echo 'The report is $(report)/report.html'
 
+# A test process that dies ends the run: pytest-xdist waits for ever for one that replaces it.
 test: $(test)
-	@$(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+	@$(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 $(PYTEST_ARGS)
 
 lint: $(test)
 	@$(python) -m ruff check

@@ -33,12 +33,12 @@ def held_domain() -> Iterator[int]:
 
 
 def environment_of(domain: int) -> dict[str, str]:
-    """What keeps a process in the domain, and on this machine."""
-    return {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(domain),
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # as our commands have it: peers are killed in tests
-    }
+    """What keeps a process in the domain, and on this machine, as our commands are."""
+    from app.bridge import prepare_environment  # ROS, which not every test needs
+
+    environment = {"ROS_DOMAIN_ID": str(domain)}
+    prepare_environment(environment)
+    return environment
 
 
 @pytest.fixture
