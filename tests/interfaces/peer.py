@@ -19,6 +19,7 @@ from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 FEEDBACK_PERIOD_S = 0.05
+ending = threading.Event()
 
 
 def register(request: Register.Request, response: Register.Response) -> Register.Response:
@@ -35,7 +36,6 @@ def replay(goal: ServerGoalHandle) -> Replay.Result:
 
     Feedback that is given before both sides have met is lost; the client cancels when it has some.
     """
-    pause = threading.Event()
     for frames in range(int(goal.request.end / FEEDBACK_PERIOD_S)):
         if goal.is_cancel_requested:
             goal.canceled()
@@ -49,7 +49,8 @@ def replay(goal: ServerGoalHandle) -> Replay.Result:
                 signed_distance=float("nan"),
             )
         )
-        pause.wait(FEEDBACK_PERIOD_S)
+        if ending.wait(FEEDBACK_PERIOD_S):
+            break
     goal.abort()
     return Replay.Result(success=False, message="never cancelled")
 
@@ -71,12 +72,13 @@ def main() -> None:
         callback_group=ReentrantCallbackGroup(),
     )
 
-    executor = MultiThreadedExecutor(2)
+    executor = MultiThreadedExecutor(6)  # goals whose acceptance was lost go on, one in a thread
     executor.add_node(node)
     ended = Future()
 
     def end_with_input() -> None:
         sys.stdin.read()
+        ending.set()
         ended.set_result(None)
         executor.wake()
 

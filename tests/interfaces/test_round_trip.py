@@ -2,6 +2,7 @@
 
 import queue
 import subprocess
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,9 +26,25 @@ DEADLINE_S = 30.0
 
 def wait(future: Future) -> Any:
     """The result of ``future``, which the node's own thread completes."""
+    return wait_up_to(DEADLINE_S, future)
+
+
+def wait_up_to(seconds: float, future: Future) -> Any:
     done: queue.Queue[Future] = queue.Queue()
     future.add_done_callback(done.put)
-    return done.get(timeout=DEADLINE_S).result()
+    return done.get(timeout=seconds).result()
+
+
+def answer_to(ask: Callable[[], Future]) -> Any:
+    """What ``ask()`` is answered; asked again, for a server drops what it says to whom it has not
+    discovered yet, and the client is not told when it has.
+    """
+    for _ in range(3):
+        try:
+            return wait_up_to(DEADLINE_S / 3, ask())
+        except queue.Empty:
+            continue
+    pytest.fail(f"no answer in {DEADLINE_S} s")
 
 
 def transforms() -> TFMessage:
@@ -94,7 +111,7 @@ def test_a_service_answers(node: Any, peer: subprocess.Popen[str]) -> None:
         fixed_points=[Point(), Point()],
         moving_points=[Point(x=0.25), Point(x=0.5)],
     )
-    response = wait(client.call_async(request))
+    response = answer_to(lambda: client.call_async(request))
     assert response.success
     assert response.message == "reference from robot_base"
     assert response.transform.translation.x == 0.75
@@ -103,11 +120,16 @@ def test_a_service_answers(node: Any, peer: subprocess.Popen[str]) -> None:
 def test_an_action_gives_feedback_and_is_cancelled(node: Any, peer: subprocess.Popen[str]) -> None:
     client = ActionClient(node, Replay, "replay")
     assert client.wait_for_server(timeout_sec=DEADLINE_S)
-    feedback: queue.Queue[Any] = queue.Queue()
     goal = Replay.Goal(case_folder="a case", rate=1.0, start=2.0, end=DEADLINE_S)
-    handle = wait(client.send_goal_async(goal, feedback_callback=feedback.put))
+    feedback: list[queue.Queue[Any]] = []
+
+    def ask() -> Future:
+        feedback.append(queue.Queue())
+        return client.send_goal_async(goal, feedback_callback=feedback[-1].put)
+
+    handle = answer_to(ask)
     assert handle.accepted
-    heard = [feedback.get(timeout=DEADLINE_S).feedback for _ in range(3)]
+    heard = [feedback[-1].get(timeout=DEADLINE_S).feedback for _ in range(3)]
     assert wait(handle.cancel_goal_async()).goals_canceling
     answer = wait(handle.get_result_async())
     assert answer.status == GoalStatus.STATUS_CANCELED
