@@ -1,4 +1,4 @@
-from .from_case import margin_parameters, setup_from_case
+from .from_case import margin_parameters, robot_from_case, setup_from_case
 from .joint_clock import tip_signals, with_estimated_clock
 from .live import LiveSession
 from .live_control import (
@@ -24,6 +24,7 @@ __all__ = [
     "guidance_parameters",
     "limiter_parameters",
     "margin_parameters",
+    "robot_from_case",
     "setup_from_case",
     "tip_signals",
     "tumor_motion_parameters",

@@ -6,6 +6,7 @@ from app.case import Case
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.registration import DriftBound
 from app.robot import load_robot
+from app.session.named_frames import check_frames
 from app.session.registering import register_robot
 from app.session.setup import ProximityModel, RobotSetup, SessionSetup
 
@@ -13,8 +14,10 @@ from app.session.setup import ProximityModel, RobotSetup, SessionSetup
 def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
     """What a session needs for ``case``; with ``tip_only`` the tool is its tip and nothing else.
 
-    Reads the recording up to its last landmark dwell where the registration needs that.
+    Reads the recording up to its last landmark dwell where the registration needs that. Raises
+    `FrameError` for a recording in which nothing leads from the tool to the tumour.
     """
+    check_frames(case)
     manifest = case.manifest
     margins = margin_parameters(case)
     tumor = case.tumor_mesh()
@@ -28,6 +31,15 @@ def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
         margins=margins,
         robot=_robot_setup(case, margins),
     )
+
+
+def robot_from_case(case: Case) -> RobotSetup | None:
+    """The registered robot of ``case`` alone, whose recording need not know the tumour.
+
+    None for a case without a robot. Reads the recording as `setup_from_case` does.
+    """
+    check_frames(case, with_tumor=False)
+    return _robot_setup(case, margin_parameters(case))
 
 
 def margin_parameters(case: Case) -> MarginParameters:

@@ -63,8 +63,8 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
             tips.append(seen.apply(tool.tool_from_tip.translation_mm))
     if not (joint_times and times):
         raise InputError(
-            f"clock.estimate: {len(joint_times)} joint samples and {len(times)} tracked poses: "
-            "some of both wanted"
+            f"clock.estimate: {len(joint_times)} joint samples and {len(times)} poses of "
+            f"{tool.frame!r} in {REFERENCE!r}: some of both wanted"
         )
     return (
         TimedSignal(np.array(joint_times), np.array(joint_tips), ROBOT_CLOCK),

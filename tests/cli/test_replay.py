@@ -108,6 +108,8 @@ def bomb_as_robot(case):
     (case / "bomb.urdf").write_text(
         f'<!DOCTYPE robot [<!ENTITY e0 "x">{entities}]><robot name="&e12;"><link name="a"/></robot>'
     )
+    recording = case / "tracking.igs.mha"
+    recording.write_text(recording.read_text().replace("ToTracker", "ToReference"))
     with (case / "case.yaml").open("a") as file:
         file.write("robot: {urdf: bomb.urdf, base_frame: robot_base, tool_link: a}\n")
         file.write(f"registration: {{method: given, matrix: {np.eye(4).ravel().tolist()}}}\n")
@@ -165,11 +167,22 @@ def test_debug_shows_the_traceback_and_the_same_line(case, capsys):
     assert error.splitlines()[-1].startswith("marginguard: error: ")
 
 
-def test_frames_that_the_recording_does_not_have_are_told(tmp_path, capsys):
+def test_a_frame_that_the_recording_does_not_have_is_refused(tmp_path, capsys):
     def other_tool(manifest):
         manifest["tool"]["frame"] = "scalpel"
 
     case = write_small_case(tmp_path / "other", other_tool)
+    assert replay(case, "--report", str(tmp_path / "out")) == 2
+    assert capsys.readouterr().err == (
+        "marginguard: error: case.yaml: tool.frame is 'scalpel': no such frame is in the "
+        "recording, which has needle, rod, tracker\n"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_in_which_all_is_lost_says_what_it_has(case, capsys):
+    recording = case / "tracking.igs.mha"
+    recording.write_text(recording.read_text().replace("= OK", "= INVALID"))
     assert replay(case, "--json") == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["valid_frames"] == 0

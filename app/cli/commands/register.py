@@ -31,13 +31,13 @@ def run(options: argparse.Namespace) -> int:
     from app.case import open_case
     from app.cli.calibration.output import check_outputs, put_out
     from app.geometry import InputError
-    from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
+    from app.session import robot_from_case, with_estimated_clock, with_repaired_tumor
 
     check_outputs(options.save, options.plot)
     started_ns = time.perf_counter_ns()
     opened = open_case(options.case, package_dirs=options.package_dirs)
     case, offset = with_estimated_clock(with_repaired_tumor(opened))
-    robot = setup_from_case(case, tip_only=True).robot
+    robot = robot_from_case(case)
     if robot is None or robot.registration is None:
         raise InputError(f"{options.case} has no robot: there is nothing to register")
     elapsed_s = (time.perf_counter_ns() - started_ns) / 1e9

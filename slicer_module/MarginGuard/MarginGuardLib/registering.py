@@ -5,13 +5,13 @@ from pathlib import Path
 from app.case import open_case
 from app.geometry import FloatArray, InputError
 from app.registration import RegistrationResult, register_points
-from app.session import REFERENCE, setup_from_case, with_estimated_clock, with_repaired_tumor
+from app.session import REFERENCE, robot_from_case, with_estimated_clock, with_repaired_tumor
 
 
 def registration_of_case(folder: Path) -> RegistrationResult:
     """What ``marginguard register`` finds in the case; takes seconds."""
     case, _ = with_estimated_clock(with_repaired_tumor(open_case(folder)))
-    robot = setup_from_case(case, tip_only=True).robot
+    robot = robot_from_case(case)
     if robot is None or robot.registration is None:
         raise InputError(f"{folder} has no robot: there is nothing to register")
     return robot.registration

@@ -1,0 +1,102 @@
+"""Frames that a case names and its recording does not have, or has already."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.case import Case, open_case, open_live
+from app.geometry import FrameError, InputError
+from app.session import robot_from_case, setup_from_case
+from app.session.named_frames import check_frames
+from tests.cli.small_case import identity, write_small_case
+
+POSE = " ".join(f"{number:g}" for number in np.eye(4).ravel())
+
+Recorded = Callable[..., Case]
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Recorded:
+    """A case whose recording has these transforms in each of its frames."""
+
+    def written(*frames: str, **blocks: object) -> Case:
+        folder = write_small_case(tmp_path / "case", lambda manifest: manifest.update(blocks))
+        lines = ["ObjectType = Image", "NDims = 3"]
+        for index, names in enumerate(frames):
+            lines += [f"Seq_Frame{index:04}_{name}Transform = {POSE}" for name in names.split()]
+            lines.append(f"Seq_Frame{index:04}_Timestamp = {100 + 0.05 * index:.3f}")
+        text = "\n".join([*lines, "ElementDataFile = LOCAL", ""])
+        (folder / "tracking.igs.mha").write_text(text)
+        return open_case(folder)
+
+    return written
+
+
+def robot(base_frame: str) -> dict[str, object]:
+    return {
+        "robot": {
+            "urdf": "package://marginguard/robots/touch/touch.urdf",
+            "base_frame": base_frame,
+            "tool_link": "stylus",
+        },
+        "registration": {"method": "given", "matrix": identity()},
+    }
+
+
+BOTH = "NeedleToTracker RodToTracker"
+ALL = f"ReferenceToTracker {BOTH}"
+
+
+def test_frames_that_come_late_or_by_turns_are_found(recorded):
+    check_frames(recorded("NeedleToTracker", "NeedleToTracker", "RodToNeedle"))
+
+
+@pytest.mark.parametrize(
+    ("frames", "blocks", "words"),
+    [
+        (["NeedleToTracker"] * 3, {}, r"tool\.frame is 'rod': .* has needle, tracker$"),
+        (["RodToTracker"] * 3, {}, r"tumor\.frame is 'needle': .* has rod, tracker$"),
+        ([""], {}, r"tool\.frame is 'rod': .* has none$"),
+        (
+            ["NeedleToTracker RodToCamera"],
+            {},
+            r"tumor\.frame is 'needle': nothing .* leads there from tool\.frame 'rod', it has "
+            "tracker -> needle, camera -> rod$",
+        ),
+        ([BOTH] * 3, robot("robot_base"), "a robot's registration is 'reference': .* has needle,"),
+        ([ALL], robot("tracker"), r"robot\.base_frame is 'tracker': .* tracker -> reference"),
+        ([f"{ALL} RobotBaseToTracker"], robot("robot_base"), r"robot\.base_frame is 'robot_base'"),
+    ],
+)
+def test_what_does_not_fit_the_recording_is_refused_by_name(recorded, frames, blocks, words):
+    case = recorded(*frames, **blocks)
+    with pytest.raises(FrameError, match=rf"^case\.yaml: .*{words}"):
+        setup_from_case(case, tip_only=True)
+
+
+def test_a_base_whose_links_are_recorded_is_the_robots_own(recorded):
+    check_frames(recorded(f"{ALL} StylusToRobotBase", **robot("robot_base")))
+
+
+def test_a_robot_is_registered_without_a_tracked_tumour(recorded):
+    case = recorded("ReferenceToTracker RodToTracker", **robot("robot_base"))
+    found = robot_from_case(case)
+    assert found.registration.transform.source == "robot_base"
+    with pytest.raises(FrameError, match=r"tumor\.frame is 'needle'"):
+        setup_from_case(case, tip_only=True)
+
+
+def test_no_more_is_read_than_is_needed(recorded):
+    """A recording that is cut behind its first frames raises for whoever reads on."""
+    case = recorded(*[BOTH] * 40)
+    text = case.recording_path.read_text()
+    case.recording_path.write_text(text[: text.index("Seq_Frame0005")])
+    check_frames(case)
+    with pytest.raises(InputError, match="is cut"):
+        list(case.recorded_frames())
+
+
+def test_the_frames_of_a_live_case_are_still_to_come(project_root):
+    check_frames(open_live(project_root / "data" / "live_example" / "live.yaml").case)
