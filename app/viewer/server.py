@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import trame_rca.module
 from aiohttp import web
@@ -15,8 +14,8 @@ from trame_rca.view_adapter import RcaViewAdapter
 from trame_server import Server
 from trame_slicer.views import ThreeDView
 
+from app.viewer.address import Address
 from app.viewer.area import PictureArea
-from app.viewer.errors import ViewerError
 from app.viewer.feeds import Feed
 from app.viewer.gate import Gate
 from app.viewer.hands import ReplayHands, StageHands
@@ -33,20 +32,6 @@ _WEB = Path(__file__).with_name("web")
 _AREA = "stage"
 _MOST_PIXELS = 1920 * 1200
 """Of a picture, however large the page is or says it is: the page stretches it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Address:
-    """Where to serve: ``port`` 0 takes one that is free; ``token`` opens the gate."""
-
-    host: str
-    port: int
-    token: str
-
-    def url(self, port: int) -> str:
-        """What opens the page, token and all, where ``port`` is the one that was taken."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{port}/?token={quote(self.token, safe='')}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,9 +186,7 @@ async def _start(server: Server, address: Address) -> None:
 
 def _raise_of(serving: "asyncio.Future[Any]", address: Address) -> None:
     error = serving.exception()
-    raise ViewerError(
-        f"the page cannot be served at {address.host} port {address.port}: {error or 'it ended'}"
-    ) from error
+    raise address.refused(error) from error
 
 
 def _download(content: bytes, kind: str, name: str) -> web.Response:

@@ -47,6 +47,23 @@ def test_a_case_that_is_none_is_refused_in_one_line(tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("address", "named"),
+    [
+        (["--port", "65536"], "port 65536"),
+        (["--host", ""], "host is empty"),
+        (["--host", "192.0.2.1"], "192.0.2.1 port 0: Cannot assign"),
+    ],
+)
+def test_where_nothing_can_be_served_is_said_before_the_case_is_opened(
+    tmp_path, capsys, address, named
+):
+    assert main(["view", str(tmp_path / "none"), *address]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert named in captured.err
+
+
 @pytest.fixture
 def live_server(can_draw: None, domain_id: int, live_yaml, tmp_path: Path) -> Iterator[Server]:
     config = live_yaml({"tracked_transforms": {"topic": "/tracked_transforms"}, "clock": "host"})

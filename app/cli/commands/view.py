@@ -58,10 +58,11 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("view takes a CASE, or --live and --config FILE: one of the two wanted")
     if options.token == "":
         raise InputError("--token is empty: that would open the page to everybody")
-    with note_signals() as received, _viewer(options) as viewer:
-        from app.viewer import Address, new_token
+    from app.viewer import Address, new_token
 
-        address = Address(options.host, options.port, options.token or new_token())
+    address = Address(options.host, options.port, options.token or new_token())
+    address.check()  # before the case is stepped through
+    with note_signals() as received, _viewer(options) as viewer:
 
         def ready(url: str) -> None:
             received.stops(viewer.stop)
