@@ -82,7 +82,9 @@ class ScenePainter:
                 )
                 for one in log.reel.steps()
             ]
-        self._answer = self._waiting.submit(self._process.communicate, pickle.dumps(request))
+        # From protocol 5 on what was read-only is so again in the process.
+        sent = pickle.dumps(request, pickle.HIGHEST_PROTOCOL)
+        self._answer = self._waiting.submit(self._process.communicate, sent)
 
     def picture(self) -> bytes | None:
         """The PNG of what was begun; None where nothing was, or, said on stderr, it cannot be."""

@@ -5,8 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from app.case import open_case
 from app.cli.scene_picture import MOVIE, SCENE, ScenePainter
 from app.geometry import InputError
+from app.session import Session, setup_from_case
+from tests.cli.small_case import write_small_case
 
 PROCESS = [sys.executable, "-m", "app.cli.scene_process"]
 PNG = b"\x89PNG and more"
@@ -19,7 +22,9 @@ def begin_anything(painter: ScenePainter) -> None:
 def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str) -> None:
     """A test double of the process: it answers what ``answer`` holds, and ends by ``end``."""
     script = tmp_path / "python"
-    script.write_text(f"#!/bin/sh\ncat >/dev/null\ncat {tmp_path}/answer 2>/dev/null\n{end}\n")
+    script.write_text(
+        f"#!/bin/sh\ncat >{tmp_path}/request\ncat {tmp_path}/answer 2>/dev/null\n{end}\n"
+    )
     script.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(script))
 
@@ -71,6 +76,21 @@ def test_a_whole_picture_counts_however_the_process_ended(
             painter.content(SCENE)
     told = capsys.readouterr().err
     assert told == f"drawing the scene ended with status {status}, after all was drawn\n"
+
+
+def test_what_is_handed_over_can_be_written_to_no_more_than_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = open_case(write_small_case(tmp_path / "case"))
+    setup = setup_from_case(case, tip_only=True)
+    step = Session(setup).step(next(case.frames()))
+    stand_in(tmp_path, monkeypatch, "exit 0")
+    with ScenePainter() as painter:
+        painter.begin(case, setup, step, with_tool=False)
+        painter.picture()
+    moment = pickle.loads((tmp_path / "request").read_bytes())["moment"]
+    assert not moment["tumor"].vertices_mm.flags.writeable
+    assert not moment["tumor_from_tip"].rotation.flags.writeable
 
 
 def test_a_moment_that_was_never_known_gives_no_file() -> None:
