@@ -36,8 +36,10 @@ def save_scene(scene: vtkMRMLScene, path: Path) -> None:
     """
     _check_place(path)
     try:
-        # In a folder beside it: a bundle is named like its file, inside and out.
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+        # In a folder beside it: a bundle is named like its file, inside and out. MRML reads and
+        # writes data at absolute places alone.
+        beside = path.absolute().parent
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=beside) as folder:
             partial = Path(folder) / path.name
             messages = vtkMRMLMessageCollection()
             with _quiet():
@@ -60,7 +62,7 @@ def load_scene(scene: vtkMRMLScene, path: Path) -> None:
     messages = vtkMRMLMessageCollection()
     before = scene.GetNumberOfNodes()
     with tempfile.TemporaryDirectory() as folder, _unpacking_into(scene, folder), _quiet():
-        read = scene.ReadFromMRB(str(path), False, messages)
+        read = scene.ReadFromMRB(str(path.absolute()), False, messages)
     if not read or messages.GetNumberOfMessagesOfType(vtkCommand.ErrorEvent):
         raise SceneError(f"{path} cannot be read as a scene: {_said(messages)}")
     if scene.GetNumberOfNodes() == before:

@@ -81,6 +81,17 @@ def assert_same(found: Any, wanted: Any, place: str = "") -> None:
         assert found == wanted, place
 
 
+def test_a_place_in_the_current_folder_will_do(
+    shown: MarginGuardScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    save_scene(shown.scene, Path("scene.mrb"))
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.mrb"]
+    loaded = SceneApplication(vtkMRMLScene()).scene
+    load_scene(loaded, Path("scene.mrb"))
+    assert_same(content(loaded), content(shown.scene))
+
+
 def test_a_fresh_process_finds_the_same_scene(
     shown: MarginGuardScene, saved: Path, edges: tuple[Transform, ...], arm: Robot
 ) -> None:
