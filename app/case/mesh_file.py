@@ -16,7 +16,7 @@ from trimesh.exchange.ply import export_ply
 from trimesh.exchange.stl import export_stl
 
 from app.case.small_file import check_place, write_small
-from app.geometry import FloatArray, InputError, MeshError, SurfaceMesh
+from app.geometry import FloatArray, InputError, MeshError, SurfaceMesh, welded
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Millimetres in each unit that a mesh may be given in."""
@@ -48,10 +48,8 @@ def load_mesh(path: Path, *, units: str, frame: str) -> SurfaceMesh:
     vertices, faces = _read(path, suffix)
     try:
         raw = SurfaceMesh(frame, vertices * UNITS_MM[units], faces)
-        places, index = np.unique(raw.vertices_mm + 0.0, axis=0, return_inverse=True)
-        merged = index.reshape(-1)[raw.faces]
-        whole = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
-        return SurfaceMesh(frame, places, merged[whole])
+        places, whole, _ = welded(raw.vertices_mm + 0.0, raw.faces)  # + 0.0: no -0.0
+        return SurfaceMesh(frame, places, whole.astype(np.int32))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
 

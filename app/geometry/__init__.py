@@ -28,6 +28,7 @@ from app.geometry.transform import (
     rotation_angle,
     rotation_of_quaternion,
 )
+from app.geometry.welding import welded
 
 __all__ = [
     "NS_PER_MS",
@@ -52,4 +53,5 @@ __all__ = [
     "rotation_of_quaternion",
     "snake_case",
     "split_transform_name",
+    "welded",
 ]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trimesh.exchange.load import mesh_loaders
 from trimesh.resolvers import FilePathResolver
 
-from app.geometry import FloatArray
+from app.geometry import FloatArray, welded
 from app.robot.errors import RobotMeshError
 
 FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply")
@@ -64,7 +64,7 @@ def read_mesh_file(path: Path) -> FileMesh:
         raise RobotMeshError(f"mesh {path} has vertices that are not finite numbers")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise RobotMeshError(f"mesh {path} has faces of vertices that it does not hold")
-    vertices, faces, kept = _welded(vertices, faces)
+    vertices, faces, kept = welded(vertices, faces)
     if len(faces) == 0:
         raise RobotMeshError(f"mesh {path} holds no triangles with an area")
     return FileMesh(vertices, faces, _joined_colors(parts, kept))
@@ -130,20 +130,3 @@ def _joined_colors(parts: list[_Part], kept: NDArray[np.bool_]) -> FloatArray | 
     colors = [np.tile(grey, (len(faces), 1)) if c is None else c for _, faces, c in parts]
     joined = np.concatenate(colors)[kept]
     return np.asarray(joined, dtype=np.float64)
-
-
-def _welded(
-    vertices: FloatArray, faces: NDArray[np.int64]
-) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.bool_]]:
-    """Join corners at exactly the same place: an STL file repeats each for every triangle."""
-    # Sorted by all coordinates, equal corners are neighbours; np.unique takes thrice as long.
-    order = np.lexsort(vertices.T)
-    ordered = vertices[order]
-    is_new = np.ones(len(ordered), dtype=np.bool_)
-    is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    index = np.empty(len(ordered), dtype=np.int64)
-    index[order] = np.cumsum(is_new) - 1
-    faces = index[faces]
-    first, second, third = faces.T
-    kept = (first != second) & (second != third) & (third != first)
-    return ordered[is_new], faces[kept], kept
