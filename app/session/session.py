@@ -84,6 +84,8 @@ class Session:
         """
         self._index += 1
         problems = self._poses.insert(frame)
+        if problems:  # the clock went back: where the tool was before says nothing of its way
+            self._last = None
         tool = self._poses.pose(self.setup.frame_from_tumor.target, self.setup.tool_from_tip.target)
         tumor_from_tip = None
         if tool.transform is not None:
@@ -153,6 +155,8 @@ class Session:
         self._poses.frozen_after_ns = setup.margins.frozen_after_ns
         self._poses.moving_frames = _moving_frames(setup)
         self._monitor.parameters = setup.margins
+        if setup.tumor_motion != before.tumor_motion:
+            self._velocity = _velocity(setup)
         if setup.robot is not before.robot:
             self._drifted = False
             self._follower = _follower(setup.robot)
@@ -188,13 +192,15 @@ class Session:
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
     ) -> tuple[Proximity | None, Proximity | None]:
-        """Of the tool where it is, and of where it went through the tumour to get there, if so."""
-        last, self._last = self._last, None
+        """Of the tool where it is, and of where it went through the tumour to get there, if so.
+
+        The way is that from where it was last known, frames in which it was lost left out.
+        """
         if tumor_from_tip is None or stamp is None:
             return None, None
         model = self.setup.proximity
         here = self._recent.joined(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
-        self._last = _Place(now, tumor_from_tip, here)
+        last, self._last = self._last, _Place(now, tumor_from_tip, here)
         if last is None or not 0 <= last.stamp.age_ns(now) <= self.setup.margins.stale_after_ns:
             return here, None
         before = last.proximity

@@ -8,7 +8,9 @@ from app.case import open_case
 from app.fixture import MarginState, NotRearmableError, Reason, TipProximity
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
-from app.session import Session, setup_from_case
+from app.session import Session, SessionSetup, setup_from_case
+from tests.doubles import PARAMETERS, AnalyticSphere, sample
+from tests.doubles import frame as frame_of
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +104,20 @@ def test_after_a_change_the_robot_is_held_until_someone_re_arms(case, setup, fra
         assert Reason.LATCHED in known.reasons
     session.rearm()
     assert not session.step(frames[15]).decision.hold
+
+
+def test_another_tool_that_is_stuck_from_the_first_frame_on_is_frozen():
+    identity, sphere = Transform.identity, AnalyticSphere(10.0)
+    with_cautery = SessionSetup(
+        identity("cautery", "tip"), identity("needle", "tumor"), sphere, PARAMETERS, None
+    )
+    session = Session(with_cautery)
+    session.use(replace(with_cautery, tool_from_tip=identity("drill", "tip")))
+    for at_ms in range(0, 1101, 100):
+        tumor = sample("tracker", "needle", (0.0, 0.0, 0.001 * at_ms), at_ms)
+        drill = sample("tracker", "drill", (40.0, 0.0, 0.0), at_ms)
+        reasons = session.step(frame_of(at_ms, tumor, drill)).decision.reasons
+    assert Reason.FROZEN in reasons
 
 
 def test_new_margins_hold_nothing(setup, frames):

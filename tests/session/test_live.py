@@ -118,6 +118,16 @@ def test_silence_is_stale_at_the_moment_at_which_it_becomes_so_and_stays_held():
     assert all(step.decision.hold for step in back)
 
 
+def test_of_a_clock_that_is_the_hosts_own_silence_is_stale_to_the_nanosecond():
+    world = World(stamps_of_host=True)
+    for at_ms in range(0, 200, 20):
+        world.arrive(at_ms + 3, needle(HOST_MS + at_ms), cautery(HOST_MS + at_ms))
+    known, stale = [step for at, step in world.run(450) if at > 180][:2]
+    assert known.decision.state is MarginState.NEGATIVE
+    assert Reason.STALE in stale.decision.reasons
+    assert stale.decision.stamp.age_ns(stale.frame.stamp) == PARAMETERS.stale_after_ns + 1
+
+
 def test_rearming_is_refused_while_unknown_and_ends_the_hold_after_it():
     world = World()
     track(world, 0, 200)

@@ -157,6 +157,15 @@ def test_a_late_duplicate_does_not_thaw_a_frozen_pose(tree):
     assert tree.pose(*edge).problems == {Reason.FROZEN}
 
 
+def test_how_long_a_pose_stands_is_told_by_its_stamps_and_not_by_when_they_came(tree):
+    """The one that brought the change came 100 ms late."""
+    edge = ("tracker", "cautery")
+    tree.insert(frame(0, sample(*edge, (1, 0, 0), 0)))
+    for at_ms, late_ms in ((100, 100), *((at_ms, 0) for at_ms in range(150, 1001, 50))):
+        tree.insert(frame(at_ms, sample(*edge, (0, 0, 0), at_ms - late_ms)))
+    assert tree.pose(*edge).unchanged_ns == 1000 * NS_PER_MS
+
+
 def test_one_stamp_from_the_future_does_not_keep_out_what_comes_after(tree):
     edge = ("tracker", "cautery")
     tree.insert(frame(0, sample(*edge, (1, 0, 0), 10**6)))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,10 +7,19 @@ from app.fixture import (
     LimiterParameters,
     MarginState,
     NotRearmableError,
+    Proximity,
     Reason,
+    Witnesses,
     limit_twist,
 )
-from app.geometry import FrameError, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import (
+    NS_PER_MS,
+    FrameError,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
 from app.registration import DriftBound, given_registration, register_points
 from app.robot import Robot, load_robot
 from app.session import RobotSetup, Session, SessionSetup
@@ -29,10 +40,14 @@ def make_setup(robot: RobotSetup | None = None) -> SessionSetup:
 
 def cautery_at(distance_mm: float, at_ms: float) -> TrackedTransform:
     """The cautery with its tip this far from the sphere's centre, along the tumour's x."""
-    tumor_from_tip = Transform("tumor", "cautery_tip", np.eye(3), [distance_mm, 0.0, 0.0])
-    tracker_from_tumor = TRACKER_FROM_NEEDLE @ NEEDLE_FROM_TUMOR
-    pose = tracker_from_tumor @ tumor_from_tip @ TOOL_FROM_TIP.inverse()
+    pose = tracker_from_cautery([distance_mm, 0.0, 0.0])
     return TrackedTransform(pose, Stamp(int(at_ms * 1e6)), TrackingStatus.OK)
+
+
+def tracker_from_cautery(tip_mm):
+    tumor_from_tip = Transform("tumor", "cautery_tip", np.eye(3), tip_mm)
+    tracker_from_tumor = TRACKER_FROM_NEEDLE @ NEEDLE_FROM_TUMOR
+    return tracker_from_tumor @ tumor_from_tip @ TOOL_FROM_TIP.inverse()
 
 
 def needle(at_ms: float) -> TrackedTransform:
@@ -134,6 +149,74 @@ def test_a_tumour_that_is_crossed_twice_in_a_row_is_seen_twice():
     found = steps(session, [30.0, -30.0, 30.0])
     distances = [step.decision.proximity.signed_distance_mm for step in found]
     assert [distance < 0.0 for distance in distances] == [False, True, True]
+
+
+def test_a_tumour_that_is_crossed_from_far_off_is_a_breach():
+    """70 mm from it at both ends, on a way of 160."""
+    _, after = steps(Session(make_setup()), [80.0, -80.0])
+    assert after.decision.state is MarginState.POSITIVE
+
+
+def test_a_tumour_that_is_crossed_while_the_clock_stands_is_a_breach():
+    session = Session(make_setup())
+    session.step(frame(0, needle(0), cautery_at(30.0, 0)))
+    assert session.step(frame(0, cautery_at(-30.0, 0))).decision.state is MarginState.POSITIVE
+
+
+def test_a_tumour_that_is_crossed_by_what_arrives_late_is_a_breach():
+    """Poses that are 150 ms old, of 100 ms apart: it is the frames that may not be far apart."""
+    session = Session(make_setup())
+    session.step(frame(150, needle(0), cautery_at(30.0, 0)))
+    step = session.step(frame(250, needle(100), cautery_at(-30.0, 100)))
+    assert step.decision.state is MarginState.POSITIVE
+
+
+def test_a_tumour_that_is_crossed_while_the_tool_is_lost_is_a_breach():
+    session = Session(make_setup())
+    steps(session, [30.0])
+    session.step(frame(20, needle(20), lost("tracker", "cautery", 20, TrackingStatus.MISSING)))
+    (after,) = steps(session, [-30.0], start_ms=40.0)
+    assert after.decision.state is MarginState.UNKNOWN
+    assert after.decision.proximity.signed_distance_mm == pytest.approx(-10.0, abs=0.5)
+
+
+def test_no_way_leads_from_another_time_to_the_present():
+    session = Session(make_setup())
+    steps(session, [30.0], start_ms=100.0)
+    session.step(frame(0))
+    (after,) = steps(session, [-30.0], start_ms=150.0)
+    assert after.decision.proximity.signed_distance_mm == pytest.approx(20.0)
+
+
+def test_no_way_leads_from_before_a_tumour_was_chosen_through_it():
+    session = Session(make_setup())
+    steps(session, [30.0])
+    session.use(replace(make_setup(), proximity=AnalyticSphere(9.0)))
+    (after,) = steps(session, [-30.0], start_ms=20.0)
+    assert after.decision.proximity.signed_distance_mm == pytest.approx(21.0)
+
+
+class Vague(AnalyticSphere):
+    """Test double: sees a tool that is outside 5 mm too far off, and says so in its lower bound."""
+
+    def evaluate(self, tumor_from_tool, stamp=None):
+        exact = super().evaluate(tumor_from_tool, stamp)
+        distance_mm = round(exact.signed_distance_mm, 9)
+        distance_mm += 5.0 if distance_mm > 0.0 else 0.0
+        seen = Witnesses.single(distance_mm, exact.on_tool_mm, exact.on_tumor_mm, exact.normal)
+        return Proximity(exact.lower_bound_mm - 1e-9, seen, stamp)
+
+
+@pytest.mark.parametrize("height_mm", [9.5, 10.0])
+def test_a_way_is_swept_by_the_lower_bounds_and_a_touch_is_a_breach(height_mm):
+    """8 mm along the top of the sphere, which the distances alone would not let it reach."""
+    session = Session(replace(make_setup(), proximity=Vague(10.0)))
+    for at_ms, x_mm in ((0, -4.0), (20, 4.0)):
+        pose = tracker_from_cautery([x_mm, height_mm, 0.0])
+        tool = TrackedTransform(pose, Stamp(at_ms * NS_PER_MS), TrackingStatus.OK)
+        step = session.step(frame(at_ms, needle(at_ms), tool))
+    assert step.decision.proximity.signed_distance_mm == pytest.approx(height_mm - 10.0, abs=1e-9)
+    assert step.decision.state is MarginState.POSITIVE
 
 
 def test_what_lies_between_two_frames_that_are_far_apart_is_not_guessed():
@@ -259,6 +342,8 @@ def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong
         {},
         "joint positions are stale or from the future",
     )
+    ahead = session.step(frame(206, joints=(joint_sample(joints, 207),)))
+    assert (dict(ahead.links), ahead.robot_problem) == (dict(stale.links), stale.robot_problem)
     wrong = session.step(frame(206, joints=(joint_sample({"waist": np.nan}, 206),)))
     assert not wrong.links
     assert "waist" in wrong.robot_problem
@@ -311,6 +396,31 @@ def test_a_drift_is_not_over_when_the_robot_falls_silent(touch):
     step = session.step(frame(300, reference(300), needle(300), cautery_at(50.0, 300)))
     assert step.robot_problem != ""
     assert Reason.REGISTRATION_DRIFT in step.decision.reasons
+
+
+def test_a_drift_is_over_when_the_tool_is_seen_where_the_robot_says(touch):
+    session = Session(make_setup(registered(touch, found_registration(0.0))))
+    joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
+    tip = touch.forward_kinematics(joints)["stylus"].translation_mm
+    for at_ms, off_mm in ((0, 6.0), (20, 0.0)):
+        seen = Transform("reference", "cautery_tip", np.eye(3), tip + np.array([off_mm, 0.0, 0.0]))
+        pose = reference(at_ms).transform @ seen @ TOOL_FROM_TIP.inverse()
+        cautery = TrackedTransform(pose, Stamp(at_ms * NS_PER_MS), TrackingStatus.OK)
+        poses = (reference(at_ms), needle(at_ms), cautery)
+        step = session.step(frame(at_ms, *poses, joints=(joint_sample(joints, at_ms),)))
+        assert (Reason.REGISTRATION_DRIFT in step.decision.reasons) == (off_mm > 5.0)
+
+
+def test_a_new_registration_knows_no_drift_of_the_old(touch):
+    session = Session(make_setup(registered(touch, found_registration(0.0))))
+    joints = (joint_sample(dict.fromkeys(touch.actuated_joint_names, 0.2), 0),)
+    poses = (reference(0), needle(0), cautery_at(40.0, 0))
+    step = session.step(frame(0, *poses, joints=joints))
+    assert Reason.REGISTRATION_DRIFT in step.decision.reasons
+    session.use(make_setup(registered(touch, found_registration(0.0))))
+    poses = (reference(300), needle(300), cautery_at(50.0, 300))
+    step = session.step(frame(300, *poses))  # the robot has fallen silent
+    assert Reason.REGISTRATION_DRIFT not in step.decision.reasons
 
 
 def test_a_turn_is_drift_where_the_mount_is_known(touch):

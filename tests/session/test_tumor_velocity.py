@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from app.fixture import MarginState, TumorMotionParameters
-from app.geometry import NS_PER_S, InputError, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    InputError,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
 from app.registration import DriftBound, given_registration
 from app.robot import load_robot
 from app.session import RobotSetup, Session, SessionSetup
@@ -89,6 +97,38 @@ def test_a_clock_that_is_set_back_begins_anew_and_other_shapes_do_too():
     assert off_mm_s(run(session, 0, 2000)[50:]).max() < 4.0
     session.use(replace(make_setup(EXPECTED), proximity=AnalyticSphere(9.0)))
     assert off_mm_s(run(session, 2000, 4000)[50:]).max() < 4.0
+
+
+@pytest.mark.parametrize("what", ["place", "motion"])
+def test_what_is_placed_or_moves_otherwise_is_followed_anew(what):
+    """As in a session that knew nothing else: to the last digit, and not from another place."""
+    known = make_setup(EXPECTED)
+    elsewhere = Transform("needle", "tumor", np.eye(3), [0.0, 100.0, 0.0])
+    other = (
+        replace(known, frame_from_tumor=elsewhere)
+        if what == "place"
+        else replace(known, tumor_motion=replace(EXPECTED, swing_mm=1.0))
+    )
+    session, fresh = Session(known), Session(other)
+    run(session, 0, 1000)
+    session.use(other)
+    for ours, theirs in zip(run(session, 1000, 2000), run(fresh, 1000, 2000), strict=True):
+        found, wanted = ours.decision.constraint, theirs.decision.constraint
+        np.testing.assert_array_equal(
+            found.tumor_velocities_mm_s[0], wanted.tumor_velocities_mm_s[0]
+        )
+
+
+def test_a_tumour_that_is_seen_all_over_the_place_is_taken_to_be_still():
+    session = Session(make_setup(EXPECTED))
+    run(session, 0, 2000)
+    rng = np.random.default_rng(3)
+    for at in range(2000, 2000 + PARAMETERS.stale_after_ns // NS_PER_MS + 20, 20):
+        needle = sample("reference", "needle", tuple(rng.uniform(-40.0, 40.0, 3)), at)
+        tool = sample("reference", "cautery", (60.0, 0.0, 0.001 * at), at)
+        decision = session.step(frame(at, needle, tool)).decision
+        assert decision.constraint_is_current
+    assert not decision.constraint.tumor_velocities_mm_s.any()
 
 
 def test_samples_from_the_future_and_lost_ones_break_nothing():
