@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from app.cli.memory import LongLived
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE
 
 if TYPE_CHECKING:
@@ -27,17 +28,18 @@ _SMALL = (160, 120)
 def main() -> None:
     """Answer the one request."""
     # What a library prints must not get among the bytes of the answer.
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer:
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer, LongLived() as memory:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        answer.write(_answered(sys.stdin.buffer))
+        answer.write(_answered(sys.stdin.buffer, memory))
     sys.stderr.flush()
     # All is delivered; native libraries that are torn down have crashed here.
     os._exit(0)
 
 
-def _answered(stream: IO[bytes]) -> bytes:
+def _answered(stream: IO[bytes], memory: LongLived) -> bytes:
     try:
         _load()
+        memory.settle()
     except ImportError as error:
         request = _read(stream)
         reason = f"{error}; 'marginguard doctor' says what to install"
