@@ -7,7 +7,7 @@ import numpy as np
 
 from app.case import Dwell, JointSample, TrackingFrame
 from app.geometry import NS_PER_S, InputError, Transform, mean_transform
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseTree, is_sampled
 from app.session.setup import REFERENCE, RobotSetup
 
 MIN_SAMPLES = 5
@@ -54,7 +54,8 @@ def dwell_poses(
             break
         poses.insert(frame)
         tool = poses.pose(REFERENCE, tool_frame).transform
-        if tool is not None and frame.poses:
+        # A pose that stands from an earlier frame is no sample more.
+        if tool is not None and is_sampled(tool_frame, frame):
             for index in _dwells_at(dwells, frame.stamp.ns - start_ns):
                 found[index].tool.append(tool)
         for joints in frame.joints:

@@ -9,7 +9,7 @@ from app.case import Case, TrackingFrame
 from app.geometry import FloatArray, InputError
 from app.registration import TimedSignal
 from app.robot import load_robot
-from app.session.pose_tree import PoseTree
+from app.session.pose_tree import PoseTree, is_sampled
 from app.session.setup import REFERENCE
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
             joint_tips.append(link.translation_mm)
         poses.insert(frame)
         seen = poses.pose(REFERENCE, tool.frame).transform
-        if seen is not None and frame.poses:
+        if seen is not None and is_sampled(tool.frame, frame):
             times.append(frame.stamp.ns)
             tips.append(seen.apply(tool.tool_from_tip.translation_mm))
     if not (joint_times and times):

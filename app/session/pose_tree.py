@@ -188,6 +188,11 @@ class PoseTree:
         return self._paths[wanted]
 
 
+def is_sampled(name: str, frame: TrackingFrame) -> bool:
+    """Whether ``frame`` brings a sample, good or not, of an edge to the frame ``name``."""
+    return any(name in (sample.target, sample.source) for sample in frame.poses)
+
+
 def shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge, ...] | None:
     """The edges from ``start`` to ``goal``, walked either way; None when nothing leads there."""
     paths: dict[str, tuple[Edge, ...]] = {start: ()}

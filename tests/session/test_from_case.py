@@ -1,16 +1,20 @@
 """Sessions for the recorded case, registered and timed in every way that a manifest can ask for."""
 
 import shutil
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 import yaml
 
-from app.case import open_case
+from app.case import Dwell, open_case
 from app.fixture import MarginState, Reason
-from app.geometry import InputError
+from app.geometry import NS_PER_MS, InputError, Stamp
 from app.registration import TooFewError
-from app.session import Session, setup_from_case, with_estimated_clock
+from app.session import PoseTree, Session, setup_from_case, tip_signals, with_estimated_clock
+from app.session.dwelling import dwell_poses
+from tests.doubles import frame, sample
 
 
 @pytest.fixture
@@ -56,6 +60,36 @@ def test_a_dwell_in_which_the_robot_moved_is_refused(recorded):
     case = recorded(registration=at_dwells((0.05, 2.0)))
     with pytest.raises(InputError, match=r"moved by .* in dwell 1"):
         setup_from_case(case, tip_only=True)
+
+
+def test_a_pose_that_stands_while_others_come_is_one_sample_of_a_dwell(recorded):
+    """The tool seen once in 150 ms, in which its pose stays fresh, and the reference at 50 Hz."""
+    case = recorded()
+    setup = setup_from_case(case, tip_only=True)
+    held = next(iter(case.frames())).joints[0]
+    frames = [
+        frame(
+            at_ms,
+            sample("tracker", "reference", (0.0, 0.0, 0.001 * at_ms), at_ms),
+            *([sample("tracker", "cautery", (5.0, 0.0, 0.0), 0)] if at_ms == 0 else []),
+            joints=(replace(held, stamp=Stamp(at_ms * NS_PER_MS)),),
+        )
+        for at_ms in range(0, 160, 20)
+    ]
+    poses = PoseTree(setup.margins.stale_after_ns, setup.margins.frozen_after_ns, ("cautery",))
+    with pytest.raises(InputError, match="dwell 1 has 1 good samples of 'cautery' in 'reference'"):
+        dwell_poses(frames, [Dwell(0.0, 0.15)], poses, tool_frame="cautery", robot=setup.robot)
+
+
+def test_a_pose_that_stands_while_others_come_is_one_sample_of_the_clocks_motion(recorded):
+    case = recorded()
+    frames = list(islice(case.frames(), 200))
+    sparse = [
+        replace(each, poses=tuple(p for p in each.poses if p.source != "cautery" or k % 4 == 0))
+        for k, each in enumerate(frames)
+    ]
+    (_, all_of_it), (_, seen) = tip_signals(case, frames), tip_signals(case, sparse)
+    assert len(seen.times_ns) == pytest.approx(len(all_of_it.times_ns) / 4, abs=1)
 
 
 def test_a_dwell_after_the_end_of_the_recording_is_refused(recorded):
