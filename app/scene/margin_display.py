@@ -108,8 +108,10 @@ class MarginDisplay:
         modifying = self.line.StartModify()
         self.line.RemoveAllControlPoints()
         # The words stand at the outer end of the line, where they cover less of the tumour.
-        self._add_point(proximity.on_tumor_mm, distance_text(proximity.signed_distance_mm))
-        self._add_point(proximity.on_tool_mm, "")
+        words = distance_text(proximity.signed_distance_mm)
+        is_inside = proximity.signed_distance_mm < 0.0
+        self._add_point(proximity.on_tumor_mm, words if is_inside else "")
+        self._add_point(proximity.on_tool_mm, "" if is_inside else words)
         self.line.EndModify(modifying)
 
     def _add_point(self, point_mm: FloatArray, label: str) -> None:

@@ -78,6 +78,8 @@ def test_line_between_the_closest_points(shown: MarginGuardScene, decision: Deci
     assert np.allclose(ends[0], (ras_from_tumor @ [0, 0, 12, 1])[:3])
     assert np.allclose(ends[1], (ras_from_tumor @ [0, 0, 8.75, 1])[:3])
     assert "-3.2 mm" in shown.margin.status.GetText()
+    shown.show(decision(MarginState.WARNING, 2.0), {})
+    assert [line.GetNthControlPointLabel(i) for i in range(2)] == ["", "2.0 mm"]
 
 
 def test_no_distance_is_shown_while_unknown(shown: MarginGuardScene, decision: Decide) -> None:
