@@ -208,7 +208,8 @@ def _readme(simulation: Simulation, breaches: tuple[TrueBreach, ...], seed: int)
 # A simulated lumpectomy
 
 **Simulated**, not recorded: no patient, no phantom, no tracker. Made by `marginguard make-case DIR
---seed {seed}`, which writes the same bytes again (with the same versions of the libraries).
+--seed {seed}`. The same versions of it and of its libraries write the same bytes again, others the
+same numbers but for rounding.
 
 {simulation.duration_s:.1f} s from the first to the last frame. A robot holds a cautery: it dwells
 on {len(simulation.story.dwells_s)} landmarks in a breath-hold at end expiration, then goes around a
