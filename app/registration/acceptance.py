@@ -51,7 +51,8 @@ def judge(
         f"predicted TRE below {bounds[worst]:.3g} mm (95 %) at the worst of {len(targets)} targets"
     ]
     faults = []
-    if bounds[worst] > limits.tre_mm:
+    # What is no number is not below a limit; `argmax` finds it first.
+    if not bounds[worst] <= limits.tre_mm:
         faults.append(
             f"predicted TRE may be {bounds[worst]:.3g} mm (95 %) at target {worst} "
             f"({', '.join(f'{x:.1f}' for x in targets[worst])}), {limits.tre_mm:g} mm allowed"

@@ -110,4 +110,15 @@ def checked_covariance(covariance: FloatArray, size: int) -> FloatArray:
         np.abs(array - array.T) > 1e-6 * np.outer(scale, scale) + 1e-300
     ):
         raise CovarianceError(f"covariance is not symmetric with a diagonal >= 0: {array.tolist()}")
-    return read_only(0.5 * (array + array.T))
+    array = 0.5 * (array + array.T)
+    # As correlations, so that rad and mm weigh alike. A sum of the entries below 0 would pass for
+    # no error at all where a target error is predicted.
+    known = scale > 0.0
+    correlations = array[np.ix_(known, known)] / np.outer(scale[known], scale[known])
+    least = float(np.linalg.eigvalsh(correlations).min(initial=0.0))
+    if least < -1e-6:
+        raise CovarianceError(
+            f"covariance has a negative variance along some motion (eigenvalue {least:.3g} of its "
+            f"correlations): {array.tolist()}"
+        )
+    return read_only(array)

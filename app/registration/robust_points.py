@@ -61,6 +61,8 @@ def register_points_robust(
             break
         _require_majority(again, inlier_mm)
         good = again
+    else:
+        raise NoConsensusError(f"which points agree did not settle in {MAX_REFITS} rounds")
     left_out = np.full(len(fixed), np.nan)
     left_out[good] = result.leave_one_out_mm
     named = replace(

@@ -73,6 +73,41 @@ def test_limits_are_checked(bad: float) -> None:
         AcceptanceLimits(leave_one_out_mm=bad)
 
 
+def test_correlations_that_contradict_each_other_are_no_covariance() -> None:
+    """Rad and mm of very different sizes: the first two agree, and the third goes with one only."""
+    sigmas = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0])
+    correlations = np.eye(6)
+    correlations[:3, :3] = [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]
+    with pytest.raises(CovarianceError, match="negative variance along some motion"):
+        build(covariance=correlations * np.outer(sigmas, sigmas))
+    correlations[0, 2] = correlations[2, 0] = 0.7
+    assert build(covariance=correlations * np.outer(sigmas, sigmas)).covariance is not None
+    assert build(covariance=np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])).covariance is not None
+    assert build(covariance=np.zeros((6, 6))).covariance is not None
+
+
+def test_the_worst_target_decides() -> None:
+    """A turn of 0.1 rad about z: nothing on the axis, 10 mm a decimetre from it."""
+    turning = build(covariance=np.diag([0.0, 0.0, 0.01, 0.0, 0.0, 0.0]))
+    limits = AcceptanceLimits(tre_mm=5.0)
+    assert judge(turning, [[0.0, 0.0, 50.0]], limits).accepted
+    verdict = judge(turning, [[0.0, 0.0, 50.0], [0.0, 100.0, 0.0]], limits)
+    assert not verdict.accepted
+    assert verdict.reason == (
+        "predicted TRE may be 10 mm (95 %) at target 1 (0.0, 100.0, 0.0), 5 mm allowed"
+    )
+
+
+def test_an_error_that_overflows_is_not_accepted() -> None:
+    """Infinite less infinite is no number, and no number is above no limit."""
+    covariance = 100.0 * np.eye(6)
+    covariance[1, 5] = covariance[5, 1] = 50.0
+    covariance[2, 4] = covariance[4, 2] = -50.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        verdict = judge(build(covariance=covariance), [[1.7e308, 0.0, 0.0]], AcceptanceLimits())
+    assert not verdict.accepted
+
+
 def test_a_given_registration_cannot_be_judged() -> None:
     given = given_registration(Transform.identity("fixed", "moving"))
     with pytest.raises(CovarianceError):

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from app.registration import NoConsensusError, ShapeError, register_points, register_points_robust
+from app.registration import (
+    NoConsensusError,
+    ShapeError,
+    register_points,
+    register_points_robust,
+    robust_points,
+)
 from app.registration.errors import CollinearPointsError
 from tests.registration.helpers import random_layout, random_transform
 
@@ -75,3 +81,18 @@ def test_a_line_is_no_consensus() -> None:
 def test_the_bound_of_a_good_pair_is_checked(bad: float) -> None:
     with pytest.raises(ShapeError, match="inlier_mm"):
         register_points_robust(np.eye(3), np.eye(3), inlier_mm=bad, **FRAMES)
+
+
+def test_a_group_that_does_not_settle_is_no_consensus(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Among these the first fit drops a pair, and nobody has looked at the fit without it."""
+    rng = np.random.default_rng(9)
+    moving = random_layout(rng, 8)
+    fixed = random_transform(rng).apply(moving) + rng.normal(scale=0.7, size=(8, 3))
+    weights = np.eye(3) * (10.0 ** rng.uniform(-2.0, 1.0, 8) ** 2)[:, None, None]
+    settled = register_points_robust(
+        fixed, moving, inlier_mm=1.5, covariances_mm2=weights, **FRAMES
+    )
+    assert settled.outliers
+    monkeypatch.setattr(robust_points, "MAX_REFITS", 1)
+    with pytest.raises(NoConsensusError, match="did not settle in 1 rounds"):
+        register_points_robust(fixed, moving, inlier_mm=1.5, covariances_mm2=weights, **FRAMES)
