@@ -200,6 +200,7 @@ NEAR_LINE = LINE + 0.5 * ZIGZAG
         (1000 * NEAR_LINE, 1000 * NEAR_LINE, CollinearPointsError, "collinear"),
         (BOX, BOX * [1, 1, -1], MirroredPointsError, "mirror image"),
         (BOX, BOX / 1000.0, ScaleMismatchError, "are both in mm"),
+        (BOX / 1000.0, BOX, ScaleMismatchError, "are both in mm"),
         (BOX[:, :2], BOX, ShapeError, r"shape \(5, 2\)"),
         ([], [], ShapeError, r"\(n, 3\)"),
         ([["a", "b", "c"]] * 3, BOX[:3], ShapeError, "not an array of numbers"),
@@ -211,6 +212,13 @@ def test_bad_points_are_refused_by_name(
     with pytest.raises(error, match=words) as refusal:
         register_points(fixed, moving, **FRAMES)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_twentieth_across_the_line_is_as_little_as_there_may_be() -> None:
+    corners = np.array([[-50, -1, 0], [50, -1, 0], [50, 1, 0], [-50, 1, 0]], dtype=float)
+    with pytest.raises(CollinearPointsError, match=r"2\.45 mm RMS across .* 50 mm along"):
+        register_points(corners * [1, 2.45, 1], corners * [1, 2.45, 1], **FRAMES)
+    register_points(corners * [1, 2.55, 1], corners * [1, 2.55, 1], **FRAMES)
 
 
 def test_small_and_large_landmark_sets_of_good_shape_pass_alike() -> None:

@@ -71,6 +71,27 @@ def test_no_agreement_is_an_error() -> None:
         )
 
 
+def test_less_than_half_is_no_majority() -> None:
+    """Four of nine agree to rounding, and the others with nobody."""
+    rng = np.random.default_rng(6)
+    moving = random_layout(rng, 9)
+    fixed = random_transform(rng).apply(moving)
+    fixed[4:] += rng.uniform(20.0, 90.0, (5, 3)) * rng.choice([-1.0, 1.0], (5, 3))
+    with pytest.raises(NoConsensusError, match="only 4 of 9 points agree within 1 mm: at least 5"):
+        register_points_robust(fixed, moving, inlier_mm=1.0, **FRAMES)
+
+
+def test_a_majority_that_melts_away_when_it_is_fitted_well_is_none() -> None:
+    """Three pairs lay four on each other; the weights of these lay three."""
+    rng = np.random.default_rng(29)
+    moving = random_layout(rng, 7)
+    fixed = random_transform(rng).apply(moving) + rng.normal(scale=1.0, size=(7, 3))
+    noise = np.eye(3) * (10.0 ** rng.uniform(-2.0, 1.0, 7) ** 2)[:, None, None]
+    assert robust_points.largest_agreeing_group(fixed, moving, 1.5).sum() >= 4
+    with pytest.raises(NoConsensusError, match=r"only 3 of 7 points agree within 1\.5 mm"):
+        register_points_robust(fixed, moving, inlier_mm=1.5, covariances_mm2=noise, **FRAMES)
+
+
 def test_a_line_is_no_consensus() -> None:
     line = np.outer(np.arange(6.0), [10.0, 0, 0])
     with pytest.raises((NoConsensusError, CollinearPointsError), match=r"line|collinear"):
