@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,31 @@ def test_a_bound_from_the_noise_is_rarely_passed_without_drift() -> None:
             moved_away = moved(truth, push, truth.translation_mm)
             pushed += not check_drift(predicted, moved_away, bound).accepted
     assert passed <= 2 and pushed == 75
+
+
+def test_one_sigma_is_the_rms_of_both_errors_together() -> None:
+    """The registration's as a motion about the reference's origin, and the tracker's."""
+    rng = np.random.default_rng(3)
+    noise = PoseNoise(rotation_rad=0.004, translation_mm=0.4)
+    mixed = rng.normal(size=(6, 6)) * np.repeat([0.002, 0.2], 3)[:, None]
+    found = replace(
+        given_registration(Transform.identity("reference", "robot_base")),
+        covariance=mixed @ mixed.T,
+    )
+    truth = random_transform(rng, "reference", "tip", reach_mm=100.0)
+    bound = DriftBound.from_noise(found, truth.translation_mm, noise, sigmas=1.0)
+    drifts = [
+        check_drift(
+            moved(truth, mixed @ rng.normal(size=6), np.zeros(3)),
+            disturbed(rng, truth, noise),
+            bound,
+        )
+        for _ in range(3000)
+    ]
+    shifts = np.array([drift.translation_mm for drift in drifts])
+    turns = np.array([drift.rotation_rad for drift in drifts])
+    assert bound.translation_mm == pytest.approx(np.sqrt(np.mean(shifts**2)), rel=0.05)
+    assert bound.rotation_rad == pytest.approx(np.sqrt(np.mean(turns**2)), rel=0.05)
 
 
 def test_a_given_registration_has_no_bound_of_its_own() -> None:
