@@ -40,6 +40,7 @@ from .manifest import (
     TumorEntry,
 )
 from .manifest_file import load_manifest
+from .manifest_sections import check_topic
 from .mcap import read_mcap, values_reader
 from .mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
 from .message_definition import message_definition
@@ -111,6 +112,7 @@ __all__ = [
     "begin_case",
     "check_mesh_place",
     "check_place",
+    "check_topic",
     "check_transform_path",
     "convert_case",
     "load_expected",

@@ -132,11 +132,14 @@ def read_robot(document: Section) -> RobotEntry | None:
 
 def read_topic(block: Section, key: str) -> str:
     """The full name of a ROS topic."""
-    topic = block.text(key)
+    return check_topic(block.text(key), block.place(key))
+
+
+def check_topic(topic: str, where: str) -> str:
+    """``topic``, given at ``where``; `InputError` unless it is the full name of a ROS topic."""
     if not _TOPIC.fullmatch(topic):
         raise InputError(
-            f"{block.place(key)} is {topic!r}: a topic from '/' on wanted, "
-            "of letters, digits and underscores"
+            f"{where} is {topic!r}: a topic from '/' on wanted, of letters, digits and underscores"
         )
     return topic
 

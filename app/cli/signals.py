@@ -3,7 +3,8 @@
 Python's own way, an exception at any moment, is not safe here: raised while a function that numba
 compiled is at work, it ends the process with a segmentation fault now and then (measured: 4 of 14
 replays; none of 2389 signals that were only noted). And an exception in the middle of a step would
-leave half of it published.
+leave half of it published. While libraries are loaded it may be lost: trimesh takes whatever is
+raised then for a package that is missing. So a command that runs until a signal loads them within.
 """
 
 import os

@@ -1,5 +1,6 @@
 """A publisher that is asked to stop leaves the ROS graph itself, with its heartbeat running."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -53,6 +54,43 @@ def test_a_signal_ends_it_cleanly_with_messages_in_flight(domain_id, project_roo
     finally:
         process.kill()
         process.wait()
+
+
+INTERRUPTED = """
+import os
+import signal
+import sys
+
+class Interrupt:
+    # Ctrl-C while trimesh looks for a package that it can do without: what is raised is dropped.
+
+    def find_spec(self, name, path=None, target=None):
+        if name == "lxml":
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+
+from app.cli.main import main
+sys.meta_path.insert(0, Interrupt())
+status = main(sys.argv[1:])
+print("trimesh" in sys.modules)
+sys.exit(status)
+"""
+
+
+@pytest.mark.parametrize("command", [["record", "-o", "new"], ["igtl"], ["serve"]])
+def test_a_signal_while_libraries_are_loaded_is_not_lost(
+    domain_id, project_root, tmp_path, command
+):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, *command],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(project_root)},
+        timeout=120,
+    )
+    assert done.returncode == (0 if command == ["serve"] else 130), done.stderr
+    assert done.stdout.endswith("True\n")
 
 
 def test_the_handlers_that_were_there_come_back():

@@ -26,18 +26,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Publish until a signal comes."""
-    bridge_loaded("this command is of no use without it")
-    from app.bridge import RosNode
-    from app.bridge.igtl import IgtlPublisher, IgtlSource, SampleQueue
-
-    queue = SampleQueue()
-
-    def changed(words: str) -> None:
-        # What was measured before a connection was lost is old when the next one comes.
-        queue.clear()
-        print(words, file=sys.stderr, flush=True)
-
     with note_signals() as received:
+        bridge_loaded("this command is of no use without it")
+        from app.bridge import RosNode
+        from app.bridge.igtl import IgtlPublisher, IgtlSource, SampleQueue
+
+        queue = SampleQueue()
+
+        def changed(words: str) -> None:
+            # What was measured before a connection was lost is old when the next one comes.
+            queue.clear()
+            print(words, file=sys.stderr, flush=True)
+
         received.stops(queue.close)
         with RosNode(options.name) as ros:
             publisher = IgtlPublisher(ros)

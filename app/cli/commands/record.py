@@ -8,6 +8,7 @@ import argparse
 import sys
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,8 @@ from app.cli.publishing import bridge_loaded
 from app.cli.signals import note_signals
 
 if TYPE_CHECKING:
-    from app.case import BagWriter
+    from app.bridge import RosNode
+    from app.case import BagWriter, LiveCase
 
 SUMMARY = "record a live case over ROS 2"
 
@@ -63,18 +65,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Record until a signal comes."""
-    from app.case import RECORDING_FOLDER, BagWriter
-
     with note_signals() as received:
         stop = threading.Event()
         received.stops(stop.set)
+        topics, live = _wanted(options)
         bridge_loaded("a recording is of ROS")
-        topics = _prepare(options)
-        bag = BagWriter(options.output / RECORDING_FOLDER)
-        try:
-            _record(bag, topics, stop, options)
-        finally:
-            bag.close()
+        from app.bridge import RosNode
+        from app.case import RECORDING_FOLDER, BagWriter, begin_case
+
+        # Before anything is written: what ROS refuses leaves no folder behind.
+        with RosNode("marginguard_recorder", namespace=options.namespace) as ros:
+            if live is not None:
+                begin_case(live, options.output)
+            # The node is closed first: nothing comes for a bag that is closed.
+            with closing(BagWriter(options.output / RECORDING_FOLDER)) as bag, ros:
+                _record(ros, bag, topics, stop, options)
         counts = bag.counts
         print(f"{sum(counts.values())} messages of {len(counts)} topics in {options.output}")
         for topic, count in counts.items():
@@ -82,27 +87,23 @@ def run(options: argparse.Namespace) -> int:
     return received.exit_status
 
 
-def _prepare(options: argparse.Namespace) -> list[str]:
-    """The folder, with all of the case but its recording; the topics to record."""
-    from app.case import begin_case, open_live
+def _wanted(options: argparse.Namespace) -> tuple[list[str], "LiveCase | None"]:
+    """The topics to record, and the case that they are for."""
+    from app.case import check_topic, open_live
     from app.geometry import InputError
 
-    topics = list(
-        options.topics or (*TOPICS, *(_session_topic(t, options) for t in OF_THE_SESSION))
-    )
-    for topic in topics:
-        if not topic.startswith("/"):
-            raise InputError(f"topic {topic!r}: a full name, from '/' on, wanted")
+    topics = [check_topic(topic, "--topics") for topic in options.topics or ()]
+    if not topics:
+        topics = [*TOPICS, *(_session_topic(topic, options) for topic in OF_THE_SESSION)]
+    if options.output.exists():
+        raise InputError(f"{options.output} is there already: it is not written over")
     if options.config is None:
-        if options.output.exists():
-            raise InputError(f"{options.output} is there already: it is not written over")
-        return topics
+        return topics, None
     live = open_live(options.config, package_dirs=options.package_dirs)
-    begin_case(live, options.output)
     robot = live.case.manifest.robot
     if robot is not None and robot.joint_states is not None:
         topics.append(robot.joint_states)
-    return topics
+    return topics, live
 
 
 def _session_topic(name: str, options: argparse.Namespace) -> str:
@@ -112,28 +113,30 @@ def _session_topic(name: str, options: argparse.Namespace) -> str:
 
 
 def _record(
-    bag: "BagWriter", topics: list[str], stop: threading.Event, options: argparse.Namespace
+    ros: "RosNode",
+    bag: "BagWriter",
+    topics: list[str],
+    stop: threading.Event,
+    options: argparse.Namespace,
 ) -> None:
-    from app.bridge import RosNode
     from app.bridge.live import RosRecorder, SessionWatch
     from app.case import RECORDING_FOLDER
     from app.case.live_recording import write_changes
 
     constraint = _session_topic(CONSTRAINT, options)
     session = SessionWatch()
-    with RosNode("marginguard_recorder", namespace=options.namespace) as ros:
-        recorder = RosRecorder(ros, bag, topics)
-        synced_s = time.monotonic()
-        while not stop.wait(FLUSH_S):
-            for topic in recorder.discover():
-                print(f"recording {topic}", flush=True)
-            for topic in [*recorder.refused]:
-                print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
-            if session.has_changed(recorder.last(constraint)):
-                print("tumour or registration of the session were replaced", flush=True)
-                write_changes(session.changes, options.output / RECORDING_FOLDER)
-                recorder.want(_session_topic(SURFACES, options))
-            recorder.flush()
-            if time.monotonic() - synced_s >= SYNC_S:
-                bag.sync()
-                synced_s = time.monotonic()
+    recorder = RosRecorder(ros, bag, topics)
+    synced_s = time.monotonic()
+    while not stop.wait(FLUSH_S):
+        for topic in recorder.discover():
+            print(f"recording {topic}", flush=True)
+        for topic in [*recorder.refused]:
+            print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
+        if session.has_changed(recorder.last(constraint)):
+            print("tumour or registration of the session were replaced", flush=True)
+            write_changes(session.changes, options.output / RECORDING_FOLDER)
+            recorder.want(_session_topic(SURFACES, options))
+        recorder.flush()
+        if time.monotonic() - synced_s >= SYNC_S:
+            bag.sync()
+            synced_s = time.monotonic()

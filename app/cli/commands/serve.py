@@ -37,24 +37,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM, which is the way to end it: exit status 0."""
-    from app.bridge import RosNode, prepare_environment
-    from app.bridge.calls.calibrate_server import CalibrateServer
-    from app.bridge.calls.replay_server import ReplayServer
-    from app.bridge.tf import TransformBuffer
-    from app.bridge.tf.listener import TfListener
-    from app.cli.served_cases import ServedCases
+    with note_signals() as received:
+        from app.bridge import RosNode, prepare_environment
+        from app.bridge.calls.calibrate_server import CalibrateServer
+        from app.bridge.calls.replay_server import ReplayServer
+        from app.bridge.tf import TransformBuffer
+        from app.bridge.tf.listener import TfListener
+        from app.cli.served_cases import ServedCases
 
-    cases = ServedCases(options.cases, package_dirs=options.package_dirs, tip_only=options.tip_only)
-    if options.load:
-        cases.load(options.load)
-    print(prepare_environment(), file=sys.stderr)
-    ended = threading.Event()
-    with note_signals() as received, RosNode(NODE_NAME) as ros:
+        cases = ServedCases(
+            options.cases, package_dirs=options.package_dirs, tip_only=options.tip_only
+        )
+        if options.load:
+            cases.load(options.load)
+        print(prepare_environment(), file=sys.stderr)
+        ended = threading.Event()
         received.stops(ended.set)
-        buffer = TransformBuffer()
-        TfListener(ros, buffer)
-        ReplayServer(ros, cases)
-        CalibrateServer(ros, buffer)
-        print(f"/{NODE_NAME} serves cases below {options.cases.resolve()}", file=sys.stderr)
-        ended.wait()
+        with RosNode(NODE_NAME) as ros:
+            buffer = TransformBuffer()
+            TfListener(ros, buffer)
+            ReplayServer(ros, cases)
+            CalibrateServer(ros, buffer)
+            print(f"/{NODE_NAME} serves cases below {options.cases.resolve()}", file=sys.stderr)
+            ended.wait()
     return 0

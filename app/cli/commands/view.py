@@ -58,21 +58,22 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("view takes a CASE, or --live and --config FILE: one of the two wanted")
     if options.token == "":
         raise InputError("--token is empty: that would open the page to everybody")
-    from app.viewer import Address, new_token
+    with note_signals() as received:
+        from app.viewer import Address, new_token
 
-    address = Address(options.host, options.port, options.token or new_token())
-    address.check()  # before the case is stepped through
-    with note_signals() as received, _viewer(options) as viewer:
+        address = Address(options.host, options.port, options.token or new_token())
+        address.check()  # before the case is stepped through
+        with _viewer(options) as viewer:
 
-        def ready(url: str) -> None:
-            received.stops(viewer.stop)
-            print(url, flush=True)
-            if options.browser:
-                import webbrowser
+            def ready(url: str) -> None:
+                received.stops(viewer.stop)
+                print(url, flush=True)
+                if options.browser:
+                    import webbrowser
 
-                webbrowser.open(url)
+                    webbrowser.open(url)
 
-        asyncio.run(viewer.serve(address, ready))
+            asyncio.run(viewer.serve(address, ready))
     return received.exit_status
 
 

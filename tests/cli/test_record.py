@@ -1,0 +1,21 @@
+"""``marginguard record``: what it refuses, before anything is written."""
+
+import pytest
+
+from app.cli.main import main
+from tests.ros_domain import domain_id as domain_id
+
+
+@pytest.mark.parametrize("topic", ["", "tf", "/", "/tf/", "/a b", "/1a", "/tf\n"])
+def test_what_can_be_no_topic_is_refused(tmp_path, capsys, topic):
+    assert main(["record", "-o", str(tmp_path / "new"), "--topics", "/tf", topic]) == 2
+    assert f"--topics is {topic!r}: a topic from '/' on wanted" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_ros_refuses_leaves_no_case_behind(domain_id, project_root, tmp_path, capsys):
+    config = project_root / "data" / "live_example" / "live.yaml"
+    command = ["record", "-o", str(tmp_path / "new"), "--config", str(config)]
+    assert main([*command, "--namespace", "a b"]) == 2
+    assert "namespace" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
