@@ -7,6 +7,7 @@ import yaml
 
 from app.case.case import Case
 from app.case.manifest_file import MANIFEST_NAME
+from app.case.new_folder import new_folder
 from app.case.paths import PACKAGE_SCHEME, resolve_inside, sha256_of
 from app.case.recorder import write_recording
 from app.case.ros_messages import JOINT_STATES_TOPIC
@@ -22,19 +23,8 @@ def convert_case(case: Case, folder: Path) -> tuple[str, ...]:
     the notes of the reader. Raises `InputError` when ``folder`` exists or cannot be written; it
     appears whole or not at all.
     """
-    if folder.exists():
-        raise InputError(f"{folder} is there already: it is not written over")
-    partial = folder.with_name(f".{folder.name}.partial")
-    try:
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror} ({partial})") from error
-    try:
+    with new_folder(folder) as partial:
         _write(case, partial)
-        partial.rename(folder)
-    except BaseException:
-        shutil.rmtree(partial)
-        raise
     return case.notes()
 
 

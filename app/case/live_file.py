@@ -88,7 +88,8 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
     Raises `InputError` for the first thing that is wrong.
     """
     if not path.is_file():
-        raise InputError(f"{path} is no live configuration: no such file")
+        found = "it is a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path} is no live configuration: {found}")
     document = Section.load(
         path,
         (

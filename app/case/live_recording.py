@@ -1,6 +1,5 @@
 """A case folder around a live recording: all of a case but the recording, there from the start."""
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from app.case.convert import copy_named_files
 from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest_file import MANIFEST_NAME
 from app.case.mcap import CHANGES_NAME
+from app.case.new_folder import new_folder
 from app.case.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.geometry import InputError
 
@@ -55,17 +55,8 @@ def begin_case(live: LiveCase, folder: Path) -> None:
             f"{live.case.manifest.file}: source.igtl cannot be recorded: let 'marginguard igtl' "
             "publish it, and make tracked_transforms the source"
         )
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError as error:
-        raise InputError(f"{folder} is there already: it is not written over") from error
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror}") from error
-    try:
-        _write(live, folder)
-    except BaseException:
-        shutil.rmtree(folder)
-        raise
+    with new_folder(folder) as partial:
+        _write(live, partial)
 
 
 def _write(live: LiveCase, folder: Path) -> None:

@@ -46,6 +46,8 @@ def load_mesh(path: Path, *, units: str, frame: str) -> SurfaceMesh:
     if suffix not in MESH_ENDINGS:
         raise MeshError(f"{path} is no mesh that can be read: {', '.join(MESH_ENDINGS)} allowed")
     vertices, faces = _read(path, suffix)
+    if not len(faces):
+        raise MeshError(f"{path} holds no triangle: a surface wanted")
     try:
         raw = SurfaceMesh(frame, vertices * UNITS_MM[units], faces)
         places, whole, _ = welded(raw.vertices_mm + 0.0, raw.faces)  # + 0.0: no -0.0

@@ -1,5 +1,6 @@
 """Small files: read with a bound, written whole or not at all."""
 
+import tempfile
 from pathlib import Path
 
 from app.geometry import InputError
@@ -33,3 +34,8 @@ def check_place(path: Path) -> None:
     """Raise `InputError` unless a file can stand at ``path``: ask before the work is done."""
     if path.is_dir() or not path.parent.is_dir():
         raise InputError(f"{path} cannot be written: a file in a folder that is there wanted")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from error

@@ -7,7 +7,7 @@ from pathlib import Path
 
 def add_case(parser: argparse.ArgumentParser) -> None:
     """The case folder, and where the packages that it names are found."""
-    parser.add_argument("case", type=Path, metavar="CASE", help="folder with a case.yaml")
+    parser.add_argument("case", type=folder_path, metavar="CASE", help="folder with a case.yaml")
     add_package_dirs(parser)
 
 

@@ -159,6 +159,11 @@ def test_a_file_that_is_not_there_is_named_with_its_key(tmp_path, values):
         opened(tmp_path, values)
 
 
+def test_a_folder_is_no_live_configuration(tmp_path):
+    with pytest.raises(InputError, match="is no live configuration: it is a folder"):
+        open_live(tmp_path)
+
+
 def test_a_live_case_has_no_recording(tmp_path, values):
     with pytest.raises(InputError, match=r"live\.yaml: a live case has no recording"):
         opened(tmp_path, values).case.recorded_frames()

@@ -70,7 +70,8 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path: Path, suffix: str, va
 )
 def test_files_that_hold_no_surface(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(MeshError, match=name.replace(".", r"\.")) as caught:
+    words = rf"{tmp_path / name} (holds no triangle|is no)"
+    with pytest.raises(MeshError, match=words) as caught:
         load_mesh(tmp_path / name, units="mm", frame="tumor")
     assert "\n" not in str(caught.value)
 

@@ -97,3 +97,27 @@ def test_a_converted_case_replays_to_the_same_table(tmp_path, capsys):
     assert first == second
     assert main(["convert", str(case), str(tmp_path / "mcap")]) == 2
     assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["convert", "case", ""],
+        ["make-case", ""],
+        ["info", ""],
+        ["live", "--config", "live.yaml", "--constraint-hz", "nan"],
+        ["live", "--config", "live.yaml", "--constraint-hz", "1000.1"],
+        ["live", "--config", "live.yaml", "--constraint-hz", "0"],
+        ["live", "--config", "live.yaml", "--constraint-hz", "fast"],
+        ["calibrate", "pivot", "case", "--max-age-ms", "x"],
+        ["calibrate", "pivot", "case", "--from-s", "nan"],
+    ],
+)
+def test_a_value_that_an_option_does_not_take_is_shown_with_what_it_takes(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert (arguments[-1] or "empty") in said
+    assert "wanted" in said or "allowed" in said or "empty" in said or "no rate" in said
+    assert "_" not in said.partition("argument")[2].replace("--", "")  # no name of our functions

@@ -83,6 +83,20 @@ def test_a_mesh_that_bounds_no_solid_is_not_written_unless_repaired(
     assert trimesh.load_mesh(tmp_path / "out.stl").volume == pytest.approx(ball.volume)
 
 
+def test_a_mesh_is_not_written_over_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ball = tmp_path / "ball.stl"
+    trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(ball)
+    (tmp_path / "link.stl").symlink_to(ball)
+    before = ball.read_bytes()
+    for name in ("ball.stl", "link.stl"):
+        arguments = ["tumor", str(ball), "--units", "cm", "-o", str(tmp_path / name)]
+        assert main(arguments) == 2
+        assert f"{name} is SOURCE: another file wanted" in capsys.readouterr().err
+    assert ball.read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -91,6 +105,7 @@ def test_a_mesh_that_bounds_no_solid_is_not_written_unless_repaired(
         (["contour.yaml", "--segment", "1"], "--segment is given: "),
         (["contour.yaml", "-o", "tumor.vtk"], "written as .stl or .ply"),
         (["contour.yaml", "-o", "no/tumor.stl"], "a folder that is there wanted"),
+        (["contour.yaml", "-o", "/proc/tumor.stl"], "/proc/tumor.stl cannot be written: No such"),
         (
             ["contour.txt"],
             "contour.txt can be read as no tumour: .mrk.json, .fcsv, .yaml, .yml, .nrrd",

@@ -67,10 +67,10 @@ def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> Non
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the result, if accepted")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the residuals (.png)")
     parser.add_argument(
-        "--from-s", type=float, default=-math.inf, metavar="S",
+        "--from-s", type=_number, default=-math.inf, metavar="S",
         help="use the recording from there, in seconds from its first frame",
     )  # fmt: skip
-    parser.add_argument("--to-s", type=float, default=math.inf, metavar="S", help="and to there")
+    parser.add_argument("--to-s", type=_number, default=math.inf, metavar="S", help="and to there")
 
 
 def _add_frames(parser: argparse.ArgumentParser) -> None:
@@ -87,17 +87,27 @@ def _add_frames(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _number(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if math.isnan(number):
+        raise argparse.ArgumentTypeError(f"{text!r}: a number wanted")
+    return number
+
+
 def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f"{text}: a finite number wanted")
+    number = _number(text)
+    if math.isinf(number):
+        raise argparse.ArgumentTypeError(f"{text!r}: a finite number wanted")
     return number
 
 
 def _not_negative(text: str) -> float:
     number = _finite(text)
     if number < 0.0:
-        raise argparse.ArgumentTypeError(f"{text}: 0 or more wanted")
+        raise argparse.ArgumentTypeError(f"{text!r}: 0 or more wanted")
     return number
 
 

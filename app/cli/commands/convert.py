@@ -1,9 +1,8 @@
 """Copy a case into a new folder, its recording as MCAP; stamps, statuses and joints are kept."""
 
 import argparse
-from pathlib import Path
 
-from app.cli.options import add_case
+from app.cli.options import add_case, folder_path
 
 SUMMARY = "copy a case, its recording converted to MCAP"
 
@@ -11,7 +10,9 @@ SUMMARY = "copy a case, its recording converted to MCAP"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard convert``."""
     add_case(parser)
-    parser.add_argument("folder", type=Path, metavar="DIR", help="new folder for the MCAP case")
+    parser.add_argument(
+        "folder", type=folder_path, metavar="DIR", help="new folder for the MCAP case"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

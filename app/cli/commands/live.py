@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 SUMMARY = "guard the margin live, with samples as they arrive over ROS 2"
 
+MOST_HZ = 1000.0
+"""How often the constraint may be repeated."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard live``."""
@@ -33,10 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of the node")
     parser.add_argument(
         "--constraint-hz",
-        type=float,
-        default=1000.0,
+        type=_rate_hz,
+        default=MOST_HZ,
         metavar="HZ",
-        help="how often the constraint is repeated, up to 1000; default: 1000",
+        help=f"how often the constraint is repeated, up to {MOST_HZ:g}; default: {MOST_HZ:g}",
     )
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
@@ -46,6 +49,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="wait to be configured and activated by other nodes ('ros2 lifecycle set')",
     )
+
+
+def _rate_hz(text: str) -> float:
+    try:
+        rate_hz = float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no rate in Hz") from error
+    if not 0.0 < rate_hz <= MOST_HZ:
+        raise argparse.ArgumentTypeError(f"{text} Hz: more than 0, up to {MOST_HZ:g} Hz allowed")
+    return rate_hz
 
 
 def run(options: argparse.Namespace) -> int:

@@ -1,7 +1,8 @@
 """Write a simulated lumpectomy with its ground truth: the same bytes for the same seed."""
 
 import argparse
-from pathlib import Path
+
+from app.cli.options import folder_path
 
 SUMMARY = "write a simulated case with ground truth"
 DEFAULT_SEED = 1
@@ -9,7 +10,7 @@ DEFAULT_SEED = 1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard make-case``."""
-    parser.add_argument("folder", type=Path, metavar="DIR", help="new folder for the case")
+    parser.add_argument("folder", type=folder_path, metavar="DIR", help="new folder for the case")
     parser.add_argument(
         "--seed",
         type=_seed,

@@ -52,6 +52,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.output is not None:
         check_mesh_place(options.output)
+        _check_not_source(options)
     tumor, reason = _checked(_tumor(options), str(options.source), repair=options.repair)
     found = _described(options.source, tumor, reason)
     print(json.dumps(found, indent=2) if options.json else _as_text(found))
@@ -62,6 +63,14 @@ def run(options: argparse.Namespace) -> int:
         if not options.json:
             print(f"wrote {options.output}")
     return 0
+
+
+def _check_not_source(options: argparse.Namespace) -> None:
+    """What is written is in mm and in RAS axes, whatever was read: it would be read otherwise."""
+    from app.geometry import InputError
+
+    if options.output.exists() and options.output.samefile(options.source):
+        raise InputError(f"--output {options.output} is SOURCE: another file wanted")
 
 
 def _tumor(options: argparse.Namespace) -> "BuiltTumor":
