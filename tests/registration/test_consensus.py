@@ -55,3 +55,11 @@ def test_no_majority_is_an_error() -> None:
     values = np.repeat([0.0, 50.0, 100.0, 150.0], 5) + np.tile(np.linspace(-0.1, 0.1, 5), 4)
     with pytest.raises(NoConsensusError, match=r"only \d+ of 20 values agree: at least 11"):
         agreeing_mean(values, 0.2)
+
+
+def test_a_minority_that_agrees_is_none_either() -> None:
+    """Eight of nineteen, in the middle of all: their own mean leaves them where they are."""
+    values = np.concatenate([np.linspace(-0.1, 0.1, 8), [50.0, -50.0], 500.0 * np.arange(-5, 0)])
+    values = np.concatenate([values, 500.0 * np.arange(1, 5)])
+    with pytest.raises(NoConsensusError, match="only 8 of 19 values agree: at least 10"):
+        agreeing_mean(values, 0.2)

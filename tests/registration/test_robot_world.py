@@ -168,7 +168,9 @@ def test_covariance_is_calibrated() -> None:
 def test_the_noise_is_found() -> None:
     rng = np.random.default_rng(4)
     scene = robot_world_scene(rng, 200, EM_NOISE)
-    found = solve_robot_world(scene.robot, scene.sensor).noise
+    result = solve_robot_world(scene.robot, scene.sensor)
+    found, used = result.noise, 200 - len(result.outliers)
+    assert result.registration.degrees_of_freedom == 6 * used - 12, "12 numbers were fitted"
     assert found.rotation_rad == pytest.approx(EM_NOISE.rotation_rad, rel=0.1)
     assert found.translation_mm == pytest.approx(EM_NOISE.translation_mm, rel=0.1)
 

@@ -128,6 +128,16 @@ def test_of_a_clock_that_is_the_hosts_own_silence_is_stale_to_the_nanosecond():
     assert stale.decision.stamp.age_ns(stale.frame.stamp) == PARAMETERS.stale_after_ns + 1
 
 
+def test_what_we_publish_ourselves_is_no_way_to_the_tool():
+    """The tumour in the needle, as it comes back to us, and a node that takes the tool from it."""
+    world = World()
+    world.arrive(0, sample("needle", "tumor", (9.0, 9.0, 9.0), 0))
+    world.arrive(0, sample("tumor", "cautery", (9.0, 9.0, 9.0), 0))
+    track(world, 0, 100)
+    assert world.run(95)[-1][1].decision.proximity.signed_distance_mm == pytest.approx(20.0)
+    assert world.live.edges == (("tracker", "cautery"), ("tracker", "needle"))
+
+
 def test_rearming_is_refused_while_unknown_and_ends_the_hold_after_it():
     world = World()
     track(world, 0, 200)
