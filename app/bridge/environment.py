@@ -15,7 +15,7 @@ itself once, with ``LD_LIBRARY_PATH`` set to the wheels' libraries. What follows
 """
 
 import os
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Mapping, MutableMapping, Sequence
 from pathlib import Path
 
 DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -24,16 +24,20 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 UDP_ON_THIS_MACHINE = Path(__file__).with_name("udp_on_this_machine.xml")
 """What ROS means by ``LOCALHOST``, without shared memory."""
 
-_OF_THE_USER = (
-    PROFILES,
-    "FASTDDS_DEFAULT_PROFILES_FILE",
-    "RMW_IMPLEMENTATION",
-    "ROS_LOCALHOST_ONLY",
-    "ROS_STATIC_PEERS",
-)
-"""Who sets one of these has an arrangement of his own, which a profile of ours would undo."""
+_SKIP_PROFILES_HERE = "SKIP_DEFAULT_XML_FILE"
+_PROFILES_HERE = Path("DEFAULT_FASTRTPS_PROFILES.xml")
+"""Fast DDS reads it from the folder that a program runs in, after the file of `PROFILES`."""
 
-_ON_THIS_MACHINE = f"ROS discovery stays on this machine: set {DISCOVERY_RANGE}=SUBNET to open it"
+_OF_THE_USER: dict[str, tuple[str, ...]] = {
+    PROFILES: (),
+    "FASTDDS_DEFAULT_PROFILES_FILE": (),
+    "RMW_IMPLEMENTATION": ("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"),
+    "ROS_DISCOVERY_SERVER": (),
+    "ROS_LOCALHOST_ONLY": ("0",),
+    "ROS_STATIC_PEERS": (),
+}
+"""Who sets one of these, but for the values beside it, has an arrangement of his own, which a
+profile of ours would undo."""
 
 _HOOK_VARIABLES = ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
 
@@ -45,34 +49,56 @@ def prepare_environment(environment: MutableMapping[str, str] | None = None) -> 
     peer that is killed can crash the others when they close: the thread that listens makes a
     damaged port anew while the one that closes waits for its old mutex. In the range ``LOCALHOST``
     ROS adds shared memory whatever `TRANSPORTS` asks for, so that the same range is asked for by a
-    profile of Fast DDS.
+    profile of Fast DDS. Should Fast DDS not read it, the whole network would hear of us: a
+    `RosNode` looks after that (`promises_this_machine`).
 
     Must be called before the first `app.bridge.node.RosNode` of the process, because ROS reads the
     variables when a context starts. An empty variable counts as unset, as it does for ROS.
     """
     variables = os.environ if environment is None else environment
-    if variables.get(PROFILES, "") == str(UDP_ON_THIS_MACHINE):
-        return _ON_THIS_MACHINE  # by a process before this one
     chosen = variables.get(DISCOVERY_RANGE, "")
+    if promises_this_machine(variables):  # by a process before this one
+        del variables[PROFILES]
+        chosen = "" if chosen == "SYSTEM_DEFAULT" else chosen
     if not variables.get(TRANSPORTS, ""):
         variables[TRANSPORTS] = "UDPv4"
-    if chosen in ("", "LOCALHOST") and _ours_to_arrange(variables):
+    if chosen not in ("", "LOCALHOST"):
+        return f"ROS discovery range is {chosen}, as {DISCOVERY_RANGE} asks"
+    arranged = _arranged_by_the_user(variables)
+    # Without its file the profile would be the whole network.
+    if (
+        variables[TRANSPORTS] == "UDPv4"
+        and not arranged
+        and os.access(UDP_ON_THIS_MACHINE, os.R_OK)
+    ):
         variables[DISCOVERY_RANGE] = "SYSTEM_DEFAULT"  # what the profile says, and no more
         variables[PROFILES] = str(UDP_ON_THIS_MACHINE)
-    elif chosen:
-        return f"ROS discovery range is {chosen}, as {DISCOVERY_RANGE} asks"
+        variables[_SKIP_PROFILES_HERE] = "1"  # a child, or we later, may run in another folder
     else:
         variables[DISCOVERY_RANGE] = "LOCALHOST"
-    return _ON_THIS_MACHINE
+    return _on_this_machine(arranged)
 
 
-def _ours_to_arrange(variables: Mapping[str, str]) -> bool:
-    # Without its file the profile would be the whole network.
-    return (
-        variables[TRANSPORTS] == "UDPv4"
-        and not any(variables.get(name, "") for name in _OF_THE_USER)
-        and UDP_ON_THIS_MACHINE.is_file()
-    )
+def promises_this_machine(environment: Mapping[str, str] | None = None) -> bool:
+    """Whether discovery is to stay on this machine because a profile of ours says so."""
+    variables = os.environ if environment is None else environment
+    return Path(variables.get(PROFILES, "")).name == UDP_ON_THIS_MACHINE.name
+
+
+def _arranged_by_the_user(variables: Mapping[str, str]) -> list[str]:
+    arranged = [
+        name
+        for name, harmless in _OF_THE_USER.items()
+        if variables.get(name, "") not in ("", *harmless)
+    ]
+    if not variables.get(_SKIP_PROFILES_HERE, "").startswith("1") and _PROFILES_HERE.exists():
+        arranged.append(str(_PROFILES_HERE))
+    return arranged
+
+
+def _on_this_machine(arranged: Sequence[str] = ()) -> str:
+    but = f", but for what {' and '.join(arranged)} may say" if arranged else ""
+    return f"ROS discovery stays on this machine{but}: set {DISCOVERY_RANGE}=SUBNET to open it"
 
 
 def without_bootstrap(environment: Mapping[str, str]) -> dict[str, str]:

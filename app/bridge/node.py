@@ -24,12 +24,17 @@ from rclpy.subscription import Subscription
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
+from app.bridge.environment import TRANSPORTS, UDP_ON_THIS_MACHINE, promises_this_machine
 from app.bridge.errors import BridgeError, reason_of
+from app.bridge.open_ports import hears_other_machines
 from app.bridge.qos import Topic
 from app.geometry import NS_PER_S
 
 _JOIN_S = 5.0
-_FLUSH_NS = NS_PER_S
+_FLUSH_NS = 2 * NS_PER_S
+"""What was dropped is asked for every half second (`udp_on_this_machine.xml`)."""
+
+_SAY_AGAIN_S = 1.0
 
 
 class RosNode:
@@ -42,7 +47,8 @@ class RosNode:
     not take the others with it. Endpoints that do not hear each other because of their quality of
     service are said in the log and kept in `incompatible`. What ROS itself declares as parameters
     (``use_sim_time``) keeps the value of the start: nobody stops a guard's clock from outside.
-    A node that nobody has closed is closed when the program ends.
+    A node that nobody has closed is closed when the program ends. Where `prepare_environment` has
+    promised that discovery stays on this machine, a node that would be heard by others is refused.
 
     ``ros_args`` are ROS's own (``--ros-args -r old:=new``); ``sys.argv`` is not read.
     ``make_node`` makes another kind of node, from the same arguments as `rclpy.node.Node`.
@@ -67,6 +73,13 @@ class RosNode:
         except Exception as error:  # rclpy raises several unrelated types here
             self._context.try_shutdown()
             raise BridgeError(f"ROS node {name!r} cannot be started: {reason_of(error)}") from error
+        if promises_this_machine() and hears_other_machines(self._context.get_domain_id()):
+            self.node.destroy_node()
+            self._context.try_shutdown()
+            raise BridgeError(
+                f"ROS node {name!r} would be heard by other machines: {UDP_ON_THIS_MACHINE.name} "
+                f"was not read; with {TRANSPORTS}=DEFAULT ROS keeps to this one without it"
+            )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._publishers: list[tuple[Topic, Publisher]] = []
@@ -164,16 +177,21 @@ class RosNode:
 
     @property
     def is_open(self) -> bool:
-        """False after `close`."""
-        return self._context.ok()
+        """False from the moment on at which `close` takes the graph away."""
+        return self._context.ok() and not self._closing.is_set()
 
     def close(self) -> None:
         """Deliver what was published, stop serving, leave the ROS graph; once is enough.
 
-        A subscriber that does not acknowledge (killed, hung) is waited for a second at most.
+        A subscriber that does not acknowledge (killed, hung) is waited for two seconds at most.
+        Raises `BridgeError` in the node's own thread, which a callback cannot end.
         """
         if not self._context.ok():
             return
+        if self.in_own_thread:
+            raise BridgeError(
+                f"ROS node {self.node.get_name()!r} cannot be closed by a callback of its own"
+            )
         atexit.unregister(self.close)
         while self._at_close:
             self._at_close.pop()()
@@ -188,7 +206,7 @@ class RosNode:
         self._context.try_shutdown()
 
     def flush(self) -> None:
-        """Wait until subscribers have got what was published, for a second at most."""
+        """Wait until subscribers have got what was published, for two seconds at most."""
         until_ns = time.monotonic_ns() + _FLUSH_NS
         for _, publisher in self._publishers:
             remaining_ns = max(0, until_ns - time.monotonic_ns())
@@ -230,7 +248,10 @@ class RosNode:
                 self._executor.spin_once()
             except Exception:  # of a callback, whatever it may be
                 self.failures += 1
-                self.node.get_logger().error(f"a callback failed: {traceback.format_exc()}")
+                self.node.get_logger().error(
+                    f"a callback failed: {traceback.format_exc()}",
+                    throttle_duration_sec=_SAY_AGAIN_S,
+                )
 
     def _said_incompatible(
         self, topic: Topic

@@ -2,10 +2,12 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -80,6 +82,15 @@ class Receiver:
         if self._process.wait() != 0:
             pytest.fail(f"the receiving process did not get everything: {self._said()}")
         return [json.loads(line) for line in lines]
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """The process stands still meanwhile."""
+        self._process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._process.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
         self._deadline.cancel()

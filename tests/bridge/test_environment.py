@@ -9,6 +9,7 @@ import pytest
 
 from app.bridge import RosNode
 from app.bridge.environment import UDP_ON_THIS_MACHINE, prepare_environment, without_bootstrap
+from app.bridge.open_ports import hears_other_machines
 
 LOCALHOST = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 WITHOUT_HOOK_VARIABLES = without_bootstrap(os.environ)
@@ -18,15 +19,30 @@ BY_UDP = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
     "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(UDP_ON_THIS_MACHINE),
+    "SKIP_DEFAULT_XML_FILE": "1",
 }
+FAST_DDS = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
+NOT_LOCALHOST_ONLY = {"ROS_LOCALHOST_ONLY": "0"}
+OF_ANOTHER_INSTALLATION = {**BY_UDP, "FASTRTPS_DEFAULT_PROFILES_FILE": UDP_ON_THIS_MACHINE.name}
 
 
-@pytest.mark.parametrize("given", [{}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": ""}, LOCALHOST, BY_UDP])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"ROS_AUTOMATIC_DISCOVERY_RANGE": ""},
+        LOCALHOST,
+        BY_UDP,
+        OF_ANOTHER_INSTALLATION,
+        FAST_DDS,
+        NOT_LOCALHOST_ONLY,
+    ],
+)
 def test_discovery_stays_on_this_machine_by_udp(given):
     variables = dict(given)
     line = prepare_environment(variables)
-    assert variables == BY_UDP
-    assert "this machine" in line
+    assert variables == {**given, **BY_UDP}
+    assert "this machine: set" in line
     assert "SUBNET" in line
 
 
@@ -37,28 +53,48 @@ def test_the_choice_of_the_user_wins(choice):
         "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT",
     }
     given = dict(variables)
-    line = prepare_environment(variables)
+    prepare_environment(variables)
     assert variables == given
+
+
+@pytest.mark.parametrize("choice", ["SUBNET", "OFF"])
+def test_a_child_may_be_asked_for_another_range(choice):
+    variables = {**BY_UDP, "ROS_AUTOMATIC_DISCOVERY_RANGE": choice}
+    line = prepare_environment(variables)
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in variables
+    assert variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == choice
     assert choice in line
 
 
 @pytest.mark.parametrize(
-    "name",
+    ("name", "value"),
     [
-        "FASTRTPS_DEFAULT_PROFILES_FILE",
-        "RMW_IMPLEMENTATION",
-        "ROS_LOCALHOST_ONLY",
-        "ROS_STATIC_PEERS",
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "his.xml"),
+        ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"),
+        ("ROS_DISCOVERY_SERVER", "10.0.0.2:11811"),
+        ("ROS_LOCALHOST_ONLY", "1"),
+        ("ROS_STATIC_PEERS", "10.0.0.2"),
     ],
 )
-def test_an_arrangement_of_the_user_is_not_undone(name):
-    variables = {name: "his own"}
-    assert "this machine" in prepare_environment(variables)
+def test_an_arrangement_of_the_user_is_not_undone_and_said(name, value):
+    variables = {name: value}
+    assert f"this machine, but for what {name} may say" in prepare_environment(variables)
     assert variables == {
-        name: "his own",
+        name: value,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
     }
+
+
+def test_a_profile_of_the_user_in_the_folder_that_we_run_in_counts_too(monkeypatch, tmp_path):
+    (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text("<profiles/>")
+    monkeypatch.chdir(tmp_path)
+    variables = {}
+    assert "DEFAULT_FASTRTPS_PROFILES.xml" in prepare_environment(variables)
+    assert variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    skipped = {"SKIP_DEFAULT_XML_FILE": "1"}
+    prepare_environment(skipped)
+    assert skipped == BY_UDP
 
 
 def test_without_its_profile_discovery_is_not_opened(monkeypatch, tmp_path):
@@ -79,11 +115,51 @@ def test_a_killed_peer_shares_no_memory_with_us_and_no_other_machine_hears_of_us
     # Asked of the kernel: Fast DDS could leave our profile out without a word.
     with RosNode("alone", domain_id=domain_id):
         assert "/dev/shm/fastrtps" not in Path("/proc/self/maps").read_text()
-        table = Path("/proc/self/net/udp").read_text().splitlines()[1:]
-        ports = {int(line.split()[1].partition(":")[2], 16) for line in table}
-    base = 7400 + 250 * domain_id  # RTPS 2.3, 9.6.1.1: multicast at the base, unicast from + 10 on
-    assert base not in ports
-    assert ports & set(range(base + 10, base + 250))
+        assert not hears_other_machines(domain_id)
+
+
+STARTED = """
+import sys
+from app.bridge import BridgeError, RosNode
+from app.bridge.open_ports import hears_other_machines
+try:
+    with RosNode("alone", domain_id=int(sys.argv[1])) as ros:
+        print(hears_other_machines(int(sys.argv[1])))
+except BridgeError as error:
+    print(error)
+"""
+WHOLE_NETWORK = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="other" is_default_profile="true"><rtps/></participant>
+</profiles>
+"""
+
+
+def started(domain: int, **environment: str) -> str:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **environment}
+    program = [sys.executable, "-c", STARTED, str(domain)]
+    return subprocess.run(
+        program, capture_output=True, text=True, check=True, env=environment
+    ).stdout.strip()
+
+
+def test_a_node_is_refused_that_other_machines_would_hear(domain_id, tmp_path):
+    # As with a Fast DDS that knows the profile by another variable.
+    unread = tmp_path / UDP_ON_THIS_MACHINE.name
+    unread.write_text(WHOLE_NETWORK)
+    line = started(domain_id, FASTRTPS_DEFAULT_PROFILES_FILE=str(unread))
+    assert "'alone' would be heard by other machines" in line
+    assert "\n" not in line
+
+
+def test_a_node_that_is_asked_for_the_network_hears_it(domain_id, tmp_path):
+    his = tmp_path / "his.xml"
+    his.write_text(WHOLE_NETWORK)
+    environment = {
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(his),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+    }
+    assert started(domain_id, **environment) == "True"
 
 
 def test_the_start_up_hook_keeps_process_arguments_and_streams():

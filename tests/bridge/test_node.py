@@ -47,6 +47,18 @@ def test_what_was_published_before_closing_still_arrives(domain_id, start_receiv
     assert len(receiver.messages()) == 100
 
 
+def test_what_a_full_socket_has_dropped_is_asked_for_before_closing(domain_id, start_receiver):
+    # 2 MB at once for a process that does not listen: ten times what a socket holds at first.
+    with RosNode("speaker", domain_id=domain_id) as ros:
+        publisher = ros.publisher(NEWS)
+        receiver = start_receiver(f"/speaker/news:{STRING}:100")
+        assert ros.wait_for_subscribers(NEWS, 1, timeout_s=30.0)
+        with receiver.held():
+            for _ in range(100):
+                publisher.publish(String(data="x" * 20_000))
+    assert len(receiver.messages()) == 100
+
+
 def test_waiting_for_nobody_ends_in_time(domain_id):
     with RosNode("speaker", domain_id=domain_id) as ros:
         ros.publisher(NEWS)
@@ -62,6 +74,37 @@ def test_closing_ends_the_thread_and_can_be_repeated(domain_id):
     ros.close()
     assert not ros.is_open
     assert set(threading.enumerate()) == before
+
+
+def test_a_callback_cannot_close_its_own_node(domain_id):
+    with RosNode("speaker", domain_id=domain_id) as ros:
+        refused, done = [], threading.Event()
+
+        def close():
+            try:
+                ros.close()
+            except BridgeError as error:
+                refused.append(str(error))
+            done.set()
+
+        ros.call_soon(close)
+        assert done.wait(30.0)
+        assert "'speaker'" in refused[0]
+        assert ros.is_open
+    assert not ros.is_open
+
+
+def test_callbacks_that_fail_are_all_counted_and_said_once_a_second(domain_id, capfd):
+    def fail():
+        raise ValueError("no such tool")
+
+    with RosNode("speaker", domain_id=domain_id) as ros:
+        for _ in range(100):
+            ros.call(fail)
+        ros.call(lambda: None)  # the last failure is counted after its call has ended
+        assert ros.failures == 100
+    said = capfd.readouterr().err.count("ValueError: no such tool")
+    assert 1 <= said < 10
 
 
 FORGETFUL = """

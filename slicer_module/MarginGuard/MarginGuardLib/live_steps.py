@@ -1,5 +1,6 @@
 """A live session in this process: what ``marginguard live`` does, shown in Slicer."""
 
+import logging
 import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
@@ -30,7 +31,7 @@ class LiveSteps:
 
     def steps(self) -> Iterator[StepResult]:
         """Join the ROS graph, and yield the steps as they happen."""
-        prepare_environment()
+        logging.info(prepare_environment())
         config = open_live(self._config)
         case = with_repaired_tumor(config.case)
         setup = setup_from_case(case)

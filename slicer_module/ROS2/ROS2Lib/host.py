@@ -50,7 +50,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
             raise Ros2Error(f"ROS 2 node {nodeName!r} is in no scene: add it to one first")
         if self._ros is not None:
             raise Ros2Error(f"ROS 2 node {self._name!r} is there already, and not {nodeName!r}")
-        prepare_environment()
+        logging.info(prepare_environment())
         self._ros = RosNode(nodeName)
         self._name = nodeName
         self.SetName(f"ros2:node:{nodeName}")
