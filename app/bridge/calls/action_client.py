@@ -20,10 +20,10 @@ from app.bridge.calls.errors import (
     ServerGoneError,
 )
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, ServerWait
+from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, SENDING_ERRORS, Limit, ServerWait
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import action_type
-from app.bridge.errors import reason_of
+from app.bridge.errors import BridgeError, reason_of
 from app.bridge.node import RosNode
 
 _CANCEL_S = 2.0
@@ -37,7 +37,7 @@ class Goal:
         self._client = client
         self._handle = handle
         # Asked for at once: a server keeps results for a while only.
-        future = handle.get_result_async()
+        future = client.sent(handle.get_result_async)
         self._result = client.pending(future, "result")
 
     @property
@@ -72,7 +72,7 @@ class Goal:
         if self.is_done:
             return
         limit = Limit(timeout_s)
-        future = self._handle.cancel_goal_async()
+        future = self._client.sent(self._handle.cancel_goal_async)
         reply = self._client.pending(future, "cancel").result(limit.remaining_s)
         if not reply.goals_canceling and not self.is_done:
             # A goal that ends meanwhile is not there to be cancelled: its result tells.
@@ -104,7 +104,12 @@ class ActionClient:
     @property
     def is_there(self) -> bool:
         """Whether somebody serves it now."""
-        return not self._closed and self._ros.is_open and bool(self._client.server_is_ready())
+        if self._closed or not self._ros.is_open:
+            return False
+        try:
+            return bool(self._client.server_is_ready())
+        except RuntimeError:  # the node was closed this very moment
+            return False
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
@@ -137,10 +142,7 @@ class ActionClient:
             if feedback is not None:
                 feedback(message.feedback)
 
-        try:
-            future = self._client.send_goal_async(goal, feedback_callback=said)
-        except (TypeError, ValueError, AssertionError, SystemError) as error:
-            raise CallError(f"{self.name}: the goal cannot be sent: {error}") from error
+        future = self.sent(lambda: self._client.send_goal_async(goal, feedback_callback=said))
         pending = self.pending(future, "goal", abandon=lambda: self._take_late(future))
         try:
             handle = pending.result(limit.remaining_s, cancel)
@@ -169,6 +171,31 @@ class ActionClient:
             except CallError as error:
                 self._ros.node.get_logger().warning(f"{error}: it goes on, and nobody follows it")
             raise
+
+    def sent(self, send: Callable[[], Future]) -> Future:
+        """What ``send()`` gives in the node's thread; for this client and its goals.
+
+        rclpy notes a request after it was sent, without a lock: in another thread the reply, which
+        the node's own takes in, could be faster, and would be thrown away. Raises `CallError`.
+        """
+        futures: list[Future] = []
+        reasons: list[str] = []
+
+        def work() -> None:
+            try:
+                if not (self._closed or reasons):
+                    futures.append(send())
+            except SENDING_ERRORS as error:
+                reasons.append(reason_of(error))
+
+        try:
+            self._ros.call(work)
+        except BridgeError as error:
+            reasons.append(str(error))
+        if not futures:
+            reason = reasons[0] if reasons else "the client is closed"
+            raise CallError(f"action {self.name}: nothing can be sent: {reason}")
+        return futures[0]
 
     def pending(
         self, future: Future, what: str, *, abandon: Callable[[], None] = lambda: None

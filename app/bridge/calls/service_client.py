@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError, CallTimeoutError
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, Limit, ServerWait
+from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, SENDING_ERRORS, Limit, ServerWait
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
@@ -48,7 +48,12 @@ class ServiceClient:
     def is_there(self) -> bool:
         """Whether somebody serves it now."""
         with self._lock:
-            return not self._closed and self._ros.is_open and bool(self._client.service_is_ready())
+            if self._closed or not self._ros.is_open:
+                return False
+            try:
+                return bool(self._client.service_is_ready())
+            except RuntimeError:  # the node was closed this very moment
+                return False
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
@@ -102,8 +107,9 @@ class ServiceClient:
                 raise CallError(f"service {self.name}: the {what} is closed")
             try:
                 future = self._client.call_async(request)
-            except (TypeError, ValueError, AssertionError, SystemError) as error:
-                raise CallError(f"{self.name}: the request cannot be sent: {error}") from error
+            except SENDING_ERRORS as error:
+                reason = reason_of(error)
+                raise CallError(f"{self.name}: the request cannot be sent: {reason}") from error
             self._open.add(future)
         future.add_done_callback(self._take)
         return Pending(

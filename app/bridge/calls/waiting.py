@@ -12,6 +12,9 @@ SLICE_S = 0.02
 
 DEFAULT_TIMEOUT_S = 5.0
 
+SENDING_ERRORS = (TypeError, ValueError, AssertionError, SystemError, RuntimeError)
+"""What rclpy raises for a message that cannot be sent, and (the last) on a node that is closed."""
+
 _SETTLE_S = 0.1
 """From when we see a server until it should see us: before that it drops its replies to us."""
 

@@ -58,6 +58,40 @@ def test_rejected_aborted_and_cancelled(lookup, peer):
     assert peer.take(1) == [{"goal": "cancelled"}]
 
 
+class Slow(dict):
+    """Where rclpy notes its requests; whoever looks whether one is there takes his time."""
+
+    def __contains__(self, key):
+        threading.Event().wait(0.3)
+        return super().__contains__(key)
+
+
+@pytest.mark.parametrize("requests", ["_pending_goal_requests", "_pending_result_requests"])
+def test_a_reply_that_is_faster_than_its_caller_is_not_lost(lookup, requests):
+    # In another thread than the node's own it would come before the request is noted.
+    setattr(lookup._client, requests, Slow())
+    assert lookup.call(goal("fine"), 5.0).transform.child_frame_id == "fine"
+
+
+def test_a_node_that_is_closed_ends_a_call_with_a_reason(ros, lookup, peer):
+    ended = []
+
+    def call():
+        try:
+            lookup.call(goal("cancel"), 60.0)
+        except CallError as error:
+            ended.append(error)
+
+    caller = threading.Thread(target=call)
+    caller.start()
+    assert peer.take(1) == [{"goal": "waits"}]
+    ros.close()
+    caller.join(30.0)
+    assert len(ended) == 1
+    with pytest.raises(CallError, match="the node is closed"):
+        lookup.start(goal("fine"), 1.0)
+
+
 def test_a_caller_that_gives_up_takes_its_goal_back(lookup, peer):
     with pytest.raises(CallTimeoutError):
         lookup.call(goal("cancel"), 0.5)
