@@ -1,8 +1,8 @@
 """A process of another DDS implementation that sends goals: Eclipse Cyclone DDS, without ROS.
 
-    cyclone_goal_sender.py ACTION JSON ...
+    cyclone_goal_sender.py NAME ACTION JSON ...
 
-ACTION serves ``marginguard_msgs/action/Replay``. Each JSON is an object with the goal's fields;
+NAME serves ``marginguard_msgs/action/ACTION``. Each JSON is an object with the goal's fields;
 "cancel" in it cancels the goal at its first feedback. Prints ``ready``, then for each goal what
 the action's services and topics said, as a line of JSON. It imports nothing of the project and
 nothing of ROS.
@@ -15,17 +15,12 @@ import uuid
 from dataclasses import asdict
 
 from cyclone_types import (
+    ACTIONS,
     UUID,
     CancelGoalRequest,
     CancelGoalResponse,
-    FeedbackMessage,
-    GetResultRequest,
-    GetResultResponse,
     GoalInfo,
     GoalStatusArray,
-    ReplayGoal,
-    SendGoalRequest,
-    SendGoalResponse,
     Time,
 )
 from cyclonedds.core import DDSStatus, Policy, Qos, WaitSet
@@ -71,11 +66,12 @@ class Service:
         return False
 
 
-class ReplayAction:
+class Action:
     """The three services and two topics of an action."""
 
-    def __init__(self, participant, action):
+    def __init__(self, participant, action, types):
         self._participant = participant
+        self._types = types
         name = f"{action.removeprefix('/')}/_action"
         self._status = DataReader(
             participant,
@@ -84,16 +80,14 @@ class ReplayAction:
         )
         self._feedback = DataReader(
             participant,
-            Topic(participant, f"rt/{name}/feedback", FeedbackMessage, qos=QOS),
+            Topic(participant, f"rt/{name}/feedback", types.feedback, qos=QOS),
             qos=QOS,
         )
-        self._goal = Service(participant, f"{name}/send_goal", SendGoalRequest, SendGoalResponse)
+        self._goal = Service(participant, f"{name}/send_goal", *types.send_goal)
         self._cancel = Service(
             participant, f"{name}/cancel_goal", CancelGoalRequest, CancelGoalResponse
         )
-        self._result = Service(
-            participant, f"{name}/get_result", GetResultRequest, GetResultResponse
-        )
+        self._result = Service(participant, f"{name}/get_result", *types.get_result)
 
     def wait_for_server(self):
         """Wait for the one who gives feedback, then ask for no goal's result until it is answered.
@@ -106,12 +100,13 @@ class ReplayAction:
         waiting.attach(self._feedback)
         if waiting.wait(timeout=duration(seconds=MOST_TRIES)) == 0:
             raise TimeoutError("nobody gives feedback")
-        if not self._result.is_served(GetResultRequest(UUID(bytes(16)))):
+        if not self._result.is_served(self._result_request(UUID(bytes(16)))):
             raise TimeoutError("the action does not answer")
 
-    def send(self, goal, cancel):
-        key = UUID(uuid.uuid4().bytes)
-        if not self._goal.call(SendGoalRequest(key, goal)).accepted:
+    def send(self, fields, cancel):
+        key, goal = UUID(uuid.uuid4().bytes), self._types.goal(**fields)
+        goal_request, _ = self._types.send_goal
+        if not self._goal.call(goal_request(key, goal)).accepted:
             raise ValueError(f"rejected: {goal}")
         first = following(self._feedback, lambda message: message.goal_id == key)
         cancelled = None
@@ -119,7 +114,7 @@ class ReplayAction:
             reply = self._cancel.call(CancelGoalRequest(GoalInfo(key, Time(0, 0))))
             ours = [info.goal_id == key for info in reply.goals_canceling]
             cancelled = {"return_code": reply.return_code, "ours": ours}
-        self._result.ask(GetResultRequest(key))
+        self._result.ask(self._result_request(key))
         # Late answers to `wait_for_server` have status 0, unknown.
         result = self._result.reply(lambda reply: reply.status != 0)
         return {
@@ -129,6 +124,10 @@ class ReplayAction:
             "status": result.status,
             "result": asdict(result.result),
         }
+
+    def _result_request(self, key):
+        request, _ = self._types.get_result
+        return request(key)
 
     def _states_until_the_end(self, key):
         states = []
@@ -150,14 +149,15 @@ def following(reader, wanted=lambda sample: True):
     raise TimeoutError(f"{reader.topic.name} brought nothing that was waited for")
 
 
-def main(name, *goals):
-    action = ReplayAction(DomainParticipant(int(os.environ["ROS_DOMAIN_ID"])), name)
+def main(name, kind, *goals):
+    participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
+    action = Action(participant, name, ACTIONS[kind])
     print("ready", flush=True)
     action.wait_for_server()
     for text in goals:
         fields = json.loads(text)
         cancel = fields.pop("cancel", False)
-        print(json.dumps(action.send(ReplayGoal(**fields), cancel)), flush=True)
+        print(json.dumps(action.send(fields, cancel)), flush=True)
 
 
 if __name__ == "__main__":

@@ -172,39 +172,67 @@ class ReplayFeedback(IdlStruct, typename="marginguard_msgs::action::dds_::Replay
 
 
 @dataclass
-class SendGoalRequest(
-    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_SendGoal_Request_"
-):
-    goal_id: UUID
-    goal: ReplayGoal
+class CalibrateGoal(IdlStruct, typename="marginguard_msgs::action::dds_::Calibrate_Goal_"):
+    method: uint8
+    frame: str
+    parent_frame: str
+    samples: uint32
+    timeout: float64
 
 
 @dataclass
-class SendGoalResponse(
-    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_SendGoal_Response_"
-):
-    accepted: bool
-    stamp: Time
+class CalibrateResult(IdlStruct, typename="marginguard_msgs::action::dds_::Calibrate_Result_"):
+    success: bool
+    message: str
+    transform: TransformStamped
+    residual: float64
+    samples: uint32
 
 
 @dataclass
-class GetResultRequest(
-    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_GetResult_Request_"
-):
-    goal_id: UUID
+class CalibrateFeedback(IdlStruct, typename="marginguard_msgs::action::dds_::Calibrate_Feedback_"):
+    samples: uint32
+    variation: float64
+    hint: str
 
 
-@dataclass
-class GetResultResponse(
-    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_GetResult_Response_"
-):
-    status: int8
-    result: ReplayResult
+class ActionTypes:
+    """The types of an action's own services and topics, made from those of its three parts."""
+
+    def __init__(self, name, goal_type, result_type, feedback_type):
+        scope = f"marginguard_msgs::action::dds_::{name}_"
+
+        @dataclass
+        class SendGoalRequest(IdlStruct, typename=f"{scope}SendGoal_Request_"):
+            goal_id: UUID
+            goal: goal_type
+
+        @dataclass
+        class SendGoalResponse(IdlStruct, typename=f"{scope}SendGoal_Response_"):
+            accepted: bool
+            stamp: Time
+
+        @dataclass
+        class GetResultRequest(IdlStruct, typename=f"{scope}GetResult_Request_"):
+            goal_id: UUID
+
+        @dataclass
+        class GetResultResponse(IdlStruct, typename=f"{scope}GetResult_Response_"):
+            status: int8
+            result: result_type
+
+        @dataclass
+        class FeedbackMessage(IdlStruct, typename=f"{scope}FeedbackMessage_"):
+            goal_id: UUID
+            feedback: feedback_type
+
+        self.goal = goal_type
+        self.send_goal = (SendGoalRequest, SendGoalResponse)
+        self.get_result = (GetResultRequest, GetResultResponse)
+        self.feedback = FeedbackMessage
 
 
-@dataclass
-class FeedbackMessage(
-    IdlStruct, typename="marginguard_msgs::action::dds_::Replay_FeedbackMessage_"
-):
-    goal_id: UUID
-    feedback: ReplayFeedback
+ACTIONS = {
+    "Replay": ActionTypes("Replay", ReplayGoal, ReplayResult, ReplayFeedback),
+    "Calibrate": ActionTypes("Calibrate", CalibrateGoal, CalibrateResult, CalibrateFeedback),
+}

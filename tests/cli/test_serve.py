@@ -21,6 +21,7 @@ from tests.cli.small_case import FRAMES, write_small_case
 BRIDGE = Path(__file__).resolve().parents[1] / "bridge"
 SENDER, CALLER = BRIDGE / "calls" / "goal_sender.py", BRIDGE / "caller.py"
 CYCLONE_SENDER = BRIDGE / "cyclone_goal_sender.py"
+TOOL = BRIDGE / "calls" / "tool_sender.py"
 REPLAY = "marginguard_msgs/action/Replay"
 LOAD_CASE = "marginguard_msgs/srv/LoadCase"
 
@@ -76,6 +77,7 @@ def test_cyclone_dds_replays_and_cancels(served, start_receiver):
     slow = {**whole, "rate": 0.01, "cancel": True}
     sender = start_receiver(
         "/marginguard_server/replay",
+        "Replay",
         json.dumps(whole),
         json.dumps(slow),
         script=CYCLONE_SENDER,
@@ -101,6 +103,34 @@ def test_cyclone_dds_replays_and_cancels(served, start_receiver):
     assert executing in cancelled["states"]
     assert not cancelled["result"]["success"]
     assert cancelled["result"]["message"] == "cancelled after 1 frames"
+
+
+def test_cyclone_dds_calibrates_and_cancels(served, start_receiver):
+    start_receiver("pivot", script=TOOL)
+    wanted = {"method": 0, "frame": "stylus", "parent_frame": "reference", "timeout": 30.0}
+    goals = ({**wanted, "samples": 60}, {**wanted, "samples": 10_000, "cancel": True})
+    sender = start_receiver(
+        "/marginguard_server/calibrate",
+        "Calibrate",
+        *map(json.dumps, goals),
+        script=CYCLONE_SENDER,
+        environment=CYCLONE_ON_THIS_MACHINE,
+    )
+    found, cancelled = sender.messages()
+    succeeded, is_cancelled = 4, 5  # action_msgs/GoalStatus
+
+    assert (found["status"], found["states"][-1]) == (succeeded, succeeded)
+    assert (found["result"]["success"], found["result"]["samples"]) == (True, 60)
+    tip = found["result"]["transform"]
+    assert (tip["header"]["frame_id"], tip["child_frame_id"]) == ("stylus", "stylus_tip")
+    place = [tip["transform"]["translation"][axis] for axis in "xyz"]
+    assert place == pytest.approx([0.005, 0.0126, 0.1033], abs=0.0001)
+
+    assert "turn the tool about its tip" in cancelled["first"]["hint"]
+    assert cancelled["cancel"] == {"return_code": 0, "ours": [True]}
+    assert (cancelled["status"], cancelled["states"][-1]) == (is_cancelled, is_cancelled)
+    assert not cancelled["result"]["success"]
+    assert "cancelled after" in cancelled["result"]["message"]
 
 
 def test_cases_outside_the_folder_are_refused(served, start_receiver):
