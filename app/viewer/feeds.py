@@ -40,9 +40,9 @@ class ReplayFeed:
 class LiveFeed:
     """The newest step of a session that runs in another thread.
 
-    A session steps when a frame comes and when one does not: when it has said nothing for longer
-    than poses may be used, nobody knows the present any more, and the last step is shown as
-    UNKNOWN. ``clock_ns`` is the steady clock of this machine.
+    A session steps when a frame comes and when one does not: when it has said nothing until the
+    poses of its last step are older than poses may be, nobody knows the present any more, and that
+    step is shown as UNKNOWN. ``clock_ns`` is the steady clock of this machine.
     """
 
     def __init__(self, watcher: Watcher, stale_after_ns: int, clock_ns: Callable[[], int]) -> None:
@@ -81,17 +81,20 @@ class LiveFeed:
             return None
         if ended:
             return newest.as_unknown(ended)
-        patience_ns = _QUIET_NS if _is_unknown(newest) else self._stale_after_ns
+        patience_ns = self._patience_ns(newest.step)
         if age_ns > patience_ns:
             return newest.as_unknown(
                 f"the session has said nothing for more than {patience_ns // NS_PER_MS} ms"
             )
         return newest
 
+    def _patience_ns(self, step: StepResult) -> int:
+        """For how long ``step`` may stay: its poses were of some age when it came."""
+        decision = step.decision
+        if decision.state is MarginState.UNKNOWN or decision.stamp is None:
+            return _QUIET_NS
+        return self._stale_after_ns - decision.stamp.age_ns(step.frame.stamp)
+
     def _tell(self) -> None:
         if self._wake is not None:
             self._wake()
-
-
-def _is_unknown(shown: Shown) -> bool:
-    return shown.step.decision.state is MarginState.UNKNOWN

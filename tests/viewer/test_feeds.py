@@ -1,10 +1,12 @@
 """What is to be seen now: of a recording, and of a session that may fall silent."""
 
 import threading
+from dataclasses import replace
 
 import pytest
 
 from app.fixture import MarginState
+from app.geometry import Stamp
 from app.viewer import LiveFeed, ReplayFeed, Watcher
 from tests.viewer.hand_clock import HandClock
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
@@ -56,6 +58,16 @@ def test_a_step_is_unknown_as_soon_as_it_is_older_than_poses_may_be(parts, live,
     assert late.silent == "the session has said nothing for more than 200 ms"
     live.put(steps(parts)[1], parts.cast)
     assert live.now().silent == ""
+
+
+def test_the_age_that_poses_have_when_their_step_comes_counts_too(parts, live, clock):
+    step = steps(parts)[0]
+    stamp = Stamp(step.frame.stamp.ns - 150 * MS, step.frame.stamp.clock)
+    live.put(replace(step, decision=replace(step.decision, stamp=stamp)), parts.cast)
+    clock.ns = 50 * MS
+    assert live.now().step.decision.state is MarginState.NEGATIVE
+    clock.ns = 50 * MS + 1
+    assert live.now().step.decision.state is MarginState.UNKNOWN
 
 
 def test_an_unknown_step_keeps_its_own_reason_while_the_session_ticks(parts, live, clock):
