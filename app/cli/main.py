@@ -1,6 +1,7 @@
 """Entry point of ``marginguard``: parses, dispatches, and turns errors into one line.
 
-Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupted.
+Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupted; 141 when nobody
+reads any more what is printed, as a shell has it of other programs.
 """
 
 import argparse
@@ -49,6 +50,7 @@ COMMANDS: dict[str, ModuleType] = {
 }
 BAD_INPUT = 2
 INTERRUPTED = 130
+NO_READER = 141
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -82,9 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of a pipe has seen enough; nothing more can be said to it.
+        # Nothing more can be said; but a check may not have held, and a guard has ended.
         sys.stderr.close()
-        return 0
+        return NO_READER
     except Exception as error:
         if options.debug:
             traceback.print_exc()

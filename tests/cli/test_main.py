@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 
@@ -22,6 +23,21 @@ def test_help_loads_no_room(arguments, project_root):
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=project_root
     )
     assert done.stdout.splitlines()[-1] == "0 []"
+
+
+def test_a_reader_that_has_left_is_no_success(project_root, tmp_path):
+    case = write_small_case(tmp_path / "case")
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "info", str(case)],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        check=False,
+        cwd=project_root,
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, b"")
 
 
 def test_an_unknown_command_is_bad_input(capsys):
