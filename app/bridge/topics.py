@@ -64,4 +64,4 @@ EVERY_STEP = (
     CLOCK,
     DIAGNOSTICS,
 )
-"""The topics that a step is published on; the other two are said once."""
+"""The topics that every step is published on."""

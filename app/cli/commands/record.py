@@ -1,4 +1,4 @@
-"""Record topics of ROS 2 into a case: MCAP that 'replay' and 'ros2 bag play' read.
+"""Record topics of ROS 2 into a case: a rosbag2 folder in MCAP, which 'replay' reads.
 
 Whenever it ends, also by SIGKILL or a full disk, what was written stays readable. Runs until
 SIGINT (exit status 130) or SIGTERM (143); exit status 2 on bad input.
