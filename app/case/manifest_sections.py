@@ -178,6 +178,8 @@ def _registration_method(block: Section, robot: RobotEntry | None) -> Registrati
         return RegistrationEntry("paired_points", dwells=_dwells(block))
     _allow_only(block, method, ("fixed_mm", "moving_mm"))
     fixed, moving = block.points("fixed_mm"), block.points("moving_mm")
+    if not fixed:
+        raise InputError(f"{block.place('fixed_mm')} is empty: points wanted")
     if len(fixed) != len(moving):
         raise InputError(
             f"{block.place('moving_mm')} has {len(moving)} points: "
@@ -196,6 +198,8 @@ def _dwells(block: Section) -> tuple[Dwell, ...]:
                 f"later than start_s ({dwell.start_s:g}) wanted"
             )
         dwells.append(dwell)
+    if not dwells:
+        raise InputError(f"{block.place('dwells')} is empty: times of dwelling wanted")
     return tuple(dwells)
 
 

@@ -163,6 +163,17 @@ def _set(*keys: str, to: object) -> Edit:
             ),
             r"registration\.dwells\[0\]\.end_s is 1: later",
         ),
+        (
+            _set("registration", to={"method": "robot_world", "dwells": []}),
+            r"registration\.dwells is empty: times",
+        ),
+        (
+            _set(
+                "registration",
+                to={"method": "paired_points", "fixed_mm": [], "moving_mm": []},
+            ),
+            r"registration\.fixed_mm is empty: points",
+        ),
     ],
 )
 def test_refused_with_its_place(
