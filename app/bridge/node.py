@@ -88,6 +88,7 @@ class RosNode:
         self._matched = threading.Condition()
         self._at_close: list[Callable[[], None]] = []
         self._closing = threading.Event()
+        self._ending = threading.Lock()
         self._wake = self.node.create_guard_condition(lambda: None)
         for name in self.node.list_parameters([], 0).names:
             descriptor = copy(self.node.describe_parameter(name))
@@ -198,7 +199,8 @@ class RosNode:
         self.flush()
         # The thread first: an executor that is shut down under its own feet destroys the guard
         # condition that it waits for.
-        self._closing.set()
+        with self._ending:
+            self._closing.set()
         self._wake.trigger()
         self._thread.join(_JOIN_S)
         self._executor.shutdown()
@@ -214,8 +216,10 @@ class RosNode:
                 return  # a subscriber that hangs, or has yet to say that it has got everything
 
     def call_soon(self, callback: Callable[[], None]) -> None:
-        """Call ``callback()`` in the node's thread, after what it is at."""
-        self._executor.create_task(callback)
+        """Call ``callback()`` in the node's thread, after what it is at; never once it is closed."""
+        with self._ending:
+            if self.is_open:
+                self._executor.create_task(callback)
 
     def call(self, callback: Callable[[], None]) -> None:
         """Call ``callback()`` in the node's thread and return when it is done.
@@ -234,12 +238,14 @@ class RosNode:
                 done.set()
 
         self.call_soon(work)
-        if self.is_open and not done.wait(_JOIN_S):
+        if self.is_open and not done.wait(_JOIN_S) and self.is_open:
             raise BridgeError(f"the thread of ROS node {self.node.get_name()!r} is held up")
 
     def wake(self) -> None:
-        """Let the node's thread look again at what its callbacks wait for."""
-        self._executor.wake()
+        """Let the node's thread look again at what its callbacks wait for; from any thread."""
+        with self._ending:
+            if self.is_open:
+                self._executor.wake()
 
     def _spin(self) -> None:
         # Not `spin_until_future_complete`: it hangs a callback on the future for every message.

@@ -94,6 +94,16 @@ def test_a_callback_cannot_close_its_own_node(domain_id):
     assert not ros.is_open
 
 
+def test_on_a_closed_node_nothing_is_called(domain_id):
+    ros = RosNode("speaker", domain_id=domain_id)
+    ros.close()
+    called = []
+    ros.call_soon(lambda: called.append("soon"))
+    ros.call(lambda: called.append("now"))
+    ros.wake()
+    assert not called
+
+
 def test_callbacks_that_fail_are_all_counted_and_said_once_a_second(domain_id, capfd):
     def fail():
         raise ValueError("no such tool")

@@ -89,11 +89,8 @@ class LifecycleRosNode(RosNode):
             finally:
                 ended.set()
 
-        if self.in_own_thread:
-            shut_down()
-        else:
-            self.call_soon(shut_down)
-            ended.wait(_END_S)
+        self.call_soon(shut_down)
+        ended.wait(_END_S)
 
 
 class _StateMachine(LifecycleNode):
