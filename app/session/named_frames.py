@@ -9,10 +9,10 @@ from app.session.setup import REFERENCE
 def check_frames(case: Case, *, with_tumor: bool = True) -> None:
     """Raise `FrameError` where the recording never leads from the tool to a frame that is needed.
 
-    That is the tumour's, ``with_tumor``, and with a robot the reference. A robot's base that the
-    recording measures is refused too: the registration would place it a second time. Read is up to
-    the frame from which all is known: the first, as a rule, and the last where nothing leads there.
-    A live case passes, since its frames are still to come.
+    That is the tumour's, ``with_tumor``, and with a robot the reference. A robot's base that is
+    placed without the robot, as the recording measures it, is refused too: the registration would
+    place it a second time. Read is up to the frame from which all is known: the first, as a rule,
+    and the last where nothing leads there. A live case passes, since its frames are still to come.
     """
     if case.recording_path is None:
         return
@@ -35,10 +35,15 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
                 f"{manifest.file}: {place} is {name!r}: nothing in the recording leads there from "
                 f"tool.frame {tool!r}, it has {_shown(edges)}"
             )
-    if robot is not None and shortest_path(edges, REFERENCE, robot.base_frame) is not None:
+    placed = (
+        *edges,
+        (tool, manifest.tool.tip_frame),
+        (manifest.tumor.frame, manifest.tumor.frame_from_tumor.source),
+    )
+    if robot is not None and shortest_path(placed, REFERENCE, robot.base_frame) is not None:
         raise FrameError(
             f"{manifest.file}: robot.base_frame is {robot.base_frame!r}: a name of its own wanted, "
-            f"the recording measures {_shown(edges)}"
+            f"placed without the robot are {_shown(placed)}"
         )
 
 

@@ -66,6 +66,7 @@ def test_frames_that_come_late_or_by_turns_are_found(recorded):
             "tracker -> needle, camera -> rod$",
         ),
         ([BOTH] * 3, robot("robot_base"), "a robot's registration is 'reference': .* has needle,"),
+        ([ALL], robot("rod_tip"), r"robot\.base_frame is 'rod_tip': .* rod -> rod_tip"),
         ([ALL], robot("tracker"), r"robot\.base_frame is 'tracker': .* tracker -> reference"),
         ([f"{ALL} RobotBaseToTracker"], robot("robot_base"), r"robot\.base_frame is 'robot_base'"),
     ],
