@@ -216,7 +216,7 @@ class RosNode:
                 return  # a subscriber that hangs, or has yet to say that it has got everything
 
     def call_soon(self, callback: Callable[[], None]) -> None:
-        """Call ``callback()`` in the node's thread, after what it is at; never once it is closed."""
+        """Call ``callback()`` in the node's thread, after what it is at; never on a closed node."""
         with self._ending:
             if self.is_open:
                 self._executor.create_task(callback)
