@@ -14,13 +14,13 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
     place it a second time. Read is up to the frame from which all is known: the first, as a rule,
     and the last where nothing leads there. A live case passes, since its frames are still to come.
     """
-    if case.recording_path is None:
-        return
     manifest = case.manifest
     tool, robot = manifest.tool.frame, manifest.robot
     wanted = {"tumor.frame": manifest.tumor.frame} if with_tumor else {}
     if robot is not None:
         wanted["the frame of a robot's registration"] = REFERENCE
+    if case.recording_path is None or not wanted:
+        return
     edges = _edges_leading(case, tool, tuple(wanted.values()))
     names = {name for edge in edges for name in edge}
     for place, name in {"tool.frame": tool, **wanted}.items():

@@ -89,6 +89,10 @@ def test_a_robot_is_registered_without_a_tracked_tumour(recorded):
         setup_from_case(case, tip_only=True)
 
 
+def test_without_a_robot_there_is_none_to_register(recorded):
+    assert robot_from_case(recorded("NeedleToTracker", BOTH)) is None
+
+
 def test_no_more_is_read_than_is_needed(recorded):
     """A recording that is cut behind its first frames raises for whoever reads on."""
     case = recorded(*[BOTH] * 40)
