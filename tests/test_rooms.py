@@ -24,6 +24,14 @@ MAY_IMPORT = {
     "viewer": {"geometry", "registration", "robot", "case", "fixture", "session", "scene"},
 }
 EVERYTHING = set(MAY_IMPORT)
+WITHIN_FIXTURE = {
+    "surfaces": set(),
+    "meshes": {"surfaces"},
+    "distance": {"surfaces", "meshes"},
+    "law": set(),
+}
+"""What the folders of the fixture may import of each other."""
+
 ONLY_IN = {
     "rclpy": {"bridge"},
     "tf2_msgs": {"bridge"},
@@ -82,6 +90,15 @@ def test_imports_follow_the_arrows(path):
             assert head in sys.stdlib_module_names | {"numpy", "scipy"}, f"geometry imports {name}"
 
 
+@pytest.mark.parametrize("folder", WITHIN_FIXTURE)
+def test_the_law_knows_no_search_and_no_surface_what_asks_it(folder):
+    files = sorted((APP / "fixture" / folder).glob("*.py"))
+    assert len(files) > 1
+    named = {tuple(name.split(".")) for path in files for name in imports(path)}
+    others = {name[2] for name in named if name[:2] == ("app", "fixture")} & WITHIN_FIXTURE.keys()
+    assert others <= WITHIN_FIXTURE[folder] | {folder}
+
+
 def test_the_modules_of_slicer_do_not_go_through_the_command():
     imported = {name for path in SLICER_MODULES.rglob("*.py") for name in imports(path)}
     assert "app.bridge.live" in imported
@@ -122,5 +139,5 @@ def test_what_is_slow_to_load_waits_until_it_is_needed():
 
 def test_a_room_loads_what_is_asked_of_it_and_no_more():
     code = "from app.fixture import FixtureDecision; from app.robot import Robot; import app.report"
-    slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.decision"}
-    assert loaded(code, slow) == {"app.fixture.decision"}
+    slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.law.decision"}
+    assert loaded(code, slow) == {"app.fixture.law.decision"}

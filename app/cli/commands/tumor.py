@@ -107,7 +107,7 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
 def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTumor", str | None]:
     """The tumour, repaired if asked for, and why it bounds no solid where it does not."""
     from app.fixture import repaired
-    from app.fixture.mesh_checks import require_sound
+    from app.fixture.meshes.mesh_checks import require_sound
     from app.geometry import MeshError
 
     try:
@@ -120,7 +120,7 @@ def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTum
 
 
 def _described(source: Path, tumor: "BuiltTumor", reason: str | None) -> dict[str, Any]:
-    from app.fixture.bodies import part_meshes
+    from app.fixture.distance.bodies import part_meshes
 
     mesh = tumor.mesh
     low, high = mesh.bounds_mm

@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 
 from app.case.tumor import surface_around
 from app.case.tumor.contour_surface import CLEARANCE_MM
-from app.fixture.mesh_checks import require_sound
+from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 
 BALL_MM3 = 4.0 / 3.0 * np.pi

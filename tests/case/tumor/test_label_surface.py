@@ -8,7 +8,7 @@ from scipy.ndimage import binary_fill_holes
 from scipy.spatial.transform import Rotation
 
 from app.case.tumor import label_surface, surface_of_labels
-from app.fixture.mesh_checks import require_sound
+from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, MeshError
 
 TURNED = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from app.case.tumor import read_segment, tumor_from_segmentation
-from app.fixture.mesh_checks import require_sound
+from app.fixture.meshes.mesh_checks import require_sound
 from tests.case.tumor.conftest import segment_fields
 
 slicer = pytest.importorskip("slicer")

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.case.tumor import label_surface, tumor_from_contour, tumor_from_segmentation
-from app.fixture.mesh_checks import require_sound
+from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, InputError, MeshError
 
 WriteNrrd = Callable[..., Path]
