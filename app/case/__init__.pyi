@@ -1,4 +1,7 @@
-from .bag_writer import BagTopic, BagWriter
+from .bag.bag_writer import BagTopic, BagWriter
+from .bag.mcap import read_mcap, values_reader
+from .bag.message_definition import message_definition
+from .bag.recorder import Recorder, write_recording
 from .case import Case, open_case
 from .convert import convert_case
 from .expected import (
@@ -41,14 +44,11 @@ from .manifest import (
 )
 from .manifest_file import load_manifest
 from .manifest_sections import check_topic
-from .mcap import read_mcap, values_reader
 from .mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
-from .message_definition import message_definition
-from .mrml_files import MRML_ENDINGS
-from .mrml_recording import read_mrml
+from .mrml.files import MRML_ENDINGS
+from .mrml.recording import read_mrml
 from .player import Player
 from .plus_config import PlusConfiguration, read_plus_config
-from .recorder import Recorder, write_recording
 from .samples import JointSample, TrackingFrame
 from .small_file import check_place, write_small
 from .transform_file import (

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from app.case.bag.mcap import read_mcap
 from app.case.expected import Expected, load_expected
 from app.case.igsio import check_igsio_header, read_igsio
 from app.case.manifest import (
@@ -17,10 +18,9 @@ from app.case.manifest import (
     SegmentationEntry,
 )
 from app.case.manifest_file import load_manifest
-from app.case.mcap import read_mcap
 from app.case.mesh_file import load_mesh
-from app.case.mrml_files import MRML_ENDINGS
-from app.case.mrml_recording import check_mrml, read_mrml
+from app.case.mrml.files import MRML_ENDINGS
+from app.case.mrml.recording import check_mrml, read_mrml
 from app.case.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
 from app.case.read_ahead import read_ahead
 from app.case.samples import TrackingFrame

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from app.case.bag.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.case import Case
 from app.case.document import Section
 from app.case.manifest import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
@@ -21,7 +22,6 @@ from app.case.manifest_sections import (
     read_topic,
     read_tumor,
 )
-from app.case.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.geometry import InputError
 
 

@@ -8,8 +8,8 @@ from app.bridge.live.subscription import CountedSubscription
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
 from app.case import JointSample
-from app.case.message_values import JointValues
-from app.case.ros_messages import JOINT_STATE
+from app.case.bag.message_values import JointValues
+from app.case.bag.ros_messages import JOINT_STATE
 
 
 def listen_to_joints(

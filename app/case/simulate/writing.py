@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from app.case.bag.recorder import write_recording
+from app.case.bag.ros_messages import JOINT_STATES_TOPIC
 from app.case.expected import (
     Expected,
     ExpectedBreach,
@@ -17,8 +19,6 @@ from app.case.expected import (
     ExpectedRegistration,
     write_expected,
 )
-from app.case.recorder import write_recording
-from app.case.ros_messages import JOINT_STATES_TOPIC
 from app.case.samples import TrackingFrame
 from app.case.simulate.cautery import cautery_mesh
 from app.case.simulate.motion import ArmKinematics

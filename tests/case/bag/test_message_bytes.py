@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import get_types_from_msg
 
-from app.case.message_bytes import bytes_reader
-from app.case.message_values import joint_values, tf_values, tracked_values
-from app.case.ros_messages import (
+from app.case.bag.message_bytes import bytes_reader
+from app.case.bag.message_values import joint_values, tf_values, tracked_values
+from app.case.bag.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
     TIME_REFERENCE,

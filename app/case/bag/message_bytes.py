@@ -13,9 +13,9 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 
-from app.case.message_layout import Known, LayoutReader, Walk
-from app.case.message_values import JointValues, PoseValues, frame_name
-from app.case.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
+from app.case.bag.message_layout import Known, LayoutReader, Walk
+from app.case.bag.message_values import JointValues, PoseValues, frame_name
+from app.case.bag.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
 from app.geometry import NS_PER_S
 
 Values = PoseValues | tuple[PoseValues, ...] | JointValues

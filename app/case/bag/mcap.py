@@ -23,10 +23,9 @@ from rosbags.typesys import (
 )
 from rosbags.typesys.store import Typestore
 
-from app.case.frame_assembly import FrameAssembler
-from app.case.mcap_messages import Connection, RawMessage, read_mcap_messages
-from app.case.message_bytes import bytes_reader
-from app.case.message_values import (
+from app.case.bag.mcap_messages import Connection, RawMessage, read_mcap_messages
+from app.case.bag.message_bytes import bytes_reader
+from app.case.bag.message_values import (
     JointValues,
     PoseValues,
     TimeValues,
@@ -35,7 +34,7 @@ from app.case.message_values import (
     time_values,
     tracked_values,
 )
-from app.case.ros_messages import (
+from app.case.bag.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
     TF_TOPIC,
@@ -45,6 +44,7 @@ from app.case.ros_messages import (
     UNFILTERED_TIME_TOPIC,
     ros_types,
 )
+from app.case.frame_assembly import FrameAssembler
 from app.case.samples import TrackingFrame
 from app.geometry import InputError, MarginGuardError, Stamp
 
@@ -166,7 +166,7 @@ _VALUES_OF: dict[str, Callable[[Any], Any]] = {
 def values_reader(message_type: str) -> Callable[[bytes], Any]:
     """What reads messages of this type as they come from a live topic, in CDR.
 
-    It gives what `app.case.message_values` has for the type, and raises `InputError` for bytes
+    It gives what `app.case.bag.message_values` has for the type, and raises `InputError` for bytes
     that are no such message.
     """
     read = _reader(Connection("", message_type, "", ""))

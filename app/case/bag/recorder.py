@@ -12,7 +12,7 @@ from typing import IO, Any, Self
 
 from mcap.writer import CompressionType, Writer
 
-from app.case.ros_messages import (
+from app.case.bag.ros_messages import (
     JOINT_STATE,
     JOINT_STATES_TOPIC,
     TF_MESSAGE,

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from app.case.frame_assembly import FrameAssembler
 from app.case.igsio import Note, read_header, sixteen_numbers, tracked_sample
-from app.case.mrml_document import MrmlDocument, SequenceEntry, read_mrml_document
-from app.case.mrml_files import MRML_ENDINGS, MrmlFiles, inner_scene, open_mrml
+from app.case.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
+from app.case.mrml.files import MRML_ENDINGS, MrmlFiles, inner_scene, open_mrml
 from app.case.samples import TrackingFrame
 from app.geometry import (
     FrameError,

@@ -13,7 +13,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from app.case.message_values import MM_PER_M
+from app.case.bag.message_values import MM_PER_M
 from app.case.samples import JointSample
 from app.geometry import NS_PER_S, InputError, Stamp, TrackedTransform, Transform
 

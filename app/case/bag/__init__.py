@@ -1,0 +1,1 @@
+"""Recordings as rosbag2 folders in MCAP: read, written, and what their messages mean."""
