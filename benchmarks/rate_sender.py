@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from app.bridge import ReplayScene, RosNode, topics
-from app.bridge.constraint import ConstraintBuilder
 from app.bridge.control import ConstraintStream
 from app.bridge.control.constraint_stream import RawPublisher
+from app.bridge.publishing.constraint import ConstraintBuilder
 from app.case import open_case
 from app.session import Session, setup_from_case
 from benchmarks.rate import RATE_HZ, Times

@@ -6,11 +6,11 @@ Call `prepare_environment` before the first node: it keeps discovery on this mac
 
 from app.bridge.environment import prepare_environment
 from app.bridge.errors import BridgeError
-from app.bridge.frame_tree import Voice
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
-from app.bridge.replay_scene import ReplayScene, root_edges, scene_of
-from app.bridge.session_publisher import SessionPublisher
+from app.bridge.publishing.frame_tree import Voice
+from app.bridge.publishing.replay_scene import ReplayScene, root_edges, scene_of
+from app.bridge.publishing.session_publisher import SessionPublisher
 
 __all__ = [
     "BridgeError",

@@ -11,7 +11,7 @@ Marker.points                            mm           m
 Marker.color, ColorRGBA                  0 to 1       0 to 1
 ======================================== ============ ==============
 
-The constraint has a file of its own (`app.bridge.constraint`) and takes `metres` from here.
+The constraint has a file of its own (`publishing.constraint`) and takes `metres` from here.
 Topics whose name ends in ``_mm`` are in mm, because they say so.
 """
 

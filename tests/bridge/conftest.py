@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.bridge.replay_scene import ReplayScene
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.case.samples import JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,

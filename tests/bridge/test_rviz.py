@@ -12,8 +12,8 @@ import yaml
 from rclpy.qos import DurabilityPolicy
 
 from app.bridge import topics
+from app.bridge.publishing.session_publisher import NODE_NAME
 from app.bridge.qos import Topic
-from app.bridge.session_publisher import NODE_NAME
 from app.cli.main import build_parser
 
 PUBLISHED = {

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Protocol
 
 from app.bridge.errors import BridgeError
-from app.bridge.prepared_shapes import PreparedShapes
-from app.bridge.replay_scene import ReplayScene
+from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.geometry import SurfaceMesh, Transform
 from app.registration import RegistrationResult

@@ -13,14 +13,14 @@ from app.bridge.control import (
     SessionChanges,
     TwistLimiter,
 )
-from app.bridge.frame_tree import Voice
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.rearming import RearmService
 from app.bridge.live.source import source_of
 from app.bridge.node import RosNode
-from app.bridge.prepared_shapes import PreparedShapes
-from app.bridge.replay_scene import ReplayScene, scene_of
-from app.bridge.session_publisher import SessionPublisher
+from app.bridge.publishing.frame_tree import Voice
+from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.replay_scene import ReplayScene, scene_of
+from app.bridge.publishing.session_publisher import SessionPublisher
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import Case, LiveCase, TfSourceEntry

@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
 def _be_managed(options: argparse.Namespace, received: Received) -> None:
     from app.bridge.control import LifecycleRosNode
     from app.bridge.live import GuardLifeCycle
-    from app.bridge.session_publisher import NODE_NAME
+    from app.bridge.publishing.session_publisher import NODE_NAME
 
     ended = threading.Event()
     errors: list[Exception] = []

@@ -7,7 +7,7 @@ from slicer import (
     vtkMRMLTransformNode,
 )
 
-from app.bridge.replay_scene import ReplayScene
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import MarginState
 from app.geometry import FloatArray, Transform
 from app.scene import (

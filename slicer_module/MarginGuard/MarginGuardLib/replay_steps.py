@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.bridge.control import SessionChanges
-from app.bridge.prepared_shapes import PreparedShapes
-from app.bridge.replay_scene import ReplayScene, scene_of
+from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.replay_scene import ReplayScene, scene_of
 from app.case import Case, Player, open_case
 from app.geometry import NS_PER_S, InputError
 from app.session import (

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.bridge.control import OperatorServices, SessionChanges, session_changes
-from app.bridge.prepared_shapes import PreparedShapes
+from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.case import open_case
 from app.geometry import SurfaceMesh
 from app.session import Session, setup_from_case

@@ -7,7 +7,7 @@ from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from std_msgs.msg import Header
 
 from app.bridge import messages
-from app.bridge.replay_scene import ReplayScene
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import Constraint, FixtureDecision, MarginState
 from app.geometry import Stamp
 

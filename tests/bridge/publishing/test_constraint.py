@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.bridge.constraint import ConstraintBuilder
+from app.bridge.publishing.constraint import ConstraintBuilder
 from app.fixture import FixtureDecision, MarginState, Reason
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.bridge.diagnostics import Diagnostics
+from app.bridge.publishing.diagnostics import Diagnostics
 from app.case import TrackingFrame
 from app.fixture import MarginState
 

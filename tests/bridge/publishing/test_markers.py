@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.bridge.markers import Markers, margin_text
+from app.bridge.publishing.markers import Markers, margin_text
 from app.fixture import MarginState
 
 

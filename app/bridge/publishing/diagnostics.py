@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from app.bridge.markers import margin_text
 from app.bridge.messages import header_message
+from app.bridge.publishing.markers import margin_text
 from app.fixture import MarginState
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus
 from app.session import StepResult

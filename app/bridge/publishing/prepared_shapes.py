@@ -3,8 +3,8 @@
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import MarkerArray
 
-from app.bridge.markers import Markers
-from app.bridge.replay_scene import ReplayScene
+from app.bridge.publishing.markers import Markers
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import FixtureDecision, MarginState
 
 

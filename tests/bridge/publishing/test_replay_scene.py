@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.bridge.errors import BridgeError
-from app.bridge.replay_scene import root_edges
+from app.bridge.publishing.replay_scene import root_edges
 from app.geometry import SurfaceMesh, Transform
 
 

@@ -9,9 +9,9 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from app.bridge import topics
 from app.bridge.errors import BridgeError
-from app.bridge.frame_tree import Voice
-from app.bridge.prepared_shapes import PreparedShapes
-from app.bridge.session_publisher import SessionPublisher
+from app.bridge.publishing.frame_tree import Voice
+from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.session_publisher import SessionPublisher
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 

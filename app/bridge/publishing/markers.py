@@ -14,7 +14,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge.messages import color_message, metres, point_message
-from app.bridge.replay_scene import ReplayScene
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh
 

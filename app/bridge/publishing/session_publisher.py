@@ -9,15 +9,15 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Float64, String
 
 from app.bridge import messages, topics
-from app.bridge.constraint import ConstraintBuilder
 from app.bridge.control.constraint_stream import ConstraintStream
-from app.bridge.diagnostics import Diagnostics
 from app.bridge.errors import BridgeError
-from app.bridge.frame_tree import ALONE, FrameTree, Voice
 from app.bridge.node import RosNode
-from app.bridge.prepared_shapes import PreparedShapes
+from app.bridge.publishing.constraint import ConstraintBuilder
+from app.bridge.publishing.diagnostics import Diagnostics
+from app.bridge.publishing.frame_tree import ALONE, FrameTree, Voice
+from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.bridge.qos import Topic
-from app.bridge.replay_scene import ReplayScene
 from app.bridge.tf.broadcaster import tf_message
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp

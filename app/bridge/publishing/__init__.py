@@ -1,0 +1,1 @@
+"""What a session finds, as messages: tf, the constraint, markers, diagnostics."""
