@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.progress import with_progress
 from app.cli.scene_picture import ScenePainter
+from app.cli.signals import Received
 
 if TYPE_CHECKING:
     from app.case import Case
@@ -53,8 +54,10 @@ class ReplayParts:
             return (Path(folder) / "report.html").read_bytes()
 
 
-def replay_parts(folder: Path, package_dirs: Sequence[Path], *, tip_only: bool) -> ReplayParts:
-    """Step through the case in ``folder``."""
+def replay_parts(
+    folder: Path, package_dirs: Sequence[Path], received: Received, *, tip_only: bool
+) -> ReplayParts | None:
+    """Step through the case in ``folder``; None when a signal came before its last step."""
     from app.case import open_case
     from app.report import ReplayLog, find_breaches
     from app.session import Session, setup_from_case, with_estimated_clock, with_repaired_tumor
@@ -67,6 +70,8 @@ def replay_parts(folder: Path, package_dirs: Sequence[Path], *, tip_only: bool) 
     session, watcher, log = Session(setup), Watcher(setup, cast), ReplayLog()
     shown = []
     for frame in with_progress(case.frames(), "stepping through frame"):
+        if received.number is not None:
+            return None
         began_ns = time.perf_counter_ns()
         step = session.step(frame)
         log.add(step, time.perf_counter_ns() - began_ns)

@@ -16,6 +16,7 @@ from typing import Any
 from trame_slicer.views import ThreeDView
 
 from app.cli.replay_page import replay_parts
+from app.cli.signals import Received
 from app.viewer import Address, Stage, Title, Viewer
 from app.viewer.area import PictureArea
 from app.viewer.pictures import Pictures
@@ -60,7 +61,7 @@ def main() -> None:
     parser.add_argument("case", type=Path)
     parser.add_argument("--schedule", choices=SCHEDULES, required=True)
     options = parser.parse_args()
-    parts = replay_parts(options.case, (), tip_only=False)
+    parts = replay_parts(options.case, (), Received(), tip_only=False)
     shown = ShownFrame(parts.feed)
     viewer = Viewer(
         Stage(parts.cast),

@@ -2,6 +2,7 @@
 
 import re
 import signal
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from app.cli.main import main
+from app.cli.signals import Received
+from app.session import Session
 from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import breach as breach
 from tests.bridge.live.conftest import frames_file as frames_file
@@ -17,6 +20,7 @@ from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 from tests.viewer.conftest import Server, Watched
 from tests.viewer.conftest import can_draw as can_draw
+from tests.viewer.conftest import viewed_case as viewed_case
 from tests.viewer.test_server_gone import check_lost
 
 SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
@@ -62,6 +66,32 @@ def test_where_nothing_can_be_served_is_said_before_the_case_is_opened(
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
     assert named in captured.err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_while_the_case_is_stepped_through(
+    viewed_case, monkeypatch, capsys, number
+):
+    noted = threading.Event()
+    take, step = Received.take, Session.step
+    stamps = []
+
+    def take_and_tell(received, taken):
+        take(received, taken)
+        noted.set()
+
+    def step_with_a_signal_at_the_third(session, frame):
+        stamps.append(frame.stamp)
+        if len(stamps) == 3:
+            signal.raise_signal(number)
+            assert noted.wait(30.0)
+        return step(session, frame)
+
+    monkeypatch.setattr(Received, "take", take_and_tell)
+    monkeypatch.setattr(Session, "step", step_with_a_signal_at_the_third)
+    assert main(["view", str(viewed_case)]) == 128 + number
+    assert len(stamps) == 3
+    assert capsys.readouterr().out == ""  # no page was served
 
 
 @pytest.fixture

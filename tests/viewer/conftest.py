@@ -22,6 +22,7 @@ from playwright.sync_api import (
 )
 
 from app.cli.replay_page import ReplayParts, replay_parts
+from app.cli.signals import Received
 from app.scene import OffscreenError, use_offscreen_rendering
 from tests.viewer.viewed_case import write_viewed_case
 
@@ -123,7 +124,9 @@ def viewed_case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def parts(viewed_case: Path) -> ReplayParts:
     """The case, stepped through in this process."""
-    return replay_parts(viewed_case, (), tip_only=False)
+    stepped = replay_parts(viewed_case, (), Received(), tip_only=False)
+    assert stepped is not None
+    return stepped
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs
-from app.cli.signals import note_signals
+from app.cli.signals import Received, note_signals
 
 if TYPE_CHECKING:
     from app.viewer import Viewer
@@ -63,7 +63,9 @@ def run(options: argparse.Namespace) -> int:
 
         address = Address(options.host, options.port, options.token or new_token())
         address.check()  # before the case is stepped through
-        with _viewer(options) as viewer:
+        with _viewer(options, received) as viewer:
+            if viewer is None:
+                return received.exit_status
 
             def ready(url: str) -> None:
                 received.stops(viewer.stop)
@@ -78,7 +80,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _viewer(options: argparse.Namespace) -> Iterator["Viewer"]:
+def _viewer(options: argparse.Namespace, received: Received) -> Iterator["Viewer | None"]:
+    """The page to be served; none when a signal came while the case was stepped through."""
     if options.live:
         from app.cli.live_page import live_page
 
@@ -87,6 +90,7 @@ def _viewer(options: argparse.Namespace) -> Iterator["Viewer"]:
     else:
         from app.cli.replay_page import replay_page, replay_parts
 
-        yield replay_page(
-            replay_parts(options.case, options.package_dirs, tip_only=options.tip_only)
+        parts = replay_parts(
+            options.case, options.package_dirs, received, tip_only=options.tip_only
         )
+        yield None if parts is None else replay_page(parts)
