@@ -1,7 +1,8 @@
 """Guard the margin live: what 'replay' does with a file, with samples as they arrive over ROS 2.
 
-A line on standard output tells each change of the state. Runs until SIGINT (exit status 130) or
-SIGTERM (143); exit status 2 on bad input.
+A line on standard output tells each change of the state or the hold, and worse reasons, at once;
+better reasons, once they have lasted. Runs until SIGINT (exit status 130) or SIGTERM (143); exit
+status 2 on bad input.
 """
 
 import argparse
@@ -120,13 +121,10 @@ def _opened(options: argparse.Namespace, ros: "RosNode | None" = None) -> Iterat
 
 
 def _tell(steps: "Iterator[StepResult]") -> None:
-    """A line for each change of the state, or of a reason for it."""
-    said: object = None
-    for step in steps:
-        state = (step.decision.state, step.decision.reasons)
-        if state != said:
-            said = state
-            print(as_line(step), flush=True)
+    from app.cli.news import news
+
+    for step in news(steps):
+        print(as_line(step), flush=True)
 
 
 def as_line(step: "StepResult") -> str:
