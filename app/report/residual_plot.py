@@ -23,13 +23,15 @@ def residual_png(
     title: str,
     what: str,
     unit: str,
+    across: str,
     labels: Sequence[str] = (),
     outliers: Sequence[int] = (),
 ) -> bytes:
     """The plot as PNG, 1200 x 540: a bar for each of ``values`` (n,) in ``unit``.
 
-    ``labels`` names them, else they are numbered from 1; ``outliers`` are indices that were
-    dropped: hatched, and not in the RMS. No value raises `ReportError`.
+    ``across`` says what there is a bar for each of; ``labels`` names them, else they are numbered
+    from 1; ``outliers`` are indices that were dropped: hatched, and not in the RMS. No value raises
+    `ReportError`.
     """
     if not len(values):
         raise ReportError("0 residuals to draw: at least 1 wanted")
@@ -51,7 +53,7 @@ def residual_png(
         plot.set_xticks(places, labels, parse_math=False)
     else:
         plot.xaxis.set_major_locator(MaxNLocator(integer=True))
-        plot.set_xlabel("number of the pose", color=_INK)
+    plot.set_xlabel(across, color=_INK, fontsize=9)
     plot.set_ylabel(f"{what} [{unit}]", color=_INK, fontsize=9)
     plot.margins(y=0.16)  # above the bars, for the legend
     plot.set_ylim(bottom=0.0)

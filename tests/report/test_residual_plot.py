@@ -10,8 +10,8 @@ from app.report.residual_plot import residual_png
 VALUES = np.array([0.2, 0.4, 9.0, 0.1])
 
 
-def picture(**options: object) -> np.ndarray:
-    png = residual_png(VALUES, title="t", what="distance", unit="mm", **options)
+def picture(across: str = "pair", **options: object) -> np.ndarray:
+    png = residual_png(VALUES, title="t", what="distance", unit="mm", across=across, **options)
     return image.imread(BytesIO(png))[..., :3]
 
 
@@ -33,10 +33,20 @@ def test_labels_are_drawn_as_they_are() -> None:
     assert np.any(picture(labels=["#1", "$2", "C_3", "D"]) != picture())
 
 
+@pytest.mark.parametrize("labels", [(), ("1", "2", "3", "4")])
+def test_both_axes_say_what_they_are_of(labels: tuple[str, ...]) -> None:
+    changed = np.any(picture("pair", labels=labels) != picture("riap", labels=labels), axis=-1)
+    rows, columns = np.nonzero(changed)
+    assert len(rows)
+    # Below the bars, in the middle.
+    assert rows.min() > 0.9 * changed.shape[0]
+    assert abs(np.mean(columns) / changed.shape[1] - 0.5) < 0.1
+
+
 def test_the_same_values_give_the_same_bytes() -> None:
     np.testing.assert_array_equal(picture(), picture())
 
 
 def test_nothing_to_draw_is_refused() -> None:
     with pytest.raises(ReportError, match="0 residuals"):
-        residual_png(np.empty(0), title="t", what="distance", unit="mm")
+        residual_png(np.empty(0), title="t", what="distance", unit="mm", across="pair")

@@ -16,12 +16,14 @@ UNITS = ("mm", "deg", "ms", "s")
 class Residuals:
     """What is left at each observation.
 
-    ``values`` (n,) in ``unit``, dropped ones included; ``labels`` has a name for each, or is empty
-    where they are only numbered; ``leave_one_out`` (n,) in mm where it was computed.
+    ``values`` (n,) in ``unit``, dropped ones included; ``across`` says what there is one for each
+    of; ``labels`` has a name for each, or is empty where they are only numbered; ``leave_one_out``
+    (n,) in mm where it was computed.
     """
 
     what: str
     unit: str
+    across: str
     values: FloatArray
     labels: tuple[str, ...] = ()
     outliers: tuple[int, ...] = ()

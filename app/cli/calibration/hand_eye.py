@@ -41,6 +41,7 @@ def find_hand_eye(recording: Recording, track: ToolTrack) -> Finding:
     residuals = Residuals(
         "distance of the sensor from where the robot has it",
         "mm",
+        "number of the pose",
         registration.residuals_mm,
         outliers=result.outliers,
         leave_one_out=registration.leave_one_out_mm,

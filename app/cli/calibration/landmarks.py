@@ -40,6 +40,7 @@ def find_landmarks(
     residuals = Residuals(
         "distance of the landmark from its dwell",
         "mm",
+        "landmark",
         result.residuals_mm,
         labels=tuple(name for _, name in detection.match.pairs),
         outliers=result.outliers,

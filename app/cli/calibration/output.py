@@ -74,6 +74,7 @@ def _draw(finding: Finding, path: Path) -> None:
         title=f"{finding.title} ({verdict})",
         what=residuals.what,
         unit=residuals.unit,
+        across=residuals.across,
         labels=residuals.labels,
         outliers=residuals.outliers,
     )

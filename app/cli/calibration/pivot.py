@@ -14,7 +14,11 @@ def find_pivot(track: ToolTrack) -> Finding:
     kept = select_poses(poses)
     result = calibrate_pivot([poses[index] for index in kept])
     residuals = Residuals(
-        "distance of the tip from the pivot", "mm", result.residuals_mm, outliers=result.outliers
+        "distance of the tip from the pivot",
+        "mm",
+        "number of the pose",
+        result.residuals_mm,
+        outliers=result.outliers,
     )
     return Finding(
         kind="pivot",

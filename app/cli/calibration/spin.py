@@ -20,6 +20,7 @@ def find_spin(track: ToolTrack, tool_from_tip: Transform) -> Finding:
     residuals = Residuals(
         "angle of the shaft from its mean direction",
         "deg",
+        "number of the pose",
         np.degrees(result.residuals_rad),
         outliers=result.outliers,
     )

@@ -57,6 +57,7 @@ def _finding(result: "RegistrationResult", notes: tuple[str, ...]) -> "Finding":
         residuals = Residuals(
             "distance of the moved point from its partner",
             "mm",
+            "number of the pair",
             result.residuals_mm,
             labels=tuple(str(number) for number in range(1, len(result.residuals_mm) + 1)),
             outliers=result.outliers,
