@@ -22,7 +22,7 @@ def readout(shown: Shown | None) -> dict[str, Any]:
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
         breaches=shown.breaches,
-        **_margins(decision),
+        **_margins(decision, shown.cast),
         registration=_registration(shown.cast),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
     )
@@ -58,7 +58,7 @@ def _values(
     }
 
 
-def _margins(decision: FixtureDecision) -> dict[str, str]:
+def _margins(decision: FixtureDecision, cast: Cast) -> dict[str, str]:
     """The margins that are applied to a distance, where there is one."""
     margin = decision.margin
     if margin is None or decision.state is MarginState.UNKNOWN:
@@ -66,8 +66,17 @@ def _margins(decision: FixtureDecision) -> dict[str, str]:
     return {
         "stop": f"{margin.total_mm:.1f}",
         "warn": f"{margin.warn_total_mm:.1f}",
-        "tre": f"{margin.tre_mm:.2f} mm",
+        "tre": _tre(margin.tre_mm, cast),
     }
+
+
+def _tre(tre_mm: float, cast: Cast) -> str:
+    """What the registration adds to the margins: 0 mm is said of an uncertainty that is known."""
+    if cast.registration is None:
+        return ""
+    if cast.registration.covariance is None and tre_mm == 0.0:
+        return "adds nothing to the margins"
+    return f"k\N{MIDDLE DOT}TRE at the tip {tre_mm:.2f} mm"
 
 
 def _registration(cast: Cast) -> dict[str, str | bool]:

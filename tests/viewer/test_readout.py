@@ -1,10 +1,18 @@
 """What the page says, for every step of a case and for every reason there is."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from app.cli.touch_arm import TOUCH_URDF
 from app.fixture import MarginState, Reason
+from app.geometry import Transform
+from app.registration import RegistrationResult, given_registration, register_points
+from app.robot import load_robot
 from app.scene.watchdog import Freshness
 from app.viewer.readout import readout
+from app.viewer.shown import Shown
 from app.viewer.words import REASON_WORDS, STATE_WORDS, distance_digits, why
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
@@ -69,3 +77,31 @@ def test_the_lamp_of_a_lost_tool_is_out_with_the_age_of_its_last_sample(parts):
 def test_the_registration_is_told_where_there_is_a_robot(parts):
     said = readout(parts.feed.shown[BREACH_FRAME])["registration"]
     assert said == {"ok": True, "word": "no robot", "numbers": ""}
+    assert readout(parts.feed.shown[BREACH_FRAME])["tre"] == ""
+
+
+def registered(shown: Shown, registration: RegistrationResult, tre_mm: float) -> Shown:
+    """The same step of a session with a robot, whose registration adds ``tre_mm``."""
+    cast = replace(shown.cast, robot=load_robot(TOUCH_URDF), registration=registration)
+    decision = shown.step.decision
+    decision = replace(decision, margin=replace(decision.margin, tre_mm=tre_mm))
+    return replace(shown, cast=cast, step=replace(shown.step, decision=decision))
+
+
+def test_a_registration_that_was_given_adds_nothing(parts):
+    given = given_registration(Transform("reference", "robot_base", np.eye(3), np.zeros(3)))
+    said = readout(registered(parts.feed.shown[BREACH_FRAME], given, 0.0))
+    assert said["registration"]["numbers"] == "uncertainty not known"
+    assert said["tre"] == "adds nothing to the margins"
+
+
+def test_a_registration_that_was_found_says_what_it_adds(parts):
+    points = np.array([[0.0, 0, 0], [50, 0, 0], [0, 50, 0], [0, 0, 50]])
+    off = points + np.array([[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.1], [-0.1, 0, 0]])
+    found = register_points(points, off, fixed_frame="reference", moving_frame="robot_base")
+    shown = parts.feed.shown[BREACH_FRAME]
+    said = readout(registered(shown, found, 0.344))
+    assert said["registration"]["numbers"].startswith("4 points, FRE 0.")
+    assert said["tre"] == "k\N{MIDDLE DOT}TRE at the tip 0.34 mm"
+    # It may be small; an uncertainty that is not known is never said to be that.
+    assert readout(registered(shown, found, 0.0))["tre"].endswith(" 0.00 mm")
