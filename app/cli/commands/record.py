@@ -132,6 +132,12 @@ def _record(
             print(f"recording {topic}", flush=True)
         for topic in [*recorder.refused]:
             print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
+        publishers = ros.node.count_publishers(constraint) if constraint in topics else 0
+        if session.has_company(publishers):
+            print(
+                f"{constraint} has {publishers} publishers: several sessions seem to speak there",
+                flush=True,
+            )
         if session.has_changed(recorder.last(constraint)):
             print("tumour or registration of the session were replaced", flush=True)
             write_changes(session.changes, options.output / RECORDING_FOLDER)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import SetTumor
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -174,6 +175,34 @@ def test_publishers_that_promise_less_and_come_later_are_recorded_and_nothing_tw
         assert sum(text.startswith(kind) for text in counts) == 100
     weak = [int(text.split()[1]) for text in counts if text.startswith("weak")]
     assert weak == list(range(weak[0], 100))
+
+
+def test_two_sessions_that_speak_at_once_are_told_as_such_and_are_one_change(
+    start, domain_id, tmp_path
+):
+    name = "/marginguard/constraint"
+    topic = Topic(name, FixtureConstraint, STREAM)
+    recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "x"))
+    with RosNode("one", domain_id=domain_id) as one, RosNode("two", domain_id=domain_id) as two:
+        first = one.publisher(topic)
+        recorder.line(lambda line: line == f"recording {name}\n")
+        assert one.wait_for_subscribers(topic, 1, timeout_s=30.0)
+        first.publish(FixtureConstraint(model_id="one"))
+        second = two.publisher(topic)
+        recorder.line(lambda line: line.startswith(f"{name} has 2 publishers: several sessions"))
+        assert two.wait_for_subscribers(topic, 1, timeout_s=30.0)
+        pause = threading.Event()
+        for _ in range(10):
+            second.publish(FixtureConstraint(model_id="two"))
+            pause.wait(0.12)  # the recorder looks every 0.1 s
+            first.publish(FixtureConstraint(model_id="one"))
+            pause.wait(0.12)
+    assert recorder.end(signal.SIGINT) == 130
+    assert recorder.process.stdout.read().count("were replaced") == 1
+    (change,) = yaml.safe_load((tmp_path / "x" / "tracking" / "changes.yaml").read_text())[
+        "changes"
+    ]
+    assert change["model_id"] == "two"
 
 
 def so_far(case):
