@@ -23,10 +23,11 @@ def news(steps: Iterable[StepResult]) -> Iterator[StepResult]:
     for step in steps:
         decision, now_ns = step.decision, step.frame.stamp.ns
         if told is not None and (decision.state, decision.hold) == (told.state, told.hold):
-            if _badness(decision) == _badness(told):
+            badness, badness_told = _badness(decision), _badness(told)
+            if badness == badness_told:
                 better_since_ns = None
                 continue
-            if _badness(decision) < _badness(told):
+            if badness < badness_told:
                 if better_since_ns is None or now_ns < better_since_ns:  # the clock went back
                     better_since_ns = now_ns
                 if now_ns - better_since_ns < LASTED_NS:

@@ -10,30 +10,12 @@ from hypothesis import strategies as st
 
 from app.case import TrackingFrame
 from app.cli.news import news
-from app.fixture import (
-    FixtureDecision,
-    MarginMonitor,
-    MarginObservation,
-    MarginParameters,
-    MarginState,
-    Proximity,
-    Reason,
-    Witnesses,
-)
+from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
 from app.session import StepResult
+from tests.doubles import Runner
 
 FRAME_NS = 16 * NS_PER_MS
-MARGINS = MarginParameters(
-    stop_mm=2.0,
-    warn_mm=5.0,
-    k_tre=2.0,
-    v_max_mm_s=0.0,
-    stale_after_ns=100 * NS_PER_MS,
-    release_samples=5,
-    release_band_mm=0.5,
-    frozen_after_ns=NS_PER_S,
-)
 WARNING, UNKNOWN = MarginState.WARNING, MarginState.UNKNOWN
 
 
@@ -70,30 +52,12 @@ def told(steps: Sequence[StepResult]) -> list[tuple[Reason, ...]]:
     return [step.decision.reasons for step in news(steps)]
 
 
-def at_distance(monitor: MarginMonitor, distance_mm: float, ns: int) -> FixtureDecision:
-    now = Stamp(ns, "host")
-    nearest = Witnesses.single(
-        distance_mm, np.array([0.0, 0.0, distance_mm]), np.zeros(3), np.array([0.0, 0.0, 1.0])
-    )
-    return monitor.update(
-        MarginObservation(
-            now=now,
-            stamp=now,
-            proximity=Proximity(distance_mm, nearest, now),
-            problems=frozenset(),
-            sigma_tre_mm=0.0,
-            unchanged_ns=0,
-        )
-    )
-
-
 def test_a_tool_that_trembles_at_the_warning_distance_is_told_once() -> None:
-    monitor = MarginMonitor(MARGINS)
+    runner = Runner()
     distances = 5.0 + 0.02 * np.sin(np.arange(1200) * 1.7)
-    stamps = [index * FRAME_NS for index in range(len(distances))]
     steps = [
-        step(at_distance(monitor, distance, ns), ns)
-        for distance, ns in zip(distances.tolist(), stamps, strict=True)
+        step(runner.step(distance, advance_ns=FRAME_NS), runner.now_ns)
+        for distance in distances.tolist()
     ]
     changes = sum(a.decision.reasons != b.decision.reasons for a, b in pairwise(steps))
     assert changes > 500  # of 19 s

@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError, CallTimeoutError
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, SENDING_ERRORS, Limit, ServerWait
+from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, SENDING_ERRORS, Limit, ServerWait, is_served
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
@@ -48,12 +48,7 @@ class ServiceClient:
     def is_there(self) -> bool:
         """Whether somebody serves it now."""
         with self._lock:
-            if self._closed or not self._ros.is_open:
-                return False
-            try:
-                return bool(self._client.service_is_ready())
-            except RuntimeError:  # the node was closed this very moment
-                return False
+            return not self._closed and is_served(self._ros, self._client.service_is_ready)
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""

@@ -51,6 +51,14 @@ def check_may_wait(ros: RosNode, what: str) -> None:
         raise CallError(f"{what}: the node is closed")
 
 
+def is_served(ros: RosNode, ready: Callable[[], bool]) -> bool:
+    """Whether ``ready()``, asked of rclpy; False on a node that is closed, or closes meanwhile."""
+    try:
+        return ros.is_open and bool(ready())
+    except RuntimeError:  # the node was closed this very moment
+        return False
+
+
 class ServerWait:
     """Waits until a server is ``ready()`` and has had the time to find us too.
 
