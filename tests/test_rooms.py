@@ -24,13 +24,35 @@ MAY_IMPORT = {
     "viewer": {"geometry", "registration", "robot", "case", "fixture", "session", "scene"},
 }
 EVERYTHING = set(MAY_IMPORT)
-WITHIN_FIXTURE = {
-    "surfaces": set(),
-    "meshes": {"surfaces"},
-    "distance": {"surfaces", "meshes"},
-    "law": set(),
+WITHIN = {
+    "case": {
+        "files": set(),
+        "frames": set(),
+        "tumor": {"files"},
+        "bag": {"frames"},
+        "mrml": {"files", "frames"},
+        "manifest": {"files", "tumor"},
+        "simulate": {"frames", "bag", "manifest"},
+    },
+    "fixture": {
+        "surfaces": set(),
+        "meshes": {"surfaces"},
+        "distance": {"surfaces", "meshes"},
+        "law": set(),
+    },
+    "registration": {
+        "trust": set(),
+        "points": {"trust"},
+        "robot_base": {"trust"},
+        "tool": {"trust"},
+    },
+    "robot": {
+        "kinematics": set(),
+        "meshes": set(),
+        "description": {"kinematics", "meshes"},
+    },
 }
-"""What the folders of the fixture may import of each other."""
+"""What the folders of a room may import of each other."""
 
 ONLY_IN = {
     "rclpy": {"bridge"},
@@ -90,13 +112,15 @@ def test_imports_follow_the_arrows(path):
             assert head in sys.stdlib_module_names | {"numpy", "scipy"}, f"geometry imports {name}"
 
 
-@pytest.mark.parametrize("folder", WITHIN_FIXTURE)
-def test_the_law_knows_no_search_and_no_surface_what_asks_it(folder):
-    files = sorted((APP / "fixture" / folder).glob("*.py"))
+@pytest.mark.parametrize(
+    ("room", "folder"), [(room, folder) for room, folders in WITHIN.items() for folder in folders]
+)
+def test_the_folders_of_a_room_follow_the_arrows(room, folder):
+    files = sorted((APP / room / folder).glob("*.py"))
     assert len(files) > 1
     named = {tuple(name.split(".")) for path in files for name in imports(path)}
-    others = {name[2] for name in named if name[:2] == ("app", "fixture")} & WITHIN_FIXTURE.keys()
-    assert others <= WITHIN_FIXTURE[folder] | {folder}
+    others = {name[2] for name in named if name[:2] == ("app", room)} & WITHIN[room].keys()
+    assert others <= WITHIN[room][folder] | {folder}
 
 
 def test_the_modules_of_slicer_do_not_go_through_the_command():

@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
 
 from app.bridge.errors import BridgeError
-from app.case.samples import JointSample
+from app.case.frames.samples import JointSample
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 
 MM_PER_M = 1000.0

@@ -4,19 +4,22 @@ from .bag.message_definition import message_definition
 from .bag.recorder import Recorder, write_recording
 from .case import Case, open_case
 from .convert import convert_case
-from .expected import (
-    Expected,
-    ExpectedBreach,
-    ExpectedBreaches,
-    ExpectedDropout,
-    ExpectedRegistration,
-    load_expected,
-    write_expected,
+from .files.landmarks import POINT_ENDINGS, read_landmarks
+from .files.meshes import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
+from .files.plus_config import PlusConfiguration, read_plus_config
+from .files.small import check_place, write_small
+from .files.transforms import (
+    TRANSFORM_ENDINGS,
+    check_transform_path,
+    read_transform,
+    write_transform,
 )
-from .frame_assembly import agreed_sample
+from .frames.assembly import agreed_sample
+from .frames.inventory import EdgeCount, RecordingInventory
+from .frames.player import Player
+from .frames.samples import JointSample, TrackingFrame
+from .frames.watchdog import with_watchdog
 from .igsio import read_igsio
-from .inventory import EdgeCount, RecordingInventory
-from .landmark_file import POINT_ENDINGS, read_landmarks
 from .live_file import (
     IgtlSourceEntry,
     LiveCase,
@@ -26,7 +29,8 @@ from .live_file import (
     open_live,
 )
 from .live_recording import RECORDING_FOLDER, begin_case
-from .manifest import (
+from .manifest.case_file import load_manifest
+from .manifest.entries import (
     TUMOR_MESH_FRAME,
     CaseManifest,
     ClockEntry,
@@ -42,28 +46,24 @@ from .manifest import (
     ToolEntry,
     TumorEntry,
 )
-from .manifest_file import load_manifest
-from .manifest_sections import check_topic
-from .mesh_file import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
+from .manifest.expected import (
+    Expected,
+    ExpectedBreach,
+    ExpectedBreaches,
+    ExpectedDropout,
+    ExpectedRegistration,
+    load_expected,
+    write_expected,
+)
+from .manifest.sections import check_topic
 from .mrml.files import MRML_ENDINGS
 from .mrml.recording import read_mrml
-from .player import Player
-from .plus_config import PlusConfiguration, read_plus_config
-from .samples import JointSample, TrackingFrame
-from .small_file import check_place, write_small
-from .transform_file import (
-    TRANSFORM_ENDINGS,
-    check_transform_path,
-    read_transform,
-    write_transform,
-)
 from .tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,
     tumor_from_contour,
     tumor_from_segmentation,
 )
-from .watchdog import with_watchdog
 
 __all__ = [
     "MESH_ENDINGS",

@@ -5,9 +5,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.case.bag.mcap import read_mcap
-from app.case.expected import Expected, load_expected
+from app.case.files.meshes import load_mesh
+from app.case.files.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
+from app.case.frames.read_ahead import read_ahead
+from app.case.frames.samples import TrackingFrame
+from app.case.frames.watchdog import with_watchdog
 from app.case.igsio import check_igsio_header, read_igsio
-from app.case.manifest import (
+from app.case.manifest.case_file import load_manifest
+from app.case.manifest.entries import (
     DEFAULT_BASE_FRAME,
     REFERENCE_FRAME,
     TUMOR_MESH_FRAME,
@@ -17,15 +22,10 @@ from app.case.manifest import (
     MeshEntry,
     SegmentationEntry,
 )
-from app.case.manifest_file import load_manifest
-from app.case.mesh_file import load_mesh
+from app.case.manifest.expected import Expected, load_expected
 from app.case.mrml.files import MRML_ENDINGS
 from app.case.mrml.recording import check_mrml, read_mrml
-from app.case.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
-from app.case.read_ahead import read_ahead
-from app.case.samples import TrackingFrame
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
-from app.case.watchdog import with_watchdog
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 _IGSIO_ENDINGS = (".igs.mha", ".igs.nrrd")

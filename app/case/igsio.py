@@ -14,7 +14,7 @@ from typing import IO
 
 import numpy as np
 
-from app.case.samples import TrackingFrame
+from app.case.frames.samples import TrackingFrame
 from app.geometry import (
     FrameError,
     InputError,

@@ -8,9 +8,9 @@ from types import MappingProxyType
 
 from app.case.bag.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.case import Case
-from app.case.document import Section
-from app.case.manifest import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
-from app.case.manifest_sections import (
+from app.case.files.document import Section
+from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
+from app.case.manifest.sections import (
     check_schema,
     read_clock,
     read_frame,

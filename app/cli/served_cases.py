@@ -94,7 +94,7 @@ class ServedCases:
     def _read(self, folder: str) -> _Opened:
         from app.bridge.calls.replay_server import CaseFacts
         from app.case import open_case
-        from app.case.paths import resolve_inside
+        from app.case.files.paths import resolve_inside
         from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
         if not folder:

@@ -1,6 +1,3 @@
-from .acceptance import AcceptanceLimits, judge
-from .drift import DriftBound, RegistrationDrift, check_drift
-from .dwells import Dwell, DwellSettings, detect_dwells
 from .errors import (
     CoincidentPointsError,
     CollinearPointsError,
@@ -19,24 +16,27 @@ from .errors import (
     TooFewError,
     UnequalCountsError,
 )
-from .landmarks import (
+from .points.dwells import Dwell, DwellSettings, detect_dwells
+from .points.landmarks import (
     LandmarkDetection,
     LandmarkMatch,
     detect_landmarks,
     match_landmarks,
 )
-from .pivot import PivotResult, calibrate_pivot
-from .points import register_points
+from .points.paired import register_points
+from .points.robust import register_points_robust
+from .points.surface import register_surface
 from .poses import PoseNoise, select_poses, usable_poses
-from .result import RegistrationResult, given_registration
-from .robot_world import RobotWorldResult, solve_robot_world
-from .robust_points import register_points_robust
-from .spin import SpinResult, calibrate_spin
-from .surface import register_surface
-from .time_offset import TimeOffset, estimate_time_offset
-from .timed_signal import TimedSignal
-from .tip_frame import tip_transform
-from .tre import (
+from .robot_base.robot_world import RobotWorldResult, solve_robot_world
+from .robot_base.time_offset import TimeOffset, estimate_time_offset
+from .robot_base.timed_signal import TimedSignal
+from .tool.pivot import PivotResult, calibrate_pivot
+from .tool.spin import SpinResult, calibrate_spin
+from .tool.tip_frame import tip_transform
+from .trust.acceptance import AcceptanceLimits, judge
+from .trust.drift import DriftBound, RegistrationDrift, check_drift
+from .trust.result import RegistrationResult, given_registration
+from .trust.tre import (
     predict_layout_tre,
     predict_tre,
     tre_at,

@@ -1,4 +1,6 @@
-from .ambf import bodies_from_mesh_map, load_adf, parse_mesh_map
+from .description.ambf import bodies_from_mesh_map, load_adf, parse_mesh_map
+from .description.loading import load_robot, robot_from_text, urdf_text
+from .description.xacro_file import parse_xacro_args
 from .errors import (
     AdfError,
     JointError,
@@ -7,12 +9,10 @@ from .errors import (
     UnreachableError,
     UrdfError,
 )
-from .inverse import IkOptions
-from .joint import Joint, JointType, Mimic
-from .loading import load_robot, robot_from_text, urdf_text
+from .kinematics.inverse import IkOptions
+from .kinematics.joint import Joint, JointType, Mimic
 from .robot import Robot
 from .shapes import Link, Rgba, Shape
-from .xacro_file import parse_xacro_args
 
 __all__ = [
     "AdfError",

@@ -7,11 +7,11 @@ import numpy as np
 
 from app.geometry import FrameError, Transform
 from app.robot.errors import JointError
-from app.robot.inverse import IkOptions, inverse_kinematics
-from app.robot.joint import Joint
-from app.robot.link_poses import LinkPoses
+from app.robot.kinematics.inverse import IkOptions, inverse_kinematics
+from app.robot.kinematics.joint import Joint
+from app.robot.kinematics.link_poses import LinkPoses
+from app.robot.kinematics.tree import KinematicTree
 from app.robot.shapes import Link
-from app.robot.tree import KinematicTree
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ def recording(_: int) -> Iterator[Figure]:
         return
     from lxml import etree
 
-    from tests.registration.test_landmarks import numbers, recorded_tips
+    from tests.registration.points.test_landmarks import numbers, recorded_tips
 
     samples, landmarks = recorded_tips(folder)
     expected = etree.parse(folder / "PhantomRegistrationLandmarkDetection.results.xml")

@@ -12,7 +12,7 @@ from benchmarks.registration.figures import Figure, rms
 
 
 def surfaces(trials: int) -> Iterator[Figure]:
-    from tests.registration.test_surface import BONE, mesh_of, touched
+    from tests.registration.points.test_surface import BONE, mesh_of, touched
 
     rng = np.random.default_rng(7)
     ours, peers, stated, times = [], [], [], [0.0, 0.0]

@@ -6,7 +6,7 @@ import numpy as np
 
 from app.geometry import FloatArray
 from app.registration import predict_layout_tre
-from app.registration.rigid_fit import PairNoise, fit_rigid
+from app.registration.points.rigid_fit import PairNoise, fit_rigid
 from benchmarks.registration.figures import Figure, rms
 from tests.registration.helpers import draw, random_covariances, random_layout
 

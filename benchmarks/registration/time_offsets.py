@@ -10,7 +10,7 @@ from benchmarks.registration.figures import Figure, rms
 
 
 def time_offsets(trials: int) -> Iterator[Figure]:
-    from tests.registration.test_time_offset import LAG_MS, streams
+    from tests.registration.robot_base.test_time_offset import LAG_MS, streams
 
     rng = np.random.default_rng(6)
     errors, peers, covered = [], [], 0

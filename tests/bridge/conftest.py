@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from app.bridge.publishing.replay_scene import ReplayScene
-from app.case.samples import JointSample, TrackingFrame
+from app.case.frames.samples import JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,
     Constraint,

@@ -14,7 +14,7 @@ from app.bridge import messages
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.qos import LATCHED, Topic
-from app.case.samples import JointSample
+from app.case.frames.samples import JointSample
 from app.geometry import Stamp, Transform
 
 LAST_NS = (2**31 - 1) * 10**9

@@ -8,7 +8,7 @@ import pytest
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.case import Player
-from app.case.samples import TrackingFrame
+from app.case.frames.samples import TrackingFrame
 from app.geometry import Stamp
 
 CALLER = Path(__file__).resolve().parent / "caller.py"

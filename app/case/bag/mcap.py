@@ -44,8 +44,8 @@ from app.case.bag.ros_messages import (
     UNFILTERED_TIME_TOPIC,
     ros_types,
 )
-from app.case.frame_assembly import FrameAssembler
-from app.case.samples import TrackingFrame
+from app.case.frames.assembly import FrameAssembler
+from app.case.frames.samples import TrackingFrame
 from app.geometry import InputError, MarginGuardError, Stamp
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.case.samples import JointSample
+from app.case.frames.samples import JointSample
 from app.geometry import (
     NS_PER_S,
     InputError,

@@ -27,7 +27,7 @@ from app.case.bag.ros_messages import (
     time_reference_message,
     tracked_transform_message,
 )
-from app.case.samples import JointSample, TrackingFrame
+from app.case.frames.samples import JointSample, TrackingFrame
 from app.geometry import InputError, TrackingStatus
 
 # What a crash while recording can cost: the chunk being filled, about a second at 50 Hz.

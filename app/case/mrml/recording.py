@@ -10,11 +10,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from app.case.frame_assembly import FrameAssembler
+from app.case.frames.assembly import FrameAssembler
+from app.case.frames.samples import TrackingFrame
 from app.case.igsio import Note, read_header, sixteen_numbers, tracked_sample
 from app.case.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
 from app.case.mrml.files import MRML_ENDINGS, MrmlFiles, inner_scene, open_mrml
-from app.case.samples import TrackingFrame
 from app.geometry import (
     FrameError,
     InputError,

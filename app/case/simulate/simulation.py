@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.case.samples import JointSample, TrackingFrame
+from app.case.frames.samples import JointSample, TrackingFrame
 from app.case.simulate.cautery import CAUTERY_TIP_FRAME, cautery_mesh
 from app.case.simulate.clearance import Clearance
 from app.case.simulate.motion import ArmKinematics, JointMotion

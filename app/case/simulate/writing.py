@@ -11,7 +11,9 @@ import yaml
 
 from app.case.bag.recorder import write_recording
 from app.case.bag.ros_messages import JOINT_STATES_TOPIC
-from app.case.expected import (
+from app.case.frames.samples import TrackingFrame
+from app.case.frames.watchdog import with_watchdog
+from app.case.manifest.expected import (
     Expected,
     ExpectedBreach,
     ExpectedBreaches,
@@ -19,7 +21,6 @@ from app.case.expected import (
     ExpectedRegistration,
     write_expected,
 )
-from app.case.samples import TrackingFrame
 from app.case.simulate.cautery import cautery_mesh
 from app.case.simulate.motion import ArmKinematics
 from app.case.simulate.simulation import (
@@ -35,7 +36,6 @@ from app.case.simulate.simulation import (
 from app.case.simulate.stl import write_stl
 from app.case.simulate.tracker import Jitter
 from app.case.simulate.truth import TrueBreach, find_breaches
-from app.case.watchdog import with_watchdog
 from app.geometry import NS_PER_MS, NS_PER_S, InputError, Transform
 
 TOUCH_URDF = "package://marginguard/robots/touch/touch.urdf"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from app.case.landmark_file import read_points
+from app.case.files.landmarks import read_points
 from app.case.tumor.segmentation import read_segment
 from app.geometry import MeshError, SurfaceMesh
 

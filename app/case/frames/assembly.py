@@ -1,0 +1,126 @@
+"""Samples in the order of arrival become frames in the order of acquisition."""
+
+from bisect import bisect_right, insort_right
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.case.frames.samples import JointSample, TrackingFrame
+from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus
+
+REORDER_NS = 500 * NS_PER_MS
+"""How late a sample may arrive and still find its place in the order of acquisition."""
+
+_MAX_PENDING_JOINTS = 100_000
+
+
+@dataclass(slots=True)
+class _Draft:
+    poses: dict[tuple[str, str], TrackedTransform] = field(default_factory=dict)
+    unfiltered: Stamp | None = None
+
+
+class FrameAssembler:
+    """Groups samples by acquisition stamp, through a buffer that is `REORDER_NS` long.
+
+    A sample older than that is taken for a clock that jumped back: what is buffered is given out
+    and the order starts anew, so that the jump stays visible. Joints go with the first frame that
+    is not older than they are; the last frame takes the rest. An edge that comes twice at one
+    stamp counts once when both say the same; otherwise nobody knows which is true: it is lost.
+    """
+
+    def __init__(self, note: Callable[[str], None]) -> None:
+        self._note = note
+        self._drafts: dict[int, _Draft] = {}
+        self._joints: list[JointSample] = []  # in the order of their stamps
+        self._joints_dropped = False
+        self._contradiction_said = False
+        self._newest_ns: int | None = None
+
+    def add_pose(self, sample: TrackedTransform) -> Iterable[TrackingFrame]:
+        """Take a sample; give the frames that are complete now."""
+        ns = sample.stamp.ns
+        draft = self._drafts.get(ns)
+        finished = []
+        if draft is None:
+            finished = self._begin(ns)
+            draft = self._drafts[ns] = _Draft()
+        edge = (sample.target, sample.source)
+        draft.poses[edge] = self._agreed(draft.poses.get(edge), sample)
+        return finished
+
+    def _begin(self, ns: int) -> list[TrackingFrame]:
+        """The frames that are complete when there is a sample of ``ns``."""
+        newest = ns if self._newest_ns is None else max(ns, self._newest_ns)
+        if ns < newest - REORDER_NS:
+            finished = list(self.flush())
+            newest = ns
+        else:
+            before = newest - REORDER_NS
+            old = [stamp for stamp in self._drafts if stamp < before]
+            finished = [self._finished(stamp) for stamp in sorted(old)]
+        self._newest_ns = newest
+        return finished
+
+    def _agreed(self, known: TrackedTransform | None, sample: TrackedTransform) -> TrackedTransform:
+        if known is None:
+            return sample
+        agreed = agreed_sample(known, sample)
+        contradicts = known.transform is not None and sample.transform is not None
+        if contradicts and agreed is not known and not self._contradiction_said:
+            self._note(
+                f"{sample.target} -> {sample.source} comes with two poses at {sample.stamp.ns} ns: "
+                "such samples are INVALID"
+            )
+            self._contradiction_said = True
+        return agreed
+
+    def add_unfiltered(self, stamp: Stamp, unfiltered: Stamp) -> None:
+        """Take the second clock's reading; it goes with the samples acquired at ``stamp``."""
+        draft = self._drafts.get(stamp.ns)
+        if draft is not None:
+            draft.unfiltered = unfiltered
+
+    def add_joints(self, sample: JointSample) -> None:
+        """Take a joint sample, its stamp on the tracker's clock."""
+        if self._joints and sample.stamp.ns < self._joints[-1].stamp.ns:
+            insort_right(self._joints, sample, key=_ns)
+        else:
+            self._joints.append(sample)
+        if len(self._joints) > _MAX_PENDING_JOINTS:
+            del self._joints[: _MAX_PENDING_JOINTS // 2]
+            if not self._joints_dropped:
+                self._note(
+                    "joint states run far ahead of the tracker, the oldest are skipped: "
+                    "clock.offset_robot_to_tracker_ms may be wrong"
+                )
+            self._joints_dropped = True
+
+    def flush(self) -> Iterator[TrackingFrame]:
+        """Yield all that is buffered, at the end or where the order breaks."""
+        stamps = sorted(self._drafts)
+        for stamp in stamps:
+            yield self._finished(stamp, last=stamp == stamps[-1])
+
+    def _finished(self, ns: int, *, last: bool = False) -> TrackingFrame:
+        draft = self._drafts.pop(ns)
+        mine = len(self._joints) if last else bisect_right(self._joints, ns, key=_ns)
+        joints = tuple(self._joints[:mine])
+        del self._joints[:mine]
+        return TrackingFrame(Stamp(ns), tuple(draft.poses.values()), joints, draft.unfiltered)
+
+
+def agreed_sample(known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:
+    """What two samples of one edge at one stamp say together: ``known``, a lost one, or INVALID."""
+    if known.transform is None:
+        return known
+    if sample.transform is None:
+        return sample
+    if np.array_equal(known.transform.matrix, sample.transform.matrix):
+        return known
+    return TrackedTransform.lost(sample.target, sample.source, sample.stamp, TrackingStatus.INVALID)
+
+
+def _ns(sample: JointSample) -> int:
+    return sample.stamp.ns

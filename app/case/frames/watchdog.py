@@ -1,0 +1,42 @@
+"""Silence made visible: a frame without poses wherever the source said nothing for too long."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from app.case.frames.samples import JointSample, TrackingFrame
+
+
+def with_watchdog(frames: Iterator[TrackingFrame], stale_after_ns: int) -> Iterator[TrackingFrame]:
+    """Yield ``frames``, and one frame without poses in each gap longer than ``stale_after_ns``.
+
+    A replay steps from frame to frame, so without it time would stand still in a gap and the last
+    margin would stay on show. The watchdog frame is stamped one nanosecond after the last frame
+    became stale and takes the joints that were read up to then. The same holds at the end, when
+    the joints go on after the tracker fell silent.
+    """
+    last_ns: int | None = None
+    for frame in frames:
+        if last_ns is not None and frame.stamp.ns - last_ns > stale_after_ns:
+            early, late = _split(frame.joints, last_ns + stale_after_ns + 1)
+            yield _watchdog(frame, last_ns + stale_after_ns + 1, early)
+            frame = replace(frame, joints=late)
+        last_ns = frame.stamp.ns
+        before, after = _split(frame.joints, last_ns + stale_after_ns)
+        yield replace(frame, joints=before) if after else frame
+        if after:
+            yield _watchdog(frame, last_ns + stale_after_ns + 1, after)
+
+
+def _watchdog(
+    frame: TrackingFrame, stamp_ns: int, joints: tuple[JointSample, ...]
+) -> TrackingFrame:
+    return TrackingFrame(replace(frame.stamp, ns=stamp_ns), (), joints)
+
+
+def _split(
+    joints: tuple[JointSample, ...], until_ns: int
+) -> tuple[tuple[JointSample, ...], tuple[JointSample, ...]]:
+    late = [sample for sample in joints if sample.stamp.ns > until_ns]
+    if not late:
+        return joints, ()
+    return tuple(sample for sample in joints if sample.stamp.ns <= until_ns), tuple(late)

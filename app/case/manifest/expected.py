@@ -1,0 +1,171 @@
+"""What a correct replay of a case must show, with tolerances: ``expected.yaml``.
+
+Every block is optional; what is not stated is not checked. Times are in seconds from the first
+frame of the recording.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from app.case.files.document import Section
+from app.case.files.small import write_small
+from app.geometry import InputError, Transform
+
+DropoutKind = Literal["invalid", "missing"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedRegistration:
+    """The true pose of the robot's base in the reference frame."""
+
+    reference_from_base: Transform
+    tolerance_mm: float
+    tolerance_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedBreach:
+    """The tool is in the tumour from ``start_s`` to ``end_s``.
+
+    ``shaft_only``: another part of the tool is inside, its tip is not.
+    """
+
+    start_s: float
+    end_s: float
+    min_signed_distance_mm: float
+    shaft_only: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedBreaches:
+    """Every breach of the recording, in order; one that is found beside them is false."""
+
+    tolerance_ms: float
+    depth_tolerance_mm: float
+    intervals: tuple[ExpectedBreach, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedDropout:
+    """``frame`` is not to be navigated by from ``start_s`` to ``end_s``."""
+
+    frame: str
+    kind: DropoutKind
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """The checks of a case; None and the empty tuple stand for "not stated"."""
+
+    registration: ExpectedRegistration | None = None
+    breaches: ExpectedBreaches | None = None
+    dropouts: tuple[ExpectedDropout, ...] = ()
+    frames: int | None = None
+
+
+def load_expected(path: Path, *, reference: str, robot_base: str) -> Expected:
+    """Read ``expected.yaml``; ``reference`` and ``robot_base`` name the registration's frames."""
+    document = Section.load(path, ("registration", "breaches", "dropouts", "frames"))
+    return Expected(
+        registration=_registration(document, reference, robot_base),
+        breaches=_breaches(document),
+        dropouts=_dropouts(document),
+        frames=document.integer("frames", minimum=0) if document.has("frames") else None,
+    )
+
+
+def write_expected(path: Path, expected: Expected) -> None:
+    """Write ``expected`` so that `load_expected` reads the same values; whole or not at all."""
+    document: dict[str, Any] = {}
+    if expected.registration is not None:
+        pose = expected.registration.reference_from_base
+        document["registration"] = {
+            "reference_from_base": pose.matrix.ravel().tolist(),
+            "tolerance_mm": expected.registration.tolerance_mm,
+            "tolerance_deg": expected.registration.tolerance_deg,
+        }
+    if expected.breaches is not None:
+        document["breaches"] = {
+            "tolerance_ms": expected.breaches.tolerance_ms,
+            "depth_tolerance_mm": expected.breaches.depth_tolerance_mm,
+            "intervals": [
+                {
+                    "start_s": breach.start_s,
+                    "end_s": breach.end_s,
+                    "min_signed_distance_mm": breach.min_signed_distance_mm,
+                    "shaft_only": breach.shaft_only,
+                }
+                for breach in expected.breaches.intervals
+            ],
+        }
+    if expected.dropouts:
+        document["dropouts"] = [
+            {"frame": d.frame, "kind": d.kind, "start_s": d.start_s, "end_s": d.end_s}
+            for d in expected.dropouts
+        ]
+    if expected.frames is not None:
+        document["frames"] = expected.frames
+    write_small(path, yaml.safe_dump(document, sort_keys=False).encode())
+
+
+def _registration(
+    document: Section, reference: str, robot_base: str
+) -> ExpectedRegistration | None:
+    if not document.has("registration"):
+        return None
+    block = document.section(
+        "registration", ("reference_from_base", "tolerance_mm", "tolerance_deg")
+    )
+    return ExpectedRegistration(
+        Transform.from_matrix(
+            block.numbers("reference_from_base", 16), target=reference, source=robot_base
+        ),
+        block.number("tolerance_mm", minimum=0.0),
+        block.number("tolerance_deg", minimum=0.0),
+    )
+
+
+def _breaches(document: Section) -> ExpectedBreaches | None:
+    if not document.has("breaches"):
+        return None
+    block = document.section("breaches", ("tolerance_ms", "depth_tolerance_mm", "intervals"))
+    keys = ("start_s", "end_s", "min_signed_distance_mm", "shaft_only")
+    intervals = tuple(
+        ExpectedBreach(
+            *_span(entry),
+            entry.number("min_signed_distance_mm"),
+            entry.boolean("shaft_only") if entry.has("shaft_only") else False,
+        )
+        for entry in block.sections("intervals", keys)
+    )
+    return ExpectedBreaches(
+        block.number("tolerance_ms", minimum=0.0),
+        block.number("depth_tolerance_mm", minimum=0.0),
+        intervals,
+    )
+
+
+def _dropouts(document: Section) -> tuple[ExpectedDropout, ...]:
+    if not document.has("dropouts"):
+        return ()
+    dropouts = []
+    for entry in document.sections("dropouts", ("frame", "kind", "start_s", "end_s")):
+        kind: DropoutKind = (
+            "invalid" if entry.choice("kind", ("invalid", "missing")) == "invalid" else "missing"
+        )
+        dropouts.append(ExpectedDropout(entry.text("frame"), kind, *_span(entry)))
+    return tuple(dropouts)
+
+
+def _span(entry: Section) -> tuple[float, float]:
+    start_s, end_s = entry.number("start_s"), entry.number("end_s")
+    if end_s < start_s:
+        raise InputError(
+            f"{entry.place('end_s')} is {end_s:g}: at least start_s ({start_s:g}) wanted"
+        )
+    return start_s, end_s

@@ -1,0 +1,290 @@
+"""The parts that ``case.yaml`` and ``live.yaml`` have in common, each read and checked.
+
+Distances are in mm, matrices row by row, times as their keys say.
+"""
+
+import math
+import re
+from dataclasses import replace
+
+from app.case.files.document import Section
+from app.case.files.meshes import UNITS_MM
+from app.case.manifest.entries import (
+    DEFAULT_BASE_FRAME,
+    REFERENCE_FRAME,
+    TUMOR_MESH_FRAME,
+    ClockEntry,
+    ContourEntry,
+    Dwell,
+    MarginEntry,
+    MeshEntry,
+    Provenance,
+    RegistrationEntry,
+    RobotEntry,
+    SegmentationEntry,
+    ToolEntry,
+    TumorEntry,
+)
+from app.case.tumor import SEGMENTATION_ENDING
+from app.geometry import (
+    NS_PER_MS,
+    FrameError,
+    InputError,
+    MarginGuardError,
+    Transform,
+    check_frame,
+)
+
+_TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+
+MIN_DRIFT = 0.1
+"""Least drift bound, in mm and in degrees: below it the noise of any tracker would be drift."""
+
+
+def check_schema(document: Section) -> None:
+    """`InputError` unless the document is of the one schema that there is."""
+    schema = document.integer("schema", minimum=1)
+    if schema != 1:
+        raise InputError(f"{document.place('schema')} is {schema}: 1 wanted")
+
+
+def read_provenance(document: Section) -> Provenance:
+    """``provenance``: where the data come from."""
+    block = document.section("provenance", ("kind", "source", "licence"))
+    kind = block.choice("kind", ("simulated", "recorded"))
+    return Provenance(
+        "simulated" if kind == "simulated" else "recorded",
+        block.text("source"),
+        block.text("licence"),
+    )
+
+
+def read_clock(document: Section) -> ClockEntry:
+    """``clock``; without one the joints are on the tracker's clock."""
+    if not document.has("clock"):
+        return ClockEntry(0, estimate=False)
+    block = document.section("clock", ("offset_robot_to_tracker_ms", "estimate"))
+    estimate = block.boolean("estimate") if block.has("estimate") else False
+    if estimate and block.has("offset_robot_to_tracker_ms"):
+        raise InputError(f"{block.place('estimate')} and an offset are given: one of them wanted")
+    if estimate:
+        return ClockEntry(0, estimate=True)
+    return ClockEntry(_ns(block, "offset_robot_to_tracker_ms", signed=True), estimate=False)
+
+
+def read_tool(document: Section) -> ToolEntry:
+    """``tool``."""
+    block = document.section("tool", ("frame", "mesh", "tip_from"))
+    frame = read_frame(block, "frame")
+    return ToolEntry(
+        frame,
+        _mesh(block) if block.has("mesh") else None,
+        _pose(block, "tip_from", target=frame, source=f"{frame}_tip"),
+    )
+
+
+def read_tumor(document: Section, tool: ToolEntry) -> TumorEntry:
+    """``tumor``; one that moves with ``tool`` is refused."""
+    block = document.section("tumor", ("frame", "mesh", "contour", "pose"))
+    frame = read_frame(block, "frame")
+    if tool.frame == frame:
+        raise InputError(
+            f"{block.place('frame')} is {frame!r}, as is the tool's: "
+            "a tumour that moves with the tool is no target"
+        )
+    return TumorEntry(
+        frame, _shape(block), _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME)
+    )
+
+
+def _shape(tumor: Section) -> MeshEntry | SegmentationEntry | ContourEntry:
+    if tumor.has("contour"):
+        if tumor.has("mesh"):
+            raise InputError(f"{tumor.place('mesh')} and a contour are given: one of them wanted")
+        return ContourEntry(tumor.section("contour", ("path",)).text("path"))
+    mesh = tumor.section("mesh", ("path", "units", "repair", "segment"))
+    path = mesh.text("path")
+    if not path.lower().endswith(SEGMENTATION_ENDING):
+        if mesh.has("segment"):
+            raise InputError(f"{mesh.place('segment')} is given: {path} is no segmentation")
+        return MeshEntry(
+            path,
+            mesh.choice("units", tuple(UNITS_MM)),
+            repair=mesh.has("repair") and mesh.boolean("repair"),
+        )
+    if mesh.has("repair"):
+        raise InputError(f"{mesh.place('repair')} is given: a mesh file alone is repaired")
+    if mesh.has("units"):
+        raise InputError(f"{mesh.place('units')} is given: a segmentation is in mm")
+    return SegmentationEntry(path, mesh.text("segment") if mesh.has("segment") else None)
+
+
+def read_robot(document: Section) -> RobotEntry | None:
+    """``robot``, None where the tool is held by hand."""
+    if not document.has("robot"):
+        return None
+    block = document.section("robot", ("urdf", "base_frame", "tool_link", "joint_states"))
+    joint_states = read_topic(block, "joint_states") if block.has("joint_states") else None
+    return RobotEntry(
+        block.text("urdf"), read_frame(block, "base_frame"), block.text("tool_link"), joint_states
+    )
+
+
+def read_topic(block: Section, key: str) -> str:
+    """The full name of a ROS topic."""
+    return check_topic(block.text(key), block.place(key))
+
+
+def check_topic(topic: str, where: str) -> str:
+    """``topic``, given at ``where``; `InputError` unless it is the full name of a ROS topic."""
+    if not _TOPIC.fullmatch(topic):
+        raise InputError(
+            f"{where} is {topic!r}: a topic from '/' on wanted, of letters, digits and underscores"
+        )
+    return topic
+
+
+def read_registration(document: Section, robot: RobotEntry | None) -> RegistrationEntry | None:
+    """``registration``; a robot needs one."""
+    if not document.has("registration"):
+        if robot is not None:
+            raise InputError(f"{document.place('registration')} is missing: a robot needs one")
+        return None
+    drift = ("max_drift_mm", "max_drift_deg")
+    block = document.section(
+        "registration", ("method", "matrix", "fixed_mm", "moving_mm", "dwells", *drift)
+    )
+    entry = _registration_method(block, robot)
+    if block.has("max_drift_mm"):
+        entry = replace(entry, max_drift_mm=block.number("max_drift_mm", minimum=MIN_DRIFT))
+    if block.has("max_drift_deg"):
+        bound_deg = block.number("max_drift_deg", minimum=MIN_DRIFT)
+        entry = replace(entry, max_drift_rad=math.radians(bound_deg))
+    return entry
+
+
+def _registration_method(block: Section, robot: RobotEntry | None) -> RegistrationEntry:
+    method = block.choice("method", ("given", "paired_points", "robot_world"))
+    if method == "given":
+        _allow_only(block, method, ("matrix",))
+        base = robot.base_frame if robot else DEFAULT_BASE_FRAME
+        pose = _matrix(block, target=REFERENCE_FRAME, source=base)
+        return RegistrationEntry("given", reference_from_base=pose)
+    if method == "robot_world":
+        _allow_only(block, method, ("dwells",))
+        return RegistrationEntry("robot_world", dwells=_dwells(block))
+    if block.has("dwells"):
+        _allow_only(block, "paired_points by dwells", ("dwells",))
+        return RegistrationEntry("paired_points", dwells=_dwells(block))
+    _allow_only(block, method, ("fixed_mm", "moving_mm"))
+    fixed, moving = block.points("fixed_mm"), block.points("moving_mm")
+    if not fixed:
+        raise InputError(f"{block.place('fixed_mm')} is empty: points wanted")
+    if len(fixed) != len(moving):
+        raise InputError(
+            f"{block.place('moving_mm')} has {len(moving)} points: "
+            f"as many as fixed_mm ({len(fixed)}) wanted"
+        )
+    return RegistrationEntry("paired_points", fixed_mm=fixed, moving_mm=moving)
+
+
+def _dwells(block: Section) -> tuple[Dwell, ...]:
+    dwells = []
+    for entry in block.sections("dwells", ("start_s", "end_s")):
+        dwell = Dwell(entry.number("start_s", minimum=0.0), entry.number("end_s"))
+        if dwell.end_s <= dwell.start_s:
+            raise InputError(
+                f"{entry.place('end_s')} is {dwell.end_s:g}: "
+                f"later than start_s ({dwell.start_s:g}) wanted"
+            )
+        dwells.append(dwell)
+    if not dwells:
+        raise InputError(f"{block.place('dwells')} is empty: times of dwelling wanted")
+    return tuple(dwells)
+
+
+def read_margins(document: Section) -> MarginEntry:
+    """``margins``."""
+    block = document.section(
+        "margins",
+        (
+            "stop_mm",
+            "warn_mm",
+            "k_tre",
+            "v_max_mm_s",
+            "stale_after_ms",
+            "release_samples",
+            "release_band_mm",
+            "frozen_after_ms",
+        ),
+    )
+    stop_mm, warn_mm = (block.number(key, minimum=0.0) for key in ("stop_mm", "warn_mm"))
+    if warn_mm <= stop_mm:
+        raise InputError(
+            f"{block.place('warn_mm')} is {warn_mm:g}: more than stop_mm ({stop_mm:g}) wanted"
+        )
+    entry = MarginEntry(
+        stop_mm,
+        warn_mm,
+        block.number("k_tre", minimum=0.0),
+        block.number("v_max_mm_s", minimum=0.0),
+        _ns(block, "stale_after_ms"),
+    )
+    return MarginEntry(
+        entry.stop_mm,
+        entry.warn_mm,
+        entry.k_tre,
+        entry.v_max_mm_s,
+        entry.stale_after_ns,
+        block.integer("release_samples", minimum=1)
+        if block.has("release_samples")
+        else entry.release_samples,
+        block.number("release_band_mm", minimum=0.0)
+        if block.has("release_band_mm")
+        else entry.release_band_mm,
+        _ns(block, "frozen_after_ms") if block.has("frozen_after_ms") else entry.frozen_after_ns,
+    )
+
+
+def _mesh(block: Section) -> MeshEntry:
+    mesh = block.section("mesh", ("path", "units"))
+    return MeshEntry(mesh.text("path"), mesh.choice("units", tuple(UNITS_MM)))
+
+
+def _pose(block: Section, key: str, *, target: str, source: str) -> Transform:
+    return _matrix(block.section(key, ("matrix",)), target=target, source=source)
+
+
+def _matrix(block: Section, *, target: str, source: str) -> Transform:
+    numbers = block.numbers("matrix", 16)
+    try:
+        return Transform.from_matrix(numbers, target=target, source=source)
+    except MarginGuardError as error:
+        raise InputError(f"{block.place('matrix')}: {error}") from error
+
+
+def read_frame(block: Section, key: str) -> str:
+    """The name of a frame."""
+    name = block.text(key)
+    try:
+        return check_frame(name)
+    except FrameError as error:
+        raise InputError(f"{block.place(key)}: {error}") from error
+
+
+def _ns(block: Section, key: str, *, signed: bool = False) -> int:
+    """Milliseconds to nanoseconds; positive unless ``signed``, and within a year."""
+    milliseconds = block.number(key)
+    year_ms = 365 * 86_400_000
+    if abs(milliseconds) > year_ms or (milliseconds <= 0.0 and not signed):
+        lowest = f"{-year_ms}" if signed else "more than 0"
+        raise InputError(f"{block.place(key)} is {milliseconds:g}: {lowest} to {year_ms} ms wanted")
+    return round(milliseconds * NS_PER_MS)
+
+
+def _allow_only(block: Section, method: str, allowed: tuple[str, ...]) -> None:
+    for key in ("matrix", "fixed_mm", "moving_mm", "dwells"):
+        if block.has(key) and key not in allowed:
+            raise InputError(
+                f"{block.place(key)} does not belong to {method}: {', '.join(allowed)} wanted"
+            )

@@ -1,0 +1,1 @@
+"""How far a registration may be trusted: its result, its errors, its acceptance, its drift."""

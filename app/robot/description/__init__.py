@@ -1,0 +1,1 @@
+"""From a description, URDF, xacro or AMBF, to a robot."""

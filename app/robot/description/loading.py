@@ -1,0 +1,246 @@
+"""From a description to a `Robot`: links with their surfaces in mm, joints with their origins."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
+from app.robot.description.packages import MeshLocator
+from app.robot.description.urdf import MAX_URDF_BYTES, parse_urdf, read_urdf
+from app.robot.errors import RobotMeshError, UrdfError
+from app.robot.kinematics.joint import MM_PER_M, Joint, JointType, Mimic
+from app.robot.meshes import primitives
+from app.robot.meshes.mesh_file import FileMesh, read_mesh_file
+from app.robot.robot import Robot
+from app.robot.shapes import Link, Rgba, Shape
+from app.robot.xml_guard import read_xml
+
+ADF_SUFFIXES = (".yaml", ".yml", ".adf")
+MAX_TEXT_BYTES = 8 * 1024 * 1024
+"""Of a description from the network; the longest of real robots have a few hundred kB."""
+
+
+def load_robot(
+    path: str | Path,
+    *,
+    package_dirs: Sequence[str | Path] = (),
+    xacro_args: Mapping[str, str] | None = None,
+) -> Robot:
+    """Load a robot file: URDF, ``.xacro`` (see `xacro_file`) or AMBF's ADF (``.yaml``).
+
+    Every visual and every collision of every link is read. ``package_dirs`` says where
+    ``package://`` names lead (see `packages`; other places are tried too). A mesh that is
+    missing or broken raises `RobotMeshError` where it is for collision, and is left out with a
+    sentence in `Robot.warnings` where it is for display. A name that leaves its package or needs a
+    network is refused in both. Raises `UrdfError` or `AdfError` for a description that is unsafe,
+    malformed or not one tree of links, and for ``xacro_args`` to a file that is not xacro.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if xacro_args and suffix != ".xacro":
+        raise UrdfError(f"{path} takes no xacro arguments ({', '.join(xacro_args)}): not a .xacro")
+    if suffix in ADF_SUFFIXES:
+        from app.robot.description.ambf import load_adf
+
+        return load_adf(path, package_dirs=package_dirs)
+    locator = MeshLocator(path, package_dirs)
+    if suffix == ".xacro":
+        from app.robot.description.xacro_file import expand_xacro
+
+        data = expand_xacro(path, xacro_args or {}, locator.package_folder)
+        return _robot(parse_urdf(data, path), locator, path)
+    return _robot(read_urdf(path), locator, path)
+
+
+def urdf_text(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> str | None:
+    """The URDF of a robot file for others to read: as it stands, expanded, or None for an ADF."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in ADF_SUFFIXES:
+        return None
+    if suffix == ".xacro":
+        from app.robot.description.xacro_file import expand_xacro
+
+        return expand_xacro(path, {}, MeshLocator(path, package_dirs).package_folder).decode()
+    return read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES).decode()
+
+
+def robot_from_text(
+    text: str,
+    *,
+    name: str = "robot_description",
+    package_dirs: Sequence[str | Path] = (),
+    allowed_dirs: Sequence[str | Path] = (),
+) -> Robot:
+    """A robot from the text of a URDF that a stranger may have sent; ``name`` is for messages.
+
+    As `load_robot`, but nothing is read outside the folders of ``package_dirs``, ``allowed_dirs``,
+    installed ROS packages and the project's data (`RobotMeshError`), the text has at most
+    `MAX_TEXT_BYTES`, and it is never expanded by xacro.
+    """
+    if len(text) > MAX_TEXT_BYTES:  # before its bytes are copied
+        raise UrdfError(f"{name} has {len(text)} characters: {MAX_TEXT_BYTES} bytes are allowed")
+    try:
+        data = text.encode()
+    except UnicodeEncodeError as problem:
+        raise UrdfError(f"{name} is no text: {problem.reason}") from problem
+    model = parse_urdf(data, name, max_bytes=MAX_TEXT_BYTES)
+    return _robot(model, MeshLocator(None, package_dirs, allowed_dirs=allowed_dirs), name)
+
+
+def _robot(model: Any, locator: MeshLocator, name: Path | str) -> Robot:
+    try:
+        return _assembled(model, locator)
+    except (UrdfError, TransformError, FrameError) as problem:
+        raise UrdfError(f"{name}: {problem}") from problem
+
+
+def _assembled(model: Any, locator: MeshLocator) -> Robot:
+    shapes = _ShapeReader(locator, _named_colors(model))
+    names = {joint.name for joint in model.joints}
+    for joint in model.joints:
+        if joint.mimic is not None and joint.mimic.joint not in names:
+            shapes.warnings.append(
+                f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is no joint: it takes a "
+                "position of its own"
+            )
+            joint.mimic = None
+    joints = tuple(_joint(each) for each in model.joints)
+    links = tuple(
+        Link(
+            link.name,
+            tuple(shape for each in link.visuals if (shape := shapes.visual(link.name, each))),
+            tuple(shapes.collision(link.name, each) for each in link.collisions),
+        )
+        for link in model.links
+    )
+    return Robot(model.name, links, joints, tuple(shapes.warnings))
+
+
+class _ShapeReader:
+    """Visuals and collisions to shapes; each file is read once, however often it is named."""
+
+    def __init__(self, locator: MeshLocator, named_colors: Mapping[str, Rgba]) -> None:
+        self.warnings: list[str] = []
+        self._locator = locator
+        self._named_colors = named_colors
+        self._files: dict[Path, FileMesh] = {}
+
+    def visual(self, link: str, visual: Any) -> Shape | None:
+        mesh = visual.geometry.mesh
+        if mesh is not None and self._locator.find(mesh.filename) is None:
+            self.warnings.append(f"display {_missing(mesh.filename, link)}")
+            return None
+        try:
+            shape = self._shape(link, visual)
+        except (RobotMeshError, MeshError) as problem:
+            self.warnings.append(f"display of link {link!r} left out: {problem}")
+            return None
+        color = self._material_color(visual.material)
+        return shape if color is None else Shape(shape.mesh, color, shape.source)
+
+    def collision(self, link: str, collision: Any) -> Shape:
+        mesh = collision.geometry.mesh
+        if mesh is not None and self._locator.find(mesh.filename) is None:
+            raise RobotMeshError(f"collision {_missing(mesh.filename, link)}")
+        return self._shape(link, collision)
+
+    def _shape(self, link: str, element: Any) -> Shape:
+        vertices, faces, colors, source = self._surface(element.geometry)
+        origin = _transform(element.origin, link, link)
+        mesh = SurfaceMesh(link, origin.apply(vertices * MM_PER_M), faces)
+        return Shape.of(mesh, colors, source)
+
+    def _surface(self, geometry: Any) -> tuple[FloatArray, Any, FloatArray | None, str]:
+        """Vertices in m, scale applied, with faces, colours and the name of where they are from."""
+        if geometry.box is not None:
+            return *primitives.box(geometry.box.size), None, "box"
+        if geometry.cylinder is not None:
+            shape = geometry.cylinder
+            return *primitives.cylinder(shape.radius, shape.length), None, "cylinder"
+        if geometry.sphere is not None:
+            return *primitives.sphere(geometry.sphere.radius), None, "sphere"
+        name = geometry.mesh.filename
+        path = self._locator.find(name)
+        if path is None:
+            raise RobotMeshError(f"mesh {name!r} not found")
+        if path not in self._files:
+            self._files[path] = read_mesh_file(path)
+        file, scale = self._files[path], _scale(geometry.mesh.scale, name)
+        # A scale that mirrors turns the surface inside out; so does swapping two corners.
+        faces = file.faces[:, ::-1] if scale.prod() < 0.0 else file.faces
+        return file.vertices * scale, faces, file.face_colors, name
+
+    def _material_color(self, material: Any) -> Rgba | None:
+        if material is None:
+            return None
+        return _rgba(material) or self._named_colors.get(material.name)
+
+
+def _missing(filename: str, link: str) -> str:
+    return (
+        f"mesh {filename!r} of link {link!r} not found: name its package's folder in package_dirs, "
+        "or put the file there"
+    )
+
+
+def _named_colors(model: Any) -> dict[str, Rgba]:
+    """Materials by name: those of the robot first, then those that a visual defines in passing."""
+    materials = [
+        *model.materials,
+        *(visual.material for link in model.links for visual in link.visuals if visual.material),
+    ]
+    colors: dict[str, Rgba] = {}
+    for material in materials:
+        rgba = _rgba(material)
+        if rgba is not None and material.name:
+            colors.setdefault(material.name, rgba)
+    return colors
+
+
+def _rgba(material: Any) -> Rgba | None:
+    if material.color is None:
+        return None
+    values = np.asarray(material.color.rgba, dtype=np.float64)
+    if values.shape != (4,) or not ((values >= 0.0) & (values <= 1.0)).all():
+        raise UrdfError(
+            f"color of material {material.name!r} is {values.tolist()}: "
+            "red, green, blue and alpha from 0 to 1 wanted"
+        )
+    red, green, blue, alpha = values.tolist()
+    return red, green, blue, alpha
+
+
+def _scale(scale: Any, name: str) -> FloatArray:
+    values = np.ones(3) if scale is None else np.array(scale, dtype=np.float64)
+    if values.shape == ():
+        values = np.full(3, values)
+    if values.shape != (3,) or not np.isfinite(values).all() or (values == 0.0).any():
+        raise RobotMeshError(
+            f"scale of mesh {name!r} is {values.tolist()}: 3 finite numbers other than 0 wanted"
+        )
+    return values
+
+
+def _transform(origin: Any, target: str, source: str) -> Transform:
+    """A URDF origin (m) as a transform in mm; None is the identity."""
+    if origin is None:
+        return Transform.identity(target, source)
+    matrix = np.array(origin, dtype=np.float64)
+    matrix[:3, 3] *= MM_PER_M
+    return Transform.from_matrix(matrix, target=target, source=source)
+
+
+def _joint(joint: Any) -> Joint:
+    kind = JointType(joint.type)
+    lower, upper = -math.inf, math.inf
+    if kind in (JointType.REVOLUTE, JointType.PRISMATIC):  # read_urdf has seen to the limit
+        lower, upper = joint.limit.lower or 0.0, joint.limit.upper or 0.0
+    mimic = None
+    if joint.mimic is not None and kind is not JointType.FIXED:
+        mimic = Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+    origin = _transform(joint.origin, joint.parent, joint.child)
+    return Joint(joint.name, kind, origin, joint.axis, lower, upper, mimic)

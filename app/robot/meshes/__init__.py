@@ -1,0 +1,1 @@
+"""Surfaces of links: mesh files and primitive shapes."""

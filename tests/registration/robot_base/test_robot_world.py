@@ -1,0 +1,289 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from app.geometry import FrameError, Transform
+from app.registration import (
+    AcceptanceLimits,
+    DegenerateMotionError,
+    NoConsensusError,
+    PoseNoise,
+    TooFewError,
+    UnequalCountsError,
+    predict_tre,
+    solve_robot_world,
+)
+from app.registration.motion import difference
+from app.registration.poses import PoseStack
+from app.registration.robot_base.robot_world_fit import closed_form
+from tests.registration.helpers import disturbed, random_transform, robot_world_scene
+
+EM_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
+
+
+def opencv(robot: list[Transform], sensor: list[Transform], method: int) -> Transform:
+    """The peer's ``reference_from_base``: it wants cam_from_world and gripper_from_base."""
+    world, gripper = [p.inverse() for p in sensor], [p.inverse() for p in robot]
+    rotation, translation, _, _ = cv2.calibrateRobotWorldHandEye(
+        [p.rotation for p in world],
+        [p.translation_mm for p in world],
+        [p.rotation for p in gripper],
+        [p.translation_mm for p in gripper],
+        method=method,
+    )
+    return Transform("reference", "base", rotation, translation.ravel())
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(4, 20), known=st.booleans())
+def test_noise_free_poses_give_the_truth(seed: int, count: int, known: bool) -> None:
+    rng = np.random.default_rng(seed)
+    scene = robot_world_scene(rng, count, None)
+    result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE if known else None)
+    assert result.reference_from_base.angle_to(scene.base) < 1e-10
+    assert result.reference_from_base.distance_mm_to(scene.base) < 1e-9
+    assert result.tip_from_sensor.angle_to(scene.mount) < 1e-10
+    assert result.tip_from_sensor.distance_mm_to(scene.mount) < 1e-9
+    assert result.outliers == ()
+
+
+def test_the_closed_form_is_opencvs() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        scene = robot_world_scene(rng, 15, EM_NOISE)
+        robot = PoseStack.of(scene.robot, "robot", least=4)
+        sensor = PoseStack.of(scene.sensor, "sensor", least=4)
+        ours = closed_form(robot, sensor).reference_from_base
+        peer = opencv(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH)
+        np.testing.assert_allclose(ours.rotation, peer.rotation, atol=1e-10)
+
+
+def test_published_regression_case() -> None:
+    """OpenCV's hand-eye regression case 24871 (units of 1, here mm), known to it to 1e-12."""
+    target_in_camera = [
+        (
+            [0.04964505493834381, 0.5136826827431226, 0.8565427426404346],
+            [-0.3923117691818854, 0.7987004864191318, -0.4562554205214679],
+            [-0.9184916136152514, -0.3133809733274676, 0.2411752915926112],
+            [-1.588728904724121, 0.07843752950429916, -1.002813339233398],
+        ),
+        (
+            [-0.3048000068139332, 0.6971848192711539, 0.6488684640388026],
+            [-0.9377589344241749, -0.3387497187353627, -0.07652979135179161],
+            [0.1664486009369332, -0.6318084803439735, 0.7570422097951847],
+            [-1.906493663787842, -0.07281044125556946, 0.6088893413543701],
+        ),
+        (
+            [-0.590234879685801, -0.7051138289845309, -0.3929850823848928],
+            [0.6017371069678565, -0.7088332765096816, 0.3680595606834615],
+            [-0.5380847896941907, -0.01923211603859842, 0.8426712792141644],
+            [-0.9809040427207947, -0.2707894444465637, -0.2577074766159058],
+        ),
+        (
+            [0.7643667483125168, -0.08523002870239212, 0.63912386614923],
+            [-0.2583463792779588, 0.8676987164647345, 0.424683512464778],
+            [-0.5907627462764713, -0.489729292214425, 0.6412211770980741],
+            [-1.58987033367157, -1.924914002418518, -0.3109001517295837],
+        ),
+    ]
+    gripper_in_base = [
+        (
+            [-0.4143743581399177, -0.6105088815982459, -0.6749613298595637],
+            [-0.1598851232573451, -0.6812625208693498, 0.71436554019614],
+            [-0.895952364066927, 0.4039310376145889, 0.1846864320259794],
+            [-1.249274406461827, -1.916570771580279, 2.005069553422765],
+        ),
+        (
+            [0.7262439860936567, -0.201662933718935, -0.6571923111439066],
+            [-0.4640017362244384, -0.8491808316335328, -0.2521791108852766],
+            [-0.5072199339965884, 0.4880819361030014, -0.7102844234575628],
+            [-0.7375172846804027, -2.579760910816792, 1.336561572270101],
+        ),
+        (
+            [0.2541996332132083, 0.6186461729765909, 0.7434106934499181],
+            [0.2194912986375709, 0.711701808961156, -0.6673111005698995],
+            [-0.9419161938817396, 0.3328024155303503, 0.04512688689130734],
+            [-1.040123533893404, -0.1303773962721222, 1.068029475621886],
+        ),
+        (
+            [0.116348305340805, -0.9917998080681939, 0.0528792261688552],
+            [-0.2760629007224059, 0.01884966191381591, 0.9609547154213178],
+            [-0.9540714578526358, -0.1264034452126562, -0.2716060057313114],
+            [-2.551899142554571, -2.986937398237611, 1.317613923218308],
+        ),
+    ]
+    robot = [Transform("base", "tip", r[:3], r[3]) for r in gripper_in_base]
+    sensor = [Transform("sensor", "target", r[:3], r[3]).inverse() for r in target_in_camera]
+    result = solve_robot_world(robot, sensor, noise=EM_NOISE)
+    np.testing.assert_allclose(
+        result.tip_from_sensor.matrix,
+        [[0, 0, -1, 0.1], [1, 0, 0, 0.2], [0, -1, 0, 0.3], [0, 0, 0, 1]],
+        atol=1e-10,
+    )
+
+
+def test_em_noise_costs_less_than_it_costs_the_closed_forms() -> None:
+    """A short form of the benchmark, which does 200 trials."""
+    rng = np.random.default_rng(2)
+    errors: dict[str, list[float]] = {"ours": [], "estimated": [], "shah": [], "li": []}
+    for _ in range(20):
+        scene = robot_world_scene(rng, 15, EM_NOISE)
+        middle = scene.base.inverse().apply(scene.centre_mm)
+        poses = scene.robot, scene.sensor
+        answers = {
+            "ours": solve_robot_world(*poses, noise=EM_NOISE).reference_from_base,
+            "estimated": solve_robot_world(*poses).reference_from_base,
+            "shah": opencv(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH),
+            "li": opencv(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI),
+        }
+        for name, answer in answers.items():
+            errors[name].append(float(np.linalg.norm(answer.apply(middle) - scene.centre_mm)))
+    rms = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in errors.items()}
+    assert rms["ours"] < 0.30 and np.quantile(errors["ours"], 0.95) < 0.45
+    assert rms["estimated"] < 0.33
+    assert rms["ours"] < min(rms["shah"], rms["li"])
+
+
+def test_covariance_is_calibrated() -> None:
+    rng = np.random.default_rng(3)
+    trials, errors = 50, []
+    for _ in range(trials):
+        scene = robot_world_scene(rng, 12, EM_NOISE)
+        result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
+        motion = np.concatenate(
+            [
+                difference(scene.base, result.reference_from_base),
+                difference(scene.mount, result.tip_from_sensor),
+            ]
+        )
+        errors.append(motion @ np.linalg.solve(result.covariance, motion))
+    low, high = chi2.ppf([0.005, 0.995], 12 * trials) / trials
+    assert low < np.mean(errors) < high
+
+
+def test_the_noise_is_found() -> None:
+    rng = np.random.default_rng(4)
+    scene = robot_world_scene(rng, 200, EM_NOISE)
+    result = solve_robot_world(scene.robot, scene.sensor)
+    found, used = result.noise, 200 - len(result.outliers)
+    assert result.registration.degrees_of_freedom == 6 * used - 12, "12 numbers were fitted"
+    assert found.rotation_rad == pytest.approx(EM_NOISE.rotation_rad, rel=0.1)
+    assert found.translation_mm == pytest.approx(EM_NOISE.translation_mm, rel=0.1)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_wrong_poses_are_named(known: bool) -> None:
+    rng = np.random.default_rng(5 + known)
+    for _ in range(10):
+        scene = robot_world_scene(rng, 15, EM_NOISE)
+        wrong = sorted(rng.choice(15, 3, replace=False).tolist())
+        sensor = list(scene.sensor)
+        for pose in wrong:
+            sensor[pose] = disturbed(rng, sensor[pose], PoseNoise(0.3, 20.0))
+        result = solve_robot_world(
+            scene.robot, sensor, noise=EM_NOISE if known else None, targets_mm=[scene.centre_mm]
+        )
+        assert set(wrong) <= set(result.outliers) and len(result.outliers) <= 4
+        assert np.isnan(result.registration.leave_one_out_mm[wrong]).all()
+        assert result.accepted, result.reason
+        error = (
+            result.reference_from_base.apply(scene.base.inverse().apply(scene.centre_mm))
+            - scene.centre_mm
+        )
+        assert np.linalg.norm(error) < 4.0 * predict_tre(result.registration, [scene.centre_mm])[0]
+
+
+def test_most_poses_wrong_is_no_answer() -> None:
+    rng = np.random.default_rng(6)
+    scene = robot_world_scene(rng, 10, None)
+    sensor = [random_transform(rng, "reference", "sensor") for _ in scene.sensor]
+    with pytest.raises(NoConsensusError):
+        solve_robot_world(scene.robot, sensor, noise=EM_NOISE)
+
+
+def turning(vectors: np.ndarray) -> list[Transform]:
+    rng = np.random.default_rng(7)
+    return [
+        Transform.from_rotation_vector(v, rng.uniform(-90, 90, 3), target="base", source="tip")
+        for v in vectors
+    ]
+
+
+@pytest.mark.parametrize(
+    ("vectors", "words"),
+    [
+        (np.outer(np.linspace(-1, 1, 8), [0.2, 0.3, 0.9]), "parallel axes"),
+        (np.random.default_rng(8).normal(scale=0.02, size=(8, 3)), "degrees at most: 15 wanted"),
+        (np.zeros((8, 3)), "degrees at most"),
+    ],
+)
+def test_motion_that_leaves_the_base_free_is_refused(vectors: np.ndarray, words: str) -> None:
+    robot = turning(vectors)
+    rng = np.random.default_rng(9)
+    base = random_transform(rng, "reference", "base")
+    mount = random_transform(rng, "tip", "sensor", 40.0)
+    with pytest.raises(DegenerateMotionError, match=words):
+        solve_robot_world(robot, [base @ pose @ mount for pose in robot])
+
+
+def test_bad_pose_lists_are_refused_by_name() -> None:
+    rng = np.random.default_rng(10)
+    scene = robot_world_scene(rng, 6, None)
+    with pytest.raises(DegenerateMotionError, match="one pose repeated"):
+        solve_robot_world([scene.robot[0]] * 6, [scene.sensor[0]] * 6)
+    with pytest.raises(UnequalCountsError, match="6 robot poses and 5 sensor poses"):
+        solve_robot_world(scene.robot, scene.sensor[:5])
+    with pytest.raises(TooFewError, match="3 poses for the robot's tip: at least 4"):
+        solve_robot_world(scene.robot[:3], scene.sensor[:3])
+    with pytest.raises(FrameError, match="different frames"):
+        solve_robot_world([*scene.robot[:5], scene.robot[5].renamed(target="other")], scene.sensor)
+
+
+def test_the_verdict_is_by_the_error_at_the_target() -> None:
+    rng = np.random.default_rng(11)
+    scene = robot_world_scene(rng, 15, EM_NOISE)
+    near = solve_robot_world(scene.robot, scene.sensor, targets_mm=[scene.centre_mm])
+    far = solve_robot_world(
+        scene.robot,
+        scene.sensor,
+        targets_mm=[scene.centre_mm + 3000.0],
+        limits=AcceptanceLimits(tre_mm=1.0),
+    )
+    assert near.accepted and not far.accepted
+    assert near.registration.fre_mm == far.registration.fre_mm
+    assert "target 0" in far.reason
+
+
+def test_agrees_with_an_independent_solver() -> None:
+    """scipy's least squares on the same likelihood, from another parametrisation."""
+    from scipy.optimize import least_squares
+
+    rng = np.random.default_rng(12)
+    scene = robot_world_scene(rng, 10, EM_NOISE)
+
+    def misfit(x: np.ndarray) -> np.ndarray:
+        base, mount = Rotation.from_rotvec(x[:3]), Rotation.from_rotvec(x[6:9])
+        rows = []
+        for pose, measured in zip(scene.robot, scene.sensor, strict=True):
+            rotation = base * Rotation.from_matrix(pose.rotation) * mount
+            position = base.apply(pose.rotation @ x[9:] + pose.translation_mm) + x[3:6]
+            turn = (Rotation.from_matrix(measured.rotation) * rotation.inv()).as_rotvec()
+            rows += [turn / EM_NOISE.rotation_rad]
+            rows += [(measured.translation_mm - position) / EM_NOISE.translation_mm]
+        return np.concatenate(rows)
+
+    start = [
+        *scene.base.rotation_vector,
+        *scene.base.translation_mm,
+        *scene.mount.rotation_vector,
+        *scene.mount.translation_mm,
+    ]
+    peer = least_squares(misfit, start, xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale="jac").x
+    ours = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
+    np.testing.assert_allclose(ours.reference_from_base.rotation_vector, peer[:3], atol=1e-7)
+    np.testing.assert_allclose(ours.reference_from_base.translation_mm, peer[3:6], atol=1e-4)
+    np.testing.assert_allclose(ours.tip_from_sensor.translation_mm, peer[9:], atol=1e-4)

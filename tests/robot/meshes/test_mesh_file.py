@@ -1,0 +1,186 @@
+"""Scenes of several parts, node transforms, units, broken files."""
+
+import re
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh.transformations import translation_matrix
+
+from app.geometry import SurfaceMesh
+from app.robot import RobotMeshError
+from app.robot.meshes.mesh_file import read_mesh_file
+
+
+def box(size=(1.0, 1.0, 1.0), color=None):
+    made = trimesh.creation.box(size)
+    if color is not None:
+        made.visual = trimesh.visual.TextureVisuals(
+            material=trimesh.visual.material.PBRMaterial(baseColorFactor=color)
+        )
+    return made
+
+
+def surface(path):
+    read = read_mesh_file(path)
+    return SurfaceMesh("file", read.vertices, read.faces), read.face_colors
+
+
+def test_a_scene_of_parts_is_one_surface_with_the_colour_of_each(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(box(color=[255, 0, 0, 255]), node_name="red")
+    nested = translation_matrix((5, 0, 0)) @ np.diag((2.0, 1.0, 1.0, 1.0))
+    scene.add_geometry(box(color=[0, 0, 255, 255]), node_name="blue", transform=nested)
+    scene.export(tmp_path / "two.glb")
+    mesh, colors = surface(tmp_path / "two.glb")
+    mesh.require_closed("two boxes")
+    np.testing.assert_allclose(mesh.bounds_mm, [(-0.5, -0.5, -0.5), (6.0, 0.5, 0.5)])
+    middle = mesh.triangles_mm.mean(axis=1)[:, 0]
+    np.testing.assert_allclose(colors[middle < 2], [(1, 0, 0, 1)] * 12)
+    np.testing.assert_allclose(colors[middle > 2], [(0, 0, 1, 1)] * 12)
+
+
+def test_one_part_at_two_places(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(box(), geom_name="box", node_name="here")
+    scene.graph.update("there", matrix=translation_matrix((0, 4, 0)), geometry="box")
+    scene.export(tmp_path / "twice.glb")
+    mesh, _ = surface(tmp_path / "twice.glb")
+    assert mesh.signed_volume_mm3 == pytest.approx(2.0)
+    np.testing.assert_allclose(mesh.bounds_mm[1], [0.5, 4.5, 0.5])
+
+
+def test_a_mirrored_node_keeps_its_normals_outward(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(box((1, 2, 3)), transform=np.diag((-1.0, 1.0, 1.0, 1.0)))
+    scene.export(tmp_path / "mirrored.glb")
+    mesh, _ = surface(tmp_path / "mirrored.glb")
+    assert mesh.require_closed("mirrored").signed_volume_mm3 == pytest.approx(6.0)
+
+
+def test_an_obj_of_several_materials(tmp_path):
+    (tmp_path / "two.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
+    red, blue = box(), box()
+    blue.apply_translation((3, 0, 0))
+    lines, offset = ["mtllib two.mtl"], 1
+    for name, part in (("red", red), ("blue", blue)):
+        lines += [f"v {x} {y} {z}" for x, y, z in part.vertices]
+        lines += [f"usemtl {name}"]
+        lines += ["f " + " ".join(str(i + offset) for i in face) for face in part.faces]
+        offset += len(part.vertices)
+    (tmp_path / "two.obj").write_text("\n".join(lines))
+    mesh, colors = surface(tmp_path / "two.obj")
+    assert mesh.require_closed("two").signed_volume_mm3 == pytest.approx(2.0)
+    left = mesh.triangles_mm.mean(axis=1)[:, 0] < 1.5
+    np.testing.assert_allclose(colors[left], [(1, 0, 0, 1)] * 12)
+    np.testing.assert_allclose(colors[~left], [(0, 0, 1, 1)] * 12)
+
+
+@pytest.fixture
+def dae(tmp_path):
+    """Writes a box of 1 x 2 x 3 units as COLLADA, its text changed by (pattern, replacement)."""
+
+    def write(*changes, name="box.dae"):
+        box((1, 2, 3), color=[255, 0, 0, 255]).export(tmp_path / name)
+        text = (tmp_path / name).read_text()
+        for pattern, replacement in changes:
+            text, count = re.subn(pattern, replacement, text, count=1)
+            assert count == 1, pattern
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return write
+
+
+UNIT = r"(?=<up_axis>)"  # trimesh writes none: it goes here
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"), [('<unit name="mm" meter="0.001"/>', 0.001), ('<unit name="x"/>', 1.0)]
+)
+def test_the_unit_of_a_collada_file_is_applied(dae, unit, metres):
+    mesh, _ = surface(dae((UNIT, unit)))
+    np.testing.assert_allclose(mesh.bounds_mm[1], np.array([0.5, 1.0, 1.5]) * metres)
+
+
+@pytest.mark.parametrize("up", ["X_UP", "Y_UP", "Z_UP"])
+def test_the_up_axis_of_a_collada_file_is_not_applied(dae, up):
+    mesh, _ = surface(dae((r"<up_axis>[^<]*</up_axis>", f"<up_axis>{up}</up_axis>")))
+    np.testing.assert_allclose(mesh.bounds_mm[1], [0.5, 1.0, 1.5])
+
+
+def test_the_node_transforms_of_a_collada_file_are_applied(dae):
+    node = r"(<node [^>]*>)"
+    moved = r"\1<translate>0 0 10</translate><rotate>0 0 1 90</rotate><scale>2 1 1</scale>"
+    mesh, colors = surface(dae((node, moved)))
+    # scaled along x, turned to y, moved along z
+    np.testing.assert_allclose(mesh.bounds_mm, [(-1, -1, 8.5), (1, 1, 11.5)], atol=1e-9)
+    assert mesh.signed_volume_mm3 == pytest.approx(12.0)
+    np.testing.assert_allclose(colors, [(1, 0, 0, 1)] * 12)
+
+
+def test_a_part_with_a_broken_material_keeps_its_geometry(dae):
+    whole, _ = surface(dae())
+    broken, colors = surface(dae((r'(<instance_effect url=")#[^"]*"', r'\1#gone"')))
+    assert colors is None
+    np.testing.assert_array_equal(broken.triangles_mm, whole.triangles_mm)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ((UNIT, '<unit meter="zero"/>'), "unit 'zero'"),
+        ((UNIT, '<unit meter="0"/>'), "unit '0'"),
+        ((r"<instance_geometry url=\"[^\"]*\"", '<instance_geometry url="#gone"'), "cannot be"),
+        ((r'(id="verts-array-array">)', r"\1 abc "), "'abc'"),
+        ((r"(<node [^>]*>)", r'\1<instance_controller url="#skin"/>'), "skinned"),
+        ((r"<COLLADA", "<!DOCTYPE x><COLLADA"), "DOCTYPE"),
+    ],
+)
+def test_collada_that_cannot_be_read_whole_is_refused(dae, change, message):
+    with pytest.raises(RobotMeshError, match=message) as caught:
+        read_mesh_file(dae(change))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae"])
+def test_vertices_that_are_not_finite_are_refused(tmp_path, suffix):
+    holed = box()
+    holed.export(tmp_path / f"good.{suffix}")
+    vertices = holed.vertices.copy()
+    vertices[3] = np.nan
+    bad = trimesh.Trimesh(vertices, holed.faces, process=False)
+    bad.export(tmp_path / f"bad.{suffix}")
+    assert len(read_mesh_file(tmp_path / f"good.{suffix}").faces) == 12
+    with pytest.raises(RobotMeshError, match="not finite"):
+        read_mesh_file(tmp_path / f"bad.{suffix}")
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "dae", "glb", "ply"])
+@pytest.mark.parametrize("content", [b"", b"\x00" * 50, b"hello\n" * 20])
+def test_files_of_rubbish_are_refused_in_one_line(tmp_path, suffix, content):
+    path = tmp_path / f"rubbish.{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(RobotMeshError, match="rubbish") as caught:
+        read_mesh_file(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_truncated_stl_is_refused(tmp_path):
+    path = tmp_path / "cut.stl"
+    path.write_bytes(box().export(file_type="stl")[:-70])
+    with pytest.raises(RobotMeshError, match=r"cut.stl"):
+        read_mesh_file(path)
+
+
+def test_other_formats_are_refused_by_name(tmp_path):
+    path = tmp_path / "model.step"
+    path.write_text("x")
+    with pytest.raises(RobotMeshError, match=r"model.step is of no known format: .stl, .obj"):
+        read_mesh_file(path)
+
+
+def test_a_cloud_of_points_is_no_mesh(tmp_path):
+    trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
+    with pytest.raises(RobotMeshError, match="no triangles"):
+        read_mesh_file(tmp_path / "points.ply")
