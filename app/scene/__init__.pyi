@@ -1,28 +1,28 @@
 from .application import SceneApplication
-from .batch import Batch
-from .breach_markers import BreachMarkers
-from .cameras import Preset, bullseye, forward_of, look_through, preset_camera
-from .edited import (
+from .errors import OffscreenError, SceneError
+from .frames.edited import (
     EditedTransform,
     mesh_of_model,
     mesh_of_segment,
     points_of_markups,
 )
-from .errors import OffscreenError, SceneError
-from .fixture_plane import FixturePlane
-from .framing import Camera
-from .moment import Moment, MomentScene, ShownRobot, moment_png
-from .movie import movie_gif
-from .offscreen import use_offscreen_rendering
-from .picture import scene_png
-from .poses import PoseNodes
+from .frames.poses import PoseNodes
+from .frames.transform_tree import TransformTree
+from .frames.watchdog import Freshness, TransformHealth, TransformWatchdog
+from .margin.breach_markers import BreachMarkers
+from .margin.fixture_plane import FixturePlane
+from .nodes.batch import Batch
+from .pictures.cameras import Preset, bullseye, forward_of, look_through, preset_camera
+from .pictures.framing import Camera
+from .pictures.moment import Moment, MomentScene, ShownRobot, moment_png
+from .pictures.movie import movie_gif
+from .pictures.offscreen import use_offscreen_rendering
+from .pictures.picture import scene_png
+from .pictures.view import OffscreenView, draw_once_an_update, offscreen_view
 from .robot_model import RobotModel
 from .scene import MarginGuardScene
 from .scene_file import load_scene, save_scene
 from .sequences import add_sequences
-from .transform_tree import TransformTree
-from .view import OffscreenView, draw_once_an_update, offscreen_view
-from .watchdog import Freshness, TransformHealth, TransformWatchdog
 
 __all__ = [
     "Batch",

@@ -7,10 +7,10 @@ from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelNode, vtkMRMLScene
 
 from app.geometry import Transform, join_transform_name
 from app.robot import Link, Robot
-from app.scene.batch import Batch
 from app.scene.errors import SceneError
-from app.scene.models import Rgb, add_model, colored_surface, remove_displayed, remove_node
-from app.scene.poses import PoseNodes
+from app.scene.frames.poses import PoseNodes
+from app.scene.nodes.batch import Batch
+from app.scene.nodes.models import Rgb, add_model, colored_surface, remove_displayed, remove_node
 
 STALE_COLOR: Rgb = (0.5, 0.5, 0.5)
 _DEFAULT_COLOR: Rgb = (0.78, 0.80, 0.83)

@@ -16,16 +16,16 @@ from vtkmodules.vtkCommonDataModel import vtkPolyData
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
-from app.scene.batch import Batch
-from app.scene.earlier import PART, SURFACE, Earlier, mark
 from app.scene.errors import SceneError
-from app.scene.frame_graph import poses_in
-from app.scene.margin_display import MarginDisplay
-from app.scene.models import add_model, ball, remove_displayed, smooth_surface
+from app.scene.frames.frame_graph import poses_in
+from app.scene.frames.transform_tree import RAS, TransformTree
+from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
+from app.scene.margin.margin_display import MarginDisplay
+from app.scene.margin.shown_margin import shown_margin
+from app.scene.nodes.batch import Batch
+from app.scene.nodes.earlier import PART, SURFACE, Earlier, mark
+from app.scene.nodes.models import add_model, ball, remove_displayed, smooth_surface
 from app.scene.robot_model import RobotModel
-from app.scene.shown_margin import shown_margin
-from app.scene.transform_tree import RAS, TransformTree
-from app.scene.watchdog import TransformHealth, TransformWatchdog
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
 _TUMOR_OPACITY = 0.4

@@ -19,11 +19,11 @@ from slicer import (
 
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, TrackedTransform
-from app.scene.convert import vtk_matrix
 from app.scene.errors import SceneError
-from app.scene.models import Rgb
+from app.scene.margin.shown_margin import banner
+from app.scene.nodes.convert import vtk_matrix
+from app.scene.nodes.models import Rgb
 from app.scene.scene import TOOL_COLOR, MarginGuardScene
-from app.scene.shown_margin import banner
 from app.scene.tracks import SAME_INDEX_S, Track, index_text, tracks_of
 
 BROWSER_NAME = "MarginGuard"

@@ -14,7 +14,7 @@ from app.geometry import (
     join_transform_name,
 )
 from app.scene.errors import SceneError
-from app.scene.frame_graph import poses_in
+from app.scene.frames.frame_graph import poses_in
 from app.scene.scene import MarginGuardScene
 
 MOST_ITEMS = 200_000

@@ -5,9 +5,9 @@ from enum import Enum
 import numpy as np
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
-from app.scene.cameras import VIEW_ANGLE_DEG, bullseye, forward_of, look_through
-from app.scene.convert import world_matrix, world_points
-from app.scene.framing import Camera, best_direction, fit
+from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.pictures.cameras import VIEW_ANGLE_DEG, bullseye, forward_of, look_through
+from app.scene.pictures.framing import Camera, best_direction, fit
 from app.scene.scene import MarginGuardScene
 from app.viewer.stage import Stage
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS
-from app.scene.watchdog import Freshness, TransformHealth
+from app.scene.frames.watchdog import Freshness, TransformHealth
 from app.viewer.cast import Cast
 from app.viewer.shown import Shown
 from app.viewer.words import STATE_WORDS, distance_digits, why

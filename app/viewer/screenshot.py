@@ -1,6 +1,6 @@
 """The picture that is on the page now, as a PNG file."""
 
-from app.scene.pixels import png
+from app.scene.pictures.pixels import png
 from app.viewer.area import PictureArea
 
 

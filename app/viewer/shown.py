@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, Transform
-from app.scene.watchdog import Freshness, TransformHealth, TransformWatchdog
+from app.scene.frames.watchdog import Freshness, TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
 from app.viewer.cast import Cast
 from app.viewer.trend import Trend, TrendMeter

@@ -7,7 +7,7 @@ from trame_slicer.views import ThreeDView
 from trame_slicer.views.render_scheduler import NoScheduleRendering
 
 from app.scene import MarginGuardScene, Moment, SceneApplication, use_offscreen_rendering
-from app.scene.frame_graph import poses_in
+from app.scene.frames.frame_graph import poses_in
 from app.viewer.cast import Cast
 from app.viewer.errors import ViewerError
 from app.viewer.shown import Shown

@@ -25,7 +25,7 @@ from app.cli.touch_arm import TOUCH_URDF
 from app.geometry import NS_PER_S, FloatArray
 from app.robot import load_robot
 from app.scene import PoseNodes
-from app.scene.models import add_model, smooth_surface
+from app.scene.nodes.models import add_model, smooth_surface
 from benchmarks.fixture_shapes import lobed_tumor
 from benchmarks.latency.bodies import ROOT, body_frames
 

@@ -16,7 +16,7 @@ pytest.importorskip("slicer")
 
 from app.cli.touch_arm import TOUCH_URDF
 from app.robot import load_robot
-from app.scene.convert import world_matrix
+from app.scene.nodes.convert import world_matrix
 from benchmarks.latency.bodies import TURN_RAD, body_frames
 from benchmarks.latency.measure import Sender, measure
 from benchmarks.latency.plot import write_plots

@@ -12,7 +12,7 @@ from slicer import vtkMRMLScene
 from app.geometry import Transform
 from app.robot import Robot, load_robot
 from app.scene import MarginGuardScene, RobotModel
-from app.scene.convert import world_matrix, world_points
+from app.scene.nodes.convert import world_matrix, world_points
 
 pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
 

@@ -9,7 +9,7 @@ from app.fixture import FixtureDecision, MarginState, Reason, constrain, margin_
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene import MarginGuardScene, SceneError
-from app.scene.convert import world_matrix, world_points
+from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
 from tests.scene.conftest import Decide, Fill
 

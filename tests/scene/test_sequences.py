@@ -18,7 +18,7 @@ from app.scene import (
     load_scene,
     save_scene,
 )
-from app.scene.convert import vtk_matrix, world_matrix
+from app.scene.nodes.convert import vtk_matrix, world_matrix
 from tests.scene.conftest import Decide
 
 COUNT = 40

@@ -6,7 +6,7 @@ from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.robot import robot_from_text
 from app.scene import SceneError
-from app.scene.convert import world_matrix, world_points
+from app.scene.nodes.convert import world_matrix, world_points
 
 URDF = """<robot name="arm">
   <link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry>

@@ -10,7 +10,7 @@ from app.fixture import MarginState, Reason
 from app.geometry import Transform
 from app.registration import RegistrationResult, given_registration, register_points
 from app.robot import load_robot
-from app.scene.watchdog import Freshness
+from app.scene.frames.watchdog import Freshness
 from app.viewer.readout import readout
 from app.viewer.shown import Shown
 from app.viewer.words import REASON_WORDS, STATE_WORDS, distance_digits, why

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.scene.convert import world_matrix, world_points
+from app.scene.nodes.convert import world_matrix, world_points
 from app.viewer import Stage
 from app.viewer.cameras import Cameraman, Look
 from app.viewer.errors import ViewerError

@@ -20,9 +20,9 @@ from app.scene import (
     look_through,
     preset_camera,
 )
-from app.scene.cameras import VIEW_ANGLE_DEG
-from app.scene.convert import world_matrix, world_points
-from app.scene.frame_graph import poses_in
+from app.scene.frames.frame_graph import poses_in
+from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.pictures.cameras import VIEW_ANGLE_DEG
 from app.session import REFERENCE, SessionSetup, StepResult
 
 NOTHING_YET = "UNKNOWN: nothing was tracked yet"

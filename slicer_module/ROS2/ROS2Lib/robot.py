@@ -8,7 +8,7 @@ from app.bridge.mailbox import Mailbox
 from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
 from app.robot import Robot
 from app.scene import RobotModel
-from app.scene.convert import vtk_matrix
+from app.scene.nodes.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member
 from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode

@@ -7,7 +7,7 @@ from slicer import vtkMRMLLinearTransformNode
 from app.bridge.robots.settings import STALE_AFTER_NS
 from app.bridge.tf import Lookup, TfError
 from app.geometry import NS_PER_S, check_frame
-from app.scene.convert import vtk_matrix
+from app.scene.nodes.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member
 

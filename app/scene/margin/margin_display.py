@@ -1,0 +1,119 @@
+"""The margin in the scene: the tumour's colour, line, plane and marks, the banner's text node."""
+
+from slicer import (
+    vtkMRMLMarkupsDisplayNode,
+    vtkMRMLModelNode,
+    vtkMRMLNode,
+    vtkMRMLScene,
+    vtkMRMLTransformNode,
+)
+
+from app.fixture import MarginState, Proximity
+from app.geometry import FloatArray
+from app.scene.margin.breach_markers import BreachMarkers
+from app.scene.margin.fixture_plane import FixturePlane
+from app.scene.margin.shown_margin import ShownMargin, distance_text
+from app.scene.nodes.batch import Batch
+from app.scene.nodes.models import remove_displayed, remove_node
+
+_INK = (0.08, 0.12, 0.16)
+_LINE_NAME = "ClosestPoints"
+_STATUS_NAME = "MarginStatus"
+_TEXT_SCALE = 4.2  # percent of the view's height
+_POINT_MM = 0.9
+_LINE_MM = 0.35
+
+
+class MarginDisplay:
+    """Colours ``tumor`` and keeps what tells of its margin; ``tumor_pose`` is where ``frame`` is.
+
+    The line runs from the tool's governing point to the tumour's nearest one and carries the
+    signed distance; the plane is the one that the tool may not pass. Both are hidden while they
+    are not known. The text node holds the banner. Red marks stay where the tool was in the tumour.
+    ``state`` is the one that is shown; ``frame`` is the tumour's, in which all of it is drawn.
+    """
+
+    def __init__(
+        self,
+        scene: vtkMRMLScene,
+        batch: Batch,
+        tumor: vtkMRMLModelNode,
+        tumor_pose: vtkMRMLTransformNode,
+        frame: str,
+    ) -> None:
+        self.frame = frame
+        self._scene = scene
+        self._batch = batch
+        self._tumor = tumor
+        self.state = MarginState.UNKNOWN
+        self._drawn: Proximity | None = None
+        self.line = scene.AddNewNodeByClass("vtkMRMLMarkupsLineNode", _LINE_NAME)
+        self.line.SetAndObserveTransformNodeID(tumor_pose.GetID())
+        self.line.SetLocked(True)
+        self.line.CreateDefaultDisplayNodes()
+        display = self.line.GetDisplayNode()
+        display.SetSelectedColor(*_INK)
+        display.SetColor(*_INK)
+        display.SetGlyphType(vtkMRMLMarkupsDisplayNode.Sphere3D)
+        display.SetUseGlyphScale(False)
+        display.SetGlyphSize(_POINT_MM)
+        display.SetCurveLineSizeMode(vtkMRMLMarkupsDisplayNode.UseLineDiameter)
+        display.SetLineDiameter(_LINE_MM)
+        display.SetTextScale(_TEXT_SCALE)
+        display.SetPropertiesLabelVisibility(False)
+        display.SetPointLabelsVisibility(True)
+        display.SetOccludedVisibility(True)
+        display.SetOccludedOpacity(0.8)
+        display.GetTextProperty().SetShadow(False)
+        display.GetTextProperty().SetBold(True)
+        display.GetTextProperty().SetBackgroundColor(1.0, 1.0, 1.0)
+        display.GetTextProperty().SetBackgroundOpacity(0.7)
+        self.status = scene.AddNewNodeByClass("vtkMRMLTextNode", _STATUS_NAME)
+
+        self.plane = FixturePlane(scene, batch, tumor_pose)
+        self.breaches = BreachMarkers(scene, batch, tumor_pose)
+
+    def show(self, shown: ShownMargin) -> None:
+        """Show this, and mark where the tool is in the tumour."""
+        self.state = shown.state
+        display = self._tumor.GetDisplayNode()
+        self._batch.hold(display)
+        display.SetColor(*shown.state.color)
+        self._batch.hold(self.status)
+        self.status.SetText(shown.text)
+        self._show_line(shown.proximity)
+        self.plane.show(shown.constraint)
+        if shown.proximity is not None and shown.proximity.signed_distance_mm < 0.0:
+            self.breaches.add(shown.proximity.on_tool_mm)
+
+    def nodes(self) -> tuple[vtkMRMLNode, ...]:
+        """The nodes that were added for it."""
+        return (self.line, self.status, self.plane.node, self.breaches.node)
+
+    def remove(self) -> None:
+        """Take all of this out of the scene; the tumour keeps its last colour."""
+        remove_displayed(self._scene, self.line)
+        remove_node(self._scene, self.status)
+        self.plane.remove()
+        self.breaches.remove()
+
+    def _show_line(self, proximity: Proximity | None) -> None:
+        display = self.line.GetDisplayNode()
+        self._batch.hold(self.line)
+        self._batch.hold(display)
+        display.SetVisibility(proximity is not None)
+        if proximity is None or proximity is self._drawn:
+            return
+        self._drawn = proximity
+        modifying = self.line.StartModify()
+        self.line.RemoveAllControlPoints()
+        # The words stand at the outer end of the line, where they cover less of the tumour.
+        words = distance_text(proximity.signed_distance_mm)
+        is_inside = proximity.signed_distance_mm < 0.0
+        self._add_point(proximity.on_tumor_mm, words if is_inside else "")
+        self._add_point(proximity.on_tool_mm, "" if is_inside else words)
+        self.line.EndModify(modifying)
+
+    def _add_point(self, point_mm: FloatArray, label: str) -> None:
+        index = self.line.AddControlPoint(point_mm.tolist(), label)
+        self.line.SetNthControlPointLabel(index, label)  # an empty one is replaced by a number

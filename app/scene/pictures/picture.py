@@ -1,0 +1,120 @@
+"""``scene.png``: the whole on the left, the tumour and the end of the tool on the right."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from slicer import vtkMRMLDisplayableNode, vtkMRMLMarkupsLineNode, vtkMRMLModelNode
+
+from app.geometry import FloatArray
+from app.scene.application import SceneApplication
+from app.scene.errors import SceneError
+from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.pictures.cameras import VIEW_ANGLE_DEG
+from app.scene.pictures.framing import best_direction, fit
+from app.scene.pictures.pixels import Pixels, png, text_strip
+from app.scene.pictures.view import OffscreenView, offscreen_view
+from app.scene.scene import MarginGuardScene
+
+SIZE = (1600, 964)
+_BANNER_PIXELS = 64
+_GAP_PIXELS = 4
+_CLOSE_UP_RADII = 2.2
+"""Parts of the tool that are within so many radii of the tumour are in the close-up."""
+
+
+def scene_png(
+    application: SceneApplication,
+    scene: MarginGuardScene,
+    size: tuple[int, int] = SIZE,
+) -> bytes:
+    """Draw ``scene`` as it is, as PNG: banner, overview, close-up.
+
+    ``size`` is the width and height of the whole in pixels. Raises `OffscreenError` on a machine
+    that cannot draw without a screen.
+    """
+    margin = scene.margin
+    if margin is None:
+        raise SceneError("a picture needs a tumour in the scene, there is none")
+    width, height = size
+    half = ((width - _GAP_PIXELS) // 2, height - _BANNER_PIXELS)
+    # One view for both: what the driver compiles for its window takes longer than to draw.
+    with offscreen_view(application, "MarginGuardPicture", half) as view:
+        with _hidden(margin.line):  # its words would cover the tumour, which is small there
+            overview = _overview(view, scene)
+        with _hidden(*_robot_models(scene)):  # what is judged is the tool: a hand would hide it
+            close_up = _close_up(view, scene, _along(margin.line))
+    gap = np.full((half[1], width - 2 * half[0], 3), 255, dtype=np.uint8)
+    banner = text_strip(margin.status.GetText(), (width, _BANNER_PIXELS), margin.state.color)
+    return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
+
+
+def _overview(view: OffscreenView, scene: MarginGuardScene) -> Pixels:
+    tumor, others = content_points(scene)
+    _look(view, scene, best_direction(tumor, others, upright(scene)), tumor, others)
+    return view.pixels()
+
+
+def _close_up(view: OffscreenView, scene: MarginGuardScene, along: FloatArray | None) -> Pixels:
+    tumor = world_points(scene.tumor)
+    tool = np.empty((0, 3)) if scene.tool is None else world_points(scene.tool)
+    center = tumor.mean(axis=0)
+    reach = _CLOSE_UP_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
+    near = tool[np.linalg.norm(tool - center, axis=1) < reach]
+    towards = best_direction(tumor, tool, upright(scene), along=along)
+    _look(view, scene, towards, tumor, near)
+    return view.pixels()
+
+
+def _look(
+    view: OffscreenView,
+    scene: MarginGuardScene,
+    towards: FloatArray,
+    subject: FloatArray,
+    others: FloatArray,
+) -> None:
+    points = np.concatenate([subject, others])
+    up = upright(scene)
+    view.look(fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=view.aspect))
+
+
+def content_points(scene: MarginGuardScene) -> tuple[FloatArray, FloatArray]:
+    """World points of the tumour, and of the tool and the robots."""
+    models = _robot_models(scene) if scene.tool is None else [*_robot_models(scene), scene.tool]
+    others = [world_points(model) for model in models]
+    return world_points(scene.tumor), np.concatenate([np.empty((0, 3)), *others])
+
+
+def _robot_models(scene: MarginGuardScene) -> list[vtkMRMLModelNode]:
+    return [model for robot in scene.robots.values() for model in robot.models.values()]
+
+
+@contextmanager
+def _hidden(*nodes: vtkMRMLDisplayableNode) -> Iterator[None]:
+    displays = [node.GetDisplayNode() for node in nodes]
+    were_visible = [display.GetVisibility() for display in displays]
+    for display in displays:
+        display.SetVisibility(False)
+    try:
+        yield
+    finally:
+        for display, was_visible in zip(displays, were_visible, strict=True):
+            display.SetVisibility(was_visible)
+
+
+def _along(line: vtkMRMLMarkupsLineNode) -> FloatArray | None:
+    """From the tumour's to the tool's closest point in RAS; None while there is no line."""
+    if not line.GetDisplayNode().GetVisibility() or line.GetNumberOfControlPoints() < 2:
+        return None
+    ends = np.zeros((2, 3))
+    for index, end in enumerate(ends):
+        line.GetNthControlPointPositionWorld(index, end)
+    along = ends[1] - ends[0]
+    return along if np.linalg.norm(along) > 0.0 else None
+
+
+def upright(scene: MarginGuardScene) -> FloatArray:
+    """Robots stand upright, +z of their base; without one the reference's +z is up."""
+    nodes = [robot.base for robot in scene.robots.values()]
+    axis = world_matrix(nodes[0] if nodes else scene.tree.node(scene.reference))[:3, 2]
+    return np.asarray(axis / np.linalg.norm(axis))

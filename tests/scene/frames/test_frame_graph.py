@@ -1,0 +1,39 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.geometry import Transform
+from app.scene.frames.frame_graph import poses_in
+
+FRAMES = [f"frame_{number}" for number in range(8)]
+
+
+@given(st.lists(st.integers(0, 6), min_size=7, max_size=7), st.integers(0, 2**16), st.data())
+def test_every_frame_of_a_tree_is_where_it_was_put(
+    parents: list[int], seed: int, data: st.DataObject
+) -> None:
+    rng = np.random.default_rng(seed)
+    world = [
+        Transform.from_rotation_vector(
+            rng.normal(size=3), rng.normal(size=3), target="world", source=f
+        )
+        for f in FRAMES
+    ]
+    edges = []
+    for child, parent in enumerate(parents, start=1):
+        edge = world[parent % child].inverse() @ world[child]
+        edges.append(edge.inverse() if data.draw(st.booleans()) else edge)
+    order = data.draw(st.permutations(edges))
+    root = data.draw(st.sampled_from(FRAMES))
+    poses = poses_in(root, order)
+    assert set(poses) == set(FRAMES)
+    for frame, pose in poses.items():
+        wanted = world[FRAMES.index(root)].inverse() @ world[FRAMES.index(frame)]
+        assert (pose.target, pose.source) == (root, frame)
+        assert np.allclose(pose.matrix, wanted.matrix, atol=1e-9)
+
+
+def test_what_is_not_connected_is_not_known() -> None:
+    edges = [Transform.identity("a", "b"), Transform.identity("c", "d")]
+    assert set(poses_in("a", edges)) == {"a", "b"}
+    assert set(poses_in("nowhere", edges)) == {"nowhere"}

@@ -1,0 +1,130 @@
+"""Many frames moved together: each where it was sent, one event each, none for one that stays."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from slicer import vtkMRMLScene, vtkMRMLTransformableNode
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+
+from app.geometry import FloatArray, SurfaceMesh, Transform
+from app.scene import PoseNodes, SceneError, TransformTree
+from app.scene.nodes.batch import Batch
+from app.scene.nodes.convert import poly_data, world_matrix
+from app.scene.nodes.models import add_model
+
+FRAMES = tuple(f"body_{number}" for number in range(26))
+TRANSFORM_MODIFIED = vtkMRMLTransformableNode.TransformModifiedEvent
+
+
+def poses(seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    return np.array(
+        [
+            Transform.from_rotation_vector(
+                rng.normal(size=3), rng.normal(scale=100.0, size=3), target="world", source=frame
+            ).matrix
+            for frame in FRAMES
+        ]
+    )
+
+
+def count_events(node: vtkMRMLTransformableNode) -> Counter[str]:
+    events: Counter[str] = Counter()
+    node.AddObserver(TRANSFORM_MODIFIED, lambda *_: events.update(["transform"]))
+    node.AddObserver("ModifiedEvent", lambda *_: events.update(["modified"]))
+    return events
+
+
+def test_every_frame_is_where_it_was_put_below_the_root() -> None:
+    scene = vtkMRMLScene()
+    ras_from_world = Transform.from_rotation_vector(
+        [0.3, 0.2, 0.1], [7.0, 8.0, 9.0], target="ras", source="world"
+    )
+    nodes = PoseNodes(scene, "world", FRAMES, TransformTree(scene).set(ras_from_world))
+    assert scene.GetFirstNodeByName("Body7ToWorld") is nodes.nodes["body_7"]
+    for seed in (1, 2):
+        wanted = poses(seed)
+        assert nodes.move(wanted) == len(FRAMES)
+        for frame, world_from_body in zip(FRAMES, wanted, strict=True):
+            found = world_matrix(nodes.nodes[frame])
+            assert np.allclose(found, ras_from_world.matrix @ world_from_body, rtol=0, atol=1e-9)
+
+
+def test_without_a_parent_the_root_is_the_world() -> None:
+    nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
+    nodes.move(poses(3))
+    assert np.array_equal(world_matrix(nodes.nodes["body_25"]), poses(3)[25])
+
+
+def test_who_moves_says_so_once_and_who_stays_says_nothing(tumor: SurfaceMesh) -> None:
+    scene = vtkMRMLScene()
+    nodes = PoseNodes(scene, "world", FRAMES)
+    surface = poly_data(tumor)
+    models = [
+        add_model(scene, frame, surface, (1.0, 1.0, 1.0), parent=nodes.nodes[frame])
+        for frame in FRAMES
+    ]
+    first = poses(4)
+    nodes.move(first)
+    of_nodes = [count_events(node) for node in nodes.nodes.values()]
+    of_models = [count_events(model) for model in models]
+    assert nodes.move(first.copy()) == 0
+    assert not any(of_nodes) and not any(of_models)
+    second = first.copy()
+    second[[3, 20], 0, 3] += 1.0
+    assert nodes.move(second) == 2
+    for place, (of_node, of_model) in enumerate(zip(of_nodes, of_models, strict=True)):
+        moved = int(place in (3, 20))
+        assert of_node["transform"] == of_model["transform"] == moved
+        assert of_node["modified"] <= 1 and of_model["modified"] <= 1
+
+
+def test_what_somebody_else_moved_is_put_back() -> None:
+    nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
+    nodes.move(poses(7))
+    nodes.nodes["body_3"].SetMatrixTransformToParent(vtkMatrix4x4())
+    assert nodes.move(poses(7)) == 1
+    assert np.array_equal(world_matrix(nodes.nodes["body_3"]), poses(7)[3])
+
+
+def test_in_an_open_batch_observers_are_told_at_its_end_and_once() -> None:
+    scene = vtkMRMLScene()
+    batch = Batch(scene)
+    nodes = PoseNodes(scene, "world", FRAMES, batch=batch)
+    events = count_events(nodes.nodes["body_3"])
+    with batch.changes():
+        nodes.move(poses(8))
+        nodes.move(poses(9))
+        assert not events
+    assert events["transform"] == 1
+    assert np.array_equal(world_matrix(nodes.nodes["body_3"]), poses(9)[3])
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (poses(5)[:-1], r"shape \(25, 4, 4\): \(26, 4, 4\) wanted"),
+        (np.where(np.arange(26)[:, None, None] == 7, np.nan, poses(5)), "'body_7' is not finite"),
+    ],
+)
+def test_what_cannot_be_shown_moves_nothing(broken: FloatArray, words: str) -> None:
+    nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
+    nodes.move(poses(6))
+    with pytest.raises(SceneError, match=words):
+        nodes.move(broken)
+    assert np.array_equal(world_matrix(nodes.nodes["body_0"]), poses(6)[0])
+
+
+def test_a_frame_has_one_node() -> None:
+    scene = vtkMRMLScene()
+    with pytest.raises(SceneError, match="twice: left, left"):
+        PoseNodes(scene, "world", ("left", "left"))
+    assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 0
+
+
+def test_removing_leaves_other_nodes() -> None:
+    scene = vtkMRMLScene()
+    scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Theirs")
+    PoseNodes(scene, "world", FRAMES).remove()
+    assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 1

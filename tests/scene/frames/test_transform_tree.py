@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+from slicer import vtkMRMLScene
+
+from app.geometry import Transform, split_transform_name
+from app.scene import SceneError, TransformTree
+from app.scene.nodes.convert import world_matrix
+
+
+def pose(target: str, source: str, seed: int) -> Transform:
+    rng = np.random.default_rng(seed)
+    return Transform.from_rotation_vector(
+        rng.normal(size=3), rng.normal(size=3), target=target, source=source
+    )
+
+
+def test_names_and_places() -> None:
+    scene = vtkMRMLScene()
+    tree = TransformTree(scene)
+    ras, cautery, tip = (
+        pose("ras", "reference", 1),
+        pose("reference", "cautery", 2),
+        pose("cautery", "cautery_tip", 3),
+    )
+    for edge in (ras, cautery, tip):
+        tree.set(edge)
+    for name in ("ReferenceToRas", "CauteryToReference", "CauteryTipToCautery"):
+        assert scene.GetFirstNodeByName(name) is not None
+    assert np.allclose(world_matrix(tree.node("cautery_tip")), (ras @ cautery @ tip).matrix)
+    moved = pose("reference", "cautery", 4)
+    tree.set(moved)
+    assert np.allclose(world_matrix(tree.node("cautery_tip")), (ras @ moved @ tip).matrix)
+    assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 3
+
+
+def test_tree_of_lumpnav() -> None:
+    scene = vtkMRMLScene()
+    tree = TransformTree(scene)
+    wanted = {
+        "ReferenceToRas": None,
+        "NeedleToReference": "ReferenceToRas",
+        "NeedleTipToNeedle": "NeedleToReference",
+        "CauteryToReference": "ReferenceToRas",
+        "CauteryTipToCautery": "CauteryToReference",
+        "ProbeToReference": "ReferenceToRas",
+        "ImageToProbe": "ProbeToReference",
+    }
+    for name in wanted:
+        source, target = split_transform_name(name)
+        tree.set(pose(target, source, len(name)))
+    found = {}
+    for node in tree.nodes():
+        parent = node.GetParentTransformNode()
+        found[node.GetName()] = None if parent is None else parent.GetName()
+    assert found == wanted
+
+
+def test_frame_that_changes_its_parent_changes_its_name() -> None:
+    scene = vtkMRMLScene()
+    tree = TransformTree(scene)
+    tree.set(pose("ras", "reference", 1))
+    tree.set(pose("ras", "tracker", 2))
+    tree.set(pose("reference", "cautery", 3))
+    tree.set(pose("tracker", "cautery", 4))
+    assert scene.GetFirstNodeByName("CauteryToReference") is None
+    wanted = pose("ras", "tracker", 2) @ pose("tracker", "cautery", 4)
+    assert np.allclose(world_matrix(tree.node("cautery")), wanted.matrix)
+
+
+def test_unknown_target_is_refused() -> None:
+    scene = vtkMRMLScene()
+    tree = TransformTree(scene)
+    tree.set(pose("ras", "reference", 1))
+    with pytest.raises(SceneError, match="CauteryToTracker cannot be placed: frame 'tracker'"):
+        tree.set(pose("tracker", "cautery", 2))
+    assert tree.node("cautery") is None
+    assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 1
+
+
+def test_a_frame_that_the_user_hung_elsewhere_comes_back_and_the_root_stays() -> None:
+    scene = vtkMRMLScene()
+    theirs = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "PatientToRas")
+    tree = TransformTree(scene)
+    root = tree.set(pose("ras", "reference", 1))
+    cautery = tree.set(pose("reference", "cautery", 2))
+    root.SetAndObserveTransformNodeID(theirs.GetID())
+    cautery.SetAndObserveTransformNodeID(theirs.GetID())
+    tree.set(pose("ras", "reference", 1))
+    tree.set(pose("reference", "cautery", 2))
+    assert root.GetParentTransformNode() is theirs
+    assert cautery.GetParentTransformNode() is root
+
+
+@pytest.mark.parametrize("target", ["cautery", "cautery_tip"])
+def test_a_frame_cannot_hang_from_itself(target: str) -> None:
+    tree = TransformTree(vtkMRMLScene())
+    tree.set(pose("ras", "reference", 1))
+    cautery = tree.set(pose("reference", "cautery", 2))
+    tree.set(pose("cautery", "cautery_tip", 3))
+    with pytest.raises(SceneError, match=f"frame '{target}' hangs from 'cautery'"):
+        tree.set(Transform.identity(target, "cautery"))
+    assert cautery.GetName() == "CauteryToReference"
+    assert cautery.GetParentTransformNode() is tree.node("reference")
+
+
+def test_clear_leaves_other_nodes() -> None:
+    scene = vtkMRMLScene()
+    scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Theirs")
+    tree = TransformTree(scene)
+    tree.set(pose("ras", "reference", 1))
+    tree.clear()
+    assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 1
+    assert scene.GetFirstNodeByName("Theirs") is not None

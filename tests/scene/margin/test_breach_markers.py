@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from slicer import vtkMRMLScene
+
+from app.scene import Batch, BreachMarkers
+from app.scene.margin.breach_markers import SPACING_MM
+
+POINTS = st.lists(st.tuples(*[st.floats(-4.0, 4.0, width=32)] * 3), max_size=60)
+
+
+def markers() -> BreachMarkers:
+    scene = vtkMRMLScene()
+    pose = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Pose")
+    return BreachMarkers(scene, Batch(scene), pose)
+
+
+def positions(marks: BreachMarkers) -> np.ndarray:
+    points = [marks.node.GetNthControlPointPosition(place) for place in range(len(marks))]
+    return np.array(points).reshape(-1, 3)
+
+
+@given(POINTS)
+def test_marks_are_apart_and_every_breach_is_near_one(points: list[tuple[float, ...]]) -> None:
+    marks = markers()
+    added = [marks.add(np.array(point)) for point in points]
+    placed = positions(marks)
+    assert sum(added) == len(marks) == len(placed)
+    apart = np.linalg.norm(placed[:, None] - placed[None], axis=-1)
+    assert (apart[~np.eye(len(placed), dtype=bool)] >= SPACING_MM).all()
+    for point in points:
+        assert np.linalg.norm(placed - point, axis=1).min() < SPACING_MM
+    # A mark is left out only because of an earlier one: the first is always there.
+    assert not points or np.array_equal(placed[0], points[0])
+
+
+def test_cleared_marks_can_be_put_again() -> None:
+    marks = markers()
+    point = np.array([0.2, 0.3, 0.4])
+    assert marks.add(point)
+    near = point + np.array([0.0, 0.0, 0.99])
+    assert not marks.add(near)
+    marks.clear()
+    assert len(marks) == 0
+    assert marks.add(near)
+
+
+def test_marks_are_red_and_not_to_be_dragged() -> None:
+    marks = markers()
+    assert marks.node.GetName() == "BreachMarkers"
+    assert marks.node.GetDisplayNode().GetSelectedColor() == (1.0, 0.0, 0.0)
+    assert marks.node.GetLocked()
+
+
+@pytest.mark.parametrize("most", [20, 60])
+def test_a_long_breach_has_no_more_marks_than_can_be_drawn(
+    most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.scene.margin.breach_markers.MOST_MARKS", most)
+    marks = markers()
+    breach = np.random.default_rng(1).uniform(-8.0, 8.0, (600, 3))
+    for place, point in enumerate(breach):
+        marks.add(point)
+        assert len(marks) <= most
+        if place % 50 == 0:
+            placed = positions(marks)
+            apart = np.linalg.norm(placed[:, None] - placed[None], axis=-1)
+            assert (apart[~np.eye(len(placed), dtype=bool)] >= marks.spacing_mm).all()
+    assert marks.spacing_mm > SPACING_MM
+    for point in breach:
+        assert np.linalg.norm(positions(marks) - point, axis=1).min() < 2.0 * marks.spacing_mm
+    assert np.array_equal(positions(marks)[0], breach[0])  # the earliest stay
+    marks.clear()
+    assert marks.spacing_mm == SPACING_MM

@@ -1,0 +1,145 @@
+"""A scene that was saved and is open again is gone on with: no second tumour, no second tree."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from slicer import vtkMRMLScene
+
+from app.fixture import MarginState
+from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
+from app.robot import Robot
+from app.scene import (
+    MarginGuardScene,
+    SceneApplication,
+    add_sequences,
+    load_scene,
+    save_scene,
+)
+from app.scene.nodes.convert import world_matrix
+from app.scene.sequences import BROWSER_NAME
+from tests.scene.conftest import Decide, Fill
+from tests.scene.scene_content import content
+
+STALE_NS = 200_000_000
+
+
+@pytest.fixture
+def opened(fill: Fill, arm: Robot, decision: Decide, tmp_path: Path) -> SceneApplication:
+    """A whole scene in a breach, from a file; a user's model hangs from the tool's tip."""
+    first = SceneApplication(vtkMRMLScene())
+    scene = fill(MarginGuardScene(first.scene))
+    links = {"arm": arm.forward_kinematics({"shoulder": 0.7})}
+    scene.show(decision(MarginState.POSITIVE, -3.25), links)
+    users = first.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "UsersPoints")
+    users.SetAndObserveTransformNodeID(scene.tree.node("cautery_tip").GetID())
+    save_scene(first.scene, tmp_path / "scene.mrb")
+    second = SceneApplication(vtkMRMLScene())
+    load_scene(second.scene, tmp_path / "scene.mrb")
+    return second
+
+
+def named(scene: vtkMRMLScene, name: str) -> list[str]:
+    nodes = (scene.GetNthNode(place) for place in range(scene.GetNumberOfNodes()))
+    return [node.GetID() for node in nodes if node.GetName() == name]
+
+
+def test_it_goes_on_with_the_nodes_that_are_there(opened: SceneApplication, fill: Fill) -> None:
+    scene = opened.scene
+    before = content(scene)
+    ids = {name: named(scene, name) for name in ("Tumor", "Tool", "ReferenceToRas")}
+    nodes = scene.GetNumberOfNodes()
+    fill(MarginGuardScene(scene, stale_after_ns=STALE_NS, go_on=True))
+    assert content(scene).keys() == before.keys()  # fails on a name that is there twice, too
+    assert scene.GetNumberOfNodes() == nodes
+    assert {name: named(scene, name) for name in ids} == ids
+
+
+def test_without_being_told_it_leaves_what_is_there_alone(
+    opened: SceneApplication, fill: Fill
+) -> None:
+    fill(MarginGuardScene(opened.scene))
+    assert len(named(opened.scene, "Tumor")) == len(named(opened.scene, "CauteryToReference")) == 2
+
+
+def test_what_the_user_hung_from_the_tool_moves_with_it(
+    opened: SceneApplication, fill: Fill, edges: tuple[Transform, ...]
+) -> None:
+    (users_id,) = named(opened.scene, "UsersPoints")
+    scene = fill(MarginGuardScene(opened.scene, go_on=True))
+    tip = scene.tree.node("cautery_tip")
+    assert opened.scene.GetNodeByID(users_id).GetParentTransformNode() is tip
+    at = world_matrix(tip)
+    moved = Transform("reference", "cautery", np.eye(3), [1.0, 2.0, 3.0])
+    scene.set_poses([moved])
+    assert not np.allclose(world_matrix(tip), at)
+
+
+def test_nothing_of_what_was_saved_is_shown_as_if_it_were_now(
+    opened: SceneApplication, edges: tuple[Transform, ...], tumor: SurfaceMesh
+) -> None:
+    scene = MarginGuardScene(opened.scene, stale_after_ns=STALE_NS, go_on=True)
+    node = opened.scene.GetFirstNodeByName("Tumor")
+    tool = opened.scene.GetFirstNodeByName("Tool")
+    assert not node.GetDisplayVisibility()
+    assert not tool.GetDisplayVisibility()
+    for name in ("ClosestPoints", "MarginStatus", "BreachMarkers", "upper_model"):
+        assert named(opened.scene, name) == []
+    needle = Transform("needle", "tumor", np.eye(3), [0.0, 0.0, 0.0])
+    scene.set_poses(edges, [needle])
+    assert scene.add_tumor(tumor) is node
+    assert node.GetDisplayVisibility()
+    assert node.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+    assert scene.margin is not None
+    assert len(scene.margin.breaches) == 0
+    assert not tool.GetDisplayVisibility()
+
+
+def test_a_node_of_somebody_else_is_not_taken_for_ours(fill: Fill) -> None:
+    application = SceneApplication(vtkMRMLScene())
+    add = application.scene.AddNewNodeByClass
+    theirs = add("vtkMRMLLinearTransformNode", "CauteryToReference")
+    tumor = add("vtkMRMLModelNode", "Tumor")
+    scene = fill(MarginGuardScene(application.scene, go_on=True))
+    assert scene.tree.node("cautery") is not theirs
+    assert scene.tumor is not tumor
+    scene.clear()
+    assert application.scene.IsNodePresent(theirs)
+    assert application.scene.IsNodePresent(tumor)
+
+
+def test_cleared_it_is_as_if_nothing_had_been_loaded(opened: SceneApplication, fill: Fill) -> None:
+    fill(MarginGuardScene(opened.scene, go_on=True)).clear()
+    assert content(opened.scene).keys() == {"UsersPoints"}
+
+
+def test_a_recording_that_was_saved_with_it_moves_and_colours_nothing_of_it(
+    fill: Fill, edges: tuple[Transform, ...], decision: Decide, tmp_path: Path
+) -> None:
+    first = SceneApplication(vtkMRMLScene())
+    saved = fill(MarginGuardScene(first.scene))
+    good = [TrackedTransform(edge, Stamp(0), TrackingStatus.OK) for edge in edges]
+    frames = [
+        [replace(each, stamp=Stamp(index * 20_000_000)) for each in good] for index in (0, 1, 2)
+    ]
+    states = [(index * 20_000_000, MarginState.NEGATIVE, ()) for index in (0, 1, 2)]
+    saved.show(decision(MarginState.NEGATIVE, 7.0), {})
+    add_sequences(saved, frames, states, 20_000_000)
+    save_scene(first.scene, tmp_path / "scene.mrb")
+    second = SceneApplication(vtkMRMLScene())
+    load_scene(second.scene, tmp_path / "scene.mrb")
+    browser = second.scene.GetFirstNodeByName(BROWSER_NAME)
+    users = second.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", "Users")
+    scene = fill(MarginGuardScene(second.scene, stale_after_ns=STALE_NS, go_on=True))
+    moved = Transform("reference", "cautery", np.eye(3), [1.0, 2.0, 3.0])
+    scene.set_poses([moved])
+    at = world_matrix(scene.tree.node("cautery_tip"))
+    for item in (0, 2, 1):
+        browser.SetSelectedItemNumber(item)
+        assert scene.tumor.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+        assert scene.tool.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
+        assert scene.margin.status.GetText() == ""
+        assert np.array_equal(world_matrix(scene.tree.node("cautery_tip")), at)
+    assert named(second.scene, "MarginGuard-NeedleToReference-Seq")
+    assert second.scene.IsNodePresent(users)

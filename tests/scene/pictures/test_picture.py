@@ -1,0 +1,178 @@
+from collections.abc import Callable
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from slicer import vtkMRMLScene
+
+from app.fixture import MarginState
+from app.geometry import SurfaceMesh, Transform
+from app.robot import Robot
+from app.scene import (
+    MarginGuardScene,
+    Moment,
+    SceneApplication,
+    SceneError,
+    ShownRobot,
+    moment_png,
+    scene_png,
+)
+from app.scene.pictures.pixels import png, text_strip
+from tests.scene.conftest import Decide
+
+SIZE = (640, 450)  # small: a machine without a graphics card draws these
+pytestmark = pytest.mark.usefixtures("can_draw")
+Draw = Callable[..., np.ndarray]
+
+
+@pytest.fixture
+def draw(moment_values: dict[str, Any], arm: Robot, decision: Decide) -> Draw:
+    """Draws the case in a state; returns the picture without the banner, values from 0 to 1."""
+
+    def build(state: MarginState = MarginState.POSITIVE, **changes: object) -> np.ndarray:
+        links = arm.forward_kinematics({"shoulder": 0.9, "elbow": 0.6})
+        judged = {
+            "decision": decision(state, -2.0),
+            "robot": ShownRobot(arm, "robot_base", links),
+        }
+        moment = Moment(**{**moment_values, **judged, **changes})
+        picture = imread(BytesIO(moment_png(moment, SIZE)))
+        assert picture.shape[:2] == SIZE[::-1]
+        return picture[64:, :, :3]
+
+    return build
+
+
+def amount(picture: np.ndarray, reddish: Callable[..., np.ndarray]) -> int:
+    return int(reddish(*np.moveaxis(picture, -1, 0)).sum())
+
+
+def is_red(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (r > 0.4) & (r > 1.6 * g) & (r > 1.3 * b)
+
+
+def is_green(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (g > 0.4) & (g > 1.3 * r) & (g > 1.3 * b)
+
+
+def is_blue(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (b > 0.3) & (b > 1.6 * r) & (b > 1.6 * g)
+
+
+def is_yellow(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (r > 0.4) & (g > 0.35) & (b < 0.3) & (r < 1.5 * g)
+
+
+def is_yellowish(r: np.ndarray, g: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (r > b + 0.1) & (g > b + 0.05)
+
+
+def test_tumor_shows_its_state_in_both_views(draw: Draw) -> None:
+    red, green = draw(MarginState.POSITIVE), draw(MarginState.NEGATIVE)
+    half = SIZE[0] // 2
+    for view in (np.s_[:, :half], np.s_[:, half:]):
+        assert amount(red[view], is_red) > 100
+        assert amount(red[view], is_green) < 10
+        assert amount(green[view], is_green) > 100
+        assert amount(green[view], is_red) < 10
+    # The close-up is one: the tumour fills much of it.
+    assert amount(red[:, half:], is_red) > 10 * amount(red[:, :half], is_red)
+
+
+def test_tool_and_robot_are_seen_in_the_overview(draw: Draw) -> None:
+    overview = draw()[:, : SIZE[0] // 2]
+    assert amount(overview, is_yellow) > 40
+    assert amount(overview, is_blue) > 400
+
+
+def test_tool_is_seen_in_the_grip_and_alone_in_the_close_up(draw: Draw, arm: Robot) -> None:
+    # The forearm reaches to where the tool is: the tool of 60 mm is put wholly inside of it.
+    links = arm.forward_kinematics({})
+    base_from_tip = links["fore_arm"].renamed(target="robot_base") @ Transform(
+        "fore_arm", "cautery_tip", np.eye(3), np.array([0.0, 0.0, 64.0])
+    )
+    base = Transform.identity("reference", "robot_base")
+    poses: dict[str, object] = {
+        "measured": (
+            (base @ base_from_tip).renamed(source="cautery"),
+            (base @ base_from_tip).renamed(source="needle"),
+        ),
+        "fixed": (
+            Transform.identity("cautery", "cautery_tip"),
+            Transform("needle", "tumor", np.eye(3), np.array([0.0, 0.0, 14.0])),
+            base,
+        ),
+    }
+    half = SIZE[0] // 2
+    for tool_link, least, most in ((None, 0, 20), ("fore_arm", 40, 10**6)):
+        shown = ShownRobot(arm, "robot_base", links, tool_link)
+        picture = draw(robot=shown, **poses)
+        assert least <= amount(picture[:, :half], is_yellowish) <= most
+        assert amount(picture[:, half:], is_yellow) > 100
+        assert amount(picture[:, half:], is_blue) == 0
+
+
+def test_picture_is_the_same_each_time(draw: Draw) -> None:
+    assert np.array_equal(draw(), draw())
+
+
+def test_tip_without_a_mesh_and_without_a_robot(draw: Draw) -> None:
+    picture = draw(tool=None, robot=None)
+    assert amount(picture, is_blue) == 0
+    assert amount(picture, is_red) > 1000
+
+
+def test_unknown_is_grey(draw: Draw) -> None:
+    picture = draw(MarginState.UNKNOWN)
+    assert amount(picture, is_red) + amount(picture, is_green) == 0
+
+
+def test_reference_that_was_not_seen_leaves_the_robot_out(
+    draw: Draw, edges: tuple[Transform, ...]
+) -> None:
+    picture = draw(measured=edges[1:])
+    assert amount(picture, is_blue) == 0
+    assert amount(picture, is_red) > 1000
+
+
+def test_tool_of_an_earlier_sample_is_where_it_was_judged(
+    draw: Draw, edges: tuple[Transform, ...], fixed: tuple[Transform, ...]
+) -> None:
+    reference, needle, cautery = edges
+    tumor_from_tip = (needle @ fixed[1]).inverse() @ cautery @ fixed[0]
+    without_tool = draw(measured=(reference, needle), tumor_from_tip=tumor_from_tip)
+    assert np.abs(without_tool - draw()).max() < 0.02
+    with pytest.raises(SceneError, match="'cautery_tip' has no pose"):
+        draw(measured=(reference, needle))
+
+
+def test_strip_has_its_color_and_its_words() -> None:
+    strip = text_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), (1.0, 0.0, 0.0))
+    assert strip.shape == (64, 800, 3)
+    assert (strip[:, :10] == [255, 0, 0]).all()
+    white = (strip == 255).all(axis=-1)
+    assert 500 < white.sum() < 20000
+    dark = text_strip("NEGATIVE", (800, 64), (0.0, 1.0, 0.0))
+    assert (dark.max(axis=-1) < 60).any()
+    assert text_strip("x" * 500, (800, 64), (0.5, 0.5, 0.5)).shape == (64, 800, 3)
+
+
+def test_png_round_trip() -> None:
+    picture = np.random.default_rng(1).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    assert np.array_equal(np.round(255 * imread(BytesIO(png(picture)))), picture)
+
+
+def test_banner_of_an_aged_scene_is_grey(
+    edges: tuple[Transform, ...], fixed: tuple[Transform, ...], tumor: SurfaceMesh, decision: Decide
+) -> None:
+    application = SceneApplication(vtkMRMLScene())
+    scene = MarginGuardScene(application.scene, stale_after_ns=10)
+    scene.set_poses(edges, fixed)
+    scene.add_tumor(tumor)
+    clear = decision(MarginState.NEGATIVE, 9.0)
+    for now_ns, color in ((1, (0.0, 1.0, 0.0)), (12, (0.5, 0.5, 0.5))):
+        scene.show(clear, {}, now_ns)
+        picture = imread(BytesIO(scene_png(application, scene, (200, 120))))
+        assert np.allclose(picture[2, 2, :3], color, atol=0.01)
