@@ -1,17 +1,13 @@
 from .application import SceneApplication
 from .errors import OffscreenError, SceneError
-from .frames.edited import (
-    EditedTransform,
-    mesh_of_model,
-    mesh_of_segment,
-    points_of_markups,
-)
+from .frames.edited import EditedTransform
 from .frames.poses import PoseNodes
 from .frames.transform_tree import TransformTree
 from .frames.watchdog import Freshness, TransformHealth, TransformWatchdog
 from .margin.breach_markers import BreachMarkers
 from .margin.fixture_plane import FixturePlane
 from .nodes.batch import Batch
+from .nodes.shapes import mesh_of_model, mesh_of_segment, points_of_markups
 from .pictures.cameras import Preset, bullseye, forward_of, look_through, preset_camera
 from .pictures.framing import Camera
 from .pictures.moment import Moment, MomentScene, ShownRobot, moment_png
