@@ -1,11 +1,11 @@
 from .address import Address, new_token
-from .cast import Cast, stop_surface
+from .drawing.stage import Stage
 from .errors import ViewerError
-from .feeds import LiveFeed, ReplayFeed
+from .said.timeline import LiveTimeline, ReplayTimeline
 from .server import Title, Viewer
-from .shown import Shown, Watcher
-from .stage import Stage
-from .timeline import LiveTimeline, ReplayTimeline
+from .steps.cast import Cast, stop_surface
+from .steps.feeds import LiveFeed, ReplayFeed
+from .steps.shown import Shown, Watcher
 
 __all__ = [
     "Address",

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from trame_server import Server
 
-from app.viewer.cameras import Cameraman, Look
-from app.viewer.replay import RATES, ReplayControl
-from app.viewer.stage import Part, Stage
+from app.viewer.drawing.cameras import Cameraman, Look
+from app.viewer.drawing.stage import Part, Stage
+from app.viewer.steps.replay import RATES, ReplayControl
 
 Changed = Callable[[], None]
 """Called after each wish: something may be to draw."""

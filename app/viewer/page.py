@@ -2,13 +2,13 @@
 
 from trame_server.state import State
 
-from app.viewer.area import PictureArea
-from app.viewer.cameras import Cameraman
-from app.viewer.feeds import Feed
-from app.viewer.readout import readout
-from app.viewer.shown import Shown
-from app.viewer.stage import Stage
-from app.viewer.timeline import Timeline
+from app.viewer.drawing.area import PictureArea
+from app.viewer.drawing.cameras import Cameraman
+from app.viewer.drawing.stage import Stage
+from app.viewer.said.readout import readout
+from app.viewer.said.timeline import Timeline
+from app.viewer.steps.feeds import Feed
+from app.viewer.steps.shown import Shown
 
 
 class Page:

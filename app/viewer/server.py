@@ -15,18 +15,18 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.viewer.address import Address
-from app.viewer.area import PictureArea
-from app.viewer.feeds import Feed
+from app.viewer.drawing.area import PictureArea
+from app.viewer.drawing.pictures import MakeSchedule, Pictures, Schedule
+from app.viewer.drawing.screenshot import screenshot
+from app.viewer.drawing.stage import Stage
 from app.viewer.gate import Gate
 from app.viewer.hands import ReplayHands, StageHands
 from app.viewer.link import PageLink
 from app.viewer.page import Page
-from app.viewer.pictures import MakeSchedule, Pictures, Schedule
 from app.viewer.quiet import expect_pages_to_go
-from app.viewer.replay import ReplayControl
-from app.viewer.screenshot import screenshot
-from app.viewer.stage import Stage
-from app.viewer.timeline import Timeline
+from app.viewer.said.timeline import Timeline
+from app.viewer.steps.feeds import Feed
+from app.viewer.steps.replay import ReplayControl
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "stage"

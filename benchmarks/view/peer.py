@@ -10,8 +10,8 @@ from typing import Any
 
 from trame_rca.schedulers import RcaImageRenderScheduler
 
-from app.viewer.area import PictureArea
-from app.viewer.pictures import Source
+from app.viewer.drawing.area import PictureArea
+from app.viewer.drawing.pictures import Source
 
 _POSES_HZ = 100.0
 """How often the scene is brought to the present: more often than the tracker's poses come."""

@@ -18,9 +18,9 @@ from trame_slicer.views import ThreeDView
 from app.cli.replay_page import replay_parts
 from app.cli.signals import Received
 from app.viewer import Address, Stage, Title, Viewer
-from app.viewer.area import PictureArea
-from app.viewer.pictures import Pictures
-from app.viewer.replay import ReplayControl
+from app.viewer.drawing.area import PictureArea
+from app.viewer.drawing.pictures import Pictures
+from app.viewer.steps.replay import ReplayControl
 from benchmarks.view.peer import DefaultSchedule
 from benchmarks.view.stamps import stamp
 

@@ -4,10 +4,10 @@ from typing import cast
 
 from trame_server import Server
 
-from app.viewer.area import PictureArea
+from app.viewer.drawing.area import PictureArea
+from app.viewer.drawing.stage import Stage
 from app.viewer.page import Page
-from app.viewer.shown import Shown
-from app.viewer.stage import Stage
+from app.viewer.steps.shown import Shown
 
 
 class FeedDouble:

@@ -7,9 +7,9 @@ import pytest
 
 from app.scene.nodes.convert import world_matrix, world_points
 from app.viewer import Stage
-from app.viewer.cameras import Cameraman, Look
+from app.viewer.drawing.cameras import Cameraman, Look
+from app.viewer.drawing.stage import Part
 from app.viewer.errors import ViewerError
-from app.viewer.stage import Part
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 

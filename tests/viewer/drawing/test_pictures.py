@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from app.viewer.pictures import Pictures
+from app.viewer.drawing.pictures import Pictures
 
 
 class Area:

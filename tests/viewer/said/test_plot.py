@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.fixture import MarginState
-from app.viewer.plot import WIDTH, Point, plot
+from app.viewer.said.plot import WIDTH, Point, plot
 
 S = 1_000_000_000
 CLEAR, UNKNOWN, INSIDE = MarginState.NEGATIVE, MarginState.UNKNOWN, MarginState.POSITIVE

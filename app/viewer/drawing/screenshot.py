@@ -1,7 +1,7 @@
 """The picture that is on the page now, as a PNG file."""
 
 from app.scene.pictures.pixels import png
-from app.viewer.area import PictureArea
+from app.viewer.drawing.area import PictureArea
 
 
 def screenshot(area: PictureArea) -> bytes:

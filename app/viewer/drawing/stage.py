@@ -8,9 +8,9 @@ from trame_slicer.views.render_scheduler import NoScheduleRendering
 
 from app.scene import MarginGuardScene, Moment, SceneApplication, use_offscreen_rendering
 from app.scene.frames.frame_graph import poses_in
-from app.viewer.cast import Cast
 from app.viewer.errors import ViewerError
-from app.viewer.shown import Shown
+from app.viewer.steps.cast import Cast
+from app.viewer.steps.shown import Shown
 
 _INK = (0.92, 0.95, 0.98)
 """Of the closest-point line and its words, before a dark background."""

@@ -1,6 +1,6 @@
 """Which pages have the last picture."""
 
-from app.viewer.pages import Pages
+from app.viewer.drawing.pages import Pages
 
 S = 1_000_000_000
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.viewer.errors import ViewerError
-from app.viewer.replay import RATES, ReplayControl
+from app.viewer.steps.replay import RATES, ReplayControl
 from tests.viewer.hand_clock import HandClock
 
 MS = 1_000_000

@@ -5,9 +5,9 @@ from typing import Any
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS
 from app.scene.frames.watchdog import Freshness, TransformHealth
-from app.viewer.cast import Cast
-from app.viewer.shown import Shown
-from app.viewer.words import STATE_WORDS, distance_digits, why
+from app.viewer.said.words import STATE_WORDS, distance_digits, why
+from app.viewer.steps.cast import Cast
+from app.viewer.steps.shown import Shown
 
 
 def readout(shown: Shown | None) -> dict[str, Any]:

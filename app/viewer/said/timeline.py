@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from app.geometry import NS_PER_MS, NS_PER_S
-from app.viewer.feeds import ReplayFeed
-from app.viewer.plot import WIDTH, Point, plot
-from app.viewer.shown import Shown
+from app.viewer.said.plot import WIDTH, Point, plot
+from app.viewer.steps.feeds import ReplayFeed
+from app.viewer.steps.shown import Shown
 
 _LIVE_SPAN_NS = 30 * NS_PER_S
 _LIVE_STEP_NS = 200 * NS_PER_MS

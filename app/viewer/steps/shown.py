@@ -8,8 +8,8 @@ from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, Transform
 from app.scene.frames.watchdog import Freshness, TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
-from app.viewer.cast import Cast
-from app.viewer.trend import Trend, TrendMeter
+from app.viewer.steps.cast import Cast
+from app.viewer.steps.trend import Trend, TrendMeter
 
 
 @dataclass(frozen=True, slots=True, eq=False)

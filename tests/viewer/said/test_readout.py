@@ -11,9 +11,9 @@ from app.geometry import Transform
 from app.registration import RegistrationResult, given_registration, register_points
 from app.robot import load_robot
 from app.scene.frames.watchdog import Freshness
-from app.viewer.readout import readout
-from app.viewer.shown import Shown
-from app.viewer.words import REASON_WORDS, STATE_WORDS, distance_digits, why
+from app.viewer.said.readout import readout
+from app.viewer.said.words import REASON_WORDS, STATE_WORDS, distance_digits, why
+from app.viewer.steps.shown import Shown
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 

@@ -7,9 +7,9 @@ from typing import Protocol
 from app.fixture import MarginState
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.session import StepResult
-from app.viewer.cast import Cast
-from app.viewer.replay import ReplayControl
-from app.viewer.shown import Shown, Watcher
+from app.viewer.steps.cast import Cast
+from app.viewer.steps.replay import ReplayControl
+from app.viewer.steps.shown import Shown, Watcher
 
 _QUIET_NS = NS_PER_S
 """Without a source a session steps every tenth of a second: quiet for so long, it has ended."""

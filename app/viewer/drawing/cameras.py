@@ -9,7 +9,7 @@ from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.pictures.cameras import VIEW_ANGLE_DEG, bullseye, forward_of, look_through
 from app.scene.pictures.framing import Camera, best_direction, fit
 from app.scene.scene import MarginGuardScene
-from app.viewer.stage import Stage
+from app.viewer.drawing.stage import Stage
 
 _CLOSE_RADII = 2.2
 """Parts of the tool that are within so many radii of the tumour are in the close-up."""

@@ -1,0 +1,1 @@
+"""The picture: a stage, from where it is looked at, drawn and sent as pages have time."""

@@ -1,0 +1,1 @@
+"""What there is to show: the steps of a session that runs, or of a recording."""
