@@ -51,6 +51,17 @@ WITHIN = {
         "meshes": set(),
         "description": {"kinematics", "meshes"},
     },
+    "scene": {
+        "nodes": set(),
+        "frames": {"nodes"},
+        "margin": {"nodes", "frames"},
+        "pictures": {"nodes", "frames"},
+    },
+    "viewer": {
+        "steps": set(),
+        "drawing": {"steps"},
+        "said": {"steps"},
+    },
 }
 """What the folders of a room may import of each other."""
 
