@@ -1,7 +1,7 @@
 """Actions of other nodes, which SlicerROS2 has not, followed without holding up the scene."""
 
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
@@ -10,11 +10,8 @@ from app.bridge.convert import action_type, type_name
 from app.bridge.mailbox import Mailbox
 from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member
+from ROS2Lib.member import Member, Owner
 from ROS2Lib.ros_message import message_of, value_of
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
 
 _TIMEOUT_S = 3600.0
 _CANCEL_S = 3.0
@@ -120,7 +117,7 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         return f"{self.GetROSType()}, {self._error or 'reached'}"
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """The action, however it was spelt."""
         return (owner.resolve(names[0]),)
 
@@ -143,7 +140,7 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         if is_done or feedback is not None:
             self.Modified()
 
-    def _start(self, owner: "RosHost", action: str) -> None:
+    def _start(self, owner: Owner, action: str) -> None:
         self._client = ActionClient(owner.ros, self._type, action)
         self._action = action
         self.SetName(f"ros2:action:client:{action}")

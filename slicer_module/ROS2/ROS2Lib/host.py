@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import vtk
 from slicer import vtkMRMLScene, vtkMRMLScriptedModuleNode
@@ -16,10 +16,9 @@ from app.bridge.tf.broadcaster import TfBroadcaster
 from app.bridge.tf.listener import TfListener
 from app.geometry import MarginGuardError, Stamp
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member
+from ROS2Lib.member import Kind, Member
 
 MemberKey = tuple[str, tuple[str, ...]]
-Kind = TypeVar("Kind", bound=Member)
 
 
 class RosHost(vtkMRMLScriptedModuleNode):
@@ -155,9 +154,10 @@ class RosHost(vtkMRMLScriptedModuleNode):
         """All of them, in the order in which they came."""
         return tuple(self._members.values())
 
-    def _create(
+    def create(
         self, kind: type[Kind], *names: str, prepare: Callable[[Kind], None] = lambda _: None
     ) -> Kind | None:
+        """A new member in the scene, which `prepare` sees first; None, and said, when refused."""
         scene = self.GetScene()
         try:
             member = kind()
@@ -174,18 +174,21 @@ class RosHost(vtkMRMLScriptedModuleNode):
             return None
         return member
 
-    def _member(self, kind: type[Kind], *names: str) -> Kind | None:
+    def find(self, kind: type[Kind], *names: str) -> Kind | None:
+        """The member of that kind and name; None when there is none."""
         try:
             found = self._members.get((kind.ROLE, kind.key(self, *names)))
         except MarginGuardError:  # a name that cannot be is nobody's
             return None
         return found if isinstance(found, kind) else None
 
-    def _by_id(self, kind: type[Kind], node_id: str) -> Kind | None:
+    def find_by_id(self, kind: type[Kind], node_id: str) -> Kind | None:
+        """The member of that kind whose node in the scene has this ID; None when there is none."""
         each = (member for member in self._members.values() if isinstance(member, kind))
         return next((member for member in each if member.GetID() == node_id), None)
 
-    def _remove(self, member: Member | None, what: str) -> bool:
+    def remove(self, member: Member | None, what: str) -> bool:
+        """Take ``member`` out of graph and scene; False, and said by ``what`` it is, for None."""
         if member is None:
             logging.warning(f"{self._name} has no {what}: nothing is removed")
             return False

@@ -1,16 +1,56 @@
 """What all nodes in the scene that hang on a ROS node have in common."""
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from app.bridge import RosNode
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf.broadcaster import TfBroadcaster
 from app.geometry import MarginGuardError
 
 if TYPE_CHECKING:
     from slicer import vtkMRMLNode as _Node
-
-    from ROS2Lib.host import RosHost
 else:
     _Node = object  # the class of MRML that it is mixed into is the node
+
+Kind = TypeVar("Kind", bound="Member")
+
+
+class Owner(Protocol):
+    """What members ask of their ROS node; `RosHost` says what each of these does."""
+
+    @property
+    def ros(self) -> RosNode:
+        """The node on the graph."""
+
+    @property
+    def buffer(self) -> TransformBuffer:
+        """What tf has said."""
+
+    @property
+    def broadcaster(self) -> TfBroadcaster:
+        """To tf."""
+
+    def GetID(self) -> str:
+        """Its ID in the scene."""
+
+    def now_ns(self) -> int:
+        """Now on its clock."""
+
+    def stamp(self, message: Any, frame_id: str) -> None:
+        """Fill a header in where its sender left it."""
+
+    def resolve(self, name: str) -> str:
+        """The full name of a topic or service."""
+
+    def create(self, kind: type[Kind], *names: str) -> Kind | None:
+        """Another member."""
+
+    def find(self, kind: type[Kind], *names: str) -> Kind | None:
+        """The member of that kind and name."""
+
+    def remove(self, member: "Member | None", what: str) -> bool:
+        """Take a member out of graph and scene."""
 
 
 class Member(_Node):
@@ -21,7 +61,7 @@ class Member(_Node):
     """
 
     ROLE = ""
-    _owner: "RosHost | None" = None
+    _owner: Owner | None = None
 
     def GetClassName(self) -> str:
         """The name that the class has in SlicerROS2; the scene itself knows the one below it."""
@@ -45,7 +85,7 @@ class Member(_Node):
         """Whether it is part of a ROS node now."""
         return self._owner is not None
 
-    def join(self, owner: "RosHost", names: tuple[str, ...]) -> None:
+    def join(self, owner: Owner, names: tuple[str, ...]) -> None:
         """For the ROS node alone: become its member."""
         self._start(owner, *names)
         self._owner = owner
@@ -67,11 +107,11 @@ class Member(_Node):
         """For the ROS node alone: bring what has come into the scene."""
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """What tells it from the others of its role on one ROS node."""
         raise NotImplementedError
 
-    def _start(self, owner: "RosHost", *names: Any) -> None:
+    def _start(self, owner: Owner, *names: Any) -> None:
         raise NotImplementedError
 
     def _stop(self) -> None:

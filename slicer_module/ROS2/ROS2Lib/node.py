@@ -23,43 +23,43 @@ class vtkMRMLROS2NodeNode(RosHost):
         self, className: str, topic: str
     ) -> vtkMRMLROS2PublisherNode | None:
         """A publisher of a kind (`ROS2Lib.kinds`); None when the topic has one already."""
-        return self._create(kind_class(vtkMRMLROS2PublisherNode, className), topic)
+        return self.create(kind_class(vtkMRMLROS2PublisherNode, className), topic)
 
     def CreateAndAddSubscriberNode(
         self, className: str, topic: str
     ) -> vtkMRMLROS2SubscriberNode | None:
         """A subscriber of a kind; None when the topic has one already."""
-        return self._create(kind_class(vtkMRMLROS2SubscriberNode, className), topic)
+        return self.create(kind_class(vtkMRMLROS2SubscriberNode, className), topic)
 
     def CreateAndAddServiceClientNode(
         self, className: str, service: str
     ) -> vtkMRMLROS2ServiceClientNode | None:
         """A client of a kind of service; None when the service has one already."""
-        return self._create(kind_class(vtkMRMLROS2ServiceClientNode, className), service)
+        return self.create(kind_class(vtkMRMLROS2ServiceClientNode, className), service)
 
     def GetPublisherNodeByTopic(self, topic: str) -> vtkMRMLROS2PublisherNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2PublisherNode, topic)
+        return self.find(vtkMRMLROS2PublisherNode, topic)
 
     def GetSubscriberNodeByTopic(self, topic: str) -> vtkMRMLROS2SubscriberNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2SubscriberNode, topic)
+        return self.find(vtkMRMLROS2SubscriberNode, topic)
 
     def GetServiceClientNodeByService(self, service: str) -> vtkMRMLROS2ServiceClientNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2ServiceClientNode, service)
+        return self.find(vtkMRMLROS2ServiceClientNode, service)
 
     def RemoveAndDeletePublisherNode(self, topic: str) -> bool:
         """False when there is none."""
-        return self._remove(self.GetPublisherNodeByTopic(topic), f"publisher of {topic!r}")
+        return self.remove(self.GetPublisherNodeByTopic(topic), f"publisher of {topic!r}")
 
     def RemoveAndDeleteSubscriberNode(self, topic: str) -> bool:
         """False when there is none."""
-        return self._remove(self.GetSubscriberNodeByTopic(topic), f"subscriber to {topic!r}")
+        return self.remove(self.GetSubscriberNodeByTopic(topic), f"subscriber to {topic!r}")
 
     def RemoveAndDeleteServiceClientNode(self, service: str) -> bool:
         """False when there is none."""
-        return self._remove(self.GetServiceClientNodeByService(service), f"client of {service!r}")
+        return self.remove(self.GetServiceClientNodeByService(service), f"client of {service!r}")
 
     def RegisteredROS2PublisherNodes(self) -> str:
         """The classes that have a short name, one a line."""
@@ -80,43 +80,43 @@ class vtkMRMLROS2NodeNode(RosHost):
     ) -> vtkMRMLROS2ServiceServerNode | None:
         """Answer a service by ``handler(request, response)``; None when it is answered already."""
         kind = kind_class(vtkMRMLROS2ServiceServerNode, className)
-        return self._create(kind, service, prepare=lambda server: server.SetHandler(handler))
+        return self.create(kind, service, prepare=lambda server: server.SetHandler(handler))
 
     def GetServiceServerNodeByService(self, service: str) -> vtkMRMLROS2ServiceServerNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2ServiceServerNode, service)
+        return self.find(vtkMRMLROS2ServiceServerNode, service)
 
     def RemoveAndDeleteServiceServerNode(self, service: str) -> bool:
         """False when there is none."""
-        return self._remove(self.GetServiceServerNodeByService(service), f"server of {service!r}")
+        return self.remove(self.GetServiceServerNodeByService(service), f"server of {service!r}")
 
     def CreateAndAddActionClientNode(
         self, actionType: str, action: str
     ) -> vtkMRMLROS2ActionClientNode | None:
         """A client of an action by its type in ROS; None when the action has one already."""
-        return self._create(kind_class(vtkMRMLROS2ActionClientNode, actionType), action)
+        return self.create(kind_class(vtkMRMLROS2ActionClientNode, actionType), action)
 
     def GetActionClientNodeByAction(self, action: str) -> vtkMRMLROS2ActionClientNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2ActionClientNode, action)
+        return self.find(vtkMRMLROS2ActionClientNode, action)
 
     def RemoveAndDeleteActionClientNode(self, action: str) -> bool:
         """False when there is none."""
-        return self._remove(self.GetActionClientNodeByAction(action), f"client of {action!r}")
+        return self.remove(self.GetActionClientNodeByAction(action), f"client of {action!r}")
 
     # Parameters of other nodes.
 
     def CreateAndAddParameterNode(self, nodeName: str) -> vtkMRMLROS2ParameterNode | None:
         """The parameters of another ROS node; None when they are monitored already."""
-        return self._create(vtkMRMLROS2ParameterNode, nodeName)
+        return self.create(vtkMRMLROS2ParameterNode, nodeName)
 
     def GetParameterNodeByNode(self, nodeName: str) -> vtkMRMLROS2ParameterNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2ParameterNode, nodeName)
+        return self.find(vtkMRMLROS2ParameterNode, nodeName)
 
     def RemoveAndDeleteParameterNode(self, nodeName: str) -> bool:
         """False when there is none."""
-        return self._remove(self.GetParameterNodeByNode(nodeName), f"parameters of {nodeName!r}")
+        return self.remove(self.GetParameterNodeByNode(nodeName), f"parameters of {nodeName!r}")
 
     # tf.
 
@@ -124,31 +124,31 @@ class vtkMRMLROS2NodeNode(RosHost):
         self, parent: str, child: str
     ) -> vtkMRMLROS2Tf2BroadcasterNode | None:
         """None when there is one already."""
-        return self._create(vtkMRMLROS2Tf2BroadcasterNode, parent, child)
+        return self.create(vtkMRMLROS2Tf2BroadcasterNode, parent, child)
 
     def CreateAndAddTf2LookupNode(self, parent: str, child: str) -> vtkMRMLROS2Tf2LookupNode | None:
         """None when there is one already."""
-        return self._create(vtkMRMLROS2Tf2LookupNode, parent, child)
+        return self.create(vtkMRMLROS2Tf2LookupNode, parent, child)
 
     def GetTf2BroadcasterNodeByParentChild(
         self, parent: str, child: str
     ) -> vtkMRMLROS2Tf2BroadcasterNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2Tf2BroadcasterNode, parent, child)
+        return self.find(vtkMRMLROS2Tf2BroadcasterNode, parent, child)
 
     def GetTf2LookupNodeByParentChild(
         self, parent: str, child: str
     ) -> vtkMRMLROS2Tf2LookupNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2Tf2LookupNode, parent, child)
+        return self.find(vtkMRMLROS2Tf2LookupNode, parent, child)
 
     def GetTf2BroadcasterNodeByID(self, nodeID: str) -> vtkMRMLROS2Tf2BroadcasterNode | None:
         """None when there is none."""
-        return self._by_id(vtkMRMLROS2Tf2BroadcasterNode, nodeID)
+        return self.find_by_id(vtkMRMLROS2Tf2BroadcasterNode, nodeID)
 
     def GetTf2LookupNodeByID(self, nodeID: str) -> vtkMRMLROS2Tf2LookupNode | None:
         """None when there is none."""
-        return self._by_id(vtkMRMLROS2Tf2LookupNode, nodeID)
+        return self.find_by_id(vtkMRMLROS2Tf2LookupNode, nodeID)
 
     def RemoveAndDeleteTf2BroadcasterNode(self, parent: str, child: str = "") -> bool:
         """By parent and child, or by the id of the node; False when there is none."""
@@ -157,7 +157,7 @@ class vtkMRMLROS2NodeNode(RosHost):
             if child
             else self.GetTf2BroadcasterNodeByID(parent)
         )
-        return self._remove(found, f"broadcaster {parent!r} {child!r}")
+        return self.remove(found, f"broadcaster {parent!r} {child!r}")
 
     def RemoveAndDeleteTf2LookupNode(self, parent: str, child: str = "") -> bool:
         """By parent and child, or by the id of the node; False when there is none."""
@@ -166,7 +166,7 @@ class vtkMRMLROS2NodeNode(RosHost):
             if child
             else self.GetTf2LookupNodeByID(parent)
         )
-        return self._remove(found, f"lookup {parent!r} {child!r}")
+        return self.remove(found, f"lookup {parent!r} {child!r}")
 
     # Robots.
 
@@ -180,12 +180,12 @@ class vtkMRMLROS2NodeNode(RosHost):
     ) -> vtkMRMLROS2RobotNode | None:
         """A robot that a parameter of another node describes; None when the name is in use."""
         names = (robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix)
-        return self._create(vtkMRMLROS2RobotNode, *names)
+        return self.create(vtkMRMLROS2RobotNode, *names)
 
     def GetRobotNodeByName(self, robotName: str) -> vtkMRMLROS2RobotNode | None:
         """None when there is none."""
-        return self._member(vtkMRMLROS2RobotNode, robotName)
+        return self.find(vtkMRMLROS2RobotNode, robotName)
 
     def RemoveAndDeleteRobotNode(self, robotName: str) -> bool:
         """The robot with its lookups and models; False when there is none."""
-        return self._remove(self.GetRobotNodeByName(robotName), f"robot {robotName!r}")
+        return self.remove(self.GetRobotNodeByName(robotName), f"robot {robotName!r}")

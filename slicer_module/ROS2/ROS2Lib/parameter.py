@@ -1,18 +1,14 @@
 """Parameters of other nodes."""
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.calls.parameter_values import TYPE_NAMES, Plain, parameter_value
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member
+from ROS2Lib.member import Member, Owner
 from ROS2Lib.parameter_watch import ParameterWatch
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
-
 
 _USER_EVENT = 1000
 """VTK's first number for events of others."""
@@ -119,7 +115,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         return tuple(self._values)
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """The monitored node, with or without the first slash."""
         return (names[0].strip("/"),)
 
@@ -150,7 +146,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
             raise Ros2Error(f"parameter {name!r} of {self._monitored} is {found}: no {kind}")
         return self._values[name]
 
-    def _start(self, owner: "RosHost", node: str) -> None:
+    def _start(self, owner: Owner, node: str) -> None:
         self._watch = ParameterWatch(owner.ros, f"/{node.strip('/')}" if node else node)
         self._monitored = node
         self.SetName(f"ros2:param:{node}")

@@ -1,13 +1,11 @@
 """Publishers: values of Slicer to a topic."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.bridge.convert import TopicPublisher
 from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Owner
 from ROS2Lib.topic_node import TopicNode
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
 
 
 class vtkMRMLROS2PublisherNode(TopicNode):
@@ -57,7 +55,7 @@ class vtkMRMLROS2PublisherNode(TopicNode):
         """How much it has sent."""
         return f"{self.GetROSType()}, {self.GetNumberOfMessagesSent()} sent"
 
-    def _start(self, owner: "RosHost", topic: str) -> None:
+    def _start(self, owner: Owner, topic: str) -> None:
         self._publisher = TopicPublisher(owner.ros, self.kind.type, topic, self.quality())
         self.named("ros2:pub:", topic)
 

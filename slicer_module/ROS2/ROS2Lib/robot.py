@@ -1,7 +1,5 @@
 """Robots described by a parameter, placed by tf: a lookup node and a model a link."""
 
-from typing import TYPE_CHECKING
-
 from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.mailbox import Mailbox
@@ -10,11 +8,8 @@ from app.robot import Robot
 from app.scene import RobotModel
 from app.scene.nodes.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member
+from ROS2Lib.member import Member, Owner
 from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
-
-if TYPE_CHECKING:
-    from ROS2Lib.node import vtkMRMLROS2NodeNode
 
 
 class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
@@ -61,7 +56,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         return next(stale, "")
 
     @classmethod
-    def key(cls, owner: "vtkMRMLROS2NodeNode", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """Its name."""
         return (names[0],)
 
@@ -94,7 +89,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
 
     def _start(
         self,
-        owner: "vtkMRMLROS2NodeNode",
+        owner: Owner,
         name: str,
         node: str,
         parameter: str,
@@ -152,13 +147,10 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         """A node for the edge: one that is there already stays its maker's."""
         if self._owner is None:
             raise Ros2Error(f"{self.GetName()} is not on a ROS node")
-        there: vtkMRMLROS2Tf2LookupNode | None = self._owner.GetTf2LookupNodeByParentChild(
-            parent, child
-        )
+        there = self._owner.find(vtkMRMLROS2Tf2LookupNode, parent, child)
         if there is not None:
             return there
-        made: vtkMRMLROS2Tf2LookupNode | None
-        made = self._owner.CreateAndAddTf2LookupNode(parent, child)
+        made = self._owner.create(vtkMRMLROS2Tf2LookupNode, parent, child)
         if made is None:
             raise Ros2Error(f"{self.GetName()}: no lookup from {parent!r} to {child!r}")
         self._own.append((parent, child))
@@ -170,8 +162,9 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
             self._model = None
         if self._owner is not None:
             for parent, child in self._own:
-                if self._owner.GetTf2LookupNodeByParentChild(parent, child) is not None:
-                    self._owner.RemoveAndDeleteTf2LookupNode(parent, child)
+                lookup = self._owner.find(vtkMRMLROS2Tf2LookupNode, parent, child)
+                if lookup is not None:
+                    self._owner.remove(lookup, lookup.GetName())
         self._own.clear()
         self._lookups.clear()
         self._is_stale = True

@@ -1,7 +1,7 @@
 """Services of other nodes, asked without holding up the scene."""
 
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
@@ -10,12 +10,8 @@ from app.bridge.convert import type_name
 from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.kinds import service_kind
-from ROS2Lib.member import Member
+from ROS2Lib.member import Member, Owner
 from ROS2Lib.ros_message import message_of, value_of
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
-
 
 _TIMEOUT_S = 5.0
 
@@ -120,7 +116,7 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
             self._call.done.wait(timeout_s)
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """The service, however it was spelt."""
         return (owner.resolve(names[0]),)
 
@@ -140,7 +136,7 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
                     self._error = str(error)
             self.Modified()
 
-    def _start(self, owner: "RosHost", service: str) -> None:
+    def _start(self, owner: Owner, service: str) -> None:
         self._client = ServiceClient(owner.ros, self._type, service)
         self._service = service
         self.SetName(f"ros2:srv:client:{service}")

@@ -3,7 +3,7 @@
 import logging
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
@@ -11,11 +11,8 @@ from app.bridge.calls import ServiceServer
 from app.bridge.convert import type_name
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.kinds import service_kind
-from ROS2Lib.member import Member
+from ROS2Lib.member import Member, Owner
 from ROS2Lib.ros_message import message_of, value_of
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
 
 _TIMEOUT_S = 5.0
 
@@ -71,7 +68,7 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
         return f"{self.GetROSType()}, {self._answered} answered"
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """The service, however it was spelt."""
         return (owner.resolve(names[0]),)
 
@@ -90,7 +87,7 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
             logging.exception(f"{self.GetName()}: the handler failed")
         asked.over.set()
 
-    def _start(self, owner: "RosHost", service: str) -> None:
+    def _start(self, owner: Owner, service: str) -> None:
         if self._handler is None:
             raise Ros2Error(f"service {service!r}: a handler is wanted")
         self._server = ServiceServer(owner.ros, self._type, service, self._answer, in_thread=True)

@@ -1,19 +1,16 @@
 """Subscribers: a topic to values of Slicer, one event a message."""
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slicer import vtkMRMLModelNode, vtkMRMLVolumeNode
 
 from app.bridge.convert import TopicQueue
 from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
+from ROS2Lib.member import Owner
 from ROS2Lib.topic_node import TopicNode
 from ROS2Lib.yaml_text import yaml_text
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
-
 
 _TARGETS = {"Image": vtkMRMLVolumeNode, "PolyData": vtkMRMLModelNode}
 
@@ -106,7 +103,7 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
         else:
             target.SetAndObservePolyData(value)
 
-    def _start(self, owner: "RosHost", topic: str) -> None:
+    def _start(self, owner: Owner, topic: str) -> None:
         self._queue = TopicQueue(owner.ros, self.kind.type, topic, self.quality())
         self.named("ros2:sub:", topic)
 

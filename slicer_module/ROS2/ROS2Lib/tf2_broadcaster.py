@@ -1,19 +1,15 @@
 """Poses of the scene to tf, each stamped with when it was said, or measured."""
 
 import logging
-from typing import TYPE_CHECKING
 
 from slicer import vtkMRMLScriptedModuleNode, vtkMRMLTransformNode
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.geometry import MarginGuardError, Stamp, check_frame
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member
+from ROS2Lib.member import Member, Owner
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
 from ROS2Lib.vtk_values import transform
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
 
 
 class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
@@ -77,7 +73,7 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
             self._moved(node, "")
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """Parent and child."""
         parent, child = names
         return (check_frame(parent), check_frame(child))
@@ -92,7 +88,7 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
         except MarginGuardError as error:  # an observer has nobody to raise it to
             logging.error(f"{self.GetName()}: {error}")
 
-    def _start(self, owner: "RosHost", parent: str, child: str) -> None:
+    def _start(self, owner: Owner, parent: str, child: str) -> None:
         if parent == child:
             raise Ros2Error(f"frame {child!r} cannot be broadcast as its own parent")
         self._parent, self._child = parent, child

@@ -1,7 +1,5 @@
 """Poses of tf in the scene: a transform node that knows how old it is."""
 
-from typing import TYPE_CHECKING
-
 from slicer import vtkMRMLLinearTransformNode
 
 from app.bridge.robots.settings import STALE_AFTER_NS
@@ -9,11 +7,7 @@ from app.bridge.tf import Lookup, TfError
 from app.geometry import NS_PER_S, check_frame
 from app.scene.nodes.convert import vtk_matrix
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
-
+from ROS2Lib.member import Member, Owner
 
 MISSING, VALID, STALE = "missing", "valid", "stale"
 
@@ -95,7 +89,7 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         return self._stale_after_ns / NS_PER_S
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """Parent and child."""
         parent, child = names
         return (check_frame(parent), check_frame(child))
@@ -136,7 +130,7 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         if state != self.GetAttribute("ros2.state"):
             self.SetAttribute("ros2.state", state)
 
-    def _start(self, owner: "RosHost", parent: str, child: str) -> None:
+    def _start(self, owner: Owner, parent: str, child: str) -> None:
         self._parent, self._child = parent, child
         self._found, self._problem = None, ""
         _ = owner.buffer  # hears tf from here on

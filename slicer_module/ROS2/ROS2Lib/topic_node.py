@@ -1,17 +1,13 @@
 """What publishers and subscribers have in common: a topic, its kind, its quality of service."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.convert import quality, type_name
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.kinds import Kind, kind_of
-from ROS2Lib.member import Member
-
-if TYPE_CHECKING:
-    from ROS2Lib.host import RosHost
-
+from ROS2Lib.member import Member, Owner
 
 _RELIABILITY = {0: "reliable", 1: "reliable", 2: "best_effort"}
 _DURABILITY = {0: "volatile", 1: "transient_local", 2: "volatile"}
@@ -79,7 +75,7 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
         return self._durability
 
     @classmethod
-    def key(cls, owner: "RosHost", *names: str) -> tuple[str, ...]:
+    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """The topic, however it was spelt."""
         return (owner.resolve(names[0]),)
 
