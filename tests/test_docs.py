@@ -1,0 +1,162 @@
+"""What README and docs name is there: links, files, commands with their options, Python names."""
+
+import argparse
+import ast
+import importlib
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.cli.commands.bench import BENCHMARKS
+from app.cli.main import build_parser
+
+LINK = re.compile(r"\]\((?!https?://)([^)#\s]+)\)")
+FILE = re.compile(r"(?<![\w./~-])[\w.-]+/[\w./-]*\w")
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"`([^`\n]+)`")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+CALL = re.compile(r"^marginguard +([^#|;&`'\n]+)", re.MULTILINE)
+OF_OTHERS = {"--no-splash", "--additional-module-paths"}
+"""Options of Slicer's."""
+NO_CALL = "marginguard tip"
+"""The name of an engine in a table of a benchmark."""
+
+
+@pytest.fixture(scope="module")
+def pages(project_root: Path) -> dict[str, str]:
+    """By its place in the project each page's text."""
+    found = [
+        *project_root.glob("*.md"),
+        *project_root.glob("docs/*.md"),
+        *project_root.glob("slicer_module/*.md"),
+        *project_root.glob("data/*/*.md"),
+    ]
+    return {str(path.relative_to(project_root)): path.read_text("utf-8") for path in found}
+
+
+def test_every_link_leads_to_a_file(project_root: Path, pages: dict[str, str]) -> None:
+    broken = [
+        f"{page}: {target}"
+        for page, text in pages.items()
+        for target in LINK.findall(text)
+        if not ((project_root / page).parent / target).exists()
+    ]
+    assert broken == []
+
+
+def test_every_file_that_is_named_is_there(project_root: Path, pages: dict[str, str]) -> None:
+    """A name that begins with a folder of the project, but for what commands make in ``out``."""
+    folders = {path.name for path in project_root.iterdir() if path.is_dir()} - {"out"}
+    missing = [
+        f"{page}: {name}"
+        for page, text in pages.items()
+        for name in FILE.findall(text)
+        if name.partition("/")[0] in folders and not (project_root / name).exists()
+    ]
+    assert missing == []
+
+
+def test_every_page_is_named_in_the_readme(pages: dict[str, str]) -> None:
+    docs = {page for page in pages if page.startswith("docs/")}
+    assert {page for page in docs if f"`{page}`" not in pages["README.md"]} == set()
+
+
+def test_every_call_of_the_command_is_one_that_it_takes(
+    project_root: Path, pages: dict[str, str]
+) -> None:
+    """Commands and their options, in blocks of code and in code within a line."""
+    wrong = [
+        f"{page}: {' '.join(words)}: {problem}"
+        for page, text in pages.items()
+        for words in _calls(text)
+        if (problem := _problem_of(words, project_root))
+    ]
+    assert wrong == []
+
+
+def test_every_option_that_is_named_is_one_of_ours(
+    project_root: Path, pages: dict[str, str]
+) -> None:
+    known = {option for parser in _parsers(build_parser()) for option in _options(parser)}
+    known |= {option for name in BENCHMARKS for option in _benchmark_options(name, project_root)}
+    named = {
+        (page, option)
+        for page, text in pages.items()
+        for option in OPTION.findall(text)
+        if option not in known | OF_OTHERS
+    }
+    assert named == set()
+
+
+def test_python_of_the_docs_names_what_can_be_imported(
+    project_root: Path, pages: dict[str, str]
+) -> None:
+    missing = []
+    for page, text in pages.items():
+        for language, code in BLOCK.findall(text):
+            if language == "python":
+                missing += [f"{page}: {name}" for name in _missing_imports(code)]
+    assert missing == []
+
+
+def _calls(text: str) -> Iterator[list[str]]:
+    """The words after ``marginguard``, of each call in a page."""
+    blocks = [code for language, code in BLOCK.findall(text) if language == "sh"]
+    for code in (*blocks, *CODE.findall(BLOCK.sub("", text))):
+        for call in CALL.findall(code if code != NO_CALL else ""):
+            yield shlex.split(call)
+
+
+def _problem_of(words: list[str], root: Path) -> str:
+    """What is wrong with a call; empty where nothing is."""
+    parser = build_parser()
+    options = OPTION.findall(" ".join(words).partition(" -- ")[0])
+    if words[0] == "bench" and len(words) > 1 and words[1] in BENCHMARKS:
+        known = _benchmark_options(words[1], root)
+    else:
+        while words and (chosen := _chosen(parser, words[0])) is not None:
+            parser, words = chosen, words[1:]
+        if parser.prog == "marginguard" and not words[0].startswith("--"):
+            return f"no command {words[0]}"
+        known = _options(parser)
+    unknown = [option for option in options if option not in known]
+    return f"no options {unknown}" if unknown else ""
+
+
+def _chosen(parser: argparse.ArgumentParser, word: str) -> argparse.ArgumentParser | None:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return action.choices.get(word)
+    return None
+
+
+def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for chosen in action.choices.values():
+                yield from _parsers(chosen)
+
+
+def _options(parser: argparse.ArgumentParser) -> set[str]:
+    return {option for action in parser._actions for option in action.option_strings}
+
+
+def _benchmark_options(name: str, root: Path) -> set[str]:
+    """Read from its source: peers that it imports may not be there."""
+    path = root / BENCHMARKS[name].replace(".", "/")
+    source = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+    shared = root / "benchmarks/case_options.py"
+    return {"--help", *OPTION.findall(source.read_text("utf-8") + shared.read_text("utf-8"))}
+
+
+def _missing_imports(code: str) -> Iterator[str]:
+    for statement in ast.walk(ast.parse(code)):
+        if isinstance(statement, ast.ImportFrom) and (statement.module or "").startswith("app"):
+            module = importlib.import_module(statement.module or "")
+            for name in statement.names:
+                if not hasattr(module, name.name):
+                    yield f"{statement.module}.{name.name}"
