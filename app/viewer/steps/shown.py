@@ -39,10 +39,15 @@ class Shown:
         return known_distance_mm(self.step)
 
     def as_unknown(self, why: str) -> "Shown":
-        """The same moment when nothing has come after it: grey, without a distance."""
+        """The same moment when nothing came after it: grey, without distance, plane or links."""
         reasons = (Reason.STALE, *(r for r in self.step.decision.reasons if r is Reason.LATCHED))
-        decision = replace(self.step.decision, state=MarginState.UNKNOWN, reasons=reasons)
-        step = replace(self.step, decision=decision)
+        decision = replace(
+            self.step.decision,
+            state=MarginState.UNKNOWN,
+            reasons=reasons,
+            constraint_is_current=False,
+        )
+        step = replace(self.step, decision=decision, links={})
         return replace(self, step=step, trend=Trend.NONE, silent=why)
 
 

@@ -44,6 +44,15 @@ def test_the_tumour_has_the_colour_of_the_step(stage, parts):
         assert stage.scene.tumor.GetDisplayNode().GetColor() == shown.step.decision.state.color
 
 
+def test_where_the_session_is_silent_no_plane_stands_for_now(stage, parts):
+    shown = parts.feed.shown[1]
+    stage.show(shown)
+    plane = stage.scene.margin.plane.node.GetDisplayNode()
+    assert plane.GetVisibility()
+    stage.show(shown.as_unknown("the session has failed"))
+    assert not plane.GetVisibility()
+
+
 def test_the_marks_are_those_of_the_breaches_up_to_the_frame(stage, parts):
     def marks(frame):
         stage.show(parts.feed.shown[frame])

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from app.fixture import MarginState
-from app.geometry import Stamp
+from app.geometry import Stamp, Transform
 from app.viewer import LiveFeed, ReplayFeed, Watcher
 from tests.viewer.hand_clock import HandClock
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
@@ -58,6 +58,14 @@ def test_a_step_is_unknown_as_soon_as_it_is_older_than_poses_may_be(parts, live,
     assert late.silent == "the session has said nothing for more than 200 ms"
     live.put(steps(parts)[1], parts.cast)
     assert live.now().silent == ""
+
+
+def test_the_links_of_a_robot_are_not_known_where_the_session_is_silent(parts, live, clock):
+    arm = {"arm": Transform.identity("base", "arm")}
+    live.put(replace(steps(parts)[0], links=arm), parts.cast)
+    assert live.now().step.links == arm
+    clock.ns = STALE_NS + 1
+    assert live.now().step.links == {}
 
 
 def test_the_age_that_poses_have_when_their_step_comes_counts_too(parts, live, clock):
