@@ -63,6 +63,15 @@ class Robot:
             self.root_link, self._tree.link_rows, matrices[:, :3, :3].copy(), places_mm
         )
 
+    def measured_kinematics(self, link: str, positions: Mapping[str, float]) -> LinkPoses:
+        """As `forward_kinematics`, of measured ``positions``, for one who asks where ``link`` is.
+
+        Raises `JointError` also for a joint that moves ``link`` and was not measured: a joint that
+        is put at 0 would put the link at a place of nobody's choice.
+        """
+        self._tree.require_all_of(link, positions)
+        return self.forward_kinematics(positions)
+
     def inverse_kinematics(
         self,
         link: str,

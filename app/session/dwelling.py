@@ -72,7 +72,8 @@ def _dwells_at(dwells: Sequence[Dwell], since_start_ns: int) -> list[int]:
 
 
 def _base_from_link(robot: RobotSetup, joints: JointSample) -> Transform:
-    root_from_link = robot.robot.forward_kinematics(joints.as_mapping())[robot.tool_link]
+    link = robot.tool_link
+    root_from_link = robot.robot.measured_kinematics(link, joints.as_mapping())[link]
     return root_from_link.renamed(target=robot.base_frame)
 
 

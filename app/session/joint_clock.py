@@ -53,7 +53,7 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
     tips: list[FloatArray] = []
     for frame in frames:
         for joints in frame.joints:
-            link = robot.forward_kinematics(joints.as_mapping())[tool_link]
+            link = robot.measured_kinematics(tool_link, joints.as_mapping())[tool_link]
             joint_times.append(joints.stamp.ns)
             joint_tips.append(link.translation_mm)
         poses.insert(frame)

@@ -281,7 +281,8 @@ class Session:
         if not 0 <= age_ns <= self.setup.margins.stale_after_ns:
             return {}, "joint positions are stale or from the future"
         try:
-            return robot.robot.forward_kinematics(self._joints.as_mapping()), ""
+            positions = self._joints.as_mapping()
+            return robot.robot.measured_kinematics(robot.tool_link, positions), ""
         except JointError as error:
             return {}, str(error)
 

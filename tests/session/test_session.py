@@ -344,9 +344,13 @@ def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong
     )
     ahead = session.step(frame(206, joints=(joint_sample(joints, 207),)))
     assert (dict(ahead.links), ahead.robot_problem) == (dict(stale.links), stale.robot_problem)
-    wrong = session.step(frame(206, joints=(joint_sample({"waist": np.nan}, 206),)))
+    wrong = session.step(frame(206, joints=(joint_sample({**joints, "waist": np.nan}, 206),)))
     assert not wrong.links
     assert "waist" in wrong.robot_problem
+    del joints["roll"]
+    partly = session.step(frame(207, joints=(joint_sample(joints, 207),)))
+    assert not partly.links
+    assert "'roll', which moves 'stylus', has no position" in partly.robot_problem
 
 
 def drifting(touch, shift_mm, turn_rad=0.0, *, mounted=False):

@@ -95,6 +95,6 @@ def _link_at(
     gap_ns = behind.stamp.ns - before.stamp.ns
     if gap_ns > MAX_JOINT_GAP_NS:
         return None
-    first = robot.forward_kinematics(before.as_mapping())[link]
-    second = robot.forward_kinematics(behind.as_mapping())[link]
+    first = robot.measured_kinematics(link, before.as_mapping())[link]
+    second = robot.measured_kinematics(link, behind.as_mapping())[link]
     return first.interpolate(second, (stamp.ns - before.stamp.ns) / gap_ns)

@@ -37,6 +37,7 @@ class KinematicTree:
             (joint.name, joint.mimic) for joint in _leaders_first(joints, self._joint_named)
         )
         self._moving = frozenset(name for name, _ in self._leaders_first)
+        self._drivers_of: dict[str, frozenset[str]] = {}
 
     def joint(self, name: str) -> Joint:
         """The moving joint of that name; `JointError` for a fixed or an unknown one."""
@@ -83,6 +84,28 @@ class KinematicTree:
                 raise JointError(
                     f"position of joint {name!r} is {position}: a finite number wanted"
                 )
+
+    def require_all_of(self, link: str, given: Mapping[str, float]) -> None:
+        """Raise `JointError` for a joint that moves ``link``, and neither it nor who it follows is
+        ``given``.
+        """
+        drivers = self._drivers_of.get(link)
+        if drivers is None:
+            path = [joint for joint in self.path_to(link) if joint.moves]
+            drivers = self._drivers_of[link] = frozenset(self.driver_of(each)[0] for each in path)
+        if drivers <= given.keys():
+            return
+        for joint in self.path_to(link):
+            if joint.moves and not self._is_told(joint, given):
+                raise JointError(
+                    f"joint {self.driver_of(joint)[0]!r}, which moves {link!r}, has no position: "
+                    f"{', '.join(given) or 'none'} given, {', '.join(sorted(drivers))} wanted"
+                )
+
+    def _is_told(self, joint: Joint, given: Mapping[str, float]) -> bool:
+        while joint.name not in given and joint.mimic is not None:
+            joint = self._joint_named[joint.mimic.leader]
+        return joint.name in given
 
     def path_to(self, link: str) -> list[Joint]:
         """The joints from the root to ``link``; `JointError` for an unknown link."""

@@ -6,13 +6,16 @@ the truth of `expected.yaml` was written before noise was added.
 
 import json
 import re
+import shutil
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from app.case import open_case, read_transform
+from app.case import JointSample, open_case, read_transform, write_recording
 from app.cli.main import main
 from app.geometry import Transform
 from tests.cli.small_case import write_small_case
@@ -119,6 +122,30 @@ def test_register_does_what_the_manifest_asks_for(case: Path, true_base, tmp_pat
     read = read_transform(saved, target="reference", source="robot_base")
     np.testing.assert_allclose(read.matrix, base.matrix, atol=1e-9)
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_joints_that_were_not_all_recorded_place_nothing(case: Path, tmp_path: Path, capsys):
+    """The roll alone turns the stylus on the spot: at 0 it would fit and be accepted."""
+    partial = tmp_path / "partial"
+    shutil.copytree(case, partial, ignore=shutil.ignore_patterns("*.mcap"))
+    manifest = yaml.safe_load((case / "case.yaml").read_text())
+    manifest["recording"] = {"path": "tracking.mcap"}
+    (partial / "case.yaml").write_text(yaml.safe_dump(manifest))
+    recorded = islice(open_case(case).recorded_frames(), 1000)
+    write_recording(
+        partial / "tracking.mcap",
+        (replace(frame, joints=tuple(map(without_roll, frame.joints))) for frame in recorded),
+        robot_to_tracker_offset_ns=round(TRUE_LAG_MS * 1e6),
+        joint_states_topic="/joint_states",
+    )
+    for command in (["register"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
+        assert main([*command, str(partial)]) == 2
+        assert "joint 'roll', which moves 'stylus', has no position" in capsys.readouterr().err
+
+
+def without_roll(sample: JointSample) -> JointSample:
+    told = {name: value for name, value in sample.as_mapping().items() if name != "roll"}
+    return JointSample(tuple(told), tuple(told.values()), sample.stamp)
 
 
 def test_what_has_no_robot_is_refused(tmp_path: Path, capsys):

@@ -57,6 +57,30 @@ def test_a_follower_that_is_measured_stays_where_it_was_measured():
     assert angle(links["d"]) == pytest.approx(0.8)
 
 
+def test_a_link_is_placed_by_measured_joints_alone():
+    """A joint that was not measured would be at 0, and the link at a place of nobody's choice."""
+    arm = robot(
+        joint("shoulder", "a", "b"),
+        joint("elbow", "b", "c", at=(100, 0, 0), mimic=Mimic("shoulder", -2.0)),
+        joint("wrist", "c", "d", at=(100, 0, 0)),
+        joint("finger", "d", "e", kind="prismatic"),
+    )
+    told = {"shoulder": 0.2, "wrist": 0.3}
+    np.testing.assert_array_equal(
+        arm.measured_kinematics("d", told)["d"].matrix, arm.forward_kinematics(told)["d"].matrix
+    )
+    arm.measured_kinematics("a", {})  # nothing moves the root
+    arm.measured_kinematics("c", {"shoulder": 0.2, "elbow": -0.5})
+    with pytest.raises(JointError, match=r"'wrist', which moves 'd', has no position: shoulder "):
+        arm.measured_kinematics("d", {"shoulder": 0.2})
+    with pytest.raises(JointError, match=r"'shoulder', which moves 'c', has no position"):
+        arm.measured_kinematics("c", {"elbow": -0.5})  # it moves b, and c with it
+    with pytest.raises(JointError, match="'finger'"):
+        arm.measured_kinematics("e", told)
+    with pytest.raises(JointError, match="'hand' is unknown"):
+        arm.measured_kinematics("hand", told)
+
+
 def test_sliding_positions_are_metres_along_a_unit_axis():
     arm = robot(joint("slide", "a", "b", "prismatic", axis=(0, 3, 4)), links="ab")
     shift = arm.forward_kinematics({"slide": 0.01})["b"].translation_mm
