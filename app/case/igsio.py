@@ -14,6 +14,7 @@ from typing import IO
 
 import numpy as np
 
+from app.case.files.numbers import numbers_in
 from app.case.frames.samples import TrackingFrame
 from app.geometry import (
     FrameError,
@@ -109,7 +110,7 @@ class _Draft:
             if frames is not None:
                 place = f"{path} line {line} (frame {self.index}, {name})"
                 _, status = self.fields.get(f"{name}Status", (0, "OK"))
-                poses.append(tracked_sample(sixteen_numbers(value, place), status, frames, stamp))
+                poses.append(tracked_sample(numbers_in(value, 16, place), status, frames, stamp))
         return TrackingFrame(
             stamp, tuple(poses), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
         )
@@ -171,22 +172,6 @@ class FrameNames:
             self._note(f"transform {name!r} skipped: {error}")
             return None
         return frames
-
-
-def sixteen_numbers(text: str, place: str) -> list[float]:
-    """The numbers of a matrix; `InputError`, with the ``place``, for anything else."""
-    words = text.split()
-    if len(words) != 16:
-        raise InputError(f"{place} has {len(words)} numbers: 16 wanted")
-    numbers = []
-    for word in words:
-        try:
-            if "_" in word:  # Python would read 1_0 as ten
-                raise ValueError
-            numbers.append(float(word))
-        except ValueError as error:
-            raise InputError(f"{place}: {word!r} is not a number") from error
-    return numbers
 
 
 def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:

@@ -5,6 +5,7 @@ the keys that it allows, and every error names the place (``case.yaml: tool.mesh
 """
 
 import math
+import re
 import reprlib
 from collections.abc import Hashable, Sequence
 from pathlib import Path
@@ -17,6 +18,10 @@ from app.geometry import InputError
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 16
+
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_READ_OTHERWISE = re.compile(r"[_:]|^[-+]?0[0-9xb]")
+"""YAML 1.1 reads 1_0 as ten, 1:30 as ninety and 010 as eight."""
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 1, 60, 60
@@ -57,6 +62,14 @@ class _StrictLoader(yaml.SafeLoader):
                 )
             seen[key.value] = line
         return super().construct_mapping(node, deep)
+
+    def construct_scalar(self, node: Any) -> Any:
+        if node.tag in _NUMBERS and _READ_OTHERWISE.search(node.value):
+            raise _refused(
+                node.start_mark,
+                f"{node.value[:60]!r} is no number that all read alike: digits wanted",
+            )
+        return super().construct_scalar(node)
 
 
 def _refused(mark: yaml.Mark, problem: str) -> yaml.MarkedYAMLError:

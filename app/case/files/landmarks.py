@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from app.case.files.document import Section
+from app.case.files.numbers import numbers_in
 from app.case.files.small import read_small
 from app.geometry import FloatArray, InputError
 
@@ -93,7 +94,7 @@ def _markups(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
         axes = str(markup.get("coordinateSystem", "LPS"))
         units = markup.get("coordinateUnits", "mm")
         placed = [
-            (str(point["label"]), [float(value) for value in point["position"]])
+            (str(point["label"]), _json_numbers(point["position"]))
             for point in markup["controlPoints"]
             if point.get("positionStatus", "defined") == "defined"
         ]
@@ -104,6 +105,16 @@ def _markups(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
     if units != "mm" and units != ["mm"] * 3:
         raise InputError(f"{path}: coordinateUnits is {units!r}: mm wanted")
     return placed, axes
+
+
+def _json_numbers(values: Any) -> list[float]:
+    """As JSON has them; a text, whose letters could be walked through as well, is no list."""
+    if not (isinstance(values, list) and all(type(value) in (int, float) for value in values)):
+        raise TypeError(f"position {str(values)[:60]!r}: a list of numbers wanted")
+    try:
+        return [float(value) for value in values]
+    except OverflowError as error:
+        raise ValueError(f"position {str(values)[:60]}: numbers that are too large") from error
 
 
 def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
@@ -122,17 +133,30 @@ def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
             f"{path} is no Slicer fiducial file: a CoordinateSystem and the columns "
             f"{_FIDUCIAL_COLUMNS} wanted"
         )
+    rows = [line for line in lines if line.strip() and not line.startswith("#")]
     points = []
-    for row in csv.reader(line for line in lines if line.strip() and not line.startswith("#")):
-        try:
-            points.append((row[11], [float(value) for value in row[1:4]]))
-        except (IndexError, ValueError) as error:
-            raise InputError(f"{path}: the row {','.join(row)!r} is no point: {error}") from error
+    try:
+        # Strictly: a quotation mark that is not closed would take the points that follow for text.
+        for row in csv.reader(rows, strict=True):
+            place = f"{path}: the row {','.join(row)[:80]!r}"
+            if len(row) < len(_FIDUCIAL_COLUMNS.split(",")):
+                raise InputError(f"{place} is no point: {_FIDUCIAL_COLUMNS} wanted")
+            points.append((row[11], numbers_in(" ".join(row[1:4]), 3, place)))
+    except csv.Error as error:
+        raise InputError(f"{path}: row {len(points) + 1} is no point: {error}") from error
     return points, axes
 
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(read_small(path, _MAX_BYTES))
+        return json.loads(read_small(path, _MAX_BYTES), object_pairs_hook=_without_doubles)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not JSON: {error}") from error
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Slicer takes the first of two values with one name, Python the last: nobody's guess here."""
+    values = dict(pairs)
+    if len(values) != len(pairs):
+        raise ValueError(f"a name stands twice among {', '.join(name for name, _ in pairs[:5])}")
+    return values

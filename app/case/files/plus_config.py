@@ -10,6 +10,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from app.case.files.landmarks import checked_landmarks
+from app.case.files.numbers import numbers_in
 from app.case.files.small import read_small
 from app.geometry import (
     FloatArray,
@@ -48,13 +49,12 @@ class PlusConfiguration:
             raise InputError(
                 f"{self.path} has no {join_transform_name(source, target)}: {given} given"
             )
-        words = self.matrices[target, source].split()
+        place = f"{self.path}: matrix of {join_transform_name(source, target)}"
+        matrix = numbers_in(self.matrices[target, source], 16, place)
         try:
-            matrix = [float(word) for word in words]
             return Transform.from_matrix(matrix, target=target, source=source)
-        except (ValueError, MarginGuardError) as error:
-            name = join_transform_name(source, target)
-            raise InputError(f"{self.path}: matrix of {name}: {error}") from error
+        except MarginGuardError as error:
+            raise InputError(f"{place}: {error}") from error
 
 
 @dataclass(slots=True)
@@ -93,12 +93,8 @@ class _Walk:
 
     def _landmark(self, attributes: dict[str, str]) -> None:
         name, position = attributes.get("Name", ""), attributes.get("Position", "")
-        try:
-            self.landmarks.append((name, [float(word) for word in position.split()]))
-        except ValueError as error:
-            raise InputError(
-                f"{self.path}: landmark {name!r} is at {position!r}: {error}"
-            ) from error
+        place = f"{self.path}: position of landmark {name!r}"
+        self.landmarks.append((name, numbers_in(position, 3, place)))
 
 
 def read_plus_config(path: Path) -> PlusConfiguration:

@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from app.case.files.document import Section
+from app.case.files.numbers import numbers_in
 from app.case.files.small import check_place, read_small, write_small
 from app.geometry import (
     FloatArray,
@@ -30,6 +31,8 @@ RAS_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _ITK_HEADER = "#Insight Transform File V1.0"
 _ITK_LINEAR = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
 _MAX_BYTES = 1_000_000
+_FARTHEST_MM = 1e6
+"""Of a centre of turning; from far away it would take the digits of the shift."""
 
 
 def write_transform(path: Path, transform: Transform, note: str = "") -> None:
@@ -108,34 +111,30 @@ def _matrix_of(path: Path) -> FloatArray:
     text = read_small(path, _MAX_BYTES).decode("utf-8", errors="replace")
     if text.startswith(_ITK_HEADER):
         return _from_itk(text, path)
-    return _numbers(text, 16, f"{path} (no ITK transform, so a matrix)").reshape(4, 4)
+    numbers = numbers_in(text, 16, f"{path} (no ITK transform, so a matrix)")
+    return np.array(numbers).reshape(4, 4)
 
 
 def _from_itk(text: str, path: Path) -> FloatArray:
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     fields = [(key.strip(), value) for key, _, value in (line.partition(":") for line in lines)]
     kinds = [value.strip() for key, value in fields if key == "Transform"]
-    if len(kinds) != 1 or kinds[0] not in _ITK_LINEAR:
-        raise InputError(
-            f"{path} holds {', '.join(kinds) or 'nothing'}: one {_ITK_LINEAR[0]} wanted"
-        )
     known = dict(fields)
-    parameters = _numbers(known.get("Parameters", ""), 12, f"{path}: Parameters")
-    centre = _numbers(known.get("FixedParameters", ""), 3, f"{path}: FixedParameters")
+    if len(kinds) != 1 or kinds[0] not in _ITK_LINEAR or len(known) != len(fields):
+        raise InputError(
+            f"{path} holds {', '.join(kinds) or 'nothing'} in {len(fields)} fields: one "
+            f"{_ITK_LINEAR[0]} wanted, and no field twice"
+        )
+    parameters = np.array(numbers_in(known.get("Parameters", ""), 12, f"{path}: Parameters"))
+    centre = np.array(numbers_in(known.get("FixedParameters", ""), 3, f"{path}: FixedParameters"))
+    if not np.abs(centre).max() <= _FARTHEST_MM:
+        raise InputError(
+            f"{path}: FixedParameters, a centre, are {centre.tolist()}: {_FARTHEST_MM:g} mm allowed"
+        )
     stored = Transform("lps", "lps", parameters[:9].reshape(3, 3), parameters[9:])
     turned = stored.rotation @ centre
     about_origin = Transform("lps", "lps", stored.rotation, parameters[9:] + centre - turned)
     return np.asarray(RAS_LPS @ about_origin.inverse().matrix @ RAS_LPS)
-
-
-def _numbers(text: str, count: int, where: str) -> FloatArray:
-    words = text.split()
-    if len(words) != count:
-        raise InputError(f"{where} has {len(words)} words: {count} numbers wanted")
-    try:
-        return np.array([float(word) for word in words])
-    except ValueError as error:
-        raise InputError(f"{where}: {error}") from error
 
 
 _YAML = (".yaml", ".yml")

@@ -10,9 +10,10 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from app.case.files.numbers import numbers_in
 from app.case.frames.assembly import FrameAssembler
 from app.case.frames.samples import TrackingFrame
-from app.case.igsio import Note, read_header, sixteen_numbers, tracked_sample
+from app.case.igsio import Note, read_header, tracked_sample
 from app.case.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
 from app.case.mrml.files import MRML_ENDINGS, MrmlFiles, inner_scene, open_mrml
 from app.geometry import (
@@ -122,7 +123,7 @@ def _items(
         node = scene.transforms.get(identity)
         if node is None:
             raise InputError(f"{place} has no transform {identity!r}, which is at {time} s")
-        numbers = sixteen_numbers(node.matrix, f"{place}: {identity}")
+        numbers = numbers_in(node.matrix, 16, f"{place}: {identity}")
         yield tracked_sample(numbers, node.status, frames, _stamp(time, place))
 
 

@@ -67,6 +67,14 @@ def test_a_number_is_a_finite_number(tmp_path: Path, value: str) -> None:
         load(tmp_path, f"a: {value}\n").number("a")
 
 
+@pytest.mark.parametrize("value", ["010", "1_0", "0x10", "1:30", "1:30.5", "0b1", "-010", "1_0.5"])
+def test_a_number_that_is_read_in_two_ways_is_none(tmp_path: Path, value: str) -> None:
+    """YAML 1.1 makes 8, 10, 16, 90 and so on of them; YAML 1.2 and people do not."""
+    with pytest.raises(InputError, match=rf"x\.yaml line 1: '{value}' is no number that all read"):
+        load(tmp_path, f"a: {value}\n")
+    assert load(tmp_path, f"a: '{value}'\n").text("a") == value
+
+
 def test_the_path_of_a_nested_value_is_named(tmp_path: Path) -> None:
     section = load(tmp_path, "a: {b: [{a: 1}, {c: 2}]}\n").section("a", ("b",))
     with pytest.raises(InputError, match=r"x\.yaml: a\.b\[1\]\.c is not known: allowed here are a"):

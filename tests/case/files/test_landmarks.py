@@ -85,7 +85,11 @@ def test_bad_tables(tmp_path: Path) -> None:
         (good.replace("LPS", "IJK"), "RAS or LPS wanted"),
         (good.replace("# CoordinateSystem = LPS\n", ""), "no Slicer fiducial file"),
         (good.replace("id,x,y,z", "id,z,y,x"), "no Slicer fiducial file"),
-        (good.replace("10.0", "ten"), "is no point: could not convert"),
+        (good.replace("10.0", "ten"), "the row '2,ten,.*: 'ten' is not a number"),
+        (good.replace("10.0", "1_0"), "'1_0' is not a number"),
+        # Read on to the next mark, it would leave a point out.
+        (good.replace("F-1,,", '"F-1,,'), "row 1 is no point"),
+        (good.replace("F-1,,", "F" * 200_000), "row 1 is no point: field larger"),
         (good.replace("10.0", "nan"), "'F-2' is at .*finite"),
         (good[: good.index("2,10.0")] + "2,1.0\n", "the row '2,1.0' is no point"),
         (good[: good.index("1,-1.0")], "no landmark"),
@@ -137,13 +141,19 @@ def test_bad_markups(tmp_path: Path) -> None:
         ({"controlPoints": []}, "no landmark"),
         ({"controlPoints": [{"label": "A"}]}, "no Slicer markups file: KeyError 'position'"),
         ({"controlPoints": [{"label": "A", "position": None}]}, "no Slicer markups file"),
+        ({"controlPoints": [{"label": "A", "position": "123"}]}, "a list of numbers wanted"),
+        ({"controlPoints": [{"label": "A", "position": [True, 2, 3]}]}, "a list of numbers"),
+        ({"controlPoints": [{"label": "A", "position": [1, 2, 10**400]}]}, "too large"),
     ):
         with pytest.raises(InputError, match=message):
             read_landmarks(markups(tmp_path, **changes))
     path = tmp_path / "broken.mrk.json"
-    for text in ("{", "[]", '{"markups": []}'):
+    twice = '{"markups": [{"coordinateSystem": "LPS", "coordinateSystem": "RAS"}]}'
+    for text in ("{", "[]", '{"markups": []}', twice):
         path.write_text(text)
         with pytest.raises(InputError):
             read_landmarks(path)
+    with pytest.raises(InputError, match="a name stands twice among coordinateSystem"):
+        read_landmarks(path)
     with pytest.raises(InputError, match="is no landmark file"):
         read_landmarks(tmp_path / "points.csv")

@@ -60,11 +60,12 @@ def test_a_document_type_is_refused_before_anything_of_it_is_read(tmp_path: Path
 @pytest.mark.parametrize(
     ("inner", "message"),
     [
-        (landmarks("<Landmark Name='A' Position='1 2'/>"), "'A' is at .*3 finite numbers wanted"),
+        (landmarks("<Landmark Name='A' Position='1 2'/>"), "'A' has 2 numbers: 3 wanted"),
         (landmarks("<Landmark Name='A' Position='1 2 nan'/>"), "3 finite numbers wanted"),
-        (landmarks("<Landmark Name='A' Position='1 2 z'/>"), "'A' is at '1 2 z'"),
+        (landmarks("<Landmark Name='A' Position='1 2 z'/>"), "'A': 'z' is not a number"),
         (landmarks("<Landmark Position='1 2 3'/>"), "landmark 0 has no name"),
         (landmarks(*["<Landmark Name='A' Position='1 2 3'/>"] * 2), "'A' stands twice"),
+        (landmarks("<Landmark Name='A' Position='1_0 2 3'/>"), "'A': '1_0' is not a number"),
         (coordinates(*["<Transform From='A' To='B' Matrix=''/>"] * 2), "AToB stands twice"),
         (coordinates("<Transform From='A' Matrix=''/>"), "From='A' To=''"),
         ("<open>", "not well-formed XML"),

@@ -93,8 +93,9 @@ def test_plain_numbers_are_a_matrix(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.txt", "1 2 3", "3 words: 16 numbers wanted"),
-        ("a.txt", "1 " * 15 + "x", "could not convert"),
+        ("a.txt", "1 2 3", "has 3 numbers: 16 wanted"),
+        ("a.txt", "1 " * 15 + "x", "'x' is not a number"),
+        ("a.txt", "1 0 0 1_0 0 1 0 0 0 0 1 0 0 0 0 1", "'1_0' is not a number"),
         ("a.txt", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1", "not orthonormal"),
         ("a.txt", "nan 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", "not finite"),
         ("a.tfm", "#Insight Transform File V1.0\nTransform: BSpline\n", "holds BSpline"),
@@ -104,6 +105,19 @@ def test_plain_numbers_are_a_matrix(tmp_path: Path) -> None:
             "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
             "Parameters: 2 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n",
             "not orthonormal",
+        ),
+        (
+            "a.tfm",
+            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
+            "Parameters: 1 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n"
+            "Parameters: 1 0 0 0 1 0 0 0 1 9 9 9\n",
+            "in 4 fields: .* no field twice",
+        ),
+        (
+            "a.tfm",
+            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
+            "Parameters: 0 -1 0 1 0 0 0 0 1 0 0 0\nFixedParameters: 1e300 0 0\n",
+            "FixedParameters, a centre, are .* allowed",
         ),
         ("a.yaml", "matrix: [1, 2]", "2 values: a list of 16 numbers wanted"),
         ("a.yaml", "matrx: 1", "matrx is not known"),
