@@ -1,7 +1,7 @@
 """Entry point of ``marginguard``: parses, dispatches, and turns errors into one line.
 
-Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupted; 141 when nobody
-reads any more what is printed, as a shell has it of other programs.
+Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupted, 143 when
+terminated, 141 when nobody reads any more what is printed, as a shell has it of other programs.
 """
 
 import argparse
@@ -30,6 +30,7 @@ from app.cli.commands import (
     tumor,
     view,
 )
+from app.cli.signals import Terminated
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
@@ -49,7 +50,7 @@ COMMANDS: dict[str, ModuleType] = {
     "doctor": doctor,
 }
 BAD_INPUT = 2
-INTERRUPTED = 130
+INTERRUPTED, TERMINATED = 130, 143
 NO_READER = 141
 
 
@@ -81,8 +82,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = COMMANDS[options.command].run(options)
         if sys.stdout is not None:  # it is None where the caller has closed it
             sys.stdout.flush()
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    except KeyboardInterrupt as end:
+        return TERMINATED if isinstance(end, Terminated) else INTERRUPTED
     except BrokenPipeError:
         # Nothing more can be said; but a check may not have held, and a guard has ended.
         sys.stderr.close()

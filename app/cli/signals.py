@@ -46,6 +46,23 @@ class Received:
         return 0 if self.number is None else 128 + self.number
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, raised as SIGINT is."""
+
+
+@contextmanager
+def raise_on_sigterm() -> Iterator[None]:
+    """Within it SIGTERM raises `Terminated`, so that what is half-written is taken away again.
+
+    For the main thread only, and where no library is being loaded, which could lose it.
+    """
+    before = signal.signal(signal.SIGTERM, _raise_terminated)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 @contextmanager
 def note_signals() -> Iterator[Received]:
     """Within it SIGINT and SIGTERM are noted, and stop what `Received.stops` was told.
@@ -75,6 +92,10 @@ def note_signals() -> Iterator[Received]:
         writer.close()
         thread.join()
         reader.close()
+
+
+def _raise_terminated(number: int, frame: FrameType | None) -> None:
+    raise Terminated
 
 
 def _only_noted(number: int, frame: FrameType | None) -> None:

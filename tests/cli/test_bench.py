@@ -61,3 +61,23 @@ def test_bad_options_are_one_line_and_no_figures(arguments, said):
     assert done.returncode == 2
     assert done.stdout == ""
     assert said in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("benchmark", "peer"),
+    [("push", "igl"), ("view", "playwright"), ("kinematics", "pinocchio"), ("fixture", "coal")],
+)
+def test_a_peer_that_is_not_installed_is_told_in_one_line(benchmark, peer, tmp_path):
+    missing = f"raise ModuleNotFoundError('gone', name={peer!r})"
+    (tmp_path / f"{peer}.py").write_text(missing)
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "app.cli", "bench", benchmark],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(CHECKOUT), str(tmp_path)))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.endswith("'make test' installs what tests and benchmarks need\n")
+    assert f"this benchmark needs {peer}" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -8,7 +8,8 @@ import threading
 
 import pytest
 
-from app.cli.signals import SIGNALS, note_signals
+from app.cli.signals import SIGNALS, note_signals, raise_on_sigterm
+from tests.cli.small_case import write_small_case
 from tests.ros_domain import domain_id as domain_id
 
 SPEAKER = """
@@ -93,9 +94,91 @@ def test_a_signal_while_libraries_are_loaded_is_not_lost(
     assert done.stdout.endswith("True\n")
 
 
+WRITING = """
+import os
+import pkgutil
+import sys
+
+number, place, *arguments = sys.argv[1:]
+within, _, name = place.rpartition(".")
+writing = pkgutil.resolve_name(within)
+write = getattr(writing, name)
+
+def interrupted(*args, **kwargs):
+    os.kill(os.getpid(), int(number))
+    return write(*args, **kwargs)
+
+setattr(writing, name, interrupted)
+from app.cli.main import main
+sys.exit(main(arguments))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("place", "command"),
+    [
+        ("app.case.convert.write_recording", "convert {case} new"),
+        ("app.case.simulate.writing.simulate", "make-case new"),
+        ("pathlib.Path.replace", "tumor {case}/tumor.stl --units mm -o new.stl"),
+    ],
+)
+def test_a_signal_while_something_is_written_leaves_nothing_of_it(
+    project_root, tmp_path, number, place, command
+):
+    case, folder = write_small_case(tmp_path / "case"), tmp_path / "work"
+    folder.mkdir()
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            WRITING,
+            str(int(number)),
+            place,
+            *command.format(case=case).split(),
+        ],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(project_root)},
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (128 + number, "")
+    assert [*folder.iterdir()] == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("place", "command", "whole"),
+    [
+        ("app.report.write._put_in_place", "replay {case} --no-ros --report new", "report.html"),
+        ("app.case.live_recording._write", "record -o new --config {live}", "case.yaml"),
+    ],
+)
+def test_what_only_notes_a_signal_leaves_all_that_it_was_writing(
+    domain_id, project_root, tmp_path, number, place, command, whole
+):
+    case = write_small_case(tmp_path / "case")
+    live = project_root / "data/live_example/live.yaml"
+    done = subprocess.run(
+        [
+            *(sys.executable, "-c", WRITING, str(int(number)), place),
+            *command.format(case=case, live=live).split(),
+        ],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(project_root)},
+        timeout=120,
+    )
+    assert done.returncode == 128 + number, done.stderr
+    assert (tmp_path / "new" / whole).is_file()
+    assert [*tmp_path.rglob(".*")] == []
+
+
 def test_the_handlers_that_were_there_come_back():
     before = {number: signal.getsignal(number) for number in SIGNALS}
-    with note_signals() as received:
+    with raise_on_sigterm(), note_signals() as received:
         assert all(signal.getsignal(number) != before[number] for number in SIGNALS)
     assert {number: signal.getsignal(number) for number in SIGNALS} == before
     assert received.exit_status == 0

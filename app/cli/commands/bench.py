@@ -9,7 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-SUMMARY = "measure ours beside peers, in one run"
+from app.cli.signals import raise_on_sigterm
+
+SUMMARY = "run a benchmark: our figures beside those of peers"
 CHECKOUT = Path(__file__).resolve().parents[3]
 BENCHMARKS = {
     "registration": "benchmarks.registration",
@@ -27,7 +29,9 @@ BENCHMARKS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard bench``; what follows the name is the benchmark's."""
-    parser.add_argument("name", choices=BENCHMARKS, help="which one")
+    parser.add_argument(
+        "name", choices=BENCHMARKS, help="the benchmark: docs/benchmarks.md says what each measures"
+    )
     parser.add_argument(
         "options",
         nargs=argparse.REMAINDER,
@@ -46,8 +50,9 @@ def run(options: argparse.Namespace) -> int:
     if not (CHECKOUT / "benchmarks").is_dir():
         raise InputError("there is no benchmarks folder: they run in a checkout of the project")
     code = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
-    return subprocess.run(
-        [sys.executable, "-m", BENCHMARKS[options.name], *options.options],
-        env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
-        check=False,
-    ).returncode
+    with raise_on_sigterm():  # the benchmark then ends with this process
+        return subprocess.run(
+            [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],
+            env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
+            check=False,
+        ).returncode

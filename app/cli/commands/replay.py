@@ -1,7 +1,7 @@
 """Replay a recorded case: register, check the tool against the tumour, publish the fixture, report.
 
 Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input; 130 or 143 when a
-signal ended it, without a report.
+signal came: the report is there whole or not at all.
 """
 
 import argparse

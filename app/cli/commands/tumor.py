@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json
+from app.cli.signals import raise_on_sigterm
 
 if TYPE_CHECKING:
     from app.case import BuiltTumor
@@ -59,7 +60,8 @@ def run(options: argparse.Namespace) -> int:
     if not found["sound"]:
         return NOT_SOUND
     if options.output is not None:
-        write_mesh(options.output, tumor.mesh)
+        with raise_on_sigterm():
+            write_mesh(options.output, tumor.mesh)
         if not options.json:
             print(f"wrote {options.output}")
     return 0
