@@ -17,6 +17,18 @@ from app.robot.xml_guard import check_xml, parse_xml, read_xml
 
 MAX_URDF_BYTES = 16 * 1024 * 1024
 GEOMETRIES = ("mesh", "box", "cylinder", "sphere")
+_COUNTS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+}
+"""How many numbers an attribute has. yourdfpy makes three of one, and leaves a fourth out."""
+
+_ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")
 _XACRO = "http://www.ros.org/wiki/xacro"
 
 
@@ -95,10 +107,28 @@ def _check_geometry(shape: etree._Element, path: Path | str) -> None:
         raise UrdfError(f"{place} has the geometry {found}: one of {', '.join(GEOMETRIES)} wanted")
     if tags[0] == "mesh" and not shape.findall("geometry/mesh[@filename]"):
         raise UrdfError(f"{place} has a mesh without filename")
+    for element in (*shape.iterfind("origin"), *shape.iterfind("geometry/*")):
+        _check_numbers(element, path)
+
+
+def _check_numbers(element: etree._Element, path: Path | str) -> None:
+    for name, count in _COUNTS.get(str(element.tag), {}).items():
+        text = element.get(name)
+        if text is not None and (len(text.split()) != count or "_" in text):
+            raise UrdfError(
+                f"{path}: {name!r} of <{element.tag}> in line {element.sourceline} is "
+                f"{text[:60]!r}: {count} decimal numbers wanted"
+            )
 
 
 def _check_joint(joint: etree._Element, path: Path | str) -> None:
     place = f"{path}: joint {joint.get('name')!r} in line {joint.sourceline}"
+    for tag in _ONCE:
+        found = joint.findall(tag)
+        if len(found) > 1:
+            raise UrdfError(f"{place} has {len(found)} elements <{tag}>: one wanted")
+        for element in found:
+            _check_numbers(element, path)
     for role in ("parent", "child"):
         element = joint.find(role)
         if element is None or not element.get("link"):

@@ -16,9 +16,12 @@ from lxml import etree
 from trimesh.exchange.dae import load_collada
 
 from app.robot.errors import RobotMeshError
-from app.robot.xml_guard import parse_xml, read_xml
+from app.robot.xml_guard import MAX_XML_BYTES, parse_xml, read_xml
 
 _NOT_A_NUMBER = re.compile(r"\S*[^-+.eE0-9\s]\S*")
+_NODE_BYTES = 1000
+"""What a node costs to place, as if it were text."""
+
 _APPEARANCE = (
     *("bind_material", "library_materials", "library_effects", "library_images"),
     *("library_cameras", "library_lights", "instance_camera", "instance_light"),
@@ -36,6 +39,7 @@ def read_collada(path: Path) -> tuple[dict[str, Any], float]:
     if root.find(".//{*}visual_scene//{*}instance_controller") is not None:
         raise RobotMeshError(f"mesh {path} has a skinned or morphed part: rigid parts only")
     _check_positions(root, path)
+    _check_size(root, path)
     unit = _unit(root, path)
     try:
         return _read_strictly(data), unit
@@ -73,6 +77,43 @@ def _check_positions(root: etree._Element, path: Path) -> None:
             raise RobotMeshError(
                 f"mesh {path} has vertices that are not finite numbers: {foreign.group()!r}"
             )
+
+
+def _check_size(root: etree._Element, path: Path) -> None:
+    """Refuse a scene that is larger, with all its instances written out, than a file may be.
+
+    A node may stand in others by its name, and these in others again: forty lines can stand for a
+    million million triangles.
+    """
+    named = {f"#{node.get('id')}": node for node in root.iterfind(".//{*}node[@id]")}
+    geometries = {f"#{each.get('id')}": each for each in root.iterfind(".//{*}geometry[@id]")}
+    sizes: dict[etree._Element, int] = {}
+
+    def size_of(element: etree._Element | None, above: frozenset[etree._Element]) -> int:
+        if element is None:
+            return 0
+        if element in above:
+            raise RobotMeshError(f"mesh {path} has a node {element.get('id')!r} that holds itself")
+        if element not in sizes:
+            above |= {element}
+            size = _NODE_BYTES + sum(len(each.text or "") for each in element.iterfind(".//{*}p"))
+            for child in element:
+                tag, url = etree.QName(child).localname, child.get("url", "")
+                if tag == "node":
+                    size += size_of(child, above)
+                elif tag == "instance_node":
+                    size += size_of(named.get(url), above)
+                elif tag == "instance_geometry":
+                    size += size_of(geometries.get(url), above)
+            sizes[element] = size
+        return sizes[element]
+
+    size = sum(size_of(scene, frozenset()) for scene in root.iterfind(".//{*}visual_scene"))
+    if size > MAX_XML_BYTES:
+        raise RobotMeshError(
+            f"mesh {path} stands for {size} bytes with its instances written out: {MAX_XML_BYTES} "
+            "allowed"
+        )
 
 
 def _unit(root: etree._Element, path: Path) -> float:

@@ -21,6 +21,8 @@ from app.robot.errors import RobotMeshError
 
 FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply")
 MAX_FILE_BYTES = 256 * 1024 * 1024
+MAX_TRIANGLES = 10_000_000
+"""Of all parts at all their places: a file may place one part as often as it likes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +49,7 @@ def read_mesh_file(path: Path) -> FileMesh:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise RobotMeshError(f"mesh {path} has more than {MAX_FILE_BYTES} bytes")
         keywords, unit = _read_dae(path) if kind == ".dae" else (_read_raw(path), 1.0)
-        parts = _parts(trimesh.load_scene(_unprocessed(keywords)))
+        parts = _parts(trimesh.load_scene(_unprocessed(keywords)), path)
     except RobotMeshError:
         raise
     except Exception as problem:  # trimesh's readers raise whatever their formats trip over
@@ -96,14 +98,18 @@ def _unprocessed(keywords: dict[str, Any]) -> dict[str, Any]:
 _Part = tuple[FloatArray, NDArray[np.int64], FloatArray | None]
 
 
-def _parts(scene: Any) -> list[_Part]:
+def _parts(scene: Any, path: Path) -> list[_Part]:
     """Every geometry of the scene at every place it has, in the scene's frame."""
     parts: list[_Part] = []
+    count = 0
     for node in sorted(scene.graph.nodes_geometry):
         matrix, name = scene.graph[node]
         geometry = scene.geometry[name]
         if not isinstance(geometry, trimesh.Trimesh) or len(geometry.faces) == 0:
             continue
+        count += len(geometry.faces)
+        if count > MAX_TRIANGLES:
+            raise RobotMeshError(f"mesh {path} has more than {MAX_TRIANGLES} triangles")
         vertices = np.asarray(geometry.vertices, dtype=np.float64)
         faces = np.asarray(geometry.faces, dtype=np.int64)
         vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]

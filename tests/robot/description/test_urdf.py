@@ -28,6 +28,23 @@ def joint(inside="", kind="fixed", links='<parent link="a"/><child link="b"/>'):
         (TWO + joint('<origin xyz="0 zero 0"/>'), "cannot be read as URDF.*zero"),
         (TWO + joint('<origin xyz="0 nan 0"/>'), "not finite"),
         (TWO + joint('<axis xyz="0 0 0"/>', kind="continuous"), "axis of joint 'j'"),
+        # (1, 1, 1), (1, 0, 0) and (10, 0, 0) to yourdfpy
+        (TWO + joint('<origin xyz="1"/>'), "'xyz' of <origin> in line 3 is '1': 3 decimal"),
+        (TWO + joint('<origin xyz="1 0 0 5"/>'), "'xyz' of <origin> .* 3 decimal numbers wanted"),
+        (TWO + joint('<origin rpy="1_0 0 0"/>'), "'rpy' of <origin> .* 3 decimal numbers wanted"),
+        (TWO + joint('<axis xyz="0 0 1 1"/>', kind="continuous"), "'xyz' of <axis>"),
+        (TWO + joint('<limit lower="1_0"/>', kind="revolute"), "'lower' of <limit> .* 1 decimal"),
+        (TWO + joint('<origin xyz="1 0 0"/><origin/>'), "has 2 elements <origin>: one wanted"),
+        (TWO + joint('<parent link="a"/>'), "has 2 elements <parent>"),
+        (
+            '<link name="a"><collision><origin xyz="1"/><geometry><sphere radius="1"/></geometry>'
+            "</collision></link>",
+            "'xyz' of <origin>",
+        ),
+        (
+            '<link name="a"><visual><geometry><box size="1 1 1 1"/></geometry></visual></link>',
+            "'size' of <box>",
+        ),
         (TWO, "a, b have no parent"),
         ('<link name="a"><visual/></link>', "<visual> in line 3 has the geometry none"),
         (

@@ -143,6 +143,40 @@ def test_collada_that_cannot_be_read_whole_is_refused(dae, change, message):
     assert "\n" not in str(caught.value)
 
 
+def doubled(times):
+    """Change of a scene: its box at 2^times places, each level two instances of the one below."""
+    levels = "".join(
+        f'<node id="n{n}"><instance_node url="#n{n - 1}"/><instance_node url="#n{n - 1}"/></node>'
+        for n in range(1, times + 1)
+    )
+    return (
+        r"(?s)(<library_visual_scenes>.*<visual_scene[^>]*>).*(<node.*?</node>)\s*</visual_scene>",
+        rf'<library_nodes><node id="n0">\2</node>{levels}</library_nodes>\1'
+        rf'<node id="top"><instance_node url="#n{times}"/></node></visual_scene>',
+    )
+
+
+def test_instances_in_instances_are_not_written_out_without_end(dae):
+    assert len(read_mesh_file(dae(doubled(4))).faces) == 12 * 2**4
+    with pytest.raises(RobotMeshError, match=r"stands for \d{15,} bytes with its instances"):
+        read_mesh_file(dae(doubled(40)))
+    loop = ('<instance_node url="#n0"/>', '<instance_node url="#n1"/>')
+    with pytest.raises(RobotMeshError, match="a node 'n1' that holds itself"):
+        read_mesh_file(dae(doubled(1), loop))
+
+
+def test_one_part_at_more_places_than_anyone_could_hold_is_refused(tmp_path, monkeypatch):
+    scene = trimesh.Scene()
+    for place in range(5):
+        scene.add_geometry(box(), transform=translation_matrix((place, 0, 0)), geom_name="one")
+    scene.export(tmp_path / "five.glb")
+    monkeypatch.setattr("app.robot.meshes.mesh_file.MAX_TRIANGLES", 60)
+    assert len(read_mesh_file(tmp_path / "five.glb").faces) == 60
+    monkeypatch.setattr("app.robot.meshes.mesh_file.MAX_TRIANGLES", 59)
+    with pytest.raises(RobotMeshError, match=r"five\.glb has more than 59 triangles"):
+        read_mesh_file(tmp_path / "five.glb")
+
+
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae"])
 def test_vertices_that_are_not_finite_are_refused(tmp_path, suffix):
     holed = box()
