@@ -6,6 +6,7 @@ file are turned around here. A file that does not say is taken as it is. What is
 """
 
 import re
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -89,15 +90,16 @@ def _axes(start: bytes, path: Path) -> FloatArray:
 
 def _read(path: Path, suffix: str) -> tuple[FloatArray, NDArray[Any]]:
     try:
-        size = path.stat().st_size
-        if size > _MAX_BYTES:
-            raise MeshError(f"{path} has {size} bytes: at most {_MAX_BYTES} allowed")
-        # From an open file, not from the path: an OBJ cannot pull in other files then. Without
-        # trimesh's processing, which would drop faces with NaN and hide that the file is broken.
         with path.open("rb") as file:
-            signs = _axes(file.read(_COMMENT_BYTES), path)
-            file.seek(0)
-            loaded = trimesh.load_mesh(file, file_type=suffix[1:], process=False)
+            content = file.read(_MAX_BYTES + 1)
+        if len(content) > _MAX_BYTES:
+            raise MeshError(f"{path} has more than the {_MAX_BYTES} bytes allowed")
+        signs = _axes(content[:_COMMENT_BYTES], path)
+        # From its bytes, which have no folder: the file cannot pull in others then. Without
+        # trimesh's processing, which would drop faces with NaN and hide that the file is broken.
+        loaded = trimesh.load_mesh(
+            BytesIO(content), file_type=suffix[1:], process=False, skip_materials=True
+        )
         return np.asarray(loaded.vertices, dtype=np.float64) * signs, np.asarray(loaded.faces)
     except OSError as error:
         raise MeshError(f"{path} cannot be read: {error.strerror}") from error

@@ -82,8 +82,12 @@ def _read_raw(path: Path) -> dict[str, Any]:
     """Trimesh's keywords of a file; only files beside it (materials, buffers) are looked at."""
     kind = path.suffix.lower().removeprefix(".")
     load: Any = mesh_loaders[kind]
+    # A PLY has its colours itself, and a picture of it would be opened for nothing.
+    options = {"skip_materials": True} if kind == "ply" else {}
     with path.open("rb") as file:
-        keywords: dict[str, Any] = load(file, file_type=kind, resolver=FilePathResolver(str(path)))
+        keywords: dict[str, Any] = load(
+            file, file_type=kind, resolver=FilePathResolver(str(path)), **options
+        )
     return keywords
 
 

@@ -76,6 +76,24 @@ def test_files_that_hold_no_surface(tmp_path: Path, name: str, content: bytes) -
     assert "\n" not in str(caught.value)
 
 
+def test_a_mesh_file_pulls_in_no_other(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A picture that is none would be told by trimesh's log, with a traceback on the screen."""
+    (tmp_path / "secret.png").write_bytes(b"not for this case")
+    ply = trimesh.creation.box().export(file_type="ply", encoding="ascii").decode()
+    named = ply.replace("element vertex", "comment TextureFile secret.png\nelement vertex", 1)
+    (tmp_path / "a.ply").write_text(named)
+    with caplog.at_level("DEBUG"):
+        mesh = load_mesh(tmp_path / "a.ply", units="mm", frame="tumor")
+    assert (len(mesh.faces), "image" in caplog.text, "secret" in caplog.text) == (12, False, False)
+
+
+def test_a_file_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.case.files.meshes._MAX_BYTES", 10_000)
+    monkeypatch.setattr("app.case.files.meshes.MESH_ENDINGS", ("",))
+    with pytest.raises(MeshError, match="/dev/zero has more than the 10000 bytes allowed"):
+        load_mesh(Path("/dev/zero"), units="mm", frame="tumor")
+
+
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])
 def test_slicer_has_its_own_models_where_they_are_read(tmp_path: Path, suffix: str) -> None:
     slicer = pytest.importorskip("slicer")

@@ -200,6 +200,16 @@ def test_files_of_rubbish_are_refused_in_one_line(tmp_path, suffix, content):
     assert "\n" not in str(caught.value)
 
 
+def test_the_picture_of_a_ply_is_not_opened(tmp_path, caplog):
+    """One that is none would be told by trimesh's log, with a traceback on the screen."""
+    (tmp_path / "picture.png").write_bytes(b"none")
+    text = box().export(file_type="ply", encoding="ascii").decode()
+    named = text.replace("element vertex", "comment TextureFile picture.png\nelement vertex", 1)
+    (tmp_path / "box.ply").write_text(named)
+    assert len(read_mesh_file(tmp_path / "box.ply").faces) == 12
+    assert "image" not in caplog.text
+
+
 def test_a_truncated_stl_is_refused(tmp_path):
     path = tmp_path / "cut.stl"
     path.write_bytes(box().export(file_type="stl")[:-70])
