@@ -15,6 +15,7 @@ from typing import IO
 import numpy as np
 
 from app.case.files.numbers import numbers_in
+from app.case.frames.assembly import agreed_sample
 from app.case.frames.samples import TrackingFrame
 from app.geometry import (
     FrameError,
@@ -81,6 +82,11 @@ def read_header(
                 yield frame
             draft = None
         draft = draft or _Draft(index)
+        if match[2] in draft.fields:
+            raise InputError(
+                f"{path} line {line} (frame {index}): {match[2]} stands twice, first in line "
+                f"{draft.fields[match[2]][0]}"
+            )
         draft.fields[match[2]] = (line, value)
     if draft is not None and (frame := draft.finished(path, frames_of, note)):
         placed += 1
@@ -102,7 +108,7 @@ class _Draft:
         if stamp is None:
             note(f"frame {self.index} has no Timestamp: skipped")
             return None
-        poses = []
+        poses: dict[tuple[str, str], TrackedTransform] = {}
         for name, (line, value) in self.fields.items():
             if not name.endswith(_TRANSFORM_SUFFIX):
                 continue
@@ -110,9 +116,11 @@ class _Draft:
             if frames is not None:
                 place = f"{path} line {line} (frame {self.index}, {name})"
                 _, status = self.fields.get(f"{name}Status", (0, "OK"))
-                poses.append(tracked_sample(numbers_in(value, 16, place), status, frames, stamp))
+                sample = tracked_sample(numbers_in(value, 16, place), status, frames, stamp)
+                known = poses.get(frames)  # by another name of the same frames
+                poses[frames] = sample if known is None else agreed_sample(known, sample)
         return TrackingFrame(
-            stamp, tuple(poses), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
+            stamp, tuple(poses.values()), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
         )
 
     def _stamp(self, path: str, name: str) -> Stamp | None:

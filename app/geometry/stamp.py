@@ -33,7 +33,8 @@ class Stamp:
     def from_seconds(cls, seconds: str, clock: str = "tracker") -> "Stamp":
         """Read decimal seconds as they stand in a file, without a detour through binary floats."""
         try:
-            number = Decimal(seconds.strip())
+            # Python would read 1_0 as ten, and the digits of other scripts.
+            number = Decimal(seconds.strip() if seconds.isascii() and "_" not in seconds else "")
         except InvalidOperation as error:
             raise StampError(f"time {seconds!r} is not a finite number of seconds") from error
         if not (number.is_finite() and -_MOST_S <= number <= _MOST_S):

@@ -165,6 +165,22 @@ def test_a_file_is_never_held_in_memory(tmp_path: Path) -> None:
     assert peak < 1_000_000
 
 
+@pytest.mark.parametrize(
+    ("second", "status"),
+    [
+        (ONE, "OK"),
+        (ONE.replace("1.5", "1.6"), "INVALID"),
+        (ONE.replace("1 ", "2 ", 1), "NOT_RIGID"),
+    ],
+)
+def test_two_names_of_one_edge_agree_or_nobody_knows(
+    tmp_path: Path, second: str, status: str
+) -> None:
+    rows = [f"AToBTransform = {ONE}", f"aToBTransform = {second}", "Timestamp = 1"]
+    ((one,), _) = read(mha(tmp_path, frame(0, *rows)))
+    assert [(p.target, p.source, p.status.name) for p in one.poses] == [("b", "a", status)]
+
+
 def test_nrrd(tmp_path: Path) -> None:
     path = tmp_path / "x.igs.nrrd"
     head = (
@@ -190,6 +206,11 @@ def test_nrrd(tmp_path: Path) -> None:
             r"line 5 .*'x' is not a number",
         ),
         (frame(0, "AToBTransform = " + "1_0 " * 16, "Timestamp = 1"), r"'1_0' is not a number"),
+        (
+            frame(0, f"AToBTransform = {ONE}", f"AToBTransform = {ONE}", "Timestamp = 1"),
+            r"line 6 \(frame 0\): AToBTransform stands twice, first in line 5",
+        ),
+        (frame(0, "Timestamp = 1_0"), r"'1_0' is not a finite number"),
         (frame(0, "Timestamp = soon"), r"line 5 \(frame 0, Timestamp\): time 'soon'"),
         (frame(0, "Timestamp = nan"), r"'nan' is not a finite number"),
         (frame(1, "Timestamp = 1") + frame(0, "Timestamp = 2"), r"frame 0 comes after frame 1"),

@@ -21,7 +21,9 @@ def test_the_nearest_nanosecond_is_taken(text):
     )
 
 
-@pytest.mark.parametrize("text", ["", "now", "nan", "inf", "1.2.3", "1e30", "1e9999999"])
+@pytest.mark.parametrize(
+    "text", ["", "now", "nan", "inf", "1.2.3", "1e30", "1e9999999", "1_0", "\u0661"]
+)
 def test_what_is_no_time_is_refused(text):
     with pytest.raises(StampError, match="not a finite number of seconds"):
         Stamp.from_seconds(text)
