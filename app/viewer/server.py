@@ -140,8 +140,11 @@ class Viewer:
 
 
 async def _session(request: web.Request) -> web.Response:
-    """Where the socket is: trame's page asks a launcher before it looks beside itself."""
-    return web.json_response({"sessionURL": f"ws://{request.host}/ws", "id": "page"})
+    """Where the socket is: trame's page asks a launcher before it looks beside itself.
+
+    The page fills in its own host, and encrypts where it came encrypted itself, through a proxy.
+    """
+    return web.json_response({"sessionURL": "ws://USE_HOST/ws", "id": "page"})
 
 
 def _server(title: Title) -> Server:

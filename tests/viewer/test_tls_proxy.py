@@ -1,0 +1,99 @@
+"""The page behind a proxy that encrypts, as `docs/viewer.md` advises for another ``--host``."""
+
+import asyncio
+import shutil
+import ssl
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.viewer.conftest import SIZE
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory) -> Path:
+    """Key and certificate of nobody, in one file."""
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("openssl is not there: apt-get install openssl")
+    path = tmp_path_factory.mktemp("tls") / "both.pem"
+    key = path.with_name("key.pem")
+    subprocess.run(
+        [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1"]
+        + ["-subj", "/CN=127.0.0.1", "-keyout", str(key), "-out", str(path)],
+        check=True,
+        capture_output=True,
+    )
+    path.write_text(key.read_text() + path.read_text())
+    return path
+
+
+class TlsProxyDouble:
+    """A test double: a proxy that hands every byte on, and knows nothing of what it carries."""
+
+    def __init__(self, host: str, certificate: Path) -> None:
+        self._behind = host.split(":")
+        self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        self._context.load_cert_chain(certificate)
+        self._loop = asyncio.new_event_loop()
+        self._listening = threading.Event()
+        self.port = 0
+        self._thread = threading.Thread(target=self._loop.run_until_complete, args=[self._serve()])
+
+    @contextmanager
+    def open(self) -> Iterator[int]:
+        """Its port, while it listens."""
+        self._thread.start()
+        self._listening.wait()
+        try:
+            yield self.port
+        finally:
+            self._loop.call_soon_threadsafe(self._closing.set)
+            self._thread.join()
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        self._closing = asyncio.Event()
+        server = await asyncio.start_server(self._carry, "127.0.0.1", 0, ssl=self._context)
+        self.port = server.sockets[0].getsockname()[1]
+        self._listening.set()
+        await self._closing.wait()
+        server.close()
+        others = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
+
+    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        behind_reader, behind_writer = await asyncio.open_connection(*self._behind)
+        ways = ((reader, behind_writer), (behind_reader, writer))
+        try:
+            await asyncio.gather(*(_pour(*way) for way in ways))
+        finally:
+            behind_writer.close()
+            writer.close()
+
+
+async def _pour(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with suppress(ConnectionError, asyncio.CancelledError):
+        while part := await reader.read(65_536):
+            writer.write(part)
+            await writer.drain()
+        writer.close()
+
+
+def test_a_page_that_came_encrypted_talks_encrypted(browser, server, certificate):
+    with TlsProxyDouble(server.host, certificate).open() as port:
+        context = browser.new_context(viewport=SIZE, ignore_https_errors=True)
+        page = context.new_page()
+        sockets: list[str] = []
+        page.on("websocket", lambda socket: sockets.append(socket.url))
+        page.goto(server.url.replace(f"http://{server.host}", f"https://127.0.0.1:{port}"))
+        expect(page.locator("body:not([data-lost]) #word")).to_have_text("CLEAR")
+        assert sockets == [f"wss://127.0.0.1:{port}/ws"]
+        context.close()
