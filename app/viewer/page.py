@@ -2,8 +2,10 @@
 
 from trame_server.state import State
 
+from app.fixture import MarginState
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import Cameraman
+from app.viewer.drawing.screenshot import screenshot
 from app.viewer.drawing.stage import Stage
 from app.viewer.said.readout import readout
 from app.viewer.said.timeline import Timeline
@@ -45,6 +47,14 @@ class Page:
             self.stage.show(now)
         self.cameraman.follow()
         return drawn != self._drawn
+
+    def screenshot(self) -> bytes:
+        """The present as PNG, also where no page is open and nothing is drawn."""
+        self.prepare()
+        said = readout(self._now)
+        measured = self._now is not None and self._now.distance_mm is not None
+        told = f"{said['distance']} mm" if measured else said["why"]
+        return screenshot(self.area, MarginState[said["state"]], f"{said['word']}: {told}")
 
     def sent(self, number: int) -> None:
         """Say what picture ``number`` shows."""

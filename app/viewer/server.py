@@ -17,7 +17,6 @@ from trame_slicer.views import ThreeDView
 from app.viewer.address import Address
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import MakeSchedule, Pictures, Schedule
-from app.viewer.drawing.screenshot import screenshot
 from app.viewer.drawing.stage import Stage
 from app.viewer.gate import Gate
 from app.viewer.hands import ReplayHands, StageHands
@@ -130,7 +129,9 @@ class Viewer:
             app.router.add_get("/report.html", self._report)
 
     async def _screenshot(self, request: web.Request) -> web.Response:
-        return _download(screenshot(self._page.area), "image/png", "marginguard.png")
+        made = self._page.screenshot()
+        self.redraw()  # the scene may be ahead of the pages now
+        return _download(made, "image/png", "marginguard.png")
 
     async def _report(self, request: web.Request) -> web.Response:
         if self._title.report is None:

@@ -10,6 +10,7 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 from app.cli.main import main
+from app.fixture import MarginState
 from tests.viewer.conftest import SIZE, Watched
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
@@ -245,16 +246,43 @@ def test_a_camera_is_chosen_by_key_and_by_button_and_let_go_by_hand(page):
     page.keyboard.press("1")
 
 
-def test_the_screenshot_is_a_picture_of_the_view_in_its_size(page):
-    go_to(page, 0)
+def saved_picture(page: Page) -> tuple[Image.Image, Image.Image]:
+    """The banner of a screenshot, and what is below it."""
     with page.expect_download() as waiting:
         page.locator("#screenshot").click()
     shot = Image.open(waiting.value.path())
-    view = page.locator("main.view").bounding_box()
     assert shot.format == "PNG"
+    height = shot.height - round(page.locator("main.view").bounding_box()["height"])
+    return (
+        shot.crop((0, 0, shot.width, height)),
+        shot.crop((0, height, shot.width, shot.height)),
+    )
+
+
+def test_the_screenshot_is_a_picture_of_the_view_in_its_size(page):
+    go_to(page, 0)
+    banner, shot = saved_picture(page)
+    view = page.locator("main.view").bounding_box()
     assert abs(shot.width - view["width"]) <= 1
-    assert abs(shot.height - view["height"]) <= 1
+    assert 20 <= banner.height <= 80
     assert len(np.unique(np.asarray(shot))) > 20
+
+
+def test_the_screenshot_tells_the_state_of_its_moment(page):
+    """A file is looked at without the page: its colour alone says too little."""
+    look(page, "2", "Close-up")
+    seen = set()
+    for frame, state in ((0, "NEGATIVE"), (BREACH_FRAME, "POSITIVE"), (LOST[0], "UNKNOWN")):
+        go_to(page, frame)
+        banner, _ = saved_picture(page)
+        pixels = np.asarray(banner.convert("RGB")).reshape(-1, 3)
+        colors, counts = np.unique(pixels, axis=0, return_counts=True)
+        wanted = np.round(255.0 * np.array(MarginState[state].color))
+        assert np.abs(colors[counts.argmax()] - wanted).max() <= 1
+        letters = np.abs(pixels - wanted).max(axis=1) > 60
+        assert letters.mean() > 0.005  # and words on it
+        seen.add(letters.tobytes())
+    assert len(seen) == 3
 
 
 def test_a_huge_page_gets_a_picture_that_can_be_drawn_in_time(page):

@@ -1,20 +1,27 @@
-"""The names that an open page is told of."""
+"""The page in the server, without a browser."""
 
+import io
 from typing import cast
 
+import numpy as np
+from PIL import Image
 from trame_server import Server
 
+from app.fixture import MarginState
 from app.viewer.drawing.area import PictureArea
+from app.viewer.drawing.cameras import Look
 from app.viewer.drawing.stage import Stage
 from app.viewer.page import Page
 from app.viewer.steps.shown import Shown
 
 
 class FeedDouble:
-    """A test double: a feed that has nothing to show."""
+    """A test double: a feed that shows what it is told to, nothing at first."""
+
+    shown: Shown | None = None
 
     def now(self) -> Shown | None:
-        return None
+        return self.shown
 
 
 class TimelineDouble:
@@ -37,3 +44,26 @@ def test_the_plot_has_its_name_before_its_first_points():
     assert state.has("plot")
     page.sent(1)
     assert state.plot == [1, 2, 3]
+
+
+def test_a_screenshot_is_of_the_present_although_nobody_looks_at_a_page(can_draw, parts):
+    """Pictures are drawn for pages that are open: the stage still stands as at the last one."""
+    stage, feed = Stage(parts.cast), FeedDouble()
+    stage.view.render_window().SetSize(320, 240)
+    page = Page(Server().state, stage, PictureArea(stage.view), feed, TimelineDouble())
+
+    def colors() -> tuple[np.ndarray, int]:
+        pixels = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)
+        picture = pixels[-240:]
+        green = (picture[..., 1] > 2 * picture[..., 0]) & (picture[..., 1] > 2 * picture[..., 2])
+        return pixels[0, 0], int(green.sum())
+
+    feed.shown = parts.feed.shown[0]
+    page.cameraman.take(Look.CLOSE)
+    banner, green = colors()
+    assert np.array_equal(banner, [0, 255, 0])
+    assert green > 1000
+    feed.shown = feed.shown.as_unknown("the session has failed")
+    banner, green = colors()
+    assert np.abs(banner - 255.0 * np.array(MarginState.UNKNOWN.color)).max() <= 1
+    assert green == 0
