@@ -5,11 +5,16 @@
   and never one from before it joined, which is why this one is *not* latched.
 * ``LATCHED``: reliable, transient-local, the last one. Whoever joins late gets it at once.
 
-Three are for readers. ``INCOMING`` is for what strangers send: reliable, the last 20, which is a
-tenth of a second of a tracker, or a burst of one sample for each of 20 tools. The middleware keeps
-room for so many messages as large as the largest that ever came, so the depth is what bounds our
-memory. ``STATIC_TF`` hears what every static broadcaster has latched, not the last one alone;
-``ANY_CLOCK`` hears players that promise nothing, as they mostly do.
+Four are for readers. ``INCOMING`` is for poses and joints that strangers send a live session: best
+effort, which hears those that promise nothing (most drivers' sensor data) and those that promise
+delivery alike. A reliable reader hands over nothing that came after a gap before the gap is filled,
+by a stranger's writer seconds later; here the newest counts, and what is lost is stale by its own
+stamp. The last 20 are a tenth of a second of a tracker, or a burst of one sample for each of 20
+tools. The middleware keeps room for so many messages as large as the largest that ever came, so the
+depth is what bounds our memory. ``INCOMING_TF`` is tf2's own, but for the depth: an edge that was
+sent once must not be missed by whoever looks it up for ever after. ``STATIC_TF`` hears what every
+static broadcaster has latched, not the last one alone; ``ANY_CLOCK`` hears players that promise
+nothing, as they mostly do.
 """
 
 from dataclasses import dataclass
@@ -26,17 +31,22 @@ def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
     )
 
 
+def _best_effort(depth: int) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
 STREAM = _reliable(100, DurabilityPolicy.VOLATILE)
 NEWEST = _reliable(1, DurabilityPolicy.VOLATILE)
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
-INCOMING = _reliable(20, DurabilityPolicy.VOLATILE)
+INCOMING = _best_effort(20)
+INCOMING_TF = _reliable(20, DurabilityPolicy.VOLATILE)
 STATIC_TF = _reliable(20, DurabilityPolicy.TRANSIENT_LOCAL)
-ANY_CLOCK = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,  # the last time before a jump is what tells that it was one
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
+ANY_CLOCK = _best_effort(10)  # the last time before a jump is what tells that it was one
 
 
 @dataclass(frozen=True, slots=True, eq=False)

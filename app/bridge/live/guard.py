@@ -21,6 +21,7 @@ from app.bridge.publishing.frame_tree import Voice
 from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.bridge.publishing.replay_scene import ReplayScene, scene_of
 from app.bridge.publishing.session_publisher import SessionPublisher
+from app.bridge.qos import INCOMING
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import Case, LiveCase, TfSourceEntry
@@ -129,7 +130,7 @@ def guarding(
     ) as publisher:
         RearmService(publisher.ros, publisher.constraints, live.between_steps)
         buffer = TransformBuffer()
-        TfListener(publisher.ros, buffer, clock=False)
+        TfListener(publisher.ros, buffer, clock=False, qos=INCOMING)
         twists = TwistLimiter(publisher.ros, buffer, parameters=limits)
         changes = SessionChanges(live.between_steps, Speakers(publisher, twists), scene)
         margins = MarginParameterServer(publisher.ros, setup.margins, changes.set_margins)

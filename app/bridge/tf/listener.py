@@ -4,11 +4,12 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from app.bridge import topics
 from app.bridge.node import RosNode
-from app.bridge.qos import ANY_CLOCK, INCOMING, STATIC_TF
+from app.bridge.qos import ANY_CLOCK, INCOMING_TF, STATIC_TF
 from app.bridge.tf.buffer import TransformBuffer
 from app.bridge.tf.wire import read_tf_message
 from app.geometry import NS_PER_S, MarginGuardError
@@ -25,7 +26,9 @@ class TfListener:
     What cannot be read or inserted is left out, and `refused` counts it by the kind of error;
     `last_refusal` is the latest one in words. ``received()``, when given, is called in the node's
     thread after every message that brought something. A ``/clock`` that jumps back empties the
-    buffer but for static edges; with ``clock`` False nobody's ``/clock`` is heard.
+    buffer but for static edges; with ``clock`` False nobody's ``/clock`` is heard. ``qos`` is what
+    is asked of ``/tf``: as tf2 asks, so that broadcasters which do not promise delivery are not
+    heard, and said in the log.
     """
 
     def __init__(
@@ -35,13 +38,14 @@ class TfListener:
         *,
         received: Callable[[], None] | None = None,
         clock: bool = True,
+        qos: QoSProfile = INCOMING_TF,
     ) -> None:
         self.buffer = buffer
         self.messages = 0
         self.refused: Counter[str] = Counter()
         self.last_refusal = ""
         self._received = received
-        moving = replace(topics.TF, qos=INCOMING)
+        moving = replace(topics.TF, qos=qos)
         static = replace(topics.TF_STATIC, qos=STATIC_TF)
         ros.subscribe(moving, lambda raw: self._take(raw, static=False), raw=True)
         ros.subscribe(static, lambda raw: self._take(raw, static=True), raw=True)

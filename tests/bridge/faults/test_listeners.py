@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.bridge.live.conftest import Child, Start
+from tests.bridge.live.conftest import Start
 
 HERE = Path(__file__).resolve().parent
 TOPICS = {
@@ -20,10 +20,10 @@ MOST_GROWTH_KB = 600_000
 (20 and 20), and some are on their way."""
 
 
-def say(child: Child, line: str) -> None:
-    assert child.process.stdin is not None
-    child.process.stdin.write(line + "\n")
-    child.process.stdin.flush()
+def all_joints_counted(answer: dict[str, Any]) -> bool:
+    """Whether good joints have come, and bad ones of every kind."""
+    kinds = {kind for kind in answer["joints"] if "refused" in kind}
+    return bool(answer["good_joints"]) and len(kinds) >= 2
 
 
 def test_listeners_outlive_their_peers(start: Start) -> None:
@@ -33,13 +33,13 @@ def test_listeners_outlive_their_peers(start: Start) -> None:
     hostile.line(lambda line: line == "ready\n")
 
     def attack(what: str, topic: str, edge: str = "") -> None:
-        say(hostile, f"{what} {topic} {edge}")
+        hostile.say(f"{what} {topic} {edge}")
         hostile.line(lambda line: line.startswith(f"done {what}"))
 
     def until(wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Every question is answered, so this ends as soon as it is so, or by the deadline."""
         while True:
-            say(target, "how are you")
+            target.say("how are you")
             answer = json.loads(target.line())
             if wanted(answer):
                 return answer
@@ -52,23 +52,14 @@ def test_listeners_outlive_their_peers(start: Start) -> None:
         for what in ("nan", "huge", "names", "loops", "stamps", "bytes", "frames", "flood", "long"):
             attack(what, topic)
     attack("clock", "/clock")
-    attack("joints", "/joint_states")
+    # To best effort nothing is said again that a full socket has dropped.
+    while not all_joints_counted(until(lambda answer: True)):
+        attack("joints", "/joint_states")
     attack("texts", "/robot_description")
     until(lambda answer: answer["descriptions_refused"] >= 1)
     attack("urdf", "/robot_description")
     attack("good", "/tf", "good better")
-
-    def refused_joints(answer: dict[str, Any]) -> int:
-        return sum(count for kind, count in answer["joints"].items() if "refused" in kind)
-
-    answer = until(
-        lambda answer: (
-            answer["found"]
-            and answer["good_joints"]
-            and answer["robots"]
-            and refused_joints(answer) >= 4
-        )
-    )
+    answer = until(lambda answer: answer["found"] and answer["robots"])
 
     assert answer["robots"] == ["good_base"]
     assert answer["tf"]["TfInvalidError"] >= 50

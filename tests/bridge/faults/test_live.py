@@ -76,10 +76,7 @@ class Watched:
 
     def attack(self, what: str, edge: str = "") -> int:
         """How many messages the attack had."""
-        stdin = self.hostile.process.stdin
-        assert stdin is not None
-        stdin.write(f"{what} {self.topic} {edge}\n")
-        stdin.flush()
+        self.hostile.say(f"{what} {self.topic} {edge}")
         return int(self.hostile.line(lambda line: line.startswith(f"done {what}")).split()[2])
 
     def attack_until_counted(self, what: str, key: str) -> None:
@@ -164,9 +161,7 @@ def test_a_live_session_outlives_its_peers(watch: Callable[[str], Watched], kind
         watched.works()
     assert watched.memory_kb - at_rest_kb < MOST_GROWTH_KB
 
-    watched.attack("long")
-    too_long = f"source: {name}: refused (longer than 1048576 bytes)"
-    watched.until(lambda said: too_long in said)
+    watched.attack_until_counted("long", f"source: {name}: refused (longer than 1048576 bytes)")
     said = watched.works()
     assert int(said[f"source: {name}: messages"]) >= 1_000
     assert int(said["tracking: tracker -> cautery: lost samples"]) >= 10

@@ -58,6 +58,12 @@ class Child:
         status = self.process.wait()
         pytest.fail(f"status {status}, {''.join(passed)!r}, {self.log.read_text()!r}")
 
+    def say(self, line: str) -> None:
+        """Hand the process a line."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
     def end(self, number: int) -> int:
         """Send a signal and wait; the exit status."""
         self._wait_anew()

@@ -1,10 +1,11 @@
 """A tracker and a robot in a process of their own. It imports nothing of the project.
 
-    sender.py FRAMES.json tf|tracked [again]
+    sender.py FRAMES.json tf|tracked [again] [best_effort]
 
 Waits until somebody listens, then sends the frames at the pace of their stamps, moved to the
-present; with ``again`` from the first on when they end. Prints ``shift NANOSECONDS`` (present less
-recorded time) when it begins and ``sent`` at the end, and stays until standard input ends.
+present; with ``again`` from the first on when they end, with ``best_effort`` by the quality of
+service of sensor data, as most drivers do. Prints ``shift NANOSECONDS`` (present less recorded
+time) when it begins and ``sent`` at the end, and stays until standard input ends.
 """
 
 import json
@@ -17,7 +18,7 @@ import rclpy
 from geometry_msgs.msg import TransformStamped
 from marginguard_msgs.msg import TrackedTransform
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
@@ -34,7 +35,8 @@ def fill(message, edge, ns):
 def main() -> None:
     frames = json.loads(Path(sys.argv[1]).read_text())
     kind = sys.argv[2]
-    again = sys.argv[3:] == ["again"]
+    again = "again" in sys.argv[3:]
+    promise = qos_profile_sensor_data if "best_effort" in sys.argv[3:] else QoSProfile(depth=100)
     rclpy.init()
     node = rclpy.create_node("sender")
     heard = threading.Event()
@@ -46,10 +48,10 @@ def main() -> None:
     poses = node.create_publisher(
         message_type,
         topic,
-        QoSProfile(depth=100),
+        promise,
         event_callbacks=PublisherEventCallbacks(matched=lambda _: heard.set()),
     )
-    joints = node.create_publisher(JointState, "/joint_states", QoSProfile(depth=100))
+    joints = node.create_publisher(JointState, "/joint_states", promise)
     while not heard.is_set():
         rclpy.spin_once(node)
     shift_ns = time.time_ns() - frames[0]["ns"]

@@ -1,7 +1,11 @@
 """Live sources against strangers: hostile messages are counted, good ones are delivered."""
 
+import json
 import threading
+from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
 import pytest
 from geometry_msgs.msg import TransformStamped
 from marginguard_msgs.msg import TrackedTransform
@@ -13,10 +17,17 @@ from app.bridge import topics
 from app.bridge.live import TfSource, TrackedTransformSource, listen_to_joints
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
+from app.bridge.tf import TransformBuffer
+from app.bridge.tf.listener import TfListener
 from app.geometry import TrackingStatus
+from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 
 TRACKED = Topic("/tracked_transforms", TrackedTransform, STREAM)
 WAIT_S = 30.0
+HELLO = "hello"
+LOOKED_UP = 30
+SENDER = Path(__file__).with_name("sender.py")
+CYCLONE_TRACKER = Path(__file__).resolve().parents[1] / "cyclone_tracker.py"
 
 
 class Inbox:
@@ -29,10 +40,14 @@ class Inbox:
             self.samples += samples
             self.changed.notify_all()
 
-    def wait_for(self, count):
+    def wait_until(self, wanted):
+        """All samples but the greetings, as soon as they are as wanted."""
         with self.changed:
-            assert self.changed.wait_for(lambda: len(self.samples) >= count, WAIT_S)
-            return list(self.samples)
+            assert self.changed.wait_for(lambda: wanted(self._told()), WAIT_S)
+            return self._told()
+
+    def _told(self):
+        return [sample for sample in self.samples if getattr(sample, "source", "") != HELLO]
 
 
 @pytest.fixture
@@ -52,12 +67,24 @@ def edge(child, x=0.1, parent="tracker", w=1.0, kind=TransformStamped, **values)
     return message
 
 
+def say_until_heard(publisher, message, inbox):
+    """To best effort nothing is said again that was said before the reader knew of the writer."""
+    with inbox.changed:
+        while not inbox.samples:
+            publisher.publish(message)
+            inbox.changed.wait(0.1)
+
+
+def ended(samples):
+    return any(sample.source == "end" for sample in samples)
+
+
 def test_bad_transforms_of_a_tf_message_do_not_take_the_good_ones_with_them(nodes):
     guard, tracker = nodes
     inbox = Inbox()
     source = TfSource(guard, inbox.take)
     publisher = tracker.publisher(topics.TF)
-    assert tracker.wait_for_subscribers(topics.TF, 1, WAIT_S)
+    say_until_heard(publisher, TFMessage(transforms=[edge(HELLO)]), inbox)
     publisher.publish(
         TFMessage(
             transforms=[
@@ -72,7 +99,7 @@ def test_bad_transforms_of_a_tf_message_do_not_take_the_good_ones_with_them(node
     )
     publisher.publish(TFMessage(transforms=[edge("y" * 2_000_000)]))
     publisher.publish(TFMessage(transforms=[edge("end")]))
-    found = {sample.source: sample for sample in inbox.wait_for(6)}
+    found = {sample.source: sample for sample in inbox.wait_until(ended)}
     assert found["cautery"].transform.translation_mm == pytest.approx([100.0, 0.0, 0.0])
     assert found["needle"].transform.translation_mm == pytest.approx([-200.0, 0.0, 0.0])
     assert found["needle"].stamp.ns == 7_000_000_000
@@ -81,7 +108,8 @@ def test_bad_transforms_of_a_tf_message_do_not_take_the_good_ones_with_them(node
     assert "end" in found
     assert len(found) == 6  # the loop too: a session finds no way through it
     counts = source.counts()
-    assert counts["/tf: messages"] == 3
+    hellos = sum(sample.source == HELLO for sample in inbox.samples)
+    assert counts["/tf: messages"] == hellos + 3
     assert counts["/tf: refused (longer than 1048576 bytes)"] == 1
     assert sum(n for name, n in counts.items() if "refused" in name) >= 2
     assert guard.failures == 0
@@ -92,11 +120,11 @@ def test_a_lost_pose_comes_with_its_status_and_a_closed_source_is_silent(nodes):
     inbox = Inbox()
     source = TrackedTransformSource(guard, TRACKED.name, inbox.take)
     publisher = tracker.publisher(TRACKED)
-    assert tracker.wait_for_subscribers(TRACKED, 1, WAIT_S)
+    say_until_heard(publisher, edge(HELLO, kind=TrackedTransform), inbox)
     publisher.publish(edge("cautery", kind=TrackedTransform, status=3))
     publisher.publish(edge("cautery", kind=TrackedTransform, status=250))
     publisher.publish(edge("cautery", kind=TrackedTransform, status=0))
-    statuses = [sample.status for sample in inbox.wait_for(3)]
+    statuses = [sample.status for sample in inbox.wait_until(lambda samples: len(samples) == 3)]
     assert statuses == [TrackingStatus.OUT_OF_VIEW, TrackingStatus.INVALID, TrackingStatus.OK]
     source.close()
     source.close()
@@ -107,12 +135,59 @@ def test_joints_that_are_not_numbers_are_left_out(nodes):
     inbox = Inbox()
     joints = listen_to_joints(guard, "/joint_states", 5, lambda sample: inbox.take([sample]))
     publisher = tracker.publisher(topics.JOINT_STATES)
-    assert tracker.wait_for_subscribers(topics.JOINT_STATES, 1, WAIT_S)
+    say_until_heard(publisher, JointState(name=["a"], position=[0.25]), inbox)
     publisher.publish(JointState(name=["a", "b"], position=[1.0]))
     publisher.publish(JointState(name=["a"], position=[float("inf")]))
     publisher.publish(JointState(name=["a"], position=[0.5]))
-    (sample,) = inbox.wait_for(1)
-    assert sample.as_mapping() == {"a": 0.5}
-    assert sample.stamp.ns == 5
+    samples = inbox.wait_until(lambda samples: samples[-1].as_mapping() == {"a": 0.5})
+    assert all(sample.as_mapping() == {"a": 0.25} for sample in samples[:-1])
+    assert samples[-1].stamp.ns == 5
     assert joints.counts()["/joint_states: refused (InputError)"] == 2
     assert guard.failures == 0
+
+
+@pytest.mark.parametrize("kind", ["tf", "tracked"])
+def test_drivers_that_promise_nothing_are_heard(domain_id, start, frames_file, kind):
+    """Quality of service of sensor data, from rclpy in another process."""
+    poses, joints = Inbox(), Inbox()
+    with RosNode("guard", domain_id=domain_id) as guard:
+        if kind == "tf":
+            TfSource(guard, poses.take)
+        else:
+            TrackedTransformSource(guard, TRACKED.name, poses.take)
+        listen_to_joints(guard, "/joint_states", 0, lambda sample: joints.take([sample]))
+        sender = start(str(SENDER), str(frames_file), kind, "again", "best_effort")
+        sender.line(lambda line: line.startswith("shift"))
+        sample = poses.wait_until(bool)[0]
+        sent_m = [
+            sent["translation_m"]
+            for frame in json.loads(frames_file.read_text())
+            for sent in frame["edges"]
+            if sent["child"] == sample.source
+        ]
+        off_m = np.abs(np.array(sent_m) - sample.transform.translation_mm / 1000.0)
+        assert off_m.max(axis=1).min() < 1e-9
+        assert joints.wait_until(bool)
+        assert guard.incompatible == {}
+
+
+def test_what_is_lost_is_not_waited_for_by_a_session_but_by_a_lookup(domain_id, start, monkeypatch):
+    """A reliable writer of another DDS loses four packets of ten.
+
+    The listener for lookups, which has to have each edge before the next is sent, gets all of them.
+    """
+    uri = CYCLONE_ON_THIS_MACHINE["CYCLONEDDS_URI"]
+    lossy = "<Internal><Test><XmitLossiness>400</XmitLossiness></Test></Internal></Domain>"
+    monkeypatch.setenv("CYCLONEDDS_URI", uri.replace("</Domain>", lossy))
+    inbox, buffer = Inbox(), TransformBuffer()
+    with RosNode("guard", domain_id=domain_id) as guard:
+        TfSource(guard, inbox.take)
+        TfListener(guard, buffer)
+        tracker = start(str(CYCLONE_TRACKER))
+        assert tracker.line() == "ready"
+        for number in range(LOOKED_UP):
+            tracker.say("next")
+            assert buffer.wait("tracker", f"sent_{number}", timeout_s=WAIT_S).stamp_ns == number
+    heard = [sample.stamp.ns for sample in inbox.samples]
+    assert 0 < len(heard) < LOOKED_UP
+    assert all(earlier < later for earlier, later in pairwise(heard))
