@@ -243,15 +243,15 @@ def _messages(path: Path, note: Note) -> Iterator[RawMessage]:
 
 
 def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
-    from rosbags.rosbag2 import Reader, ReaderError  # slow to load
+    from rosbags.rosbag2 import Reader  # slow to load
 
     try:
         with Reader(path) as bag:
             connections = {known.id: _connection(known) for known in bag.connections}
             for known, _, data in bag.messages():
                 yield connections[known.id], bytes(data)
-    except (ReaderError, OSError) as error:
-        reason = str(error).splitlines()[0]
+    except Exception as error:  # rosbags and its database raise whatever damaged bytes lead to
+        reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path} is no rosbag2 recording that can be read: {reason}") from error
 
 

@@ -120,6 +120,24 @@ def test_a_rosbag2_folder(tmp_path: Path, plugin: StoragePlugin) -> None:
     assert [frame.stamp.ns for frame in frames] == [10**9 + index for index in range(10)]
 
 
+def test_a_damaged_database_is_refused_in_one_line(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        connection = bag.add_connection(
+            "/tracked_transforms", TRACKED_TRANSFORM, typestore=ros_types()
+        )
+        for index in range(200):
+            _, kind, message = tracked(pose(10**9 + index))
+            bag.write(connection, index, ros_types().serialize_cdr(message, kind))
+    (database,) = (tmp_path / "bag").glob("*.db3")
+    whole = database.read_bytes()
+    last = whole[:-8192] + b"\xff" * 8192
+    for damaged in (last, b"", whole[:2000], whole[:-4096], b"\xff" * 20_000):
+        database.write_bytes(damaged)
+        with pytest.raises(InputError, match="bag is no rosbag2 recording") as caught:
+            read(tmp_path / "bag")
+        assert "\n" not in str(caught.value)
+
+
 def test_late_messages_find_their_place(tmp_path: Path) -> None:
     order = [0, 3, 1, 2, 6, 5, 4, 9, 8, 7]
     messages = [tracked(pose(10**9 + i * 10**8)) for i in order]
