@@ -334,3 +334,46 @@ def test_nothing_overlaps_and_nothing_is_cut_off(page):
         for n, (a, b, c, d, _) in enumerate(boxes):
             for e, f, g, h, _ in boxes[:n]:
                 assert min(c, g) - max(a, e) <= 1.5 or min(d, h) - max(b, f) <= 1.5
+
+
+@pytest.mark.parametrize(
+    ("width", "height"),
+    [(390, 844), (844, 390), (768, 1024), (640, 360)],
+    ids=["phone", "phone on its side", "tablet", "enlarged twice"],
+)
+def test_a_small_page_has_picture_state_and_distance_in_sight(page, width, height):
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(150)
+    boxes = page.evaluate(
+        """() => Object.fromEntries(['.view', '#word', '#distance', '#play', '#timeline', '#sound',
+            '#report', '.note', '.looks button:last-child'].map(name => {
+          const box = document.querySelector(name).getBoundingClientRect();
+          const seen = [0.03, 0.5, 0.97].every(share => document.elementFromPoint(
+            box.left + share * box.width, box.top + 0.5 * box.height)?.closest(name));
+          const inside = box.top >= 0 && box.bottom <= innerHeight;
+          return [name, {width: box.width, height: box.height, seen: seen && inside}];
+        }))"""
+    )
+    assert [name for name, box in boxes.items() if not box["seen"]] == []
+    view = boxes[".view"]
+    assert view["width"] * view["height"] > 0.25 * width * height
+
+
+def test_many_reasons_push_the_distance_down_and_do_not_cover_it(page):
+    page.set_viewport_size({"width": 1024, "height": 600})
+    page.evaluate("document.querySelector('#why').textContent = 'a pose is stale; '.repeat(12)")
+    assert page.evaluate(
+        "() => { const e = document.querySelector('.state');"
+        " return e.scrollHeight <= e.clientHeight; }"
+    )
+
+
+def test_a_long_name_leaves_the_bar_its_height(page):
+    def bar() -> float:
+        return page.locator(".bar").bounding_box()["height"]
+
+    usual = bar()
+    page.evaluate("document.querySelector('.case').textContent = 'a lumpectomy '.repeat(40)")
+    assert bar() == usual
+    page.reload()
+    page.wait_for_selector("body:not([data-lost]) #word")
