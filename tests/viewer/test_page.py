@@ -259,6 +259,17 @@ def saved_picture(page: Page) -> tuple[Image.Image, Image.Image]:
     )
 
 
+def test_where_a_session_has_stopped_its_plot_is_grey_and_the_picture_says_so(page):
+    """As `LiveTimeline` tells it; this page is of a recording, whose next picture ends it."""
+    stopped = page.get_by_text("STOPPED")
+    expect(stopped).to_be_hidden()
+    page.evaluate("trame.state.set('now', {...trame.state.get('now'), stopped: true})")
+    expect(stopped).to_be_visible()
+    expect(page.locator("#timeline")).to_have_css("filter", "grayscale(1)")
+    page.keyboard.press("ArrowRight")
+    expect(stopped).to_be_hidden()
+
+
 def test_the_screenshot_is_a_picture_of_the_view_in_its_size(page):
     go_to(page, 0)
     banner, shot = saved_picture(page)

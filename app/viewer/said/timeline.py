@@ -72,7 +72,10 @@ class LiveTimeline:
         self._drawn_ns = 0
 
     def at(self, shown: Shown | None) -> dict[str, Any]:
-        """Take in the moment that is shown; the cursor is at the right end."""
+        """Take in the moment that is shown; the cursor is at the right end.
+
+        Whose session is silent has stopped: its right end is not now any more.
+        """
         if shown is not None:
             now_ns = shown.step.frame.stamp.ns
             points = self._points
@@ -81,7 +84,7 @@ class LiveTimeline:
             points.append(Point(now_ns, shown.step.decision.state, shown.distance_mm))
             while now_ns - points[0].time_ns > _LIVE_SPAN_NS:
                 points.popleft()
-        return {"cursor": WIDTH}
+        return {"cursor": WIDTH, "stopped": shown is not None and bool(shown.silent)}
 
     def news(self) -> dict[str, Any]:
         """The plot, when the last one is old enough."""
