@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from app.cli.publishing import bridge_loaded
+from app.cli.signals import Received
 
 if TYPE_CHECKING:
     from app.bridge import ReplayScene
@@ -23,27 +24,31 @@ CONSTRAINT_HZ = 100.0
 
 
 @contextmanager
-def live_page(options: argparse.Namespace) -> Iterator["Viewer"]:
-    """A page for the session of ``options.config``, which runs within the context."""
-    from app.bridge.live import guarding
-    from app.bridge.mailbox import SWITCH_INTERVAL_S
-    from app.case import open_live
-    from app.session import setup_from_case, with_repaired_tumor
-    from app.viewer import Cast, LiveFeed, LiveTimeline, Stage, Title, Viewer, Watcher
+def live_page(options: argparse.Namespace, received: Received) -> Iterator["Viewer"]:
+    """A page for the session of ``options.config``, which runs within the context.
 
-    bridge_loaded("a live session is ROS")
-    config = open_live(options.config, package_dirs=options.package_dirs)
-    case = with_repaired_tumor(config.case)
-    for note in case.notes():
-        print(note, file=sys.stderr)
-    tip_only: bool = options.tip_only
-    setup = setup_from_case(case, tip_only=tip_only)
-    cast = Cast.of(setup, case.tumor_mesh(), None if tip_only else case.tool_mesh())
-    feed = LiveFeed(Watcher(setup, cast), setup.margins.stale_after_ns, time.monotonic_ns)
-    title = Title(case.manifest.name, live=True)
-    viewer = Viewer(Stage(cast), feed, LiveTimeline(), title)
-    feed.wakes(viewer.look)
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    Up to then a signal ends the process at once.
+    """
+    with received.ends_at_once():
+        from app.bridge.live import guarding
+        from app.bridge.mailbox import SWITCH_INTERVAL_S
+        from app.case import open_live
+        from app.session import setup_from_case, with_repaired_tumor
+        from app.viewer import Cast, LiveFeed, LiveTimeline, Stage, Title, Viewer, Watcher
+
+        bridge_loaded("a live session is ROS")
+        config = open_live(options.config, package_dirs=options.package_dirs)
+        case = with_repaired_tumor(config.case)
+        for note in case.notes():
+            print(note, file=sys.stderr)
+        tip_only: bool = options.tip_only
+        setup = setup_from_case(case, tip_only=tip_only)
+        cast = Cast.of(setup, case.tumor_mesh(), None if tip_only else case.tool_mesh())
+        feed = LiveFeed(Watcher(setup, cast), setup.margins.stale_after_ns, time.monotonic_ns)
+        title = Title(case.manifest.name, live=True)
+        viewer = Viewer(Stage(cast), feed, LiveTimeline(), title)
+        feed.wakes(viewer.look)
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
     with guarding(
         config,
         case,
@@ -90,16 +95,17 @@ class Casting:
 
     def of(self, scene: "ReplayScene") -> "Cast":
         """That of a step which was taken with ``scene``."""
-        from app.registration import given_registration
         from app.viewer import stop_surface
 
         if scene is not self._scene:
-            cast = replace(self._cast, tumor=scene.tumor, fixed=scene.static_edges, margin=None)
-            if scene.registration is not self._scene.registration and scene.registration:
-                # Who registers anew does not say how well it went.
-                given = given_registration(scene.registration)
-                cast = replace(cast, registration=given)
-            self._cast, self._scene = cast, scene
+            self._scene = scene
+            self._cast = replace(
+                self._cast,
+                tumor=scene.tumor,
+                fixed=scene.static_edges,
+                registration=scene.registration,
+                margin=None,
+            )
             self._making = self._makers.submit(stop_surface, scene.tumor, scene.margins.stop_mm)
         if self._making is not None and self._making.done():
             self._cast = replace(self._cast, margin=_made(self._making))

@@ -30,7 +30,7 @@ from app.cli.commands import (
     tumor,
     view,
 )
-from app.cli.signals import Terminated
+from app.cli.signals import Terminated, raise_signals
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
@@ -79,7 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     atexit.register(gc.freeze)
     options = build_parser().parse_args(arguments)
     try:
-        status: int = COMMANDS[options.command].run(options)
+        with raise_signals():
+            status: int = COMMANDS[options.command].run(options)
         if sys.stdout is not None:  # it is None where the caller has closed it
             sys.stdout.flush()
     except KeyboardInterrupt as end:

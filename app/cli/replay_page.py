@@ -58,14 +58,15 @@ def replay_parts(
     folder: Path, package_dirs: Sequence[Path], received: Received, *, tip_only: bool
 ) -> ReplayParts | None:
     """Step through the case in ``folder``; None when a signal came before its last step."""
-    from app.case import open_case
-    from app.report import ReplayLog, find_breaches
-    from app.session import Session, setup_from_case, with_estimated_clock, with_repaired_tumor
-    from app.viewer import Cast, ReplayFeed, ReplayTimeline, Watcher
+    with received.ends_at_once():
+        from app.case import open_case
+        from app.report import ReplayLog, find_breaches
+        from app.session import Session, setup_from_case, with_estimated_clock, with_repaired_tumor
+        from app.viewer import Cast, ReplayFeed, ReplayTimeline, Watcher
 
-    opened = open_case(folder, package_dirs=package_dirs)
-    case, _ = with_estimated_clock(with_repaired_tumor(opened))
-    setup = setup_from_case(case, tip_only=tip_only)
+        opened = open_case(folder, package_dirs=package_dirs)
+        case, _ = with_estimated_clock(with_repaired_tumor(opened))
+        setup = setup_from_case(case, tip_only=tip_only)
     cast = Cast.of(setup, case.tumor_mesh(), None if tip_only else case.tool_mesh())
     session, watcher, log = Session(setup), Watcher(setup, cast), ReplayLog()
     shown = []

@@ -1,10 +1,14 @@
-"""SIGINT and SIGTERM ask a replay to stop, instead of breaking into whatever it is doing.
+"""What SIGINT and SIGTERM do to a command.
 
-Python's own way, an exception at any moment, is not safe here: raised while a function that numba
-compiled is at work, it ends the process with a segmentation fault now and then (measured: 4 of 14
-replays; none of 2389 signals that were only noted). And an exception in the middle of a step would
-leave half of it published. While libraries are loaded it may be lost: trimesh takes whatever is
-raised then for a package that is missing. So a command that runs until a signal loads them within.
+Where it makes something they raise, and what is half-written is taken away (`raise_signals`).
+
+Where it takes steps they are only noted, and ask it to stop (`note_signals`). An exception at any
+moment is not safe there: raised while a function that numba compiled is at work, it ends the
+process with a segmentation fault now and then (measured: 4 of 14 replays; none of 2389 signals that
+were only noted), and in the middle of a step it would leave half of it published.
+
+While libraries are loaded an exception may be lost: trimesh takes whatever is raised then for a
+package that is missing. So a command that runs until a signal loads them while signals are noted.
 """
 
 import os
@@ -18,6 +22,9 @@ from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
+_LATER_S = 0.05
+"""When a signal comes again that found a library being loaded."""
+
 
 @dataclass(slots=True)
 class Received:
@@ -25,6 +32,7 @@ class Received:
 
     number: int | None = None
     _stop: Callable[[], None] | None = None
+    _ends_at_once: bool = False
 
     def stops(self, stop: Callable[[], None]) -> None:
         """Call ``stop`` when a signal comes; at once when one has come already."""
@@ -32,9 +40,23 @@ class Received:
         if self.number is not None:
             stop()
 
+    @contextmanager
+    def ends_at_once(self) -> Iterator[None]:
+        """Within it a signal ends the process at once, one that has come already too.
+
+        For what takes long, cannot be stopped and leaves nothing behind, such as compiling.
+        """
+        self._ends_at_once = True
+        if self.number is not None:
+            os._exit(self.exit_status)
+        try:
+            yield
+        finally:
+            self._ends_at_once = False
+
     def take(self, number: int) -> None:
         """Note a signal, and stop what there is to stop; a second one ends the process at once."""
-        if self.number is not None:
+        if self.number is not None or self._ends_at_once:
             os._exit(128 + number)
         self.number = number
         if self._stop is not None:
@@ -51,16 +73,21 @@ class Terminated(KeyboardInterrupt):
 
 
 @contextmanager
-def raise_on_sigterm() -> Iterator[None]:
-    """Within it SIGTERM raises `Terminated`, so that what is half-written is taken away again.
+def raise_signals() -> Iterator[None]:
+    """Within it SIGINT raises `KeyboardInterrupt`, SIGTERM `Terminated`: not what is ignored.
 
-    For the main thread only, and where no library is being loaded, which could lose it.
+    So what is half-written is taken away again on the way out. While a library is loaded, which
+    could lose what is raised, they wait. For the main thread only.
     """
-    before = signal.signal(signal.SIGTERM, _raise_terminated)
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    before = {n: handler for n in SIGNALS if (handler := signal.getsignal(n)) in usual}
+    for number in before:
+        signal.signal(number, _raise)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
@@ -94,8 +121,15 @@ def note_signals() -> Iterator[Received]:
         reader.close()
 
 
-def _raise_terminated(number: int, frame: FrameType | None) -> None:
-    raise Terminated
+def _raise(number: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            again = threading.Timer(_LATER_S, os.kill, (os.getpid(), number))
+            again.daemon = True
+            again.start()
+            return
+        frame = frame.f_back
+    raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
 
 
 def _only_noted(number: int, frame: FrameType | None) -> None:

@@ -4,12 +4,14 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import trimesh
 
 from app.bridge import ReplayScene
 from app.cli.live_page import Casting
-from app.geometry import MeshError, SurfaceMesh
+from app.geometry import MeshError, SurfaceMesh, Transform
+from app.registration import given_registration, register_points
 from app.viewer import Cast
 from tests.doubles import PARAMETERS
 
@@ -57,6 +59,18 @@ def test_another_tumour_has_the_margin_surface_that_is_made_of_it(cast, scene, m
     made = casting.of(other).margin
     assert made is not None
     assert abs(made.vertices_mm).max() == pytest.approx(6.0, abs=0.1)
+
+
+def test_a_registration_that_is_found_anew_says_how_well_it_went(cast, scene, makers):
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    casting = Casting(replace(cast, registration=given), replace(scene, registration=given), makers)
+    corners = 50.0 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    off = corners + np.diag([0.1, 0.2, 0.1, 0.0])[:, :3]
+    found = register_points(corners, off, fixed_frame="reference", moving_frame="robot_base")
+    shown = casting.of(replace(scene, registration=found, static_edges=(found.transform,)))
+    assert shown.registration is found
+    assert shown.fixed == (found.transform,)
+    assert casting.of(replace(scene, registration=given)).registration is given
 
 
 def test_the_session_goes_on_where_no_margin_surface_can_be_made(cast, scene, capsys):

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from app.cli.signals import SIGNALS, note_signals, raise_on_sigterm
+from app.cli.signals import SIGNALS, note_signals, raise_signals
 from tests.cli.small_case import write_small_case
 from tests.ros_domain import domain_id as domain_id
 
@@ -94,6 +94,21 @@ def test_a_signal_while_libraries_are_loaded_is_not_lost(
     assert done.stdout.endswith("True\n")
 
 
+def test_a_signal_while_libraries_are_loaded_ends_what_does_not_wait_for_one(
+    project_root, tmp_path
+):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, "make-case", "new"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(project_root)},
+        timeout=120,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "True\n", "")
+    assert [*tmp_path.iterdir()] == []
+
+
 WRITING = """
 import os
 import pkgutil
@@ -176,9 +191,32 @@ def test_what_only_notes_a_signal_leaves_all_that_it_was_writing(
     assert [*tmp_path.rglob(".*")] == []
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_start_that_compiles_ends_at_once(project_root, tmp_path, number):
+    case = write_small_case(tmp_path / "case")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=project_root,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "compiled")},
+    )
+    try:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("compiling for this machine")
+        process.send_signal(number)
+        assert process.communicate(timeout=120) == ("", "")
+        assert process.returncode == 128 + number
+    finally:
+        process.kill()
+        process.wait()
+    assert [*tmp_path.rglob("measure*.nbi")] == [], "the compiler was not waited for"
+
+
 def test_the_handlers_that_were_there_come_back():
     before = {number: signal.getsignal(number) for number in SIGNALS}
-    with raise_on_sigterm(), note_signals() as received:
+    with raise_signals(), note_signals() as received:
         assert all(signal.getsignal(number) != before[number] for number in SIGNALS)
     assert {number: signal.getsignal(number) for number in SIGNALS} == before
     assert received.exit_status == 0

@@ -8,7 +8,6 @@ import yaml
 
 from app.case import check_place, check_transform_path, write_small, write_transform
 from app.cli.calibration.finding import Finding, as_json, as_text
-from app.cli.signals import raise_on_sigterm
 from app.geometry import InputError
 
 NOT_ACCEPTED = 1
@@ -41,15 +40,13 @@ def put_out(
     else:
         print(as_text(finding, elapsed_s))
     if plot is not None:
-        with raise_on_sigterm():
-            _draw(finding, plot)
+        _draw(finding, plot)
     if not finding.accepted:
         if save is not None:
             print(f"{save} is not written: not accepted", file=sys.stderr)
         return NOT_ACCEPTED
     if save is not None:
-        with raise_on_sigterm():
-            _save(finding, save)
+        _save(finding, save)
     return 0
 
 

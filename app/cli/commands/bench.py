@@ -9,8 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-from app.cli.signals import raise_on_sigterm
-
 SUMMARY = "run a benchmark: our figures beside those of peers"
 CHECKOUT = Path(__file__).resolve().parents[3]
 BENCHMARKS = {
@@ -50,9 +48,8 @@ def run(options: argparse.Namespace) -> int:
     if not (CHECKOUT / "benchmarks").is_dir():
         raise InputError("there is no benchmarks folder: they run in a checkout of the project")
     code = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
-    with raise_on_sigterm():  # the benchmark then ends with this process
-        return subprocess.run(
-            [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],
-            env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
-            check=False,
-        ).returncode
+    return subprocess.run(
+        [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],
+        env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
+        check=False,
+    ).returncode

@@ -3,7 +3,6 @@
 import argparse
 
 from app.cli.options import add_case, folder_path
-from app.cli.signals import raise_on_sigterm
 
 SUMMARY = "copy a case, its recording converted to MCAP"
 
@@ -21,8 +20,7 @@ def run(options: argparse.Namespace) -> int:
     from app.case import convert_case, open_case
 
     case = open_case(options.case, package_dirs=options.package_dirs)
-    with raise_on_sigterm():
-        convert_case(case, options.folder)
+    convert_case(case, options.folder)
     for note in case.notes():
         print(f"note: {note}")
     print(f"wrote {options.folder}")

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         if options.lifecycle:
             _be_managed(options, received)
         else:
-            with _opened(options) as guard:
+            with _opened(options, received) as guard:
                 received.stops(guard.live.stop)
                 with closing(guard.steps()) as steps:
                     _tell(steps)
@@ -89,7 +89,7 @@ def _be_managed(options: argparse.Namespace, received: Received) -> None:
         ended.set()
 
     received.stops(ended.set)
-    life = GuardLifeCycle(lambda ros: _opened(options, ros), _tell, failed)
+    life = GuardLifeCycle(lambda ros: _opened(options, received, ros), _tell, failed)
     with LifecycleRosNode(NODE_NAME, life, namespace=options.namespace):
         print("unconfigured: configure and activate it", file=sys.stderr, flush=True)
         ended.wait()
@@ -98,16 +98,19 @@ def _be_managed(options: argparse.Namespace, received: Received) -> None:
 
 
 @contextmanager
-def _opened(options: argparse.Namespace, ros: "RosNode | None" = None) -> Iterator["LiveGuard"]:
-    from app.bridge.live import guarding
-    from app.case import open_live
-    from app.session import setup_from_case, with_repaired_tumor
+def _opened(
+    options: argparse.Namespace, received: Received, ros: "RosNode | None" = None
+) -> Iterator["LiveGuard"]:
+    with received.ends_at_once():
+        from app.bridge.live import guarding
+        from app.case import open_live
+        from app.session import setup_from_case, with_repaired_tumor
 
-    config = open_live(options.config, package_dirs=options.package_dirs)
-    case = with_repaired_tumor(config.case)
-    for note in case.notes():
-        print(note, file=sys.stderr)
-    setup = setup_from_case(case, tip_only=options.tip_only)
+        config = open_live(options.config, package_dirs=options.package_dirs)
+        case = with_repaired_tumor(config.case)
+        for note in case.notes():
+            print(note, file=sys.stderr)
+        setup = setup_from_case(case, tip_only=options.tip_only)
     with guarding(
         config,
         case,

@@ -3,7 +3,6 @@
 import argparse
 
 from app.cli.options import folder_path
-from app.cli.signals import raise_on_sigterm
 
 SUMMARY = "write a simulated case with ground truth"
 DEFAULT_SEED = 1
@@ -32,7 +31,6 @@ def run(options: argparse.Namespace) -> int:
     from app.cli.touch_arm import TouchArm
 
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
-    with raise_on_sigterm():
-        simulate_case(options.folder, seed=options.seed, arm=arm)
+    simulate_case(options.folder, seed=options.seed, arm=arm)
     print(f"wrote {options.folder}")
     return 0

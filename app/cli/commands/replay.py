@@ -95,20 +95,21 @@ def _played(
     painter: ScenePainter | None,
 ) -> int:
     watch = Stopwatch()
-    from app import __version__
-    from app.case import Player, open_case, write_small
-    from app.report import all_passed, summarise, write_report
-    from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
+    with received.ends_at_once():
+        from app import __version__
+        from app.case import Player, open_case, write_small
+        from app.report import all_passed, summarise, write_report
+        from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
-    watch.lap("load the program")
-    _check(options)
-    wanted = _wanted(options)
-    opened = open_case(options.case, package_dirs=options.package_dirs)
-    case, clock = with_estimated_clock(with_repaired_tumor(opened))
-    watch.lap("open the case")
-    setup = setup_from_case(case, tip_only=options.tip_only)
-    memory.settle()
-    watch.lap("meshes, robot, registration")
+        watch.lap("load the program")
+        _check(options)
+        wanted = _wanted(options)
+        opened = open_case(options.case, package_dirs=options.package_dirs)
+        case, clock = with_estimated_clock(with_repaired_tumor(opened))
+        watch.lap("open the case")
+        setup = setup_from_case(case, tip_only=options.tip_only)
+        memory.settle()
+        watch.lap("meshes, robot, registration")
     player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
     received.stops(player.stop)
     scene_log = SceneLog(

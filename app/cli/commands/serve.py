@@ -49,7 +49,8 @@ def run(options: argparse.Namespace) -> int:
             options.cases, package_dirs=options.package_dirs, tip_only=options.tip_only
         )
         if options.load:
-            cases.load(options.load)
+            with received.ends_at_once():
+                cases.load(options.load)
         print(prepare_environment(), file=sys.stderr)
         ended = threading.Event()
         received.stops(ended.set)

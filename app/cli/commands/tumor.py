@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json
-from app.cli.signals import raise_on_sigterm
 
 if TYPE_CHECKING:
     from app.case import BuiltTumor
@@ -60,8 +59,7 @@ def run(options: argparse.Namespace) -> int:
     if not found["sound"]:
         return NOT_SOUND
     if options.output is not None:
-        with raise_on_sigterm():
-            write_mesh(options.output, tumor.mesh)
+        write_mesh(options.output, tumor.mesh)
         if not options.json:
             print(f"wrote {options.output}")
     return 0

@@ -85,7 +85,7 @@ def _viewer(options: argparse.Namespace, received: Received) -> Iterator["Viewer
     if options.live:
         from app.cli.live_page import live_page
 
-        with live_page(options) as viewer:
+        with live_page(options, received) as viewer:
             yield viewer
     else:
         from app.cli.replay_page import replay_page, replay_parts
