@@ -27,6 +27,7 @@ from app.fixture import (
     Witnesses,
 )
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
+from app.registration import given_registration
 from app.session import StepResult
 from tests.doubles import PARAMETERS
 from tests.ros_domain import domain_id as domain_id
@@ -190,7 +191,7 @@ def scene() -> ReplayScene:
         tool=SurfaceMesh("cautery_tip", TETRAHEDRON / 10.0, FACES),
         margins=PARAMETERS,
         robot_description="<robot name='arm'><link name='base_link'/></robot>",
-        registration=registration,
+        registration=given_registration(registration),
     )
 
 

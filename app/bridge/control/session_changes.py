@@ -98,7 +98,9 @@ class SessionChanges:
             self._go_on(
                 session,
                 replace(session.setup, robot=replace(robot, registration=registration)),
-                replace(self._scene, registration=transform, static_edges=self._edges(transform)),
+                replace(
+                    self._scene, registration=registration, static_edges=self._edges(transform)
+                ),
             )
         return self._scene.registration_id
 

@@ -7,6 +7,7 @@ from app.bridge.errors import BridgeError
 from app.case import Case
 from app.fixture import MarginParameters
 from app.geometry import SurfaceMesh, Transform
+from app.registration import RegistrationResult
 from app.robot import urdf_text
 from app.session import SessionSetup
 
@@ -18,7 +19,8 @@ class ReplayScene:
     ``static_edges``: the calibrations and registrations of the session; two of them may not give
     the same child frame, which would tear the tree. ``tool`` is None when only its tip is known.
     ``robot_description`` is the text of a URDF, None without a robot. ``margins`` say for how long
-    a constraint holds after the oldest sample that went in.
+    a constraint holds after the oldest sample that went in. ``registration``: that of the robot's
+    base, with how sure it is.
     """
 
     static_edges: tuple[Transform, ...]
@@ -26,7 +28,7 @@ class ReplayScene:
     tool: SurfaceMesh | None
     margins: MarginParameters
     robot_description: str | None = None
-    registration: Transform | None = None
+    registration: RegistrationResult | None = None
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.static_edges]
@@ -42,7 +44,11 @@ class ReplayScene:
     @property
     def registration_id(self) -> str:
         """A name for the registration of the robot; empty when there is none."""
-        return "" if self.registration is None else _digest(self.registration.matrix.tobytes())
+        return (
+            ""
+            if self.registration is None
+            else _digest(self.registration.transform.matrix.tobytes())
+        )
 
 
 def scene_of(
@@ -66,7 +72,7 @@ def scene_of(
             if robot and with_robot
             else None
         ),
-        registration=robot.registration.transform if robot and robot.registration else None,
+        registration=robot.registration if robot else None,
     )
 
 

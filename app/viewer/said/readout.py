@@ -74,7 +74,7 @@ def _tre(tre_mm: float, cast: Cast) -> str:
     """What the registration adds to the margins: 0 mm is said of an uncertainty that is known."""
     if cast.registration is None:
         return ""
-    if cast.registration.covariance is None and tre_mm == 0.0:
+    if cast.registration.covariance is None:
         return "adds nothing to the margins"
     return f"k\N{MIDDLE DOT}TRE at the tip {tre_mm:.2f} mm"
 

@@ -85,7 +85,7 @@ def changes(ros, session, shown, scene, case, setup, stepping):
         scene,
         tumor=case.tumor_mesh(),
         static_edges=setup.static_edges,
-        registration=setup.robot.registration.transform,
+        registration=setup.robot.registration,
     )
     made = SessionChanges(between_steps, shown, real)
     OperatorServices(ros, made)
@@ -164,6 +164,6 @@ def test_a_good_registration_is_used_and_a_bad_one_leaves_what_was(
     assert len(shown.scenes) == 1
     registration = session.setup.robot.registration
     assert registration.transform.translation_mm[0] == pytest.approx(500.0, abs=1.0)
-    assert shown.scenes[0].registration is registration.transform
+    assert shown.scenes[0].registration is registration
     assert registration.transform in shown.scenes[0].static_edges
     assert len(shown.scenes[0].static_edges) == len(setup.static_edges)

@@ -8,6 +8,7 @@ import pytest
 from app.bridge.errors import BridgeError
 from app.bridge.publishing.replay_scene import root_edges
 from app.geometry import SurfaceMesh, Transform
+from app.registration import given_registration
 
 
 def test_a_frame_with_two_parents_is_refused(scene):
@@ -26,7 +27,8 @@ def test_the_model_id_changes_with_one_vertex(scene):
 
 def test_the_registration_id_changes_with_the_registration(scene):
     moved = Transform("reference", "robot_base", np.eye(3), [500.0, 0.0, -250.001])
-    assert replace(scene, registration=moved).registration_id != scene.registration_id
+    other = replace(scene, registration=given_registration(moved))
+    assert other.registration_id != scene.registration_id
     assert replace(scene, registration=None).registration_id == ""
 
 

@@ -14,6 +14,7 @@ from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
+from app.registration import given_registration
 
 TF = "/tf:tf2_msgs/msg/TFMessage"
 TF_STATIC = "/tf_static:tf2_msgs/msg/TFMessage"
@@ -280,7 +281,8 @@ def test_of_another_tumor_or_base_nothing_is_known_at_once(
     else:
         moved = Transform("reference", "robot_base", np.eye(3), [501.0, 0.0, -250.0])
         kept = [edge for edge in scene.static_edges if edge.source != "robot_base"]
-        after, shapes = replace(scene, static_edges=(*kept, moved), registration=moved), None
+        given = given_registration(moved)
+        after, shapes = replace(scene, static_edges=(*kept, moved), registration=given), None
     with SessionPublisher(scene, domain_id=domain_id) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:2", f"{MARGIN_MM}:2", f"{COLOR}:2:latched")
         wait_for_one_subscriber(ros, topics.CONSTRAINT, topics.MARGIN_MM, topics.MARGIN_COLOR)
