@@ -6,7 +6,6 @@ from contextlib import AbstractContextManager, contextmanager
 from slicer import (
     vtkMRMLApplicationLogic,
     vtkMRMLLinearTransformNode,
-    vtkMRMLMarkupsNode,
     vtkMRMLModelNode,
     vtkMRMLNode,
     vtkMRMLScene,
@@ -25,6 +24,7 @@ from app.scene.margin.shown_margin import shown_margin
 from app.scene.nodes.batch import Batch
 from app.scene.nodes.earlier import PART, SURFACE, Earlier, mark
 from app.scene.nodes.models import add_model, ball, remove_displayed, smooth_surface
+from app.scene.nodes.upkeep import Upkeep
 from app.scene.robot_model import RobotModel
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
@@ -32,7 +32,6 @@ _TUMOR_OPACITY = 0.4
 _MARGIN_COLOR = (0.55, 0.62, 0.70)  # none of the colours of a state
 _MARGIN_OPACITY = 0.15
 _TIP_RADIUS_MM = 1.5
-_DISPLAYED = (vtkMRMLModelNode, vtkMRMLMarkupsNode)
 
 
 class MarginGuardScene:
@@ -68,6 +67,7 @@ class MarginGuardScene:
         earlier = Earlier.in_scene(scene) if go_on else Earlier()
         self._earlier_surfaces = earlier.surfaces
         self.tree = TransformTree(scene, self.batch, earlier.frames)
+        self._upkeep = Upkeep()
         self.tree.set(ras_from_reference or Transform.identity(RAS, reference))
         self.tumor: vtkMRMLModelNode | None = None
         self.margin_surface: vtkMRMLModelNode | None = None
@@ -83,10 +83,12 @@ class MarginGuardScene:
 
         At its end, also after an error, every node that was changed tells its observers once and
         the views draw once (`Batch.on_end`). Updates may be nested: the outermost counts. Raises
-        `SceneError` where somebody else has taken a node of ours out, as by closing the scene:
-        `clear` takes out what is left then.
+        `SceneError` where somebody else has taken a node of ours out, as by closing the scene, or
+        has changed the surface of one: `clear` takes out what is left then. What was hung elsewhere
+        is hung back.
         """
-        self._require_nodes()
+        if not self.batch.is_open:
+            self._upkeep.restore(self._nodes())
         return self.batch.changes()
 
     def set_poses(self, measured: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
@@ -131,7 +133,7 @@ class MarginGuardScene:
         """
         if self.tumor is None or self.margin is None:
             return self.add_tumor(mesh)
-        self._require_nodes()
+        self._upkeep.restore(self._nodes())
         if mesh.frame != self.margin.frame:
             raise SceneError(
                 f"the new tumour is in frame {mesh.frame!r}: that of the present one, "
@@ -278,29 +280,27 @@ class MarginGuardScene:
     @contextmanager
     def _content(self) -> Iterator[None]:
         """`update` in which nodes are added or removed."""
-        self._require_nodes()
+        self._upkeep.restore(self._nodes())
         with self.batch.content():
             yield
             for node in self._nodes():
                 mark(node, PART)
-
-    def _require_nodes(self) -> None:
-        for node in self._nodes():
-            if node.GetScene() is None:
-                raise _taken(f"node {node.GetName()!r}")
-            if isinstance(node, _DISPLAYED) and node.GetDisplayNode() is None:
-                raise _taken(f"the display of node {node.GetName()!r}")
+            self._upkeep.note(self._parts())
 
     def _nodes(self) -> Iterator[vtkMRMLNode]:
         """All that is ours and should be in the scene."""
         yield from self.tree.nodes()
+        yield from self._parts()
+
+    def _parts(self) -> Iterator[vtkMRMLNode]:
+        """What hangs from the tree, and from each other."""
         for node in (self.tumor, self.margin_surface, self.tool):
             if node is not None:
                 yield node
         if self.margin is not None:
             yield from self.margin.nodes()
         for robot in self.robots.values():
-            yield from robot.transforms.values()
+            yield from (node for node in robot.transforms.values() if node is not robot.base)
             yield from robot.models.values()
 
     def _show_margin(self, margin: MarginDisplay, now_ns: int | None) -> None:
@@ -336,9 +336,3 @@ class MarginGuardScene:
         if node is None:
             raise SceneError(f"frame {frame!r} has no pose in the scene yet: set_poses first")
         return node
-
-
-def _taken(what: str) -> SceneError:
-    return SceneError(
-        f"{what} was taken out of the scene by somebody else: clear what is left and build it again"
-    )

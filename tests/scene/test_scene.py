@@ -177,6 +177,58 @@ def test_a_display_that_the_user_deleted_is_named(
     assert shown.scene.GetNumberOfNodes() == 0
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Tumor",
+        "Tool",
+        "MarginSurface",
+        "upper_model",
+        "ForeArmToBase",
+        "ClosestPoints",
+        "FixturePlane",
+        "BreachMarkers",
+    ],
+)
+def test_what_a_user_hung_elsewhere_comes_back(
+    shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh, name: str
+) -> None:
+    """A tool in green beside a tumour that it has left alone would be a lie."""
+    shown.add_margin_surface(tumor)
+    node = shown.scene.GetFirstNodeByName(name)
+    before = world_matrix(node.GetParentTransformNode())
+    aside = shown.scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Theirs")
+    for parent_id in (None, aside.GetID()):
+        node.SetAndObserveTransformNodeID(parent_id)
+        shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+        assert np.array_equal(world_matrix(node.GetParentTransformNode()), before)
+        assert node.GetTransformNodeID() not in (None, aside.GetID())
+
+
+@pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model"])
+def test_a_surface_that_a_user_changed_is_named(
+    shown: MarginGuardScene, decision: Decide, name: str
+) -> None:
+    """Hardened, it would stay behind; emptied, it would be clear of everything."""
+    model = shown.scene.GetFirstNodeByName(name)
+    for change in (model.HardenTransform, lambda: model.SetAndObservePolyData(None)):
+        change()
+        with pytest.raises(SceneError, match=f"the surface of node '{name}' was changed by some"):
+            shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+    shown.clear()
+    assert shown.scene.GetNumberOfNodes() == 0
+
+
+def test_a_tumour_that_a_user_coloured_by_its_points_has_the_colour_of_its_state(
+    shown: MarginGuardScene, decision: Decide
+) -> None:
+    display = shown.tumor.GetDisplayNode()
+    display.SetActiveScalar("Normals", 0)
+    display.SetScalarVisibility(True)
+    shown.show(decision(MarginState.UNKNOWN, None), {})
+    assert not display.GetScalarVisibility()
+
+
 def constrained(
     decision: FixtureDecision,
     *,

@@ -79,6 +79,7 @@ class MarginDisplay:
         display = self._tumor.GetDisplayNode()
         self._batch.hold(display)
         display.SetColor(*shown.state.color)
+        display.SetScalarVisibility(False)  # the colours of its points would hide that of the state
         self._batch.hold(self.status)
         self.status.SetText(shown.text)
         self._show_line(shown.proximity)

@@ -21,6 +21,11 @@ class Batch:
         self._held: dict[vtkMRMLNode, int] = {}
         self._listeners: list[Callable[[], None]] = []
 
+    @property
+    def is_open(self) -> bool:
+        """Whether `changes` are being made."""
+        return self._depth > 0
+
     def on_end(self, listener: Callable[[], None]) -> None:
         """Call ``listener`` at the end of each batch, when all of it is in place: draw now."""
         self._listeners.append(listener)
