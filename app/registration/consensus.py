@@ -2,7 +2,7 @@
 
 The start is the fit of a few observations that explains half of all of them best (Rousseeuw 1984),
 drawn with a fixed seed, so that the same observations give the same answer. From there on the
-observations within a chi-square bound of the current fit make the next one, until they stay.
+observations that the current fit foretells make the next one, until they stay.
 """
 
 import math
@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from app.geometry import FloatArray
 from app.registration.errors import NoConsensusError
-from app.registration.quantiles import chi_square_quantile
+from app.registration.quantiles import chi_square_quantile, f_quantile
 
 State = TypeVar("State")
 
 WRONG_RATE = 0.01
 """How often, at most, a good observation of a whole clean set may be called wrong."""
+
+_ROUNDING = 1e-9
 
 MAX_DRAWS = 100
 MAX_REFITS = 30
@@ -30,34 +32,35 @@ def agreeing(
     what: str,
     *,
     draw: int,
-    freedom: int,
     noise_known: bool,
     start: Callable[[NDArray[np.bool_]], State],
     refine: Callable[[NDArray[np.bool_], State], State],
-    squared_sigmas: Callable[[State], FloatArray],
+    linearise: Callable[[State], tuple[FloatArray, FloatArray]],
 ) -> tuple[NDArray[np.bool_], State]:
     """The mask (count,) of observations that agree, and the refined state from them.
 
     ``start`` fits the observations of a mask roughly, ``refine`` well (and finds their noise, when
-    it is not known). ``squared_sigmas`` (count,) is each misfit in squared standard deviations,
-    ``freedom`` numbers each; with noise not known their scale is taken from their median at first.
-    Raises `NoConsensusError` unless more than half of the observations agree.
+    it is not known). ``linearise`` gives the misfit of every observation in standard deviations
+    (count, f) and how it answers to the parameters (count, f, p). With noise not known the scale of
+    the misfits is taken from their median at first. Raises `NoConsensusError` unless more than half
+    of the observations agree.
     """
-    bound = chi_square_quantile(1.0 - WRONG_RATE / count, freedom)
     least = max(draw, count // 2 + 1)
     state = min(
         (start(mask) for mask in _draws(count, draw)),
-        key=lambda candidate: float(np.median(squared_sigmas(candidate))),
+        key=lambda candidate: float(np.median(_squared(linearise(candidate)[0]))),
     )
-    squared = squared_sigmas(state)
+    misfits, _ = linearise(state)
+    squared, freedom = _squared(misfits), misfits.shape[1]
     middle = float(np.median(squared))
     if not noise_known and middle > 0.0:
         squared = squared * (chi_square_quantile(0.5, freedom) / middle)
     # The start is rough, even where the noise is known: its better half is taken in any case.
-    good = squared <= max(bound, float(np.median(squared)))
+    bound = chi_square_quantile(1.0 - WRONG_RATE / count, freedom)
+    good = squared <= max(bound, float(np.sort(squared)[least - 1]))
     for _ in range(MAX_REFITS):
         state = refine(good, state)
-        again = squared_sigmas(state) <= bound
+        again = _agree(*linearise(state), good, noise_known=noise_known)
         if again.sum() < least:
             raise NoConsensusError(
                 f"only {int(again.sum())} of {count} {what} agree: at least {least} wanted"
@@ -66,6 +69,39 @@ def agreeing(
             return good, state
         good = again
     raise NoConsensusError(f"which {what} agree did not settle in {MAX_REFITS} rounds")
+
+
+def _agree(
+    misfits: FloatArray, jacobian: FloatArray, good: NDArray[np.bool_], *, noise_known: bool
+) -> NDArray[np.bool_]:
+    """Which observations a fit of the ``good`` ones, each left out in its turn, foretells.
+
+    By their plain misfits a small group would be sure of itself: an observation that is in the fit
+    draws it near, and to one that is not the fit's own error is added. Both are allowed for
+    (deleted residuals; Cook and Weisberg, Residuals and Influence in Regression, 1982, section
+    2.2), and that the noise was found from few observations, of which this may be one.
+    """
+    count, freedom, parameters = jacobian.shape
+    used = jacobian[good].reshape(-1, parameters)
+    drawn = jacobian @ np.linalg.inv(used.T @ used) @ np.swapaxes(jacobian, 1, 2)
+    sign = np.where(good, -1.0, 1.0)[:, None, None]
+    # One that alone determines a parameter is fitted whatever it is: nothing is known against it.
+    spread = (1.0 + _ROUNDING) * np.eye(freedom) + sign * drawn
+    squared = np.einsum("ni,ni->n", misfits, np.linalg.solve(spread, misfits[..., None])[..., 0])
+    right = 1.0 - WRONG_RATE / count
+    if noise_known:
+        return np.asarray(squared <= chi_square_quantile(right, freedom))
+    left = freedom * int(good.sum()) - parameters
+    others = left - freedom
+    if others <= 0:
+        return good
+    without = squared * others / np.maximum(left - squared, _ROUNDING)
+    bounds = [freedom * f_quantile(right, freedom, among) for among in (others, left)]
+    return np.asarray(np.where(good, without <= bounds[0], squared <= bounds[1]))
+
+
+def _squared(misfits: FloatArray) -> FloatArray:
+    return np.asarray(np.sum(misfits**2, axis=1))
 
 
 def _draws(count: int, draw: int) -> list[NDArray[np.bool_]]:

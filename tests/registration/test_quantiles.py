@@ -1,8 +1,9 @@
 import pytest
 from scipy.stats import chi2
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from app.registration.quantiles import chi_square_quantile, student_quantile
+from app.registration.quantiles import chi_square_quantile, f_quantile, student_quantile
 
 
 @pytest.mark.parametrize("probability", [0.001, 0.05, 0.5, 0.975, 0.99999])
@@ -13,3 +14,7 @@ def test_as_in_scipy_stats(probability: float, freedom: int) -> None:
     assert student_quantile(probability, freedom) == pytest.approx(
         student.ppf(probability, freedom), rel=1e-9, abs=1e-12
     )
+    for among in (2, 12, 200):
+        assert f_quantile(probability, freedom, among) == pytest.approx(
+            fisher.ppf(probability, freedom, among), rel=1e-9
+        )

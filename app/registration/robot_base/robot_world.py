@@ -23,6 +23,7 @@ from app.registration.robot_base.robot_world_fit import (
     RobotWorld,
     closed_form,
     information_of,
+    jacobian_of,
     maximum_likelihood,
     residuals_of,
     with_estimated_noise,
@@ -186,19 +187,20 @@ def _agreeing(
             return with_estimated_noise(*used, *found)
         return maximum_likelihood(*used, noise, found[0]), noise
 
-    def squared_sigmas(found: tuple[RobotWorld, PoseNoise]) -> FloatArray:
-        residuals = residuals_of(found[0], robot, sensor) / found[1].sigmas
-        return np.asarray(np.sum(residuals**2, axis=1))
+    def linearise(found: tuple[RobotWorld, PoseNoise]) -> tuple[FloatArray, FloatArray]:
+        state, sigmas = found[0], found[1].sigmas
+        residuals = residuals_of(state, robot, sensor)
+        jacobian = jacobian_of(state, robot, residuals, sensor.translations_mm.mean(axis=0))
+        return residuals / sigmas, jacobian / sigmas[:, None]
 
     return agreeing(
         len(robot.rotations),
         "pose pairs",
         draw=MIN_POSES,
-        freedom=6,
         noise_known=noise is not None,
         start=start,
         refine=refine,
-        squared_sigmas=squared_sigmas,
+        linearise=linearise,
     )
 
 

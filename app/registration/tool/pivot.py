@@ -120,18 +120,17 @@ def calibrate_pivot(
         used = poses.of_poses(mask)
         return with_estimated_noise(used, fit) if noise is None else maximum_likelihood(used, fit)
 
-    def squared_sigmas(fit: PivotFit) -> FloatArray:
-        return np.asarray(np.sum(whitened(fit, poses) ** 2, axis=1))
+    def linearise(fit: PivotFit) -> tuple[FloatArray, FloatArray]:
+        return whitened(fit, poses), jacobian_of(fit, poses)
 
     good, fit = agreeing(
         len(reference_from_tool),
         "poses of a pivot",
         draw=5,
-        freedom=3,
         noise_known=noise is not None,
         start=start,
         refine=refine,
-        squared_sigmas=squared_sigmas,
+        linearise=linearise,
     )
     used = poses.of_poses(good)
     _check_turn(used)

@@ -101,11 +101,10 @@ def calibrate_spin(
         len(reference_from_tool),
         "poses of a spin",
         draw=4,
-        freedom=2,
         noise_known=False,
         start=start,
         refine=refine,
-        squared_sigmas=lambda fit: (_angles(fit, poses.rotations) / fit.sigma_rad) ** 2,
+        linearise=lambda fit: _linearised(fit, poses.rotations),
     )
     turn = _largest_turn(poses.of_poses(good))
     toward = float(fit.shaft @ tip)
@@ -153,6 +152,25 @@ def _angles(fit: _Fit, rotations: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(cross, directions @ fit.mean_direction))
 
 
+def _linearised(fit: _Fit, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Misfits (n, 2) of the shaft across its mean direction, as long as the angle between them.
+
+    With how they answer (n, 2, 4) to turns of the shaft and of the mean direction; both in sigmas.
+    """
+    beside_mean, beside_shaft = _across(fit.mean_direction), _across(fit.shaft)
+    sideways = rotations @ fit.shaft @ beside_mean
+    length = np.maximum(np.linalg.norm(sideways, axis=1), 1e-300)
+    misfits = sideways * (_angles(fit, rotations) / length)[:, None]
+    turned = beside_mean.T @ rotations @ beside_shaft
+    still = np.broadcast_to(-np.eye(2), turned.shape)
+    return misfits / fit.sigma_rad, np.concatenate([turned, still], axis=2) / fit.sigma_rad
+
+
+def _across(direction: FloatArray) -> FloatArray:
+    """Two unit vectors across a direction and each other, as columns (3, 2)."""
+    return np.asarray(np.linalg.svd(direction[None])[2][1:].T)
+
+
 def _covariance(fit: _Fit, rotations: FloatArray) -> FloatArray:
     """``sigma^2`` over the information ``n - M^T M / n`` across the shaft, M the sum of the poses.
 
@@ -161,6 +179,6 @@ def _covariance(fit: _Fit, rotations: FloatArray) -> FloatArray:
     """
     count, total = len(rotations), rotations.sum(axis=0)
     information = count * np.eye(3) - total.T @ total / count
-    across = np.linalg.svd(fit.shaft[None])[2][1:].T
+    across = _across(fit.shaft)
     inverse = np.linalg.inv(across.T @ information @ across)
     return np.asarray(fit.sigma_rad**2 * across @ inverse @ across.T)

@@ -165,6 +165,16 @@ def test_covariance_is_calibrated() -> None:
     assert low < np.mean(errors) < high
 
 
+def test_a_few_clean_poses_are_not_cut_down_to_those_that_agree_best() -> None:
+    """The error at the target would be foretold too small, by more than half in one of two."""
+    rng = np.random.default_rng(6)
+    losses = 0
+    for _ in range(15):
+        scene = robot_world_scene(rng, 7, EM_NOISE)
+        losses += bool(solve_robot_world(scene.robot, scene.sensor).outliers)
+    assert losses <= 2
+
+
 def test_the_noise_is_found() -> None:
     rng = np.random.default_rng(4)
     scene = robot_world_scene(rng, 200, EM_NOISE)
