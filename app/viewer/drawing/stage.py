@@ -48,6 +48,7 @@ class Stage:
         self._hidden: set[Part] = set()
         self._marked = 0
         self._along = dict.fromkeys(Part, 1.0)
+        self._own: dict[Part, list[tuple[vtkMRMLDisplayNode, float]]] = {}
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -92,6 +93,7 @@ class Stage:
             if self.scene is None:
                 self.scene = scene
                 self._enter(scene)
+            self._add_robot(scene)
             robot = self.cast.robot
             links = {robot.name: step.links} if robot and robot.name in scene.robots else {}
             self._mark(scene, shown)
@@ -143,17 +145,23 @@ class Stage:
             scene.add_tip(self.cast.tip_frame)
         else:
             scene.add_tool(self.cast.tool)
-        robot = self.cast.robot
-        if robot is not None and scene.tree.node(self.cast.base_frame) is not None:
-            scene.add_robot(robot.name, robot, self.cast.base_frame)
         _ink(scene)
-        self._own = {
-            part: [(display, display.GetOpacity()) for display in self._displays(scene, part)]
-            for part in Part
-        }
         for part in Part:
-            self._dress(part)
+            self._own_of(scene, part)
         self._show_label(self._along[Part.TOOL] > 0.0)
+
+    def _add_robot(self, scene: MarginGuardScene) -> None:
+        """As soon as its base is known: the session may have begun without the reference."""
+        robot = self.cast.robot
+        if robot is None or scene.robots or scene.tree.node(self.cast.base_frame) is None:
+            return
+        scene.add_robot(robot.name, robot, self.cast.base_frame)
+        self._own_of(scene, Part.ROBOT)
+
+    def _own_of(self, scene: MarginGuardScene, part: Part) -> None:
+        """Take note of a part's own opacity, and dress it."""
+        self._own[part] = [(each, each.GetOpacity()) for each in self._displays(scene, part)]
+        self._dress(part)
 
     def _show_label(self, shown: bool) -> None:
         """The distance beside the closest-point line, which would hide what the tool points at."""

@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.fixture import MarginState
+from app.geometry import Transform
+from app.robot import Link, Robot, Shape
 from app.scene.nodes.convert import world_matrix, world_points
 from app.viewer import Stage
 from app.viewer.drawing.cameras import Cameraman, Look
@@ -66,6 +69,31 @@ def test_the_marks_are_those_of_the_breaches_up_to_the_frame(stage, parts):
     assert marks(0) == set()
     assert marks(39) == played  # sought: the breach itself was left out
     assert marks(BREACH_FRAME - 5) == set()
+
+
+def test_a_robot_comes_when_its_base_is_known_although_it_was_not_at_first(can_draw, parts):
+    """A session may begin while the sensor on the chest is out of sight."""
+    block = replace(parts.cast.tumor, frame="base")
+    cast = replace(
+        parts.cast,
+        robot=Robot("block", (Link("base", (Shape(block, None, "block"),)),), ()),
+        base_frame="robot_base",
+        fixed=(*parts.cast.fixed, Transform.identity("reference", "robot_base")),
+    )
+    first, second = (replace(shown, cast=cast) for shown in parts.feed.shown[:2])
+    stage = Stage(cast)
+    stage.show(first)
+    assert not stage.scene.robots
+    stage.set_strength(Part.ROBOT, 0.5)
+    chest = Transform.identity("tracker", "reference")
+    links = {"base": Transform.identity("base", "base")}
+    seen = replace(second, measured=(*second.measured, chest))
+    stage.show(replace(seen, step=replace(seen.step, links=links)))
+    (model,) = stage.scene.robots["block"].models.values()
+    assert model.GetDisplayNode().GetOpacity() == pytest.approx(0.5)
+    assert model.GetDisplayNode().GetColor() != MarginState.UNKNOWN.color
+    stage.show(replace(seen, step=replace(seen.step, links={})))
+    assert model.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
 
 
 def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
