@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from app.case import JointSample, TrackingFrame, agreed_sample
 from app.geometry import NS_PER_MS, TrackedTransform
 from app.session.live_clock import SourceClock
+from app.session.named_frames import way_to_base
 from app.session.pose_tree import Edge, shortest_path
 from app.session.recent_samples import RecentSamples
 from app.session.setup import REFERENCE, SessionSetup
@@ -44,11 +45,12 @@ class LiveFrames:
     """Gathers the samples that lead from the tumour to the tool, and gives them out as frames.
 
     Every edge that is seen is looked at once: those on the shortest ways between the session's
-    frames are used, or those of ``edges`` where they are named. A frame is ready when it holds
-    all that came together at the stamp before, or when its first sample has waited for
-    `COMPLETE_WITHIN_NS`. Frames that are ready together are taken as one, with the newest sample of
-    each edge, so that a session that is slower than its source stays in the present and nothing
-    piles up. A frame that is complete is not torn by the first sample of the next.
+    frames are used, and those by which a robot's base is measured, where it should not be; or
+    those of ``edges`` where they are named. A frame is ready when it holds all that came together
+    at the stamp before, or when its first sample has waited for `COMPLETE_WITHIN_NS`. Frames that
+    are ready together are taken as one, with the newest sample of each edge, so that a session that
+    is slower than its source stays in the present and nothing piles up. A frame that is complete is
+    not torn by the first sample of the next.
 
     Of one sample that comes twice one is kept; two that contradict each other are INVALID. What
     was left out is in `left_out`, by reason. Host times are integer ns of the host's clock, handed
@@ -56,9 +58,13 @@ class LiveFrames:
     """
 
     def __init__(self, setup: SessionSetup, clock: SourceClock, edges: Sequence[Edge] = ()) -> None:
+        self._setup = setup
         tool, tumor = setup.tool_from_tip.target, setup.frame_from_tumor.target
         self._ways = [(tumor, tool), *([(REFERENCE, tool)] if setup.robot is not None else [])]
-        self._own_frames = frozenset(edge.source for edge in setup.static_edges)
+        own = [(edge.target, edge.source) for edge in setup.static_edges]
+        base = None if setup.robot is None else setup.robot.base_frame
+        self._own_edges = frozenset(own)
+        self._own_frames = frozenset(child for _, child in own if child != base)
         self._named = frozenset(edges)
         self._clock = clock
         self._recent = RecentSamples()
@@ -175,7 +181,7 @@ class LiveFrames:
         if edge in self._edges or (self._named and edge not in self._named):
             return False
         # What we publish ourselves comes back to us on /tf.
-        if edge[1] in self._own_frames:
+        if edge in self._own_edges or edge[1] in self._own_frames:
             return False
         if max(map(len, edge)) > LONGEST_NAME:
             self.left_out[f"frame names of more than {LONGEST_NAME} letters"] += 1
@@ -188,8 +194,9 @@ class LiveFrames:
         return edge in self._used
 
     def _found(self) -> frozenset[Edge]:
-        ways = [shortest_path(tuple(self._edges), *way) or () for way in self._ways]
-        return frozenset(edge for way in ways for edge in way)
+        edges = tuple(self._edges)
+        ways = [shortest_path(edges, *way) or () for way in self._ways]
+        return frozenset(edge for way in [*ways, way_to_base(self._setup, edges)] for edge in way)
 
     def _start_anew(self) -> None:
         self._anew = True

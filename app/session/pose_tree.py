@@ -144,6 +144,11 @@ class PoseTree:
         """The edges that are taken for fixed transforms so far."""
         return tuple(edge for edge in self._edges if not self._has_to_move(edge))
 
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """Every edge that has been measured, in the order in which they came."""
+        return tuple(self._edges)
+
     def known_frames(self) -> tuple[str, ...]:
         """Every frame that a measured edge has named, in alphabetical order."""
         return tuple(sorted({name for edge in self._edges for name in edge}))

@@ -17,7 +17,8 @@ from app.geometry import FloatArray, FrameError, Stamp, Transform
 from app.registration import RegistrationDrift, check_drift, tre_at
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
-from app.session.pose_tree import PoseTree
+from app.session.named_frames import placed_twice
+from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.tumor_velocity import TumorVelocity
 
@@ -30,7 +31,8 @@ class StepResult:
     ``root_from_link`` for every link of the robot; where it is empty although there is a robot,
     ``robot_problem`` says why. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without
     a constraint. ``drift`` compares where the registration puts the tool with where it is seen,
-    None where one of the two is not known.
+    None where one of the two is not known. ``frames_problem`` tells in words what is wrong with the
+    frames that the tracker names, empty when nothing is.
     """
 
     index: int
@@ -42,6 +44,7 @@ class StepResult:
     joints: JointSample | None
     robot_problem: str = ""
     drift: RegistrationDrift | None = None
+    frames_problem: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +73,8 @@ class Session:
         self._velocity = _velocity(setup)
         self._joints: JointSample | None = None
         self._drifted = False
+        self._looked_at: tuple[Edge, ...] = ()
+        self._frames_problem = ""
         self._last: _Place | None = None
         self._virtual_fixture: Transform | None = None
         self._index = -1
@@ -99,6 +104,8 @@ class Session:
         drift = self._drift(links, seen)
         if drift is not None:
             self._drifted = not drift.accepted
+        if self._is_placed_twice():
+            problems |= {Reason.REGISTRATION_REFUSED}
         # A drift that was seen is not over because the robot has fallen silent.
         if self._drifted:
             problems |= {Reason.REGISTRATION_DRIFT}
@@ -129,6 +136,7 @@ class Session:
             joints=self._joints,
             robot_problem=robot_problem,
             drift=drift,
+            frames_problem=self._frames_problem,
         )
 
     def hold(self) -> None:
@@ -160,6 +168,7 @@ class Session:
         if setup.robot is not before.robot:
             self._drifted = False
             self._follower = _follower(setup.robot)
+            self._looked_at, self._frames_problem = (), ""
             self._monitor.restart()
         if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
             before.proximity,
@@ -182,6 +191,22 @@ class Session:
     def known_frames(self) -> tuple[str, ...]:
         """Every frame that the tracker has named so far."""
         return self._poses.known_frames()
+
+    @property
+    def frames_problem(self) -> str:
+        """What is wrong with the frames that the tracker has named so far; empty when nothing."""
+        return self._frames_problem
+
+    def _is_placed_twice(self) -> bool:
+        """Whether the tracker measures the robot's base, which the registration places.
+
+        It may do so from any frame on, and goes on to be wrong: no pose is then taken for its.
+        """
+        edges = self._poses.edges
+        if edges != self._looked_at:
+            self._looked_at = edges
+            self._frames_problem = placed_twice(self.setup, edges)
+        return bool(self._frames_problem)
 
     def _tumor_twist(self, now: Stamp) -> FloatArray | None:
         if self._velocity is None:

@@ -1,6 +1,7 @@
 """The command on a small case: what it finds, how it fails, what it leaves behind."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import trimesh
 
 from app.cli.main import main
 from app.report import REPORT_FILES
-from tests.cli.small_case import write_small_case
+from tests.cli.small_case import identity, write_small_case
 
 
 @pytest.fixture
@@ -178,6 +179,38 @@ def test_a_frame_that_the_recording_does_not_have_is_refused(tmp_path, capsys):
         "recording, which has needle, rod, tracker\n"
     )
     assert not (tmp_path / "out").exists()
+
+
+def test_a_base_that_is_measured_late_is_told_in_the_notes(tmp_path, capsys):
+    def with_robot(manifest):
+        manifest["robot"] = {
+            "urdf": "package://marginguard/robots/touch/touch.urdf",
+            "base_frame": "robot_base",
+            "tool_link": "stylus",
+        }
+        manifest["registration"] = {"method": "given", "matrix": identity()}
+
+    case = write_small_case(tmp_path / "late", with_robot)
+    recording = case / "tracking.igs.mha"
+    pose = " ".join(map(str, identity()))
+
+    def measured(line):
+        at = re.match(r"Seq_Frame(\d+)_Timestamp", line)
+        if at is None:
+            return [line]
+        names = ["Reference"] + ["RobotBase"] * (int(at[1]) >= 5)
+        said = [f"Seq_Frame{at[1]}_{name}ToTrackerTransform = {pose}" for name in names]
+        return [*said, line]
+
+    lines = recording.read_text().splitlines()
+    recording.write_text("\n".join(more for line in lines for more in measured(line)) + "\n")
+    assert replay(case, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["valid_frames"] == 5
+    assert (
+        "robot.base_frame is 'robot_base': a name of its own wanted, the tracker measures it by "
+        "tracker -> reference, tracker -> robot_base" in summary["notes"]
+    )
 
 
 def test_a_recording_in_which_all_is_lost_says_what_it_has(case, capsys):

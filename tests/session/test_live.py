@@ -7,9 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.cli.touch_arm import TOUCH_URDF
 from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
-from app.session import LiveSession, Session, SessionSetup
+from app.registration import DriftBound, given_registration
+from app.robot import load_robot
+from app.session import LiveSession, RobotSetup, Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS
@@ -20,7 +23,7 @@ HOST_MS = 5_000_000
 class World:
     """A host's clock, and what happens at which of its times (ms); waiting makes time pass."""
 
-    def __init__(self, stamps_of_host: bool = False) -> None:
+    def __init__(self, stamps_of_host: bool = False, robot=None) -> None:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
         identity = Transform.identity
@@ -29,10 +32,13 @@ class World:
             identity("needle", "tumor"),
             AnalyticSphere(10.0),
             PARAMETERS,
-            None,
+            robot,
         )
         self.live = LiveSession(
-            Session(setup), host_ns=lambda: self.ns, stamps_of_host=stamps_of_host, wait=self.wait
+            Session(setup),
+            host_ns=lambda: self.ns,
+            stamps_of_host=stamps_of_host,
+            wait=self.wait,
         )
 
     def at(self, ms, act):
@@ -285,6 +291,33 @@ def test_strangers_cannot_make_it_keep_ever_more_frames():
     assert left_out["edges beyond 256"] == 400 - 256
     assert left_out["frame names of more than 256 letters"] == 1
     assert world.live.edges == ()
+
+
+@pytest.mark.parametrize("measured", [("tracker", "robot_base"), ("robot_base", "tracker")])
+def test_a_base_that_the_tracker_measures_from_some_moment_on_is_unknown_and_named(measured):
+    """Its registration would place it a second time: tf believes now the one, now the other."""
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    robot = RobotSetup(load_robot(TOUCH_URDF), "robot_base", "stylus", given, DriftBound(5.0, 0.05))
+    world = World(robot=robot)
+    track(world, 0, 1000)
+    for at_ms in range(0, 1000, 20):
+        world.arrive(at_ms + 3.1, sample("tracker", "reference", (0.0, 0.0, 1e-3 * at_ms), at_ms))
+        ours = sample("reference", "robot_base", (0.0, 0.0, 0.0), at_ms)  # as it comes back to us
+        world.arrive(at_ms + 3.1, ours, sample("robot_base", "link", (0.0, 0.0, 9.0), at_ms))
+        if at_ms >= 500:
+            world.arrive(at_ms + 3.2, sample(*measured, (9.0, 0.0, 1e-3 * at_ms), at_ms))
+    steps = world.run(990)
+    before = [step for at, step in steps if 100 < at < 503]
+    after = [step for at, step in steps if at > 510]
+    assert {step.decision.state for step in before} == {MarginState.NEGATIVE}
+    assert {step.frames_problem for step in before} == {""}
+    for step in after:
+        assert step.decision.state is MarginState.UNKNOWN
+        assert step.decision.hold
+        assert step.decision.reasons[0] is Reason.REGISTRATION_REFUSED
+        assert step.frames_problem.startswith("robot.base_frame is 'robot_base': ")
+        assert f"{measured[0]} -> {measured[1]}" in step.frames_problem
+    assert len(after) > 20
 
 
 @pytest.mark.parametrize(("of_host", "robot_ms"), [(True, HOST_MS), (False, 0)])

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from app.case import Case, open_case, open_live
+from app.fixture import MarginState, Reason
 from app.geometry import FrameError, InputError
-from app.session import robot_from_case, setup_from_case
+from app.session import Session, robot_from_case, setup_from_case
 from app.session.named_frames import check_frames
 from tests.cli.small_case import identity, write_small_case
 
@@ -58,7 +59,7 @@ def test_frames_that_come_late_or_by_turns_are_found(recorded):
     [
         (["NeedleToTracker"] * 3, {}, r"tool\.frame is 'rod': .* has needle, tracker$"),
         (["RodToTracker"] * 3, {}, r"tumor\.frame is 'needle': .* has rod, tracker$"),
-        ([""], {}, r"tool\.frame is 'rod': .* has none$"),
+        ([""], {}, r"tool\.frame is 'rod' and tumor\.frame is 'needle': .* has none$"),
         (
             ["NeedleToTracker RodToCamera"],
             {},
@@ -77,8 +78,28 @@ def test_what_does_not_fit_the_recording_is_refused_by_name(recorded, frames, bl
         setup_from_case(case, tip_only=True)
 
 
+@pytest.mark.parametrize("late", ["RobotBaseToTracker", "TrackerToRobotBase", "RobotBaseToRodTip"])
+def test_a_base_that_is_measured_late_is_unknown_from_then_on(recorded, late):
+    """The first frame has all that is needed, so that nobody has read so far before."""
+    case = recorded(*[ALL] * 5, *[f"{ALL} {late}"] * 2, *[ALL] * 3, **robot("robot_base"))
+    session = Session(setup_from_case(case, tip_only=True))
+    steps = [session.step(frame) for frame in case.recorded_frames()]
+    early, late_on = steps[:5], steps[5:]
+    assert {step.frames_problem for step in early} == {""}
+    assert MarginState.UNKNOWN not in {step.decision.state for step in early}
+    for step in late_on:
+        assert step.decision.state is MarginState.UNKNOWN
+        assert Reason.REGISTRATION_REFUSED in step.decision.reasons
+        assert step.decision.hold
+        assert "robot.base_frame is 'robot_base'" in step.frames_problem
+    assert session.frames_problem == steps[-1].frames_problem
+
+
 def test_a_base_whose_links_are_recorded_is_the_robots_own(recorded):
-    check_frames(recorded(f"{ALL} StylusToRobotBase", **robot("robot_base")))
+    case = recorded(f"{ALL} StylusToRobotBase", **robot("robot_base"))
+    check_frames(case)
+    session = Session(setup_from_case(case, tip_only=True))
+    assert session.step(next(case.recorded_frames())).frames_problem == ""
 
 
 def test_a_robot_is_registered_without_a_tracked_tumour(recorded):

@@ -234,6 +234,8 @@ def _notes_of(
             yield "registration is given, but there is no robot to register: it is not used"
         return
     yield from robot.robot.warnings
+    if session.frames_problem:
+        yield session.frames_problem
     for problem, count in robot_problems.items():
         if problem:
             yield f"robot not shown in {count} of {len(log.rows)} frames: {problem}"
