@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
+from app.geometry import Transform
 from app.robot import robot_from_text
 from app.scene import SceneError
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.nodes.convert import vtk_matrix, world_matrix, world_points
 
 URDF = """<robot name="arm">
   <link name="base"><visual><geometry><box size="0.2 0.2 0.1"/></geometry>
@@ -202,6 +203,37 @@ def test_a_robot_with_a_link_that_was_taken_away_is_built_anew(
     assert np.allclose([points.min(axis=0), points.max(axis=0)], [[390, -10, 200], [410, 10, 300]])
     assert logic.RemoveRobot("robot2")
     assert names(scene) == before
+
+
+def test_links_that_a_user_hung_elsewhere_come_back_and_a_hardened_one_is_built_anew(
+    logic, node, peer, spin_until, describe, robots
+):
+    scene = logic.scene
+    robot = robots("robot1", *WHERE)
+    spin_until(robot.GetLinkNames)
+    peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
+    spin_until(lambda: not robot.IsStale())
+    aside = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "theirs")
+    aside.SetMatrixTransformToParent(vtk_matrix(Transform("a", "b", np.eye(3), [7.0, 0.0, 0.0])))
+
+    def where():
+        points = world_points(scene.GetFirstNodeByName("tip_model"))
+        return np.array([points.min(axis=0), points.max(axis=0)])
+
+    placed = np.array([[390, -10, 200], [410, 10, 300]])
+    for name in ("tip_model", "ros2:tf2lookup:wristTotip"):
+        scene.GetFirstNodeByName(name).SetAndObserveTransformNodeID(aside.GetID())
+        logic.Spin()
+        assert np.allclose(where(), placed)
+    scene.GetFirstNodeByName("tip_model").HardenTransform()
+    logic.Spin()
+    assert np.allclose(where(), placed)
+    # Where all of it is shown is the user's to say.
+    root = robot.GetNodeReference("lookup")
+    root.SetAndObserveTransformNodeID(aside.GetID())
+    logic.Spin()
+    assert np.allclose(where() - placed, [7, 0, 0])
+    scene.RemoveNode(aside)
 
 
 def test_a_description_that_changes_is_built_anew(logic, spin_until, describe, robots):

@@ -5,8 +5,9 @@ from slicer import vtkMRMLScriptedModuleNode
 from app.bridge.mailbox import Mailbox
 from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
 from app.robot import Robot
-from app.scene import RobotModel
+from app.scene import RobotModel, SceneError
 from app.scene.nodes.convert import vtk_matrix
+from app.scene.nodes.upkeep import Upkeep
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
@@ -30,6 +31,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._model: RobotModel | None = None
         self._lookups: dict[str, vtkMRMLROS2Tf2LookupNode] = {}
         self._own: list[tuple[str, str]] = []
+        self._upkeep = Upkeep()
         self._is_stale = True
 
     def GetRobotName(self) -> str:
@@ -67,7 +69,8 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
     def spin(self) -> None:
         """Build it when its description is new, and show whether its poses are.
 
-        It is built anew too when somebody has taken one of its links out of the scene.
+        It is built anew too when somebody has taken one of its links out of the scene or changed
+        its surface. A link that was hung elsewhere is hung back; the root may hang where it will.
         """
         robot = self._described.take(0.0) or (None if self._is_whole() else self._robot)
         if robot is not None:
@@ -137,11 +140,16 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
             self.AddNodeReferenceID("lookup", node.GetID())
         for model in self._model.models.values():
             self.AddNodeReferenceID("model", model.GetID())
+        kept = [node for link, node in self._lookups.items() if link != root]
+        self._upkeep.note((*kept, *self._model.models.values()))
 
     def _is_whole(self) -> bool:
-        scene = self.GetScene()
         models = () if self._model is None else self._model.models.values()
-        return all(map(scene.IsNodePresent, (*self._lookups.values(), *models)))
+        try:
+            self._upkeep.restore((*self._lookups.values(), *models))
+        except SceneError:
+            return False
+        return True
 
     def _lookup(self, parent: str, child: str) -> vtkMRMLROS2Tf2LookupNode:
         """A node for the edge: one that is there already stays its maker's."""
