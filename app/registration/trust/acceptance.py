@@ -48,13 +48,14 @@ def judge(
     bounds = tre_upper_bound(result, targets)
     worst = int(np.argmax(bounds))
     findings = [
-        f"predicted TRE below {bounds[worst]:.3g} mm (95 %) at the worst of {len(targets)} targets"
+        f"predicted TRE of {bounds[worst]:.3g} mm RMS at most (95 %) at the worst of "
+        f"{len(targets)} targets"
     ]
     faults = []
     # What is no number is not below a limit; `argmax` finds it first.
     if not bounds[worst] <= limits.tre_mm:
         faults.append(
-            f"predicted TRE may be {bounds[worst]:.3g} mm (95 %) at target {worst} "
+            f"predicted TRE may be {bounds[worst]:.3g} mm RMS (95 %) at target {worst} "
             f"({', '.join(f'{x:.1f}' for x in targets[worst])}), {limits.tre_mm:g} mm allowed"
         )
     left_out = result.leave_one_out_mm

@@ -94,7 +94,7 @@ def test_the_worst_target_decides() -> None:
     verdict = judge(turning, [[0.0, 0.0, 50.0], [0.0, 100.0, 0.0]], limits)
     assert not verdict.accepted
     assert verdict.reason == (
-        "predicted TRE may be 10 mm (95 %) at target 1 (0.0, 100.0, 0.0), 5 mm allowed"
+        "predicted TRE may be 10 mm RMS (95 %) at target 1 (0.0, 100.0, 0.0), 5 mm allowed"
     )
 
 
