@@ -5,13 +5,17 @@ import ast
 import importlib
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from app.case import open_case
 from app.cli.commands.bench import BENCHMARKS
 from app.cli.main import build_parser
+from app.fixture import MarginState
+from app.session import Session, setup_from_case
 
 LINK = re.compile(r"\]\((?!https?://)([^)#\s]+)\)")
 FILE = re.compile(r"(?<![\w./~-])[\w.-]+/[\w./-]*\w")
@@ -100,6 +104,18 @@ def test_python_of_the_docs_names_what_can_be_imported(
             if language == "python":
                 missing += [f"{page}: {name}" for name in _missing_imports(code)]
     assert missing == []
+
+
+def test_the_smallest_case_can_be_judged(
+    project_root: Path, pages: dict[str, str], tmp_path: Path
+) -> None:
+    found = dict(reversed(BLOCK.findall(pages["docs/case_format.md"])))
+    (tmp_path / "case.yaml").write_text(found["yaml"], encoding="utf-8")
+    for name in ("tracking.mcap", "cautery.stl", "tumor.stl"):
+        shutil.copy(project_root / "data/recorded_case" / name, tmp_path)
+    case = open_case(tmp_path)
+    step = Session(setup_from_case(case)).step(next(case.frames()))
+    assert step.decision.state is not MarginState.UNKNOWN
 
 
 def _calls(text: str) -> Iterator[list[str]]:
