@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 from app.case import JointSample, TrackingFrame
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform
@@ -108,7 +109,7 @@ class LiveSession:
         while self._is_due():
             with self._stepping:
                 # Only now: the lock may have been waited for, and a frame is stamped when taken.
-                step = self._session.step(self._take())
+                step = self._named(self._session.step(self._take()))
                 self._watch_ns = self._next_watch_ns(step)
                 yield step
 
@@ -134,6 +135,12 @@ class LiveSession:
             frame = self._frames.take(host_ns)
             # Without a sample the source's time is not known: it is before all others.
             return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
+
+    def _named(self, step: StepResult) -> StepResult:
+        """``step``, which tells what frames never came, where it has nothing worse to tell."""
+        with self._changed:
+            lacks = self._frames.not_sent(self._host_ns())
+        return replace(step, frames_problem=lacks) if lacks and not step.frames_problem else step
 
     def _next_watch_ns(self, step: StepResult) -> int:
         """When the oldest pose of ``step`` will be stale, or a tick from now if it is already."""

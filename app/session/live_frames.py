@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from app.case import JointSample, TrackingFrame, agreed_sample
-from app.geometry import NS_PER_MS, TrackedTransform
+from app.geometry import NS_PER_MS, NS_PER_S, TrackedTransform
 from app.session.live_clock import SourceClock
-from app.session.named_frames import way_to_base
+from app.session.named_frames import not_sent, way_to_base
 from app.session.pose_tree import Edge, shortest_path
 from app.session.recent_samples import RecentSamples
 from app.session.setup import REFERENCE, SessionSetup
@@ -24,6 +24,9 @@ MOST_EDGES = 256
 
 MOST_GROUPS = 64
 """Acquisition stamps whose samples may wait at once; then the oldest ones go."""
+
+PATIENCE_NS = 2 * NS_PER_S
+"""So long after the first sample a frame that has not come is told: tools are put in view first."""
 
 REPLACED = "samples that a newer one replaced"
 
@@ -76,12 +79,25 @@ class LiveFrames:
         self._groups: dict[int, _Group] = {}
         self._joints: JointSample | None = None
         self._anew = False
+        self._first_ns: int | None = None
+        self._lacks: str | None = None
         self.left_out: Counter[str] = Counter()
 
     @property
     def edges(self) -> tuple[Edge, ...]:
         """The edges (parent, child) that are used, in alphabetical order."""
         return tuple(sorted(self._used))
+
+    def not_sent(self, host_ns: int) -> str:
+        """Which frames of the session never came in the first `PATIENCE_NS` and since, in words.
+
+        Empty before that, and where the source says nothing at all.
+        """
+        if self._first_ns is None or host_ns - self._first_ns < PATIENCE_NS:
+            return ""
+        if self._lacks is None:
+            self._lacks = not_sent(self._setup, tuple(self._edges), self._named)
+        return self._lacks
 
     def add(self, samples: Sequence[TrackedTransform], host_ns: int) -> None:
         """Take samples that arrived together at ``host_ns``."""
@@ -128,7 +144,7 @@ class LiveFrames:
 
     def _add(self, sample: TrackedTransform, host_ns: int) -> None:
         edge = (sample.target, sample.source)
-        if not self._is_used(edge):
+        if not self._is_used(edge, host_ns):
             return
         known = self._newest.get(edge)
         if known is not None and sample.stamp < known.stamp and self._is_ahead(known, host_ns):
@@ -175,23 +191,32 @@ class LiveFrames:
             return group.since_ns
         return group.since_ns + COMPLETE_WITHIN_NS
 
-    def _is_used(self, edge: Edge) -> bool:
+    def _is_used(self, edge: Edge, host_ns: int) -> bool:
         if edge in self._used:
             return True
-        if edge in self._edges or (self._named and edge not in self._named):
+        if edge in self._edges:
             return False
         # What we publish ourselves comes back to us on /tf.
         if edge in self._own_edges or edge[1] in self._own_frames:
             return False
-        if max(map(len, edge)) > LONGEST_NAME:
-            self.left_out[f"frame names of more than {LONGEST_NAME} letters"] += 1
-            return False
-        if len(self._edges) >= MOST_EDGES:
-            self.left_out[f"edges beyond {MOST_EDGES}"] += 1
-            return False
+        if edge not in self._named:
+            if max(map(len, edge)) > LONGEST_NAME:
+                self._refuse(f"frame names of more than {LONGEST_NAME} letters")
+                return False
+            if len(self._edges) >= MOST_EDGES:
+                self._refuse(f"edges beyond {MOST_EDGES}")
+                return False
         self._edges[edge] = None
         self._used = self._named & self._edges.keys() if self._named else self._found()
+        self._lacks = None
+        if self._first_ns is None:
+            self._first_ns = host_ns
         return edge in self._used
+
+    def _refuse(self, why: str) -> None:
+        """Count an edge that might have been used: with ``edges`` named, all others are ignored."""
+        if not self._named:
+            self.left_out[why] += 1
 
     def _found(self) -> frozenset[Edge]:
         edges = tuple(self._edges)

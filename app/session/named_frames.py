@@ -1,6 +1,6 @@
 """The frames that a case names, looked for among those that its tracker measures."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from app.case import Case
 from app.geometry import FrameError
@@ -53,6 +53,35 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
             f"{manifest.file}: robot.base_frame is {robot.base_frame!r}: a name of its own wanted, "
             f"placed without the robot are {_shown(placed)}"
         )
+
+
+def not_sent(
+    setup: SessionSetup, edges: tuple[Edge, ...], named: Collection[Edge] = frozenset()
+) -> str:
+    """What a live tracker that has sent ``edges`` so far lacks, in one line; empty for nothing.
+
+    With ``named`` those alone are used.
+    """
+    if named:
+        if missing := sorted(set(named).difference(edges)):
+            return (
+                f"source.tf.edges has {_few(_arrows(missing))}: not sent by the tracker so far, it "
+                f"sends {_few(_arrows(edges))}"
+            )
+        edges, sent = tuple(sorted(named)), "source.tf.edges has"
+    else:
+        sent = "the tracker sends so far"
+    tool, wanted = setup.tool_from_tip.target, {TUMOR: setup.frame_from_tumor.target}
+    if setup.robot is not None:
+        wanted[REGISTERED] = REFERENCE
+    if places := _unnamed({TOOL: tool, **wanted}, edges):
+        return f"{places}: not among what {sent}, {_few(_names(edges))}"
+    if places := _apart(tool, wanted, edges):
+        return (
+            f"{places}: nothing leads there from {TOOL} {tool!r}, of what {sent}, "
+            f"{_few(_arrows(edges))}"
+        )
+    return ""
 
 
 def way_to_base(setup: SessionSetup, edges: tuple[Edge, ...]) -> tuple[Edge, ...]:

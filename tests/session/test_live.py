@@ -23,7 +23,7 @@ HOST_MS = 5_000_000
 class World:
     """A host's clock, and what happens at which of its times (ms); waiting makes time pass."""
 
-    def __init__(self, stamps_of_host: bool = False, robot=None) -> None:
+    def __init__(self, stamps_of_host: bool = False, robot=None, edges=()) -> None:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
         identity = Transform.identity
@@ -38,6 +38,7 @@ class World:
             Session(setup),
             host_ns=lambda: self.ns,
             stamps_of_host=stamps_of_host,
+            edges=edges,
             wait=self.wait,
         )
 
@@ -291,6 +292,92 @@ def test_strangers_cannot_make_it_keep_ever_more_frames():
     assert left_out["edges beyond 256"] == 400 - 256
     assert left_out["frame names of more than 256 letters"] == 1
     assert world.live.edges == ()
+
+
+def problems_of(steps):
+    """What the steps tell of frames, one after the other, and when each was told first."""
+    told = {}
+    for at, step in steps:
+        told.setdefault(step.frames_problem, at)
+    return told
+
+
+@pytest.mark.parametrize(
+    ("sent", "words"),
+    [
+        (
+            [("tracker", "cautary"), ("tracker", "needle")],
+            "tool.frame is 'cautery': not among what the tracker sends so far, cautary, needle, "
+            "tracker",
+        ),
+        (
+            [("tracker", "stylus")],
+            "tool.frame is 'cautery' and tumor.frame is 'needle': not among what the tracker "
+            "sends so far, stylus, tracker",
+        ),
+        (
+            [("tracker", "cautery"), ("camera", "needle")],
+            "tumor.frame is 'needle': nothing leads there from tool.frame 'cautery', of what the "
+            "tracker sends so far, tracker -> cautery, camera -> needle",
+        ),
+    ],
+)
+def test_a_frame_that_never_comes_is_named_with_those_that_do(sent, words):
+    world = World()
+    for at_ms in range(0, 4000, 20):
+        poses = [sample(*edge, (1.0, 2.0, 0.001 * at_ms), at_ms) for edge in sent]
+        world.arrive(at_ms, *poses)
+    steps = world.run(3500)
+    assert problems_of(steps) == {"": 0.0, words: pytest.approx(2000.0, abs=100.0)}
+    assert {step.decision.state for _, step in steps} == {MarginState.UNKNOWN}
+
+
+def test_a_frame_that_comes_late_is_named_until_it_comes():
+    world = World()
+    for at_ms in range(0, 5000, 20):
+        tool = [cautery(at_ms)] if at_ms >= 3000 else []
+        world.arrive(at_ms, needle(at_ms), *tool)
+    steps = world.run(4900)
+    assert [at for at, step in steps if step.frames_problem] == pytest.approx(
+        [at for at, _ in steps if 2000 <= at < 3000]
+    )
+    assert steps[-1][1].decision.state is MarginState.NEGATIVE
+
+
+def test_nothing_is_named_of_a_source_that_is_silent_or_in_order():
+    world = World()
+    track(world, 3000, 6000)
+    assert set(problems_of(world.run(5900))) == {""}
+
+
+def test_an_edge_that_is_named_and_never_comes_is_told():
+    world = World(edges=[("tracker", "needle"), ("tracker", "cautary")])
+    track(world, 0, 3000)
+    words = (
+        "source.tf.edges has tracker -> cautary: not sent by the tracker so far, it sends "
+        "tracker -> needle, tracker -> cautery"
+    )
+    assert list(problems_of(world.run(2900))) == ["", words]
+    assert world.live.edges == (("tracker", "needle"),)
+
+
+def test_edges_that_are_named_and_do_not_lead_to_the_tool_are_told():
+    world = World(edges=[("tracker", "needle")])
+    track(world, 0, 3000)
+    words = "tool.frame is 'cautery': not among what source.tf.edges has, needle, tracker"
+    assert list(problems_of(world.run(2900))) == ["", words]
+
+
+def test_what_strangers_name_is_told_in_a_line_of_bounded_length():
+    world = World()
+    for index in range(400):
+        name = f"{index:03}" + "x" * 250
+        world.arrive(index, sample(f"a{name}", f"b{name}", (1.0, 2.0, 3.0), index))
+    world.at(2500, lambda: None)
+    ((_, words),) = [told for told in [list(problems_of(world.run(2600)))] if len(told) == 2]
+    assert words.startswith("tool.frame is 'cautery' and tumor.frame is 'needle': not among")
+    assert words.endswith(", 492 more")
+    assert len(words) < 1200
 
 
 @pytest.mark.parametrize("measured", [("tracker", "robot_base"), ("robot_base", "tracker")])

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from app.bridge.control import (
@@ -46,6 +46,7 @@ class LiveGuard:
     _publisher: SessionPublisher
     _twists: TwistLimiter
     _guidance: GuidancePublisher | None
+    _told: set[str] = field(default_factory=set)
 
     def steps(self) -> Generator[StepResult]:
         """Publish each step as it happens, and yield it; ends with ``live.stop``.
@@ -68,6 +69,11 @@ class LiveGuard:
                     self._publisher.constraints.rest("inactive")
 
     def _say(self, step: StepResult) -> None:
+        # What it is about comes first; what is sent meanwhile may grow.
+        about = step.frames_problem.partition(":")[0]
+        if about and about not in self._told:
+            self._told.add(about)
+            self._publisher.ros.node.get_logger().warning(step.frames_problem)
         if self._publisher.publish(step, self.live.spent_ns()):
             stale_after_ns = self.changes.scene.margins.stale_after_ns
             self._twists.allow(step, stale_after_ns, self.live.spent_ns())

@@ -20,8 +20,8 @@ PERIOD_NS = NS_PER_S
 
 
 class Diagnostics:
-    """Speaks once a second of the session's time, and whenever the state, a reason or the robot's
-    being known changes.
+    """Speaks once a second of the session's time, and whenever the state, a reason, the robot's
+    being known or the frames' being in order changes.
 
     ``counts`` are those of a live source: what it has received, and what was left out and why.
     """
@@ -45,12 +45,17 @@ class Diagnostics:
             self._lost[edge] = self._lost.get(edge, 0) + lost
         now = step.frame.stamp
         # Whether, not which: the words may have numbers in them that change at every step.
-        key = (step.decision.state, step.decision.reasons, bool(step.robot_problem))
+        key = (
+            step.decision.state,
+            step.decision.reasons,
+            bool(step.robot_problem),
+            bool(step.frames_problem),
+        )
         elapsed_ns = None if self._last_ns is None else now.ns - self._last_ns
         if key == self._last_key and elapsed_ns is not None and 0 <= elapsed_ns < PERIOD_NS:
             return None
         self._last_ns, self._last_key = now.ns, key
-        status = [_margin_status(step), self._tracking_status(now, stale_after_ns)]
+        status = [_margin_status(step), self._tracking_status(step, stale_after_ns)]
         if step.joints is not None or step.robot_problem:
             status.append(_robot_status(step))
         if self._counts is not None:
@@ -58,7 +63,8 @@ class Diagnostics:
             status.append(_status("source", DiagnosticStatus.OK, "counts since the start", counts))
         return DiagnosticArray(header=header_message("", now), status=status)
 
-    def _tracking_status(self, now: Stamp, stale_after_ns: int) -> DiagnosticStatus:
+    def _tracking_status(self, step: StepResult, stale_after_ns: int) -> DiagnosticStatus:
+        now = step.frame.stamp
         lost, stale, values = [], [], {}
         for (target, source), sample in self._samples.items():
             edge = f"{target} -> {source}"
@@ -76,6 +82,8 @@ class Diagnostics:
             level, words = DiagnosticStatus.STALE, [f"stale: {', '.join(stale)}", *words]
         if not self._samples:
             level, words = DiagnosticStatus.STALE, ["nothing was tracked so far"]
+        if step.frames_problem:
+            level, words = max(level, DiagnosticStatus.WARN), [step.frames_problem, *words]
         return _status("tracking", level, "; ".join(words) or "all tracked", values)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS
 from app.scene.frames.watchdog import Freshness, TransformHealth
+from app.session import StepResult
 from app.viewer.said.words import STATE_WORDS, distance_digits, why
 from app.viewer.steps.cast import Cast
 from app.viewer.steps.shown import Shown
@@ -17,7 +18,7 @@ def readout(shown: Shown | None) -> dict[str, Any]:
     decision = shown.step.decision
     return _values(
         decision.state,
-        shown.silent or why(decision.state, decision.reasons),
+        shown.silent or _why(shown.step),
         distance=distance_digits(shown.distance_mm),
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
@@ -26,6 +27,14 @@ def readout(shown: Shown | None) -> dict[str, Any]:
         registration=_registration(shown.cast),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
     )
+
+
+def _why(step: StepResult) -> str:
+    """The reasons of ``step``, and the frames that are at fault where the margin is not known."""
+    decision = step.decision
+    told = why(decision.state, decision.reasons)
+    is_unknown = decision.state is MarginState.UNKNOWN
+    return f"{told} ({step.frames_problem})" if is_unknown and step.frames_problem else told
 
 
 def _values(

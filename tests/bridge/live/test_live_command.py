@@ -5,6 +5,7 @@ import signal
 from pathlib import Path
 
 import pytest
+import yaml
 
 from app.case import open_live
 from app.session import Session, setup_from_case
@@ -85,6 +86,29 @@ def test_poses_from_tf_give_the_distances_of_a_replay(
     live.line(lambda line: line.startswith("POSITIVE"))
     assert live.end(signal.SIGINT) == 130
     assert "Traceback" not in live.log.read_text()
+
+
+def test_a_frame_that_is_misspelt_is_named_once_with_those_that_come(
+    start, start_receiver, live_yaml, frames_file
+):
+    config = live_yaml(TRACKED)
+    values = yaml.safe_load(config.read_text())
+    values["tool"]["frame"] = "cautary"
+    config.write_text(yaml.safe_dump(values))
+    live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(config))
+    live.line(lambda line: line.startswith("UNKNOWN"))
+    receiver = start_receiver("/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000")
+    start(str(SENDER), str(frames_file), "tracked", "again")
+    words = "tool.frame is 'cautary': not among what the tracker sends so far, cautery, needle"
+    said = ""
+    while words not in said:
+        parts = {part["name"]: part for part in receiver.take(1)[0]["message"]["status"]}
+        said = parts["marginguard: tracking"]["message"]
+        margin = {each["key"]: each["value"] for each in parts["marginguard: margin"]["values"]}
+        assert margin["state"] == "UNKNOWN"
+    receiver.take(3)  # and nothing is said again meanwhile
+    assert live.end(signal.SIGINT) == 130
+    assert live.log.read_text().count(words) == 1
 
 
 def test_a_tracker_that_dies_is_stale_and_stays_held_until_somebody_rearms(

@@ -91,6 +91,19 @@ def test_a_robot_that_never_spoke_is_said_too(make_step):
     assert (joints.message, values(joints)) == ("no joint positions yet", {})
 
 
+def test_frames_that_are_not_in_order_are_said_at_once_and_why(make_step):
+    diagnostics = Diagnostics()
+    diagnostics.report(make_step(0), STALE_NS)
+    wrong = replace(make_step(1, lost=True), frames_problem="tumor.frame is 'needel': not sent")
+    tracking = parts(diagnostics.report(wrong, STALE_NS))["tracking"]
+    assert tracking.message == "tumor.frame is 'needel': not sent; lost: tracker -> cautery"
+    assert tracking.level == b"\x01"
+    named = replace(make_step(2, lost=True), frames_problem="")
+    assert parts(diagnostics.report(named, STALE_NS))["tracking"].message.startswith("lost:")
+    again = replace(make_step(3, lost=True), frames_problem="tumor.frame is 'needel': not sent")
+    assert diagnostics.report(again, STALE_NS) is not None
+
+
 def test_a_tracker_that_fell_silent_is_not_all_tracked(make_step):
     """tf has no word for a lost pose: the last one was good, and it is all that there is."""
     diagnostics = Diagnostics()

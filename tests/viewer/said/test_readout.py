@@ -30,6 +30,17 @@ def test_unknown_tells_every_fault_and_nothing_else():
     assert told == f"{REASON_WORDS[Reason.MISSING]}; {REASON_WORDS[Reason.STALE]}"
 
 
+def test_a_frame_that_never_came_is_named_where_the_margin_is_not_known(parts):
+    """However long the tool is missing: a name that is misspelt in live.yaml does not come."""
+    lost, seen = parts.feed.shown[LOST[2]], parts.feed.shown[BREACH_FRAME]
+    problem = "tool.frame is 'rood': not among what the tracker sends so far, needle, rod"
+    said = [
+        readout(replace(shown, step=replace(shown.step, frames_problem=problem)))["why"]
+        for shown in (lost, seen)
+    ]
+    assert said == [f"{readout(lost)['why']} ({problem})", readout(seen)["why"]]
+
+
 def test_a_known_state_tells_its_worst_reason():
     told = why(MarginState.POSITIVE, (Reason.INSIDE, Reason.STOP_DISTANCE, Reason.LATCHED))
     assert told == REASON_WORDS[Reason.INSIDE]
