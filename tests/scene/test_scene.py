@@ -219,6 +219,24 @@ def test_a_surface_that_a_user_changed_is_named(
     assert shown.scene.GetNumberOfNodes() == 0
 
 
+def test_line_and_plane_that_a_user_hid_stay_hidden_until_they_are_known_anew(
+    shown: MarginGuardScene, decision: Decide
+) -> None:
+    known = constrained(decision(MarginState.NEGATIVE, 9.0))
+    unknown = decision(MarginState.UNKNOWN, None)
+    displays = [each.GetDisplayNode() for each in (shown.margin.line, shown.margin.plane.node)]
+    seen = []
+    for step, wish in ((known, None), (known, False), (known, None), (unknown, None),
+                       (unknown, True), (known, None), (known, None)):  # fmt: skip
+        for display in displays:
+            if wish is not None:
+                display.SetVisibility(wish)
+        shown.show(step, {})
+        seen.append([bool(display.GetVisibility()) for display in displays])
+    assert [line for line, _ in seen] == [True, False, False, False, False, True, True]
+    assert [plane for _, plane in seen] == [line for line, _ in seen]
+
+
 def test_a_tumour_that_a_user_coloured_by_its_points_has_the_colour_of_its_state(
     shown: MarginGuardScene, decision: Decide
 ) -> None:

@@ -5,7 +5,7 @@ from slicer import vtkMRMLMarkupsPlaneNode, vtkMRMLScene, vtkMRMLTransformNode
 from app.fixture import Constraint
 from app.geometry import Transform
 from app.scene.nodes.batch import Batch
-from app.scene.nodes.models import remove_displayed
+from app.scene.nodes.models import remove_displayed, show_while_known
 
 _NAME = "FixturePlane"
 _SIDE_MM = 30.0
@@ -24,6 +24,7 @@ class FixturePlane:
         self._scene = scene
         self._batch = batch
         self._last: Transform | None = None
+        self._known = False
         self.node = scene.AddNewNodeByClass("vtkMRMLMarkupsPlaneNode", _NAME)
         self.node.SetAndObserveTransformNodeID(pose.GetID())
         self.node.SetPlaneType(vtkMRMLMarkupsPlaneNode.PlaneTypePointNormal)
@@ -46,7 +47,9 @@ class FixturePlane:
         display = self.node.GetDisplayNode()
         self._batch.hold(self.node)
         self._batch.hold(display)
-        display.SetVisibility(constraint is not None)
+        known = constraint is not None
+        show_while_known(display, known, self._known)
+        self._known = known
         if constraint is None:
             return
         self._last = constraint.fixture_frame(self._last)

@@ -14,7 +14,7 @@ from app.scene.margin.breach_markers import BreachMarkers
 from app.scene.margin.fixture_plane import FixturePlane
 from app.scene.margin.shown_margin import ShownMargin, distance_text
 from app.scene.nodes.batch import Batch
-from app.scene.nodes.models import remove_displayed, remove_node
+from app.scene.nodes.models import remove_displayed, remove_node, show_while_known
 
 _INK = (0.08, 0.12, 0.16)
 _LINE_NAME = "ClosestPoints"
@@ -47,6 +47,7 @@ class MarginDisplay:
         self._tumor = tumor
         self.state = MarginState.UNKNOWN
         self._drawn: Proximity | None = None
+        self._line_known = False
         self.line = scene.AddNewNodeByClass("vtkMRMLMarkupsLineNode", _LINE_NAME)
         self.line.SetAndObserveTransformNodeID(tumor_pose.GetID())
         self.line.SetLocked(True)
@@ -102,7 +103,9 @@ class MarginDisplay:
         display = self.line.GetDisplayNode()
         self._batch.hold(self.line)
         self._batch.hold(display)
-        display.SetVisibility(proximity is not None)
+        known = proximity is not None
+        show_while_known(display, known, self._line_known)
+        self._line_known = known
         if proximity is None or proximity is self._drawn:
             return
         self._drawn = proximity

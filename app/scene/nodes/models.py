@@ -63,6 +63,12 @@ def add_model(
     return node
 
 
+def show_while_known(display: vtkMRMLDisplayNode, known: bool, was_known: bool) -> None:
+    """Hide what is not known, show what is known anew; what a user hid meanwhile stays hidden."""
+    if not (known and was_known):
+        display.SetVisibility(known)
+
+
 def remove_node(scene: vtkMRMLScene, node: vtkMRMLNode) -> None:
     """Take ``node`` out of the scene, unless somebody else has done so."""
     if scene.IsNodePresent(node):
