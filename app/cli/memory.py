@@ -4,6 +4,10 @@ import gc
 from types import TracebackType
 from typing import Self
 
+_NEWER = 50_000
+"""So many objects more than before are worth a search. Each block of frames that is read ahead
+(`app.case.frames.read_ahead`) is a thousand, which are soon given back."""
+
 
 class LongLived:
     """Within the context no cycles are looked for until `settle`, and then among what is newer.
@@ -12,13 +16,14 @@ class LongLived:
     """
 
     def __enter__(self) -> Self:
-        self._enabled = gc.isenabled()
+        self._enabled, self._thresholds = gc.isenabled(), gc.get_threshold()
         gc.disable()
         return self
 
     def settle(self) -> None:
         """All is loaded: what there is now is left alone up to the context's end."""
         gc.freeze()
+        gc.set_threshold(_NEWER, *self._thresholds[1:])
         self._let_search()
 
     def __exit__(
@@ -28,6 +33,7 @@ class LongLived:
         traceback: TracebackType | None,
     ) -> None:
         gc.unfreeze()
+        gc.set_threshold(*self._thresholds)
         self._let_search()
 
     def _let_search(self) -> None:

@@ -30,6 +30,20 @@ def test_what_is_loaded_stays_and_what_comes_later_is_collected() -> None:
     assert loaded() is None
 
 
+def test_blocks_of_frames_are_no_reason_to_search_and_the_old_thresholds_come_back() -> None:
+    before = gc.get_threshold()
+    searches: list[dict[str, int]] = []
+    try:
+        with LongLived() as memory:
+            memory.settle()
+            gc.callbacks.append(lambda phase, info: searches.append(info))
+            kept = [[number] for number in range(10 * before[0])]
+            gc.callbacks.pop()
+            assert (len(kept), searches) == (10 * before[0], [])
+    finally:
+        assert gc.get_threshold() == before
+
+
 def test_an_error_while_loading_leaves_the_search_on() -> None:
     with pytest.raises(ValueError, match="no such case"), LongLived():
         raise ValueError("no such case")
