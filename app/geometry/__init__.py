@@ -19,6 +19,7 @@ from app.geometry.frames import (
     split_transform_name,
 )
 from app.geometry.mesh import SurfaceMesh
+from app.geometry.slots import setters
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
 from app.geometry.tracked import TrackedTransform, TrackingStatus
 from app.geometry.transform import (
@@ -51,6 +52,7 @@ __all__ = [
     "mean_transform",
     "rotation_angle",
     "rotation_of_quaternion",
+    "setters",
     "snake_case",
     "split_transform_name",
     "welded",

@@ -5,6 +5,7 @@ from enum import IntEnum
 
 from app.geometry.errors import FrameError, TransformError
 from app.geometry.frames import check_frame
+from app.geometry.slots import setters
 from app.geometry.stamp import Stamp
 from app.geometry.transform import Transform
 
@@ -64,8 +65,22 @@ class TrackedTransform:
             object.__setattr__(self, name, known)
 
     @classmethod
+    def good(cls, transform: Transform, stamp: Stamp) -> "TrackedTransform":
+        """A sample that may be navigated by, with the frames of its transform."""
+        made = object.__new__(cls)
+        _set_transform(made, transform)
+        _set_stamp(made, stamp)
+        _set_status(made, TrackingStatus.OK)
+        _set_target(made, transform.target)
+        _set_source(made, transform.source)
+        return made
+
+    @classmethod
     def lost(
         cls, target: str, source: str, stamp: Stamp, status: TrackingStatus
     ) -> "TrackedTransform":
         """A sample that says the pose of ``source`` in ``target`` is not known."""
         return cls(None, stamp, status, target, source)
+
+
+_set_transform, _set_stamp, _set_status, _set_target, _set_source = setters(TrackedTransform)

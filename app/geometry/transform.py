@@ -1,6 +1,7 @@
 """Rigid transforms that know their frames: ``a_from_b @ b_from_c`` is ``a_from_c``."""
 
 import math
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.geometry.errors import FrameError, TransformError
 from app.geometry.frames import check_frame
+from app.geometry.slots import setters
 
 FloatArray = NDArray[np.float64]
 
@@ -20,6 +22,8 @@ Trackers and configuration files print 4 to 7 digits, so a measured rotation is 
 most; a scale of 0.1 % (2e-3 here) or a shear is no rounding and is refused."""
 
 _EXACT = 1e-14
+
+_NINE = struct.Struct("9d")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,7 +215,7 @@ def mean_transform(transforms: Sequence[Transform]) -> Transform:
 def rotation_of_quaternion(
     x: float, y: float, z: float, w: float, *, what: str = "quaternion"
 ) -> FloatArray:
-    """A new array (3, 3), by the Euler-Rodrigues formula.
+    """A new array (3, 3), read-only, by the Euler-Rodrigues formula.
 
     ``what`` is normalised when its norm is within `ROTATION_TOLERANCE` of 1; `TransformError`
     otherwise. Recordings are read through this, so it is written out.
@@ -220,12 +224,12 @@ def rotation_of_quaternion(
     if not abs(norm - 1.0) <= ROTATION_TOLERANCE:
         raise TransformError(f"{what} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted")
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
-    rows = (
+    numbers = _NINE.pack(
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
         2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
         2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
     )  # fmt: skip
-    return np.array(rows).reshape(3, 3)
+    return np.ndarray((3, 3), np.float64, numbers)
 
 
 def rotation_angle(rotation: FloatArray) -> float:
@@ -288,11 +292,11 @@ def _unchecked(
     rotation.setflags(False)  # type: ignore[call-arg]
     translation_mm.setflags(False)  # type: ignore[call-arg]
     transform = object.__new__(Transform)
-    _set(transform, "target", target)
-    _set(transform, "source", source)
-    _set(transform, "rotation", rotation)
-    _set(transform, "translation_mm", translation_mm)
+    _set_target(transform, target)
+    _set_source(transform, source)
+    _set_rotation(transform, rotation)
+    _set_translation(transform, translation_mm)
     return transform
 
 
-_set = object.__setattr__
+_set_target, _set_source, _set_rotation, _set_translation = setters(Transform)

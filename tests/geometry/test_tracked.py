@@ -1,3 +1,5 @@
+from dataclasses import FrozenInstanceError, fields
+
 import pytest
 
 from app.geometry import (
@@ -9,12 +11,21 @@ from app.geometry import (
     TransformError,
 )
 
-STAMP = Stamp(1)
+STAMP, OK = Stamp(1), TrackingStatus.OK
 
 
 def test_a_good_sample_has_its_transforms_frames():
     sample = TrackedTransform(Transform.identity("tracker", "stylus"), STAMP, TrackingStatus.OK)
     assert (sample.target, sample.source) == ("tracker", "stylus")
+
+
+def test_a_sample_that_is_known_to_be_good_is_what_the_constructor_makes_of_it():
+    pose = Transform.identity("tracker", "stylus")
+    made, checked = TrackedTransform.good(pose, STAMP), TrackedTransform(pose, STAMP, OK)
+    for field in fields(TrackedTransform):
+        assert getattr(made, field.name) == getattr(checked, field.name)
+    with pytest.raises(FrozenInstanceError):
+        made.stamp = Stamp(2)
 
 
 @pytest.mark.parametrize("status", [status for status in TrackingStatus if status])

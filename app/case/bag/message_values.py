@@ -41,21 +41,20 @@ class PoseValues(NamedTuple):
         A status that is none of ours counts as INVALID. Raises `FrameError` for names that cannot
         be frames.
         """
-        target, source = self.target, self.source
-        stamp = Stamp(self.ns)
-        status = _STATUSES.get(self.status, TrackingStatus.INVALID)
-        if status is not TrackingStatus.OK:
-            return TrackedTransform.lost(target, source, stamp, status)
-        x, y, z = self.translation_m
+        target, source, ns, (x, y, z), quaternion, status = self
+        stamp = Stamp(ns)
+        if status != TrackingStatus.OK:
+            known = _STATUSES.get(status, TrackingStatus.INVALID)
+            return TrackedTransform.lost(target, source, stamp, known)
         translation_mm = (MM_PER_M * x, MM_PER_M * y, MM_PER_M * z)
-        if not all(map(math.isfinite, translation_mm + self.quaternion)):
+        if not all(map(math.isfinite, translation_mm + quaternion)):
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_FINITE)
         try:
-            rotation = rotation_of_quaternion(*self.quaternion)
+            rotation = rotation_of_quaternion(*quaternion)
         except TransformError:
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_RIGID)
         transform = Transform.by_construction(target, source, rotation, np.array(translation_mm))
-        return TrackedTransform(transform, stamp, status, target, source)
+        return TrackedTransform.good(transform, stamp)
 
 
 _STATUSES = {int(status): status for status in TrackingStatus}
@@ -73,13 +72,16 @@ class JointValues(NamedTuple):
 
         Raises `InputError` when names and positions do not match or a position is not finite.
         """
-        stamp = Stamp(self.ns + offset_ns)
-        sample = JointSample(self.names, self.positions, stamp)
-        if not all(map(math.isfinite, self.positions)):
-            for name, position in zip(self.names, self.positions, strict=True):
-                if not math.isfinite(position):
-                    raise InputError(f"joint {name!r} is at {position}: a finite position wanted")
-        return sample
+        names, positions, ns = self
+        stamp = Stamp(ns + offset_ns)
+        if len(names) == len(positions) and all(map(math.isfinite, positions)):
+            return JointSample.by_construction(names, positions, stamp)
+        # What is wrong with them: their number is for the constructor to say.
+        JointSample(names, positions, stamp)
+        name, position = next(
+            pair for pair in zip(names, positions, strict=True) if not math.isfinite(pair[1])
+        )
+        raise InputError(f"joint {name!r} is at {position}: a finite position wanted")
 
 
 class TimeValues(NamedTuple):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.geometry import InputError, Stamp, TrackedTransform
+from app.geometry import InputError, Stamp, TrackedTransform, setters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,9 +25,23 @@ class JointSample:
                 "one position a name wanted"
             )
 
+    @classmethod
+    def by_construction(
+        cls, names: tuple[str, ...], positions: tuple[float, ...], stamp: Stamp
+    ) -> "JointSample":
+        """From tuples that are known to be of one length, the second of floats: not checked."""
+        made = object.__new__(cls)
+        _set_names(made, names)
+        _set_positions(made, positions)
+        _set_stamp(made, stamp)
+        return made
+
     def as_mapping(self) -> dict[str, float]:
         """Name to position, as the robot's kinematics take them."""
         return dict(zip(self.names, self.positions, strict=True))
+
+
+_set_names, _set_positions, _set_stamp = setters(JointSample)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,22 @@
+"""Samples of joints."""
+
+from dataclasses import fields
+
+import pytest
+
+from app.case import JointSample
+from app.geometry import InputError, Stamp
+
+
+def test_a_sample_of_known_tuples_is_what_the_constructor_makes_of_them() -> None:
+    names, positions, stamp = ("a", "b"), (0.5, 1.5), Stamp(7)
+    made = JointSample.by_construction(names, positions, stamp)
+    checked = JointSample(names, positions, stamp)
+    for field in fields(JointSample):
+        assert getattr(made, field.name) == getattr(checked, field.name)
+    assert made.as_mapping() == {"a": 0.5, "b": 1.5}
+
+
+def test_names_without_a_position_are_refused() -> None:
+    with pytest.raises(InputError, match="2 names and 1 positions"):
+        JointSample(("a", "b"), (0.5,), Stamp(7))
