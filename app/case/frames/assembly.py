@@ -1,8 +1,8 @@
 """Samples in the order of arrival become frames in the order of acquisition."""
 
-from bisect import bisect_right, insort_right
+from bisect import bisect_left, bisect_right, insort_right
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,8 @@ _MAX_PENDING_JOINTS = 100_000
 
 @dataclass(slots=True)
 class _Draft:
-    poses: dict[tuple[str, str], TrackedTransform] = field(default_factory=dict)
+    stamp: Stamp
+    poses: dict[tuple[str, str], TrackedTransform]
     unfiltered: Stamp | None = None
 
 
@@ -33,6 +34,7 @@ class FrameAssembler:
     def __init__(self, note: Callable[[str], None]) -> None:
         self._note = note
         self._drafts: dict[int, _Draft] = {}
+        self._order: list[int] = []  # of the drafts, by their stamps
         self._joints: list[JointSample] = []  # in the order of their stamps
         self._joints_dropped = False
         self._contradiction_said = False
@@ -40,15 +42,16 @@ class FrameAssembler:
 
     def add_pose(self, sample: TrackedTransform) -> Iterable[TrackingFrame]:
         """Take a sample; give the frames that are complete now."""
-        ns = sample.stamp.ns
-        draft = self._drafts.get(ns)
-        finished = []
+        stamp, edge = sample.stamp, (sample.target, sample.source)
+        draft = self._drafts.get(stamp.ns)
         if draft is None:
-            finished = self._begin(ns)
-            draft = self._drafts[ns] = _Draft()
-        edge = (sample.target, sample.source)
-        draft.poses[edge] = self._agreed(draft.poses.get(edge), sample)
-        return finished
+            finished = self._begin(stamp.ns)
+            self._drafts[stamp.ns] = _Draft(stamp, {edge: sample})
+            insort_right(self._order, stamp.ns)
+            return finished
+        known = draft.poses.get(edge)
+        draft.poses[edge] = sample if known is None else self._agreed(known, sample)
+        return ()
 
     def _begin(self, ns: int) -> list[TrackingFrame]:
         """The frames that are complete when there is a sample of ``ns``."""
@@ -57,15 +60,13 @@ class FrameAssembler:
             finished = list(self.flush())
             newest = ns
         else:
-            before = newest - REORDER_NS
-            old = [stamp for stamp in self._drafts if stamp < before]
-            finished = [self._finished(stamp) for stamp in sorted(old)]
+            complete = bisect_left(self._order, newest - REORDER_NS)
+            finished = [self._finished(stamp) for stamp in self._order[:complete]]
+            del self._order[:complete]
         self._newest_ns = newest
         return finished
 
-    def _agreed(self, known: TrackedTransform | None, sample: TrackedTransform) -> TrackedTransform:
-        if known is None:
-            return sample
+    def _agreed(self, known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:
         agreed = agreed_sample(known, sample)
         contradicts = known.transform is not None and sample.transform is not None
         if contradicts and agreed is not known and not self._contradiction_said:
@@ -99,7 +100,7 @@ class FrameAssembler:
 
     def flush(self) -> Iterator[TrackingFrame]:
         """Yield all that is buffered, at the end or where the order breaks."""
-        stamps = sorted(self._drafts)
+        stamps, self._order = self._order, []
         for stamp in stamps:
             yield self._finished(stamp, last=stamp == stamps[-1])
 
@@ -108,7 +109,7 @@ class FrameAssembler:
         mine = len(self._joints) if last else bisect_right(self._joints, ns, key=_ns)
         joints = tuple(self._joints[:mine])
         del self._joints[:mine]
-        return TrackingFrame(Stamp(ns), tuple(draft.poses.values()), joints, draft.unfiltered)
+        return TrackingFrame(draft.stamp, tuple(draft.poses.values()), joints, draft.unfiltered)
 
 
 def agreed_sample(known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:
