@@ -3,10 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from app.geometry import FrameError, Transform
-from app.robot.errors import JointError
 from app.robot.kinematics.inverse import IkOptions, inverse_kinematics
 from app.robot.kinematics.joint import Joint
 from app.robot.kinematics.link_poses import LinkPoses
@@ -49,19 +46,10 @@ class Robot:
         Raises `JointError` for a name that is no moving joint, for a position that is not finite
         and for one that puts a link beyond all numbers.
         """
-        matrices = self._tree.link_matrices(self._tree.all_positions(positions))
-        names, places_mm = self._tree.link_names, matrices[:, :3, 3].copy()
-        if not np.isfinite(places_mm).all():
-            first = int(np.argmin(np.isfinite(places_mm).all(axis=1)))
-            raise JointError(
-                f"link {names[first]!r} is at {places_mm[first].tolist()} mm with the joints at "
-                f"{dict(positions)}: finite numbers wanted"
-            )
         # Origins were checked when the robot was read, and a joint's motion is a rotation by its
         # formula: so is their product, which needs no checking at every step.
-        return LinkPoses(
-            self.root_link, self._tree.link_rows, matrices[:, :3, :3].copy(), places_mm
-        )
+        matrices = self._tree.link_matrices(self._tree.all_positions(positions))
+        return LinkPoses(self.root_link, self._tree.link_rows, matrices)
 
     def measured_kinematics(self, link: str, positions: Mapping[str, float]) -> LinkPoses:
         """As `forward_kinematics`, of measured ``positions``, for one who asks where ``link`` is.

@@ -11,25 +11,20 @@ class LinkPoses(Mapping[str, Transform]):
     A robot is placed at every step of a session, which asks for one link of it.
     """
 
-    __slots__ = ("_places_mm", "_root", "_rotations", "_rows")
+    __slots__ = ("_matrices", "_root", "_rows")
 
-    def __init__(
-        self, root: str, rows: Mapping[str, int], rotations: FloatArray, places_mm: FloatArray
-    ) -> None:
-        """New arrays (n, 3, 3), of rotations by construction, and (n, 3) are taken over.
+    def __init__(self, root: str, rows: Mapping[str, int], matrices: FloatArray) -> None:
+        """A new array (n, 4, 4) of poses by construction, in mm, is taken over.
 
-        ``rows`` tells which of them are a link's.
+        ``rows`` tells which of them is a link's.
         """
         self._root = root
         self._rows = rows
-        self._rotations = rotations
-        self._places_mm = places_mm
+        self._matrices = matrices
 
     def __getitem__(self, link: str) -> Transform:
-        row = self._rows[link]
-        return Transform.by_construction(
-            self._root, link, self._rotations[row], self._places_mm[row]
-        )
+        matrix = self._matrices[self._rows[link]]
+        return Transform.by_construction(self._root, link, matrix[:3, :3], matrix[:3, 3])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._rows)

@@ -20,13 +20,17 @@ def place_links(
     turned: FloatArray,
     parents: NDArray[np.int64],
     matrices: FloatArray,
-) -> None:
-    """Write ``root_from_link`` to ``matrices`` (n + 1, 4, 4), of which the root's is there.
+) -> bool:
+    """Write ``root_from_link`` to ``matrices`` (n + 1, 4, 4); whether all places are finite.
 
     Of n joints from root to leaves, each with its link behind that of ``parents`` (n,):
     ``positions`` (n,), 0 for what does not move, in rad or, where it ``slides`` (n,), in m;
     ``origins`` (n, 4, 4); ``turned`` (2, n, 4, 4), the factors of its motion (`Joint.twist`).
     """
+    for i in range(4):
+        for j in range(4):
+            matrices[0, i, j] = 1.0 if i == j else 0.0
+    finite = True
     for k in range(len(positions)):
         position = positions[k]
         once = position if slides[k] else math.sin(position)
@@ -41,3 +45,5 @@ def place_links(
             here[3, j] = 0.0
         for i in range(4):
             here[i, 3] += above[i, 3]
+            finite &= math.isfinite(here[i, 3])
+    return finite

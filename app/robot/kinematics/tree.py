@@ -1,15 +1,14 @@
 """The tree of links and joints: where every link is, and how joints move it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 import numpy as np
 
 from app.geometry import FloatArray
 from app.robot.errors import JointError, UrdfError
 from app.robot.kinematics.joint import MM_PER_M, Joint
-
-_IDENTITY: FloatArray = np.eye(4)
 
 
 class KinematicTree:
@@ -67,13 +66,22 @@ class KinematicTree:
         return positions
 
     def link_matrices(self, positions: Mapping[str, float]) -> FloatArray:
-        """``root_from_link`` (n, 4, 4) in mm, as in ``link_names``, from `all_positions`."""
-        from app.robot.kinematics.placing import place_links  # compiled: slow to load
+        """``root_from_link`` (n, 4, 4) in mm, as in ``link_names``, from `all_positions`.
 
+        Raises `JointError` for positions that put a link beyond all numbers.
+        """
         each = np.array([0.0 if name is None else positions[name] for name in self._drivers])
         matrices = np.empty((len(each) + 1, 4, 4))
-        matrices[0] = _IDENTITY
-        place_links(each, self._slides, self._origins, self._turned, self._parents, matrices)
+        place_links = _placing()
+        if not place_links(
+            each, self._slides, self._origins, self._turned, self._parents, matrices
+        ):
+            places_mm = matrices[:, :3, 3]
+            first = int(np.argmin(np.isfinite(places_mm).all(axis=1)))
+            raise JointError(
+                f"link {self.link_names[first]!r} is at {places_mm[first].tolist()} mm with the "
+                f"joints at {dict(positions)}: finite numbers wanted"
+            )
         return matrices
 
     def _refuse(self, given: Mapping[str, float]) -> None:
@@ -155,6 +163,13 @@ class KinematicTree:
                 jacobian[:3, column] += gain * np.cross(axis, lever)
                 jacobian[3:, column] += gain * axis
         return jacobian
+
+
+@cache
+def _placing() -> Callable[..., bool]:
+    from app.robot.kinematics.placing import place_links  # compiled: slow to load
+
+    return place_links
 
 
 def _root_of(link_names: Sequence[str], joints: Sequence[Joint]) -> str:

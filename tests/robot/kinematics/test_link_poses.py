@@ -7,9 +7,8 @@ from app.robot.kinematics.link_poses import LinkPoses
 
 
 def test_each_link_has_its_own_row() -> None:
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    rotations, places_mm = np.array([np.eye(3), quarter]), np.array([[0.0] * 3, [1.0, 2.0, 3.0]])
-    poses = LinkPoses("base", {"base": 0, "arm": 1}, rotations, places_mm)
+    quarter = [[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0] * 3 + [1.0]]
+    poses = LinkPoses("base", {"base": 0, "arm": 1}, np.array([np.eye(4), quarter]))
     assert (list(poses), len(poses), "leg" in poses) == (["base", "arm"], 2, False)
     assert (poses["arm"].target, poses["arm"].source) == ("base", "arm")
     assert poses["arm"].apply([1.0, 0.0, 0.0]).tolist() == [1.0, 3.0, 3.0]
