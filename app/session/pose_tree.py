@@ -27,6 +27,7 @@ REASON_OF_STATUS = {
 
 _NOTHING: frozenset[Reason] = frozenset()
 _TOO_FAR = frozenset({Reason.INVALID})
+_JUMPED = frozenset({Reason.CLOCK_JUMPED_BACK})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +42,9 @@ class MeasuredPose:
     oldest: Stamp | None
     unchanged_ns: int
     problems: frozenset[Reason]
+
+
+_UNKNOWN = MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
 
 
 @dataclass(slots=True)
@@ -113,16 +117,16 @@ class PoseTree:
         self._now = frame.stamp
         for sample in frame.poses:
             self._insert_sample(sample, frame.stamp)
-        return frozenset({Reason.CLOCK_JUMPED_BACK}) if jumped else frozenset()
+        return _JUMPED if jumped else _NOTHING
 
     def pose(self, target: str, source: str) -> MeasuredPose:
         """The pose of ``source`` in ``target`` along the shortest way over measured edges."""
         path = self._path(target, source)
         if path is None or self._now is None:
-            return MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
+            return _UNKNOWN
         oldest: Stamp | None = None
         unchanged_ns = 0
-        problems: set[Reason] = set()
+        problems = _NOTHING
         samples = []
         for edge in path:
             state = self._edges[edge]
@@ -131,14 +135,11 @@ class PoseTree:
             if oldest is None or stamp.ns < oldest.ns:
                 oldest = stamp
             edge_unchanged_ns = self._unchanged_ns(edge, state)
-            unchanged_ns = max(unchanged_ns, edge_unchanged_ns)
+            if edge_unchanged_ns > unchanged_ns:
+                unchanged_ns = edge_unchanged_ns
             problems |= state.bad or self._aged(self._now.ns - stamp.ns, edge_unchanged_ns)
-        return MeasuredPose(
-            transform=None if problems else _along(target, samples),
-            oldest=oldest,
-            unchanged_ns=unchanged_ns,
-            problems=frozenset(problems),
-        )
+        transform = None if problems else _along(target, samples)
+        return MeasuredPose(transform, oldest, unchanged_ns, problems)
 
     def never_changed(self) -> tuple[Edge, ...]:
         """The edges that are taken for fixed transforms so far."""
@@ -154,13 +155,14 @@ class PoseTree:
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
     def _insert_sample(self, sample: TrackedTransform, now: Stamp) -> None:
-        sample.stamp.age_ns(now)  # raises for another clock: below, numbers are compared
+        stamp = sample.stamp
+        stamp.age_ns(now)  # raises for another clock: below, numbers are compared
         edge = (sample.target, sample.source)
         state = self._edges.get(edge)
         if state is None:
             state = self._edges[edge] = _EdgeState(sample, now)
             self._paths.clear()
-        elif sample.stamp.ns < state.latest.stamp.ns <= now.ns:
+        elif stamp.ns < state.latest.stamp.ns <= now.ns:
             return
         if state.take(sample, now):
             self._changed.add(edge)

@@ -62,6 +62,7 @@ class Session:
     def __init__(self, setup: SessionSetup) -> None:
         self.setup = setup
         self._tumor_from_frame = setup.frame_from_tumor.inverse()
+        self._reference_from_root = _reference_from_root(setup.robot)
         self._poses = PoseTree(
             stale_after_ns=setup.margins.stale_after_ns,
             frozen_after_ns=setup.margins.frozen_after_ns,
@@ -167,6 +168,7 @@ class Session:
             self._velocity = _velocity(setup)
         if setup.robot is not before.robot:
             self._drifted = False
+            self._reference_from_root = _reference_from_root(setup.robot)
             self._follower = _follower(setup.robot)
             self._looked_at, self._frames_problem = (), ""
             self._monitor.restart()
@@ -270,14 +272,12 @@ class Session:
         if (
             robot is None
             or robot.follows_tool
-            or robot.registration is None
+            or self._reference_from_root is None
             or not links
             or seen is None
         ):
             return None
-        link = robot.registration.transform @ links[robot.tool_link].renamed(
-            target=robot.base_frame
-        )
+        link = self._reference_from_root @ links[robot.tool_link]
         # Without a known mount the link only tells where the tip is, not how it is turned.
         predicted = (
             Transform.by_construction(link.target, seen.source, seen.rotation, link.translation_mm)
@@ -323,6 +323,13 @@ class Session:
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
     moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
     return moving if setup.robot is None else (*moving, REFERENCE)
+
+
+def _reference_from_root(robot: RobotSetup | None) -> Transform | None:
+    """The registration, to the robot's own root, which is the base by another name."""
+    if robot is None or robot.registration is None:
+        return None
+    return robot.registration.transform.renamed(source=robot.robot.root_link)
 
 
 def _follower(robot: RobotSetup | None) -> IkFollower | None:
