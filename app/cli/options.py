@@ -20,13 +20,14 @@ def add_package_dirs(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="DIR",
         dest="package_dirs",
-        help="folder NAME that package://NAME/... means, or one that holds it; may be given again",
+        help="where package://NAME/... is found: the folder NAME, or one that holds it; "
+        "may be given again",
     )
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Output for a program instead of a person."""
-    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
 def folder_path(text: str) -> Path:

@@ -137,3 +137,11 @@ def test_a_value_that_an_option_does_not_take_is_shown_with_what_it_takes(argume
     assert (arguments[-1] or "empty") in said
     assert "wanted" in said or "allowed" in said or "empty" in said or "no rate" in said
     assert "_" not in said.partition("argument")[2].replace("--", "")  # no name of our functions
+
+
+@pytest.mark.parametrize("arguments", [["info"], ["calibrate", "pivot"]])
+def test_debug_shows_where_an_error_is_from(arguments, tmp_path, capsys):
+    assert main([*arguments, str(tmp_path / "none"), "--debug"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("Traceback")
+    assert said.splitlines()[-1].startswith("marginguard: error: ")

@@ -28,6 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     methods = parser.add_subparsers(dest="method", metavar="METHOD", required=True)
     for name, summary in _METHODS.items():
         method = methods.add_parser(name, help=summary, description=f"Find {summary}.")
+        # As every command has it, and a METHOD is what a user takes for one.
+        method.add_argument(
+            "--debug", action="store_true", default=argparse.SUPPRESS,
+            help="show the traceback of an error",
+        )  # fmt: skip
         _add_recording(method, with_joints=name in ("hand-eye", "time"))
         if name != "time":
             _add_frames(method)
@@ -70,7 +75,9 @@ def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> Non
         "--from-s", type=_number, default=-math.inf, metavar="S",
         help="use the recording from there, in seconds from its first frame",
     )  # fmt: skip
-    parser.add_argument("--to-s", type=_number, default=math.inf, metavar="S", help="and to there")
+    parser.add_argument(
+        "--to-s", type=_number, default=math.inf, metavar="S", help="use it up to there"
+    )
 
 
 def _add_frames(parser: argparse.ArgumentParser) -> None:

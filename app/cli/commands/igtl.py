@@ -19,9 +19,13 @@ _REPORT_S = 1.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard igtl``."""
-    parser.add_argument("--host", default="localhost", help="the server (%(default)s)")
+    parser.add_argument(
+        "--host", default="localhost", help="the server's name or address (%(default)s)"
+    )
     parser.add_argument("--port", type=int, default=18944, help="its port (%(default)s)")
-    parser.add_argument("--name", default="marginguard_igtl", help="of the ROS node (%(default)s)")
+    parser.add_argument(
+        "--name", default="marginguard_igtl", help="name of the ROS node (%(default)s)"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

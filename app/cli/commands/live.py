@@ -31,7 +31,11 @@ MOST_HZ = 1000.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard live``."""
     parser.add_argument(
-        "--config", type=Path, required=True, metavar="FILE", help="live.yaml: docs/live.md"
+        "--config",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="what to listen to and to guard, a live.yaml: docs/live.md",
     )
     add_package_dirs(parser)
     parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of the node")

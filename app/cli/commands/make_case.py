@@ -15,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed",
         type=_seed,
         default=DEFAULT_SEED,
+        metavar="N",
         help="seed of everything random, 0 or more (%(default)s)",
     )
 

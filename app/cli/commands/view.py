@@ -24,11 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "case", type=Path, nargs="?", metavar="CASE", help="folder with a case.yaml, to be replayed"
     )
-    parser.add_argument("--live", action="store_true", help="a live session instead of a CASE")
     parser.add_argument(
-        "--config", type=Path, metavar="FILE", help="live.yaml of --live: docs/live.md"
+        "--live", action="store_true", help="watch a live session, instead of a CASE"
     )
-    parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of --live")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="live.yaml for --live: docs/live.md"
+    )
+    parser.add_argument(
+        "--namespace", default="", metavar="NS", help="ROS namespace of the live session's node"
+    )
     add_package_dirs(parser)
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
@@ -37,7 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--host", default="127.0.0.1", help="address to serve at; default: this machine alone"
     )
     parser.add_argument(
-        "--port", type=int, default=0, metavar="N", help="default: 0, one that is free"
+        "--port",
+        type=int,
+        default=0,
+        metavar="N",
+        help="port to serve at; default: 0, any that is free",
     )
     parser.add_argument("--token", help="what opens the page; default: a random one")
     parser.add_argument(
