@@ -84,9 +84,10 @@ def estimate_time_offset(
     With a the robot's and b the tracker's stream this is the offset from robot to tracker time.
     Searched within ``search_s`` either way of ``around_ns`` (two clocks that started at different
     times need a first guess). Not accepted when the interval is wider than
-    ``max_half_width_s`` either way, when a explains too little of b, when the answer is at the end
-    of the search, or when another offset fits as well (periodic motion). Raises `FlatSignalError`
-    for a stream that does not move, `TooFewError` for too short an overlap.
+    ``max_half_width_s`` either way, when the offset changes by more than that to either side of its
+    mean over the recording (clocks that drift), when a explains too little of b, when the answer is
+    at the end of the search, or when another offset fits as well (periodic motion). Raises
+    `FlatSignalError` for a stream that does not move, `TooFewError` for too short an overlap.
     """
     for name, value in (("search_s", search_s), ("max_half_width_s", max_half_width_s)):
         if not (math.isfinite(value) and value > 0.0):
@@ -112,6 +113,13 @@ def estimate_time_offset(
         faults.append(
             f"the offset is known to {1e3 * half_width:.2g} ms (95 %), "
             f"{1e3 * max_half_width_s:g} ms wanted"
+        )
+    drift = alignment.drift_s(offset)
+    # Over an even stretch its half is sqrt(3) times less sure than the offset in the middle.
+    if abs(drift) / 2.0 > max_half_width_s + math.sqrt(3.0) * half_width:
+        faults.append(
+            f"the clocks drift: the offset changes by {1e3 * drift:.2g} ms over the recording, "
+            f"{2e3 * max_half_width_s:g} ms allowed"
         )
     finding = (
         f"{1e3 * offset + around_ns / NS_PER_MS:.2f} ms within {1e3 * half_width:.2g} ms (95 %), "
@@ -202,9 +210,7 @@ class _Alignment:
 
     def half_width_s(self, offset: float) -> float:
         """Half of the 95 % interval (sandwich estimate over blocks, Liang and Zeger 1986)."""
-        basis, weights, misfit = self._fit(offset)
-        slope = -(self.slope(self.times - offset) @ weights)
-        slope -= basis @ (basis.T @ slope)
+        basis, slope, misfit = self._sloped(offset)
         pull = np.sum(slope * misfit, axis=1)
         blocks = np.array([part.sum() for part in np.array_split(pull, BLOCKS)])
         # What the fit has taken up of the misfit is not seen in the pulls any more.
@@ -217,6 +223,20 @@ class _Alignment:
         curvature = (beside - 2.0 * self.loss(offset)) / (2.0 * CURVATURE_S**2)
         sigma = scatter / curvature if curvature > 0.0 else math.inf
         return student_quantile(0.975, BLOCKS - 1) * sigma
+
+    def drift_s(self, offset: float) -> float:
+        """How much more the offset is at the end than at the beginning, to first order."""
+        _, slope, misfit = self._sloped(offset)
+        weights = np.sum(slope**2, axis=1)
+        apart = self.times - np.average(self.times, weights=weights)
+        rate = float(apart @ np.sum(slope * misfit, axis=1)) / float(apart**2 @ weights)
+        return rate * float(np.ptp(self.times))
+
+    def _sloped(self, offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The basis, how what it explains rises with the offset (n, d), and the misfit."""
+        basis, weights, misfit = self._fit(offset)
+        slope = -(self.slope(self.times - offset) @ weights)
+        return basis, slope - basis @ (basis.T @ slope), misfit
 
     def _fit(self, offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Orthonormal basis of a's columns at this offset, their weights in b, and the misfit."""

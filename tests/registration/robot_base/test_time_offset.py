@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -70,6 +72,18 @@ def test_the_lag_is_found_and_the_interval_holds() -> None:
         covered += result.interval_ns[0] <= LAG_MS * 1e6 <= result.interval_ns[1]
     assert np.max(np.abs(errors)) < 1.0
     assert covered / 40 >= 0.87
+
+
+@pytest.mark.parametrize("drift", [-2e-3, -1e-4, 2e-3])
+def test_clocks_that_drift_have_no_one_offset(drift: float) -> None:
+    a, b = streams(np.random.default_rng(12))
+    drifting = TimedSignal((b.times_ns * (1.0 + drift)).astype(np.int64), b.values, b.clock)
+    result = estimate_time_offset(a, drifting)
+    assert result.accepted == (abs(drift) < 1e-3)
+    if not result.accepted:
+        told = re.search(r"the offset changes by (\S+) ms .* 10 ms allowed", result.reason)
+        assert told is not None
+        assert float(told[1]) == pytest.approx(1e3 * 19.0 * drift, rel=0.25)
 
 
 def test_without_noise_it_is_exact() -> None:
