@@ -202,7 +202,7 @@ class Session:
     def _is_placed_twice(self) -> bool:
         """Whether the tracker measures the robot's base, which the registration places.
 
-        It may do so from any frame on, and goes on to be wrong: no pose is then taken for its.
+        It may begin to at any frame; then it is so for as long as its edges are known.
         """
         edges = self._poses.edges
         if edges != self._looked_at:
