@@ -20,6 +20,9 @@ BUTTONS = sorted(
     if element.get("class") in ("QPushButton", "QToolButton", "QCheckBox", "QRadioButton")
 )
 
+BUDDY = ("EditLabel", "BoxLabel", "SelectorLabel", "SliderLabel")
+"""How the labels of other widgets are named."""
+
 
 class CommandsDouble:
     """TEST DOUBLE: takes the place of the logic's commands, and notes which one came."""
@@ -251,6 +254,16 @@ def test_the_banner_is_drawn_in_the_colour_of_the_state(panel):
     banner = panel.ui.bannerLabel
     drawn = banner.grab().toImage().pixelColor(2, 2)
     assert (drawn.red(), drawn.green(), drawn.blue()) == (128, 128, 128)
+
+
+def test_what_is_told_is_no_markup(panel):
+    """The name of a node or a file may look like it: the rest of the line would be swallowed."""
+    from PySide6.QtCore import Qt
+
+    written = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
+    told = [label for label in written if not label.objectName().endswith(BUDDY)]
+    assert len(told) == 6
+    assert {label.textFormat() for label in told} == {Qt.TextFormat.PlainText}
 
 
 def test_the_settings_are_in_the_parameter_node_and_a_closed_scene_brings_new_ones(
