@@ -14,7 +14,11 @@ MIN_SAMPLES = 5
 """Tracker frames and joint samples that a dwell needs, so that its mean says something."""
 
 MAX_MOTION_MM = 1.0
-"""RMS distance of the robot's tip from its mean that still counts as dwelling."""
+"""RMS distance of the tip by the robot from its mean that still counts as dwelling."""
+
+MAX_SEEN_MOTION_MM = 2.0
+"""The same of the tip by the tracker: twice the noise of EM. It is more where the reference moves,
+which the robot does not stand on (a chest that breathes)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +40,7 @@ def dwell_poses(
     dwells: Sequence[Dwell],
     poses: PoseTree,
     *,
-    tool_frame: str,
+    tool_from_tip: Transform,
     robot: RobotSetup,
 ) -> tuple[DwellPose, ...]:
     """One `DwellPose` a dwell.
@@ -45,6 +49,7 @@ def dwell_poses(
     with the staleness bounds to keep. Raises `InputError` for a dwell with too few good samples
     or with a tip that moved.
     """
+    tool_frame = tool_from_tip.target
     found = [_Samples() for _ in dwells]
     last_end_s = max(dwell.end_s for dwell in dwells)
     start_ns: int | None = None
@@ -62,7 +67,7 @@ def dwell_poses(
             for index in _dwells_at(dwells, joints.stamp.ns - start_ns):
                 found[index].link.append(_base_from_link(robot, joints))
     return tuple(
-        _dwell_pose(samples, number, tool_frame) for number, samples in enumerate(found, start=1)
+        _dwell_pose(samples, number, tool_from_tip) for number, samples in enumerate(found, start=1)
     )
 
 
@@ -77,19 +82,28 @@ def _base_from_link(robot: RobotSetup, joints: JointSample) -> Transform:
     return root_from_link.renamed(target=robot.base_frame)
 
 
-def _dwell_pose(samples: _Samples, number: int, tool_frame: str) -> DwellPose:
-    tracked = f"{tool_frame!r} in {REFERENCE!r}"
+def _dwell_pose(samples: _Samples, number: int, tool_from_tip: Transform) -> DwellPose:
+    tracked = f"{tool_from_tip.target!r} in {REFERENCE!r}"
     for transforms, what in ((samples.tool, tracked), (samples.link, "the robot's joints")):
         if len(transforms) < MIN_SAMPLES:
             raise InputError(
                 f"registration: dwell {number} has {len(transforms)} good samples of {what}, "
                 f"at least {MIN_SAMPLES} wanted"
             )
-    tips = np.array([transform.translation_mm for transform in samples.link])
-    motion_mm = float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    if motion_mm > MAX_MOTION_MM:
-        raise InputError(
-            f"registration: the robot's tip moved by {motion_mm:.2f} mm RMS in dwell {number}, "
-            f"at most {MAX_MOTION_MM} allowed"
-        )
+    seen = [transform @ tool_from_tip for transform in samples.tool]
+    for tips, what, most_mm in (
+        (samples.link, "the robot's tip", MAX_MOTION_MM),
+        (seen, f"the tip of {tracked}", MAX_SEEN_MOTION_MM),
+    ):
+        motion_mm = _motion_mm(tips)
+        if motion_mm > most_mm:
+            raise InputError(
+                f"registration: {what} moved by {motion_mm:.2f} mm RMS in dwell {number}, "
+                f"at most {most_mm} allowed"
+            )
     return DwellPose(mean_transform(samples.tool), mean_transform(samples.link))
+
+
+def _motion_mm(transforms: Sequence[Transform]) -> float:
+    places = np.array([transform.translation_mm for transform in transforms])
+    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))

@@ -47,7 +47,9 @@ def _register_dwells(
 ) -> tuple[RegistrationResult, Transform]:
     tool = case.manifest.tool
     poses = PoseTree(margins.stale_after_ns, margins.frozen_after_ns, (tool.frame,))
-    dwells = dwell_poses(case.frames(), entry.dwells, poses, tool_frame=tool.frame, robot=robot)
+    dwells = dwell_poses(
+        case.frames(), entry.dwells, poses, tool_from_tip=tool.tool_from_tip, robot=robot
+    )
     targets_mm = _tumor_mm(case, poses)
     if entry.method == "robot_world":
         solved = solve_robot_world(

@@ -10,7 +10,7 @@ import yaml
 
 from app.case import Dwell, open_case
 from app.fixture import MarginState, Reason
-from app.geometry import NS_PER_MS, InputError, Stamp
+from app.geometry import NS_PER_MS, InputError, Stamp, Transform
 from app.registration import TooFewError
 from app.session import PoseTree, Session, setup_from_case, tip_signals, with_estimated_clock
 from app.session.dwelling import dwell_poses
@@ -82,7 +82,42 @@ def test_a_pose_that_stands_while_others_come_is_one_sample_of_a_dwell(recorded)
     ]
     poses = PoseTree(setup.margins.stale_after_ns, setup.margins.frozen_after_ns, ("cautery",))
     with pytest.raises(InputError, match="dwell 1 has 1 good samples of 'cautery' in 'reference'"):
-        dwell_poses(frames, [Dwell(0.0, 0.15)], poses, tool_frame="cautery", robot=setup.robot)
+        dwell_poses(
+            frames,
+            [Dwell(0.0, 0.15)],
+            poses,
+            tool_from_tip=case.manifest.tool.tool_from_tip,
+            robot=setup.robot,
+        )
+
+
+def test_a_dwell_in_which_the_reference_moved_is_refused(recorded):
+    """The robot stands still on the floor, and the chest that the reference is on does not."""
+    case = recorded()
+    setup = setup_from_case(case, tip_only=True)
+    tool_from_tip = case.manifest.tool.tool_from_tip
+
+    def poses_of(rise_mm_a_frame):
+        frames = [
+            replace(each, poses=tuple(risen(p, rise_mm_a_frame * n) for p in each.poses))
+            for n, each in enumerate(islice(case.frames(), 75))
+        ]
+        tree = PoseTree(setup.margins.stale_after_ns, setup.margins.frozen_after_ns, ("cautery",))
+        return dwell_poses(
+            frames, [Dwell(0.05, 1.25)], tree, tool_from_tip=tool_from_tip, robot=setup.robot
+        )
+
+    assert len(poses_of(0.0)) == 1
+    with pytest.raises(InputError, match=r"tip of 'cautery' in 'reference' moved by .* in dwell 1"):
+        poses_of(0.2)
+
+
+def risen(pose, shift_mm):
+    if pose.source != "reference" or pose.transform is None:
+        return pose
+    here = pose.transform
+    shift = Transform("tracker", "tracker", np.eye(3), np.array([0.0, 0.0, shift_mm]))
+    return replace(pose, transform=shift @ here)
 
 
 def test_a_pose_that_stands_while_others_come_is_one_sample_of_the_clocks_motion(recorded):
