@@ -125,6 +125,20 @@ def test_a_way_that_is_cut_is_stale_though_it_was_to_hold_always(node):
     assert "no way between 'room'" in lookup.GetProblem()
 
 
+def test_a_pose_that_a_user_moved_comes_back_at_the_next_spin(node):
+    """One that holds always has no next sample, and valid it must be where tf has it."""
+    lookup = node.CreateAndAddTf2LookupNode("yard", "gate")
+    insert(node, "yard", "gate", 0, static=True)
+    node.Spin()
+    placed = x_mm(lookup)
+    events = Events(lookup)
+    lookup.SetMatrixTransformToParent(shifted(99.0))
+    node.Spin()
+    node.Spin()
+    assert lookup.GetState() == "valid"
+    assert events.seen == [99.0, placed]
+
+
 def test_a_pose_turns_stale_by_itself_when_nobody_spins(node, monkeypatch):
     lookup = node.CreateAndAddTf2LookupNode("loft", "trunk")
     stamp_ns = 10**18

@@ -5,7 +5,7 @@ from slicer import vtkMRMLLinearTransformNode
 from app.bridge.robots.settings import STALE_AFTER_NS
 from app.bridge.tf import Lookup, TfError
 from app.geometry import NS_PER_S, check_frame
-from app.scene.nodes.convert import vtk_matrix
+from app.scene.nodes.convert import is_at, vtk_matrix
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 
@@ -17,8 +17,9 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
 
     Its state is ``missing`` before the first sample, ``valid``, or ``stale``: while the oldest of
     the newest samples on the way is older than `GetStaleAfterSeconds` or from as far in the
-    future, and while tf has no answer. A stale node keeps its pose. The attributes ``ros2.state``
-    and ``ros2.stamp_ns``, that sample's own stamp, are as the last `Spin` has seen them.
+    future, and while tf has no answer. A stale node keeps its pose, and one that somebody moved is
+    back at the next `Spin` where tf has it. The attributes ``ros2.state`` and ``ros2.stamp_ns``,
+    that sample's own stamp, are as the last `Spin` has seen them.
     """
 
     ROLE = "lookup"
@@ -110,19 +111,20 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         except TfError as error:
             found, self._problem = None, str(error)
         modifying = self.StartModify()
-        if found is not None and (self._always_modified or self._is_new(found)):
+        if found is not None and (self._always_modified or self._is_news(found)):
             self._found = found
             self.SetAttribute("ros2.stamp_ns", str(found.stamp_ns or 0))
             self.SetMatrixTransformToParent(vtk_matrix(found.transform))
         self._judge()
         self.EndModify(modifying)
 
-    def _is_new(self, found: Lookup) -> bool:
+    def _is_news(self, found: Lookup) -> bool:
+        """Another sample, or the node is not where it is: somebody has moved it."""
         last = self._found
         return (
             last is None
             or last.stamp_ns != found.stamp_ns
-            or bool((last.transform.matrix != found.transform.matrix).any())
+            or not is_at(self, vtk_matrix(found.transform))
         )
 
     def _judge(self) -> None:
