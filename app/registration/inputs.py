@@ -27,6 +27,9 @@ Relative, because a metre of landmarks that swerve by a centimetre fixes the tur
 no better than a decimetre that swerves by a millimetre does for targets at the same distance in
 proportion. At 0.05 an error across the line is magnified twentyfold at one spread from it."""
 
+SIGMAS_MM = (1e-6, 1e6)
+"""Standard deviations of a point that mean something: beyond them a fit is of rounding."""
+
 MAX_SCALE_RATIO = 2.0
 """Lists of the same landmarks that differ in size by more than this are in different units."""
 
@@ -108,7 +111,10 @@ def check_spread(points_mm: FloatArray, what: str) -> float:
 
 
 def as_covariances(values: ArrayLike, count: int, what: str) -> FloatArray:
-    """One covariance (3, 3) for all points or (count, 3, 3), in mm2, positive definite."""
+    """One covariance (3, 3) for all points or (count, 3, 3), in mm2, positive definite.
+
+    The standard deviation along each of its axes is within `SIGMAS_MM`.
+    """
     given = as_floats(values, what)
     if given.shape not in ((3, 3), (count, 3, 3)):
         raise ShapeError(f"{what} has shape {given.shape}: (3, 3) or ({count}, 3, 3) wanted")
@@ -117,11 +123,14 @@ def as_covariances(values: ArrayLike, count: int, what: str) -> FloatArray:
     covariances = np.broadcast_to(given, (count, 3, 3)).copy()
     eigenvalues = np.linalg.eigvalsh(covariances)
     asymmetry = np.abs(covariances - np.swapaxes(covariances, 1, 2)).max(axis=(1, 2))
-    bad = (eigenvalues[:, 0] <= 0.0) | (asymmetry > 1e-9 * eigenvalues[:, 2])
+    least, most = (sigma**2 for sigma in SIGMAS_MM)
+    bad = (eigenvalues[:, 0] < least) | (eigenvalues[:, 2] > most)
+    bad |= asymmetry > 1e-9 * eigenvalues[:, 2]
     if bad.any():
         first = int(np.argmax(bad))
         raise CovarianceError(
             f"covariance {first} of {what} is {covariances[first].tolist()}: "
-            "symmetric and positive definite wanted"
+            "symmetric and positive definite wanted, with standard deviations from "
+            f"{SIGMAS_MM[0]:g} to {SIGMAS_MM[1]:g} mm"
         )
     return covariances

@@ -14,8 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.geometry import FloatArray
-from app.registration.errors import CovarianceError, ShapeError
-from app.registration.inputs import as_covariances, as_point, as_points
+from app.registration.errors import CovarianceError, ShapeError, TooFewError
+from app.registration.inputs import (
+    MIN_POINTS,
+    as_covariances,
+    as_point,
+    as_points,
+    check_spread,
+)
 from app.registration.motion import move_origin, point_jacobian
 from app.registration.quantiles import chi_square_quantile
 from app.registration.trust.result import RegistrationResult
@@ -88,9 +94,12 @@ def predict_layout_tre(
     ``landmarks_mm`` (n, 3) in the same frame; ``covariances_mm2`` (3, 3) or (n, 3, 3) in mm2 is
     the localisation error of the pairs. ``matched_weights``: the registration will be weighted by
     these covariances, as `register_points` does when it gets them; otherwise it will treat all
-    points alike.
+    points alike. Raises a `RegistrationError` for landmarks that would be refused by it.
     """
     landmarks = as_points(landmarks_mm, "landmarks_mm")
+    if len(landmarks) < MIN_POINTS:
+        raise TooFewError(f"{len(landmarks)} landmarks: at least {MIN_POINTS} wanted")
+    check_spread(landmarks, "landmarks_mm")
     targets = as_points(targets_mm, "targets_mm")
     covariances = as_covariances(covariances_mm2, len(landmarks), "covariances_mm2")
     centre = landmarks.mean(axis=0)

@@ -7,6 +7,7 @@ rad, an orientation is roll, pitch and yaw about the fixed axes x, y, z in that 
 """
 
 import math
+import re
 import reprlib
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,10 @@ from app.robot.xml_guard import read_file
 
 MAX_BYTES = 2 * 1024 * 1024
 MAX_DEPTH = 24
+
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_READ_OTHERWISE = re.compile(r"[_:]|^[-+]?0[0-9xb]")
+"""YAML 1.1, which is read here, has 8 for 010 and 90 for 1:30; the simulator's reader has not."""
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2  # aliases share a value, and its words would unfold
@@ -161,6 +166,12 @@ class _StrictLoader(yaml.SafeLoader):
         if any(tag == "tag:yaml.org,2002:merge" for tag, _ in names):
             raise yaml.YAMLError(f"a merge key (<<) in line {node.start_mark.line + 1}")
         return super().construct_mapping(node, deep)
+
+    def construct_scalar(self, node: Any) -> Any:
+        if node.tag in _NUMBERS and _READ_OTHERWISE.search(node.value):
+            line = node.start_mark.line + 1
+            raise yaml.YAMLError(f"{node.value[:60]!r} in line {line} is read in two ways")
+        return super().construct_scalar(node)
 
 
 def _finite(value: float) -> bool:

@@ -248,6 +248,8 @@ def test_flat_landmarks_in_noise_are_no_mirror_image() -> None:
     [
         (-np.eye(3), CovarianceError),
         (np.zeros((3, 3)), CovarianceError),
+        (1e-320 * np.eye(3), CovarianceError),  # numpy's own error for one
+        (np.diag([1e-30, 1.0, 1e30]), CovarianceError),
         ([[1, 0.9, 0], [0, 1, 0], [0, 0, 1]], CovarianceError),
         (np.full((3, 3), np.nan), NotFiniteError),
         (np.ones((4, 3, 3)), ShapeError),

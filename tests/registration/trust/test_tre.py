@@ -4,8 +4,10 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, Transform
 from app.registration import (
+    CollinearPointsError,
     CovarianceError,
     NotFiniteError,
+    TooFewError,
     given_registration,
     predict_layout_tre,
     predict_tre,
@@ -129,3 +131,17 @@ def test_a_given_registration_has_no_predicted_error() -> None:
     assert "given" in given.reason
     with pytest.raises(CovarianceError, match="not known"):
         predict_tre(given, [[0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("landmarks", "error"),
+    [
+        ([[0.0, 0.0, 0.0]], TooFewError),
+        ([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]], TooFewError),
+        ([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [90.0, 0.1, 0.0]], CollinearPointsError),
+    ],
+)
+def test_a_layout_that_holds_nothing_is_refused_by_name(landmarks, error):
+    for matched in (True, False):
+        with pytest.raises(error):
+            predict_layout_tre(landmarks, [[0, 0, 9]], np.eye(3), matched_weights=matched)

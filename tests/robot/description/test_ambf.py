@@ -220,6 +220,8 @@ def test_what_is_wrong_is_named_in_one_line(write_adf, bodies, joints, message):
         ("bodies: [a]", "has no such section"),
         ("bodies: [a]\na: {}\na: {}", "a key twice"),
         ("bodies: [a, a]\na: {name: a}", "twice in 'bodies'"),
+        ("bodies: [a]\na: {scale: 010}", "'010' in line 2 is read in two ways"),
+        ("bodies: [a]\na: {scale: 1:30.0}", "'1:30.0' in line 2 is read in two ways"),
         ("bodies: [a]\nb: &b {name: a}\na: {<<: *b}", "merge key"),
         ("bodies: !!python/object/apply:os.system [ls]", "not YAML that can be read"),
         ("a: " + "[" * 100, "nested deeper"),
