@@ -75,6 +75,10 @@ class RobotModel:
         self._moving.move(root_from_links)
         self._root_from_links = root_from_links
 
+    def restore(self) -> None:
+        """Put the links that somebody else has moved back to where they were set."""
+        self._moving.move(self._root_from_links)
+
     def set_known(self, known: bool) -> None:
         """Show the links in their colours, or in grey while nobody knows where they are."""
         if known == self._known:

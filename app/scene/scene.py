@@ -244,6 +244,8 @@ class MarginGuardScene:
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Grey what has become too old by ``now_ns``, and tell how every watched transform is.
 
+        What a user has moved by hand is put back, but for what is watched for edits.
+
         To be called by a timer of the shell, so that a source that has died is seen although
         nothing is shown any more: tumour and tool by the decision's stamp, robots by when they
         were shown last. The clock is that of the stamps. Raises `SceneError` for a scene that does
@@ -252,6 +254,9 @@ class MarginGuardScene:
         if self.watchdog is None:
             raise SceneError("a scene without stale_after_ns does not age: nothing to check")
         with self.update():
+            self.tree.restore()
+            for robot in self.robots.values():
+                robot.restore()
             if self.margin is not None:
                 self._show_margin(self.margin, now_ns)
             self._show_robots(known=self.watchdog.is_fresh(self._shown_ns, now_ns))

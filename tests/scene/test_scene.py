@@ -4,12 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from slicer import vtkMRMLScene
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from app.fixture import FixtureDecision, MarginState, Reason, constrain, margin_surface
 from app.geometry import Stamp, SurfaceMesh, Transform
 from app.robot import Robot
 from app.scene import MarginGuardScene, SceneError
-from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.nodes.convert import is_at, vtk_matrix, world_matrix, world_points
 from app.scene.scene import TOOL_COLOR
 from tests.scene.conftest import Decide, Fill
 
@@ -203,6 +204,31 @@ def test_what_a_user_hung_elsewhere_comes_back(
         shown.show(decision(MarginState.NEGATIVE, 9.0), {})
         assert np.array_equal(world_matrix(node.GetParentTransformNode()), before)
         assert node.GetTransformNodeID() not in (None, aside.GetID())
+
+
+@pytest.mark.parametrize("name", ["CauteryToReference", "CauteryTipToCautery", "ForeArmToBase"])
+def test_what_a_user_moved_comes_back_although_no_step_comes(fill: Fill, name: str) -> None:
+    """A replay that is paused has no next step, and its tool stands where it was judged."""
+    shown = fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=10**9))
+    node = shown.scene.GetFirstNodeByName(name)
+    before = world_matrix(node)
+    node.SetMatrixTransformToParent(vtkMatrix4x4())
+    assert not np.allclose(world_matrix(node), before)
+    shown.check(0)
+    assert np.array_equal(world_matrix(node), before)
+
+
+def test_the_root_and_what_is_watched_for_edits_are_the_users_to_move(fill: Fill) -> None:
+    shown = fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=10**9))
+    edits: list[Transform] = []
+    shown.tree.on_edit("cautery", edits.append, pytest.fail)
+    for name in ("ReferenceToRas", "CauteryToReference"):
+        node = shown.scene.GetFirstNodeByName(name)
+        moved = vtk_matrix(Transform("a", "b", np.eye(3), [7.0, 0.0, 0.0]))
+        node.SetMatrixTransformToParent(moved)
+        shown.check(0)
+        assert is_at(node, moved)
+    assert len(edits) == 1
 
 
 @pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model"])

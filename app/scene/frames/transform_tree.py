@@ -65,6 +65,15 @@ class TransformTree:
         self._edges[frame] = parent_from_frame
         return node
 
+    def restore(self) -> None:
+        """Put the frames that somebody else has moved back to where they were set.
+
+        Those of the world stay where they are, and those that are watched for edits.
+        """
+        for frame, edge in self._edges.items():
+            if edge.target != RAS and frame not in self._edited:
+                self.set(edge)
+
     def node(self, frame: str) -> vtkMRMLLinearTransformNode | None:
         """The node of ``frame``, None when it was never set."""
         return self._nodes.get(frame)
