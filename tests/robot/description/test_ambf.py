@@ -132,6 +132,19 @@ def at(x, y, z, r=0.0, p=0.0, yaw=0.0):
     }
 
 
+def test_an_orientation_is_about_fixed_axes(write_adf):
+    """Roll about x, then pitch about y, then yaw about z, of the world: written out."""
+    roll, pitch, yaw = 0.3, 0.5, -0.7
+    body = {"name": "x", "location": at(0.1, 0.2, 0.3, roll, pitch, yaw)}
+    (c, s), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
+    about_x = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    pose = load_adf(write_adf([body])).forward_kinematics({})["x"]
+    np.testing.assert_allclose(pose.rotation, about_z @ about_y @ about_x, atol=1e-12)
+    np.testing.assert_allclose(pose.translation_mm, [100.0, 200.0, 300.0])
+
+
 def joint(kind="revolute", parent="BODY left arm", child="BODY hand", **more):
     return {
         "name": "wrist roll", "parent": parent, "child": child, "type": kind,

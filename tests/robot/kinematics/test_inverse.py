@@ -118,6 +118,40 @@ def test_a_follower_keeps_its_own_limits():
         finger.inverse_kinematics("c", outside)
 
 
+def test_a_follower_that_turns_the_other_way_keeps_its_own_limits():
+    """Its range of -0.2 to 1.0, at -2 times the leader, leaves the leader -0.5 to 0.1."""
+
+    def hinge(name, parent, child, lower, upper, mimic=None):
+        origin = Transform(parent, child, np.eye(3), np.array([100.0, 0.0, 0.0]))
+        return Joint(name, JointType.REVOLUTE, origin, np.eye(3)[2], lower, upper, mimic)
+
+    scissors = Robot(
+        "scissors",
+        (Link("a"), Link("b"), Link("c")),
+        (
+            hinge("lead", "a", "b", -2.0, 2.0),
+            hinge("follow", "b", "c", -0.2, 1.0, Mimic("lead", -2.0, 0.0)),
+        ),
+    )
+    for lead in (-0.49, 0.09):
+        wanted = scissors.forward_kinematics({"lead": lead})["c"]
+        assert scissors.inverse_kinematics("c", wanted) == pytest.approx({"lead": lead})
+    for lead in (-0.52, 0.12):
+        with pytest.raises(UnreachableError):
+            scissors.inverse_kinematics("c", scissors.forward_kinematics({"lead": lead})["c"])
+
+
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_a_joint_comes_back_from_a_limit_that_it_was_seeded_at(touch, end):
+    """Without another start: only what is pushed against its limit takes no part in a step."""
+    seed = {joint.name: getattr(joint, end) for joint in touch.joints if joint.moves}
+    other = {joint.name: 0.5 * (joint.lower + joint.upper) for joint in touch.joints if joint.moves}
+    near = {name: 0.9 * seed[name] + 0.1 * other[name] for name in seed}
+    wanted = touch.forward_kinematics(near)["stylus"]
+    found = touch.inverse_kinematics("stylus", wanted, seed=seed, options=IkOptions(restarts=0))
+    assert found == pytest.approx(near, abs=1e-6)
+
+
 def test_a_continuous_joint_stays_within_half_a_turn_of_its_seed():
     wheel = Robot(
         "wheel",
