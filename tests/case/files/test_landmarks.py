@@ -34,9 +34,14 @@ def test_markups_in_lps_come_out_in_ras(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again["F-1"], [-1.0, -2.0, 3.0])
 
 
-def test_slicer_reads_the_same_positions(tmp_path: Path) -> None:
+@pytest.mark.parametrize("axes", ["LPS", "RAS", None])
+def test_slicer_reads_the_same_positions(tmp_path: Path, axes: str | None) -> None:
+    """A file that does not say its axes is in LPS as well."""
     slicer = pytest.importorskip("slicer")
-    path = markups(tmp_path)
+    path = markups(tmp_path, coordinateSystem=axes)
+    if axes is None:
+        path.write_text(path.read_text().replace('"coordinateSystem": null, ', ""))
+        assert "coordinateSystem" not in path.read_text()
     scene = slicer.vtkMRMLScene()
     logic = slicer.vtkSlicerMarkupsLogic()
     logic.SetMRMLScene(scene)
