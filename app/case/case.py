@@ -227,6 +227,8 @@ def _check_recording(path: Path, sha256: str | None) -> None:
         for part in path.iterdir():
             resolve_inside(path, part.name, f"a part of the recording {path}")
         return
+    if not path.is_file():
+        raise InputError(f"case.yaml: recording.path is {path.name!r}: a file or a folder wanted")
     if not name.endswith((".mcap", *_WITHOUT_JOINTS)):
         raise InputError(f"case.yaml: recording.path is {path.name!r}: {_READABLE} can be read")
     if sha256 is not None:

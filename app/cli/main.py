@@ -53,6 +53,9 @@ BAD_INPUT = 2
 INTERRUPTED, TERMINATED = 130, 143
 NO_READER = 141
 
+LONGEST_LINE = 500
+"""Letters of an error; of what is longer the middle is left out."""
+
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of the whole command line."""
@@ -100,7 +103,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _one_line(error: Exception) -> str:
     from app.geometry import MarginGuardError
 
-    text = " ".join(str(error).split())
+    text = str(error)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        text = f"{error.filename}: {error.strerror}"
+    text = " ".join(text.split())
+    if len(text) > LONGEST_LINE:
+        text = f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 2 :]}"
     if isinstance(error, MarginGuardError | OSError) and text:
         return text
     return f"unexpected {type(error).__name__}: {text} (--debug shows where)"

@@ -1,4 +1,5 @@
 import hashlib
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -156,6 +157,18 @@ def test_sha256(manifest: Manifest, write_case: WriteCase) -> None:
     manifest["recording"]["sha256"] = "0" * 64
     (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
     with pytest.raises(InputError, match=rf"sha256 is 0{{64}}: tracking\.mcap has {right}"):
+        open_case(folder)
+
+
+def test_a_recording_that_is_no_file_is_not_waited_for(
+    manifest: Manifest, write_case: WriteCase
+) -> None:
+    folder = write_case(manifest)
+    (folder / "tracking.mcap").unlink()
+    os.mkfifo(folder / "tracking.mcap")
+    with pytest.raises(
+        InputError, match=r"recording\.path is 'tracking\.mcap': a file or a folder"
+    ):
         open_case(folder)
 
 

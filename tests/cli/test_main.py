@@ -126,7 +126,14 @@ def test_a_converted_case_replays_to_the_same_table(tmp_path, capsys):
         ["live", "--config", "live.yaml", "--constraint-hz", "0"],
         ["live", "--config", "live.yaml", "--constraint-hz", "fast"],
         ["calibrate", "pivot", "case", "--max-age-ms", "x"],
+        ["calibrate", "pivot", "case", "--max-age-ms", "1e308"],
+        ["calibrate", "pivot", "case", "--max-age-ms", "-1"],
         ["calibrate", "pivot", "case", "--from-s", "nan"],
+        ["calibrate", "pivot", "case", "--tool", ""],
+        ["calibrate", "pivot", "case", "--reference", ""],
+        ["calibrate", "landmarks", "case", "--phantom", ""],
+        ["calibrate", "time", "case", "--around-ms", "1e308"],
+        ["calibrate", "time", "case", "--around-ms", "nan"],
     ],
 )
 def test_a_value_that_an_option_does_not_take_is_shown_with_what_it_takes(arguments, capsys):
@@ -145,3 +152,17 @@ def test_debug_shows_where_an_error_is_from(arguments, tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.startswith("Traceback")
     assert said.splitlines()[-1].startswith("marginguard: error: ")
+
+
+def test_an_error_that_quotes_too_much_is_shortened_to_a_line(capsys):
+    assert main(["info", "/" + 5000 * "x"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("marginguard: error: /xxx")
+    assert said.endswith("xxx: File name too long\n")
+    assert " ... " in said
+    assert len(said) < 600
+
+
+def test_a_rate_that_cannot_be_is_told_before_the_case_is_opened(capsys):
+    assert main(["replay", "nowhere", "--no-ros", "--rate", "nan"]) == 2
+    assert "rate nan of a replay: 0.001 to 1000 wanted" in capsys.readouterr().err

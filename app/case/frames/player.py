@@ -55,7 +55,7 @@ class Player:
         self._source = source
         self._clock_ns = clock_ns
         self._wait = wait
-        self._rate = _checked_rate(rate)
+        self._rate = checked_rate(rate)
         self._loop = loop
         self._lock = threading.Lock()
         self._changed = threading.Event()
@@ -103,7 +103,7 @@ class Player:
 
     def set_rate(self, rate: float | None) -> None:
         """Change the rate from now on."""
-        checked = _checked_rate(rate)
+        checked = checked_rate(rate)
         with self._lock:
             if not self._paused:
                 self._anchor = self._anchor_now()
@@ -203,7 +203,8 @@ class Player:
             return _Verdict.RESTART if wanted or self._seek_ns is not None else _Verdict.STOP
 
 
-def _checked_rate(rate: float | None) -> float | None:
+def checked_rate(rate: float | None) -> float | None:
+    """``rate``, which None means to play without waiting; `InputError` for one that cannot be."""
     if rate is not None and not 0.001 <= rate <= 1000.0:
         raise InputError(f"rate {rate} of a replay: 0.001 to 1000 wanted")
     return rate

@@ -129,6 +129,8 @@ def follow_tool(
     _check_known(tool, recording, "--tool")
     reference = reference or _default_reference(recording, tool)
     _check_known(reference, recording, "--reference")
+    if reference == tool:
+        raise InputError(f"--reference is {tool!r}, the tool itself: another frame wanted")
     tree = PoseTree(round(max_age_ms * NS_PER_MS), FROZEN_AFTER_NS, (tool,))
     samples: list[TrackedTransform] = []
     lost: Counter[str] = Counter()

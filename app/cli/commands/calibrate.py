@@ -14,6 +14,10 @@ from app.cli.options import add_json, add_package_dirs
 
 SUMMARY = "calibrate a tool, a phantom, a robot's base or a clock from a recording"
 
+MOST_AGE_MS = 60_000.0
+MOST_OFFSET_MS = 4e12
+"""More than a century: one clock may count from 1970, and the other from its own start."""
+
 _METHODS = {
     "pivot": "the tip of a tool that was turned about it",
     "spin": "the shaft of a tool that was turned about it",
@@ -51,12 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 help="the phantom's landmarks: YAML or Slicer's .mrk.json",
             )  # fmt: skip
             method.add_argument(
-                "--phantom", default="phantom", metavar="FRAME",
+                "--phantom", type=_frame, default="phantom", metavar="FRAME",
                 help="name of the phantom's frame (%(default)s)",
             )  # fmt: skip
         if name == "time":
             method.add_argument(
-                "--around-ms", type=_finite, default=0.0, metavar="MS",
+                "--around-ms", type=_offset_ms, default=0.0, metavar="MS",
                 help="first guess of the offset, for clocks that started at different times",
             )  # fmt: skip
 
@@ -82,14 +86,17 @@ def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> Non
 
 def _add_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--tool", metavar="FRAME", help="the tracked frame; default: the case's, or the only one"
+        "--tool",
+        type=_frame,
+        metavar="FRAME",
+        help="the tracked frame; default: the case's, or the only one",
     )
     parser.add_argument(
-        "--reference", metavar="FRAME",
+        "--reference", type=_frame, metavar="FRAME",
         help="the frame to measure it in; default: 'reference', else the tool's own tracker",
     )  # fmt: skip
     parser.add_argument(
-        "--max-age-ms", type=_not_negative, default=0.0, metavar="MS",
+        "--max-age-ms", type=_age_ms, default=0.0, metavar="MS",
         help="how far apart in time samples of one pose may be (%(default)s)",
     )  # fmt: skip
 
@@ -104,18 +111,26 @@ def _number(text: str) -> float:
     return number
 
 
-def _finite(text: str) -> float:
+def _age_ms(text: str) -> float:
     number = _number(text)
-    if math.isinf(number):
-        raise argparse.ArgumentTypeError(f"{text!r}: a finite number wanted")
+    if not 0.0 <= number <= MOST_AGE_MS:
+        raise argparse.ArgumentTypeError(f"{text!r}: 0 to {MOST_AGE_MS:g} ms wanted")
     return number
 
 
-def _not_negative(text: str) -> float:
-    number = _finite(text)
-    if number < 0.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: 0 or more wanted")
+def _offset_ms(text: str) -> float:
+    number = _number(text)
+    if not abs(number) <= MOST_OFFSET_MS:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: -{MOST_OFFSET_MS:g} to {MOST_OFFSET_MS:g} ms wanted"
+        )
     return number
+
+
+def _frame(text: str) -> str:
+    if not text:
+        raise argparse.ArgumentTypeError("the name of the frame is empty")
+    return text
 
 
 def run(options: argparse.Namespace) -> int:

@@ -32,6 +32,6 @@ def run(options: argparse.Namespace) -> int:
     from app.cli.touch_arm import TouchArm
 
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
-    simulate_case(options.folder, seed=options.seed, arm=arm)
+    simulate_case(options.folder.absolute(), seed=options.seed, arm=arm)
     print(f"wrote {options.folder}")
     return 0

@@ -147,9 +147,11 @@ def _played(
 def _check(options: argparse.Namespace) -> None:
     """Refuse, before anything is read, what could not be done or not be written in the end."""
     from app.case import check_place
+    from app.case.frames.player import checked_rate
     from app.geometry import InputError
     from app.report import check_writable
 
+    checked_rate(options.rate)
     if options.loop and (options.rate is None or _wanted(options)):
         raise InputError(
             "--loop is for watching: it takes --rate, and no --report, --save-scene or --movie"

@@ -90,6 +90,10 @@ def test_a_spin_needs_to_know_the_tip(tmp_path: Path, capsys):
     [
         (["--tool", "probe"], "--tool 'probe' is not in .*: tracker, reference, stylus are"),
         (["--reference", "probe"], "--reference 'probe' is not in .*: tracker, reference"),
+        (
+            ["--tool", "stylus", "--reference", "stylus"],
+            "--reference is 'stylus', the tool itself: another frame",
+        ),
         (["--from-s", "100"], "no frame is within 100 and inf s: the recording ends at 3.95 s"),
         (["--to-s", "0.2"], "5 poses for a pivot: at least 10 wanted"),
         (["--save", "tip.h5"], r"tip.h5 is no transform file: .yaml, .yml, .tfm, .txt allowed"),
