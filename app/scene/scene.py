@@ -202,6 +202,7 @@ class MarginGuardScene:
             robot.remove()
         del self.robots[name]
         self._links_known.pop(name, None)
+        self._upkeep.note(self._parts())
 
     def show(
         self,
@@ -281,6 +282,7 @@ class MarginGuardScene:
             self.tumor = self.margin_surface = self.tool = self.margin = None
             self._decision = self._shown_ns = None
             self.tree.clear()
+            self._upkeep.note(())
 
     @contextmanager
     def _content(self) -> Iterator[None]:

@@ -1,4 +1,6 @@
+import gc
 import math
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -204,6 +206,19 @@ def test_what_a_user_hung_elsewhere_comes_back(
         shown.show(decision(MarginState.NEGATIVE, 9.0), {})
         assert np.array_equal(world_matrix(node.GetParentTransformNode()), before)
         assert node.GetTransformNodeID() not in (None, aside.GetID())
+
+
+def test_nothing_is_kept_of_what_has_left(shown: MarginGuardScene, decision: Decide) -> None:
+    shown.show(decision(MarginState.NEGATIVE, 9.0), {})
+    (robot,) = shown.robots.values()
+    gone = [weakref.ref(node) for node in (*robot.models.values(), shown.tool)]
+    shown.remove_robot(*shown.robots)
+    del robot
+    gc.collect()
+    assert [ref() is None for ref in gone] == [True] * (len(gone) - 1) + [False]
+    shown.clear()
+    gc.collect()
+    assert [ref() for ref in gone if ref() is not None] == []
 
 
 @pytest.mark.parametrize("name", ["CauteryToReference", "CauteryTipToCautery", "ForeArmToBase"])

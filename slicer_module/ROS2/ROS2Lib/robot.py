@@ -175,6 +175,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
                     self._owner.remove(lookup, lookup.GetName())
         self._own.clear()
         self._lookups.clear()
+        self._upkeep.note(())
         self._is_stale = True
         self.RemoveNodeReferenceIDs("lookup")
         self.RemoveNodeReferenceIDs("model")
