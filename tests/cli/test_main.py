@@ -64,6 +64,12 @@ def test_a_package_is_found_in_the_folder_that_is_given(tmp_path, capsys):
     assert "none' is no folder" in capsys.readouterr().err
 
 
+def test_no_case_is_made_in_the_place_of_the_current_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["make-case", "."]) == 2
+    assert ". is the current folder: another one wanted" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("seed", ["-1", "x", "1.5"])
 def test_a_seed_that_is_none_is_bad_input(tmp_path, capsys, seed):
     with pytest.raises(SystemExit) as stop:

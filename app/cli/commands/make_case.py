@@ -1,6 +1,7 @@
 """Write a simulated lumpectomy with its ground truth: the same bytes for the same seed."""
 
 import argparse
+from pathlib import Path
 
 from app.cli.options import folder_path
 
@@ -30,8 +31,12 @@ def run(options: argparse.Namespace) -> int:
     """Simulate, with our own arm to hold the tool."""
     from app.case.simulate import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
     from app.cli.touch_arm import TouchArm
+    from app.geometry import InputError
 
+    if options.folder.resolve() == Path.cwd():
+        # An empty one is replaced when all is written: a shell in it would be left in the old one.
+        raise InputError(f"{options.folder} is the current folder: another one wanted")
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
-    simulate_case(options.folder.absolute(), seed=options.seed, arm=arm)
+    simulate_case(options.folder, seed=options.seed, arm=arm)
     print(f"wrote {options.folder}")
     return 0
