@@ -6,6 +6,7 @@ Distances are in mm, matrices row by row, times as their keys say.
 import math
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 from app.case.files.document import Section
 from app.case.files.meshes import UNITS_MM
@@ -200,6 +201,13 @@ def _dwells(block: Section) -> tuple[Dwell, ...]:
         dwells.append(dwell)
     if not dwells:
         raise InputError(f"{block.place('dwells')} is empty: times of dwelling wanted")
+    # One landmark that counts twice would make the registration surer than it is.
+    for earlier, later in pairwise(sorted(dwells, key=lambda dwell: dwell.start_s)):
+        if later.start_s < earlier.end_s:
+            raise InputError(
+                f"{block.place('dwells')} overlap: {later.start_s:g} to {later.end_s:g} s begins "
+                f"before {earlier.start_s:g} to {earlier.end_s:g} s has ended"
+            )
     return tuple(dwells)
 
 

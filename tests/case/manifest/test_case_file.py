@@ -164,6 +164,20 @@ def _set(*keys: str, to: object) -> Edit:
             r"registration\.dwells\[0\]\.end_s is 1: later",
         ),
         (
+            _set(
+                "registration",
+                to={
+                    "method": "paired_points",
+                    "dwells": [
+                        {"start_s": 3.0, "end_s": 4.0},
+                        {"start_s": 0.0, "end_s": 1.0},
+                        {"start_s": 0.9, "end_s": 2.0},
+                    ],
+                },
+            ),
+            r"registration\.dwells overlap: 0\.9 to 2 s begins before 0 to 1 s has ended",
+        ),
+        (
             _set("registration", to={"method": "robot_world", "dwells": []}),
             r"registration\.dwells is empty: times",
         ),
