@@ -17,9 +17,14 @@ from app.registration import (
     predict_tre,
     solve_robot_world,
 )
-from app.registration.motion import difference
+from app.registration.motion import difference, moved
 from app.registration.poses import PoseStack
-from app.registration.robot_base.robot_world_fit import closed_form
+from app.registration.robot_base.robot_world_fit import (
+    RobotWorld,
+    closed_form,
+    jacobian_of,
+    residuals_of,
+)
 from tests.registration.helpers import disturbed, random_transform, robot_world_scene
 
 EM_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
@@ -146,6 +151,31 @@ def test_em_noise_costs_less_than_it_costs_the_closed_forms() -> None:
     assert rms["ours"] < 0.30 and np.quantile(errors["ours"], 0.95) < 0.45
     assert rms["estimated"] < 0.33
     assert rms["ours"] < min(rms["shah"], rms["li"])
+
+
+def test_the_jacobian_is_the_derivative_of_the_residuals_where_they_are_large_too() -> None:
+    rng = np.random.default_rng(8)
+    scene = robot_world_scene(rng, 5, PoseNoise(0.15, 20.0))
+    robot = PoseStack.of(scene.robot, "robot", least=4)
+    sensor = PoseStack.of(scene.sensor, "sensor", least=4)
+    state, centre = RobotWorld(scene.base, scene.mount), sensor.translations_mm.mean(axis=0)
+    jacobian = jacobian_of(state, robot, residuals_of(state, robot, sensor), centre)
+    for column in range(12):
+        step = np.zeros(12)
+        step[column] = 1e-6
+        ahead, behind = (
+            residuals_of(
+                RobotWorld(
+                    moved(scene.base, sign * step[:6], centre),
+                    moved(scene.mount, sign * step[6:], np.zeros(3)),
+                ),
+                robot,
+                sensor,
+            )
+            for sign in (1.0, -1.0)
+        )
+        # The series of the inverse right Jacobian ends behind the square of the residual.
+        np.testing.assert_allclose(jacobian[..., column], (behind - ahead) / 2e-6, atol=1e-3)
 
 
 def test_covariance_is_calibrated() -> None:
