@@ -78,6 +78,7 @@ FLAT = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
         ({"space directions": FLAT}, "lie in one plane"),
         ({"space directions": np.eye(3) * 0.001}, "measure 0.001 x 0.001 x 0.001 mm: 0.01 to 100"),
         ({"space directions": np.zeros((3, 3))}, "measure 0 x 0 x 0 mm"),
+        ({"space directions": np.diag([1.0, 1.0, 101.0])}, "measure 1 x 1 x 101 mm: 0.01 to 100"),
         ({"space units": ["m", "m", "m"]}, "space units are 'm': mm wanted"),
     ],
 )
