@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from app.cli.touch_arm import TouchArm
     from app.geometry import InputError
 
-    if options.folder.resolve() == Path.cwd():
+    if options.folder.is_dir() and options.folder.samefile(Path.cwd()):
         # An empty one is replaced when all is written: a shell in it would be left in the old one.
         raise InputError(f"{options.folder} is the current folder: another one wanted")
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
