@@ -80,18 +80,26 @@ def played_seconds(rows: Sequence[ReportRow]) -> FloatArray:
 
 def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
     whole_s = float(seconds[-1] - seconds[0])
+    spans: dict[MarginState, list[tuple[float, float]]] = {}
     for state, start_s, end_s in state_bands(rows, seconds):
-        style = STATE_STYLES[state]
-        strip.axvspan(start_s, end_s, facecolor=style.color, lw=0)
+        spans.setdefault(state, []).append((start_s, end_s - start_s))
         if end_s - start_s > _WORD_FRACTION * whole_s:
             strip.text(
                 0.5 * (start_s + end_s), 0.5, state.name, transform=strip.get_xaxis_transform(),
-                ha="center", va="center", color=style.text_color, fontsize=9, fontweight="bold",
+                ha="center", va="center", color=STATE_STYLES[state].text_color, fontsize=9,
+                fontweight="bold",
             )  # fmt: skip
-        plot.axvspan(
-            start_s, end_s, facecolor=style.color, alpha=0.16, lw=0, hatch=style.hatch,
-            edgecolor="#5a5a5a", zorder=0,
+    # All bands of a state at once: of half an hour there are hundreds.
+    for state, bands in spans.items():
+        style = STATE_STYLES[state]
+        strip.broken_barh(
+            bands, (0.0, 1.0), transform=strip.get_xaxis_transform(), facecolor=style.color, lw=0
+        )
+        plot.broken_barh(
+            bands, (0.0, 1.0), transform=plot.get_xaxis_transform(), facecolor=style.color,
+            alpha=0.16, lw=0, hatch=style.hatch, edgecolor="#5a5a5a", zorder=0,
         )  # fmt: skip
+    strip.set_ylim(0.0, 1.0)
     strip.set_yticks([])
     strip.tick_params(bottom=False, labelbottom=False)
     strip.set_ylabel("state", rotation=0, ha="right", va="center", color=_INK)
