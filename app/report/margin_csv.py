@@ -1,6 +1,6 @@
 """``margin.csv``: a row a frame, in digits that do not depend on the machine or the rate."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from app.report.rows import ReportRow, seconds_since
 
@@ -28,15 +28,19 @@ def margin_csv(rows: Sequence[ReportRow]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _cells(row: ReportRow, first_ns: int) -> Iterable[str]:
-    yield _number(seconds_since(first_ns, row.stamp_ns))
-    yield str(row.stamp_ns)
-    yield row.state.name
-    yield _number(row.signed_distance_mm)
-    yield _number(row.lower_bound_mm)
-    yield ";".join(row.reasons)
-    for axis in range(3):
-        yield _number(None if row.tip_mm is None else row.tip_mm[axis])
+def _cells(row: ReportRow, first_ns: int) -> tuple[str, ...]:
+    x, y, z = row.tip_mm or (None, None, None)
+    return (
+        _number(seconds_since(first_ns, row.stamp_ns)),
+        str(row.stamp_ns),
+        row.state.name,
+        _number(row.signed_distance_mm),
+        _number(row.lower_bound_mm),
+        ";".join(row.reasons),
+        _number(x),
+        _number(y),
+        _number(z),
+    )
 
 
 def _number(value: float | None) -> str:
