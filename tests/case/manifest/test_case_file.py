@@ -127,6 +127,8 @@ def _set(*keys: str, to: object) -> Edit:
         (_set("tumor", "pose", "matrix", to=[*MATRIX[:15], 2.0]), r"last row"),
         (_set("tumor", "pose", "matrix", to=[float("nan"), *MATRIX[1:]]), r"matrix\[0\] is nan"),
         (_set("margins", "stop_mm", to=9.0), r"margins\.warn_mm is 5: more than stop_mm \(9\)"),
+        (_set("margins", "stop_mm", to=5.0), r"margins\.warn_mm is 5: more than stop_mm \(5\)"),
+        (_set("tumor", "frame", to="cautery"), r"tumor\.frame is 'cautery', as is the tool's"),
         (_set("margins", "stop_mm", to=-1.0), r"margins\.stop_mm is -1: at least 0"),
         (_set("margins", "stop_mm", to="1"), r"margins\.stop_mm is '1': a number"),
         (_set("margins", "stale_after_ms", to=0), r"margins\.stale_after_ms is 0"),
