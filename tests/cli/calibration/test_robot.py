@@ -7,6 +7,7 @@ the truth of `expected.yaml` was written before noise was added.
 import json
 import re
 import shutil
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -124,28 +125,52 @@ def test_register_does_what_the_manifest_asks_for(case: Path, true_base, tmp_pat
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_joints_that_were_not_all_recorded_place_nothing(case: Path, tmp_path: Path, capsys):
-    """The roll alone turns the stylus on the spot: at 0 it would fit and be accepted."""
-    partial = tmp_path / "partial"
-    shutil.copytree(case, partial, ignore=shutil.ignore_patterns("*.mcap"))
+def with_joints(
+    case: Path, folder: Path, change: Callable[[Sequence[JointSample]], Iterable[JointSample]]
+) -> str:
+    """The first 20 s of ``case`` with other joints, in ``folder``."""
+    shutil.copytree(case, folder, ignore=shutil.ignore_patterns("*.mcap"))
     manifest = yaml.safe_load((case / "case.yaml").read_text())
     manifest["recording"] = {"path": "tracking.mcap"}
-    (partial / "case.yaml").write_text(yaml.safe_dump(manifest))
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
     recorded = islice(open_case(case).recorded_frames(), 1000)
     write_recording(
-        partial / "tracking.mcap",
-        (replace(frame, joints=tuple(map(without_roll, frame.joints))) for frame in recorded),
+        folder / "tracking.mcap",
+        (replace(frame, joints=tuple(change(frame.joints))) for frame in recorded),
         robot_to_tracker_offset_ns=round(TRUE_LAG_MS * 1e6),
         joint_states_topic="/joint_states",
     )
+    return str(folder)
+
+
+def test_joints_that_were_not_all_recorded_place_nothing(case: Path, tmp_path: Path, capsys):
+    """The roll alone turns the stylus on the spot: at 0 it would fit and be accepted."""
+
+    def without_roll(samples: Sequence[JointSample]) -> Iterable[JointSample]:
+        for sample in samples:
+            told = {name: value for name, value in sample.as_mapping().items() if name != "roll"}
+            yield JointSample(tuple(told), tuple(told.values()), sample.stamp)
+
+    partial = with_joints(case, tmp_path / "partial", without_roll)
     for command in (["register"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
-        assert main([*command, str(partial)]) == 2
+        assert main([*command, partial]) == 2
         assert "joint 'roll', which moves 'stylus', has no position" in capsys.readouterr().err
 
 
-def without_roll(sample: JointSample) -> JointSample:
-    told = {name: value for name, value in sample.as_mapping().items() if name != "roll"}
-    return JointSample(tuple(told), tuple(told.values()), sample.stamp)
+def test_hand_eye_takes_nothing_from_between_joints_that_are_far_apart(case, tmp_path, capsys):
+    """Five samples a second: where the robot was between them nobody knows."""
+    count = 0
+
+    def few(samples: Sequence[JointSample]) -> Iterable[JointSample]:
+        nonlocal count
+        for sample in samples:
+            count += 1
+            if count % 40 == 0:
+                yield sample
+
+    sparse = with_joints(case, tmp_path / "sparse", few)
+    assert main(["calibrate", "hand-eye", sparse]) == 2
+    assert re.search(r"\d+ joint samples, none beside a good pose", capsys.readouterr().err)
 
 
 def test_what_has_no_robot_is_refused(tmp_path: Path, capsys):
