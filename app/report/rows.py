@@ -2,9 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Self
 
-from app.fixture import MarginState
+from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S
 from app.report.errors import ReportError
 
@@ -54,7 +55,7 @@ class ReportRow:
         return cls(
             stamp_ns=step.frame.stamp.ns,
             state=decision.state,
-            reasons=tuple(str(reason) for reason in decision.reasons),
+            reasons=_words(decision.reasons),
             signed_distance_mm=_finite(proximity.signed_distance_mm) if proximity else None,
             lower_bound_mm=_finite(proximity.lower_bound_mm) if proximity else None,
             tip_mm=None if tip is None else _point(tip.translation_mm.tolist()),
@@ -71,6 +72,11 @@ class ReportRow:
 def seconds_since(first_ns: int, stamp_ns: int) -> float:
     """Seconds between two stamps of one clock."""
     return (stamp_ns - first_ns) / NS_PER_S
+
+
+@lru_cache(maxsize=256)  # a replay has few sets of reasons: its rows share their words
+def _words(reasons: tuple[Reason, ...]) -> tuple[str, ...]:
+    return tuple(str(reason) for reason in reasons)
 
 
 def _finite(number: float) -> float | None:
