@@ -4,6 +4,7 @@ The joints of the case were made by our own arm's kinematics and its sensors by 
 the truth of `expected.yaml` was written before noise was added.
 """
 
+import itertools
 import json
 import re
 import shutil
@@ -157,20 +158,22 @@ def test_joints_that_were_not_all_recorded_place_nothing(case: Path, tmp_path: P
         assert "joint 'roll', which moves 'stylus', has no position" in capsys.readouterr().err
 
 
-def test_hand_eye_takes_nothing_from_between_joints_that_are_far_apart(case, tmp_path, capsys):
-    """Five samples a second: where the robot was between them nobody knows."""
-    count = 0
-
-    def few(samples: Sequence[JointSample]) -> Iterable[JointSample]:
-        nonlocal count
-        for sample in samples:
-            count += 1
-            if count % 40 == 0:
-                yield sample
-
-    sparse = with_joints(case, tmp_path / "sparse", few)
+def test_hand_eye_reads_between_joints_and_not_where_they_are_far_apart(case, tmp_path, capsys):
+    """Twelve samples a second are enough; of five nobody knows where the robot was between them."""
+    rms_mm = []
+    for every in (1, 16):
+        sparse = with_joints(case, tmp_path / str(every), every_nth(every))
+        assert main(["calibrate", "hand-eye", sparse, "--json"]) == 0
+        rms_mm.append(json.loads(capsys.readouterr().out)["numbers"]["rms_mm"])
+    assert rms_mm[1] < 1.5 * rms_mm[0]
+    sparse = with_joints(case, tmp_path / "40", every_nth(40))
     assert main(["calibrate", "hand-eye", sparse]) == 2
     assert re.search(r"\d+ joint samples, none beside a good pose", capsys.readouterr().err)
+
+
+def every_nth(nth: int) -> Callable[[Sequence[JointSample]], Iterable[JointSample]]:
+    count = itertools.count()
+    return lambda samples: (sample for sample in samples if next(count) % nth == 0)
 
 
 def test_what_has_no_robot_is_refused(tmp_path: Path, capsys):
