@@ -7,9 +7,9 @@ from app.geometry import FrameError
 from app.session.pose_tree import Edge, shortest_path
 from app.session.setup import REFERENCE, SessionSetup
 
-TOOL = "tool.frame"
-TUMOR = "tumor.frame"
-REGISTERED = "the frame of a robot's registration"
+_TOOL = "tool.frame"
+_TUMOR = "tumor.frame"
+_REGISTERED = "the frame of a robot's registration"
 
 _MOST_SHOWN = 20
 _MOST_LETTERS = 40
@@ -27,13 +27,13 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
     """
     manifest = case.manifest
     tool, robot = manifest.tool.frame, manifest.robot
-    wanted = {TUMOR: manifest.tumor.frame} if with_tumor else {}
+    wanted = {_TUMOR: manifest.tumor.frame} if with_tumor else {}
     if robot is not None:
-        wanted[REGISTERED] = REFERENCE
+        wanted[_REGISTERED] = REFERENCE
     if case.recording_path is None or not wanted:
         return
     edges = _edges_leading(case, tool, tuple(wanted.values()))
-    if places := _unnamed({TOOL: tool, **wanted}, edges):
+    if places := _unnamed({_TOOL: tool, **wanted}, edges):
         raise FrameError(
             f"{manifest.file}: {places}: no such frame is in the recording, which has "
             f"{', '.join(_names(edges)) or 'none'}"
@@ -41,7 +41,7 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
     if places := _apart(tool, wanted, edges):
         raise FrameError(
             f"{manifest.file}: {places}: nothing in the recording leads there from "
-            f"{TOOL} {tool!r}, it has {_shown(edges)}"
+            f"{_TOOL} {tool!r}, it has {_shown(edges)}"
         )
     placed = (
         *edges,
@@ -71,14 +71,14 @@ def not_sent(
         edges, sent = tuple(sorted(named)), "source.tf.edges has"
     else:
         sent = "the tracker sends so far"
-    tool, wanted = setup.tool_from_tip.target, {TUMOR: setup.frame_from_tumor.target}
+    tool, wanted = setup.tool_from_tip.target, {_TUMOR: setup.frame_from_tumor.target}
     if setup.robot is not None:
-        wanted[REGISTERED] = REFERENCE
-    if places := _unnamed({TOOL: tool, **wanted}, edges):
+        wanted[_REGISTERED] = REFERENCE
+    if places := _unnamed({_TOOL: tool, **wanted}, edges):
         return f"{places}: not among what {sent}, {_few(_names(edges))}"
     if places := _apart(tool, wanted, edges):
         return (
-            f"{places}: nothing leads there from {TOOL} {tool!r}, of what {sent}, "
+            f"{places}: nothing leads there from {_TOOL} {tool!r}, of what {sent}, "
             f"{_few(_arrows(edges))}"
         )
     return ""
