@@ -59,8 +59,14 @@ def agreeing(
     bound = chi_square_quantile(1.0 - WRONG_RATE / count, freedom)
     good = squared <= max(bound, float(np.sort(squared)[least - 1]))
     for _ in range(MAX_REFITS):
-        state = refine(good, state)
-        again = _agree(*linearise(state), good, noise_known=noise_known)
+        try:
+            state = refine(good, state)
+            again = _agree(*linearise(state), good, noise_known=noise_known)
+        except np.linalg.LinAlgError as error:
+            raise NoConsensusError(
+                f"the {what} that agree, {int(good.sum())} of {count}, leave part of the answer "
+                f"free: {error}"
+            ) from error
         if again.sum() < least:
             raise NoConsensusError(
                 f"only {int(again.sum())} of {count} {what} agree: at least {least} wanted"

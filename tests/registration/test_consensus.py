@@ -82,3 +82,16 @@ def test_a_minority_that_agrees_is_none_either() -> None:
     values = np.concatenate([values, 500.0 * np.arange(1, 5)])
     with pytest.raises(NoConsensusError, match="only 8 of 19 values agree: at least 10"):
         agreeing_mean(values, 0.2)
+
+
+def test_observations_that_say_nothing_of_a_parameter_are_refused() -> None:
+    with pytest.raises(NoConsensusError, match="the values that agree, 4 of 4, leave part of the"):
+        agreeing(
+            4,
+            "values",
+            draw=2,
+            noise_known=True,
+            start=lambda mask: 0.0,
+            refine=lambda mask, state: state,
+            linearise=lambda state: (np.zeros((4, 1)), np.zeros((4, 1, 1))),
+        )
