@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from app.geometry import FloatArray
 from app.registration import NoConsensusError
-from app.registration.consensus import agreeing
+from app.registration.consensus import WRONG_RATE, _agree, agreeing
 
 
 def agreeing_mean(
@@ -68,6 +70,49 @@ def test_one_wrong_value_of_few_is_found_where_the_noise_is_not_known() -> None:
     values = np.array([0.1, -0.2, 0.15, 0.0, -0.05, 0.12, 9.0])
     good, _ = agreeing_mean(values, None)
     assert good.tolist() == [True] * 6 + [False]
+
+
+def foretold(
+    values: FloatArray, design: FloatArray, good: NDArray[np.bool_], sigma: float | None
+) -> list[bool]:
+    """Each observation (n, 2) against a refit (n, 2, 3) of the good ones but for itself."""
+    rate = 1.0 - WRONG_RATE / len(values)
+    verdicts = []
+    for one in range(len(values)):
+        others = good & (np.arange(len(values)) != one)
+        rows, right = design[others].reshape(-1, 3), values[others].ravel()
+        answer, (rest,), *_ = np.linalg.lstsq(rows, right, rcond=None)
+        freedom = len(right) - 3
+        variance = rest / freedom if sigma is None else sigma**2
+        spread = np.eye(2) + design[one] @ np.linalg.inv(rows.T @ rows) @ design[one].T
+        miss = values[one] - design[one] @ answer
+        squared = miss @ np.linalg.solve(spread, miss) / variance
+        bound = 2.0 * fisher.ppf(rate, 2, freedom) if sigma is None else chi2.ppf(rate, 2)
+        verdicts.append(bool(squared <= bound))
+    return verdicts
+
+
+@pytest.mark.parametrize("sigma", [0.3, None])
+def test_each_is_judged_by_what_the_others_foretell(sigma: float | None) -> None:
+    rng = np.random.default_rng(9)
+    told = []
+    for _ in range(200):
+        design = rng.normal(size=(7, 2, 3))
+        values = design @ [1.0, -2.0, 0.5] + rng.standard_t(1.5, size=(7, 2)) * 0.3
+        good = np.arange(7) < rng.integers(4, 8)
+        answer, (rest,), *_ = np.linalg.lstsq(
+            design[good].reshape(-1, 3), values[good].ravel(), rcond=None
+        )
+        scale = sigma or np.sqrt(rest / (2 * good.sum() - 3))
+        found = _agree(
+            (values - design @ answer) / scale,
+            -design / scale,
+            good,
+            noise_known=sigma is not None,
+        )
+        assert found.tolist() == foretold(values, design, good, sigma)
+        told += found.tolist()
+    assert 0.1 < np.mean(told) < 0.98
 
 
 def test_no_majority_is_an_error() -> None:
