@@ -37,6 +37,33 @@ def test_a_server_that_stands_still_is_lost_until_it_goes_on_and_one_that_was_ki
         check_lost(watched.page)
 
 
+def test_a_page_of_another_machine_without_encryption_watches_too(browser, server):
+    """Browsers keep some calls from a page that came by plain http from another address."""
+    context = browser.new_context(viewport=SIZE)
+    page = context.new_page()
+    page.add_init_script("delete Crypto.prototype.randomUUID")
+    page.goto(server.url)
+    page.wait_for_selector("body:not([data-lost]) #word")
+    expect(page.locator("body")).to_have_attribute("data-picture", re.compile("."))
+    context.close()
+
+
+def test_a_page_whose_watch_does_not_run_is_covered(browser, server):
+    """Its words would go on to come, and would stay when the server dies."""
+    context = browser.new_context(viewport=SIZE)
+    page = context.new_page()
+    page.route("**/watch.js", lambda route: route.abort())
+    page.goto(server.url)
+    page.wait_for_selector("#word", state="attached")
+    cover = "getComputedStyle(document.body, '::after')"
+    assert page.evaluate(f"{cover}.content").startswith('"UNKNOWN: ')
+    colour, *places = page.evaluate(
+        f"['backgroundColor', 'position', 'inset', 'display'].map(name => {cover}[name])"
+    )
+    assert (colour, places) == (GREY, ["fixed", "0px", "grid"])
+    context.close()
+
+
 def test_a_page_that_is_not_heard_is_grey_although_heartbeats_come(browser, server):
     """Nobody draws for a page that says nothing: the last picture would stay, green, for ever."""
     heard = True

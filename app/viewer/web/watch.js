@@ -8,7 +8,8 @@ const ANSWER_MS = 2000;
 const AREA = "stage";
 
 export function watchServer(trame, onChange) {
-  const page = crypto.randomUUID();
+  // Not randomUUID: a page that came by plain http from another machine does not have it.
+  const page = crypto.getRandomValues(new Uint32Array(4)).join("-");
   const session = trame.client.getConnection().getSession();
   const began = performance.now();
   let heard = began; // the last heartbeat
@@ -79,4 +80,5 @@ export function watchServer(trame, onChange) {
   setInterval(judge, 100);
   document.addEventListener("visibilitychange", judge);
   judge();
+  document.body.dataset.watched = ""; // until here the style sheet covers the page
 }
