@@ -13,6 +13,8 @@ from app.registration import (
     TooFewError,
     calibrate_pivot,
 )
+from app.registration.poses import PoseStack
+from app.registration.tool.pivot_fit import NOMINAL_NOISE, linear, with_estimated_noise
 from tests.registration.helpers import pivot_scene, random_transform
 
 POSITION_NOISE = PoseNoise.from_rms(rotation_deg=1e-6, translation_mm=0.5)
@@ -142,3 +144,16 @@ def test_poses_that_say_nothing_of_the_tip_are_refused_by_name() -> None:
         )
     with pytest.raises(ShapeError, match="max_tip_sigma_mm"):
         calibrate_pivot(scene.poses, max_tip_sigma_mm=0.0)
+
+
+def test_the_noise_of_few_poses_is_not_taken_for_smaller_than_it_is() -> None:
+    """Six numbers are fitted: what they take up of the misfits is given back."""
+    rng = np.random.default_rng(31)
+    found = []
+    for _ in range(60):
+        scene = pivot_scene(rng, 10, cone_deg=60.0, noise=EM_NOISE)
+        poses = PoseStack.of(scene.poses, "a pivot", least=10)
+        noise = with_estimated_noise(poses, linear(poses, NOMINAL_NOISE)).noise
+        found.append((noise.translation_mm**2, noise.rotation_rad**2))
+    expected = np.square([EM_NOISE.translation_mm, EM_NOISE.rotation_rad])
+    np.testing.assert_allclose(np.mean(found, axis=0) / expected, 1.0, atol=0.2)
