@@ -31,6 +31,8 @@ BEFORE_THE_CASE = ("start and end", "load the program", "open the case")
 FRAMES = "read the frames and step"
 _LAP = re.compile(r"^ *([0-9.]+) s  (.+)$", re.MULTILINE)
 
+MOST_MINUTES = 600.0
+
 
 def run(case: Path, report: Path) -> dict[str, Any]:
     """One replay: ``wall_s``, ``cpu_s`` of all its processes, and ``phases_s``."""
@@ -91,6 +93,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.runs < 1:
         parser.error(f"--runs {options.runs}: 1 or more wanted")
+    if options.minutes is not None and not 0.0 < options.minutes <= MOST_MINUTES:
+        parser.error(f"--minutes {options.minutes}: more than 0, at most {MOST_MINUTES:g} wanted")
     with tempfile.TemporaryDirectory() as folder:
         case, report = options.case, Path(folder) / "report"
         run(case, report)  # compiles what is not compiled yet

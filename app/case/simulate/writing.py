@@ -1,6 +1,7 @@
 """A simulated case as a folder: recording, meshes, manifest, ground truth, a few words."""
 
 import hashlib
+import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -73,7 +74,8 @@ def simulate_case(
     tool's tip. Raises `InputError` when the folder cannot be written; nothing is left of a case
     that could not be finished.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    there = os.path.lexists(folder)
+    if there and (folder.is_symlink() or not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} is there already: a new or an empty folder wanted")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)

@@ -7,6 +7,7 @@ import argparse
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 SUMMARY = "run a benchmark: our figures beside those of peers"
@@ -43,13 +44,24 @@ def run(options: argparse.Namespace) -> int:
     It runs where the user is, so that paths among its options mean what they say, and finds its
     code in the checkout alone.
     """
+    from app.case import check_place
     from app.geometry import InputError
 
     if not (CHECKOUT / "benchmarks").is_dir():
         raise InputError("there is no benchmarks folder: they run in a checkout of the project")
+    for place in _places(options.options):
+        check_place(place)
     code = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
         [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],
         env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},
         check=False,
     ).returncode
+
+
+def _places(options: Sequence[str]) -> list[Path]:
+    """The files that a benchmark is to write: asked for before minutes are spent."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    for name in ("--json", "--plot"):
+        parser.add_argument(name, type=Path, nargs="?")
+    return [place for place in vars(parser.parse_known_args(options)[0]).values() if place]
