@@ -158,7 +158,8 @@ def test_a_signal_while_something_is_written_leaves_nothing_of_it(
         env={**os.environ, "PYTHONPATH": str(project_root)},
         timeout=120,
     )
-    assert (done.returncode, done.stderr) == (128 + number, "")
+    told = [line for line in done.stderr.splitlines() if not line.startswith("compiling for")]
+    assert (done.returncode, told) == (128 + number, [])
     assert [*folder.iterdir()] == []
 
 

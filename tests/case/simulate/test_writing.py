@@ -75,11 +75,13 @@ def test_the_recorded_poses_are_near_the_truth_that_is_written(case, simulation)
     assert np.linalg.norm(np.mean(tips, axis=0) - by_arm.translation_mm) < 0.4
 
 
-@pytest.mark.parametrize("occupant", ["file", "full folder"])
+@pytest.mark.parametrize("occupant", ["file", "full folder", "link"])
 def test_nothing_is_written_over(tmp_path, gantry, occupant):
     folder = tmp_path / "case"
     if occupant == "file":
         folder.write_text("mine")
+    elif occupant == "link":
+        folder.symlink_to(tmp_path / "nowhere")
     else:
         folder.mkdir()
         (folder / "mine.txt").write_text("mine")
