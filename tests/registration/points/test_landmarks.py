@@ -83,6 +83,17 @@ def test_dwells_on_something_else_are_no_match() -> None:
     assert not match.accepted and "fit on landmarks within" in match.reason
 
 
+def test_a_phantom_that_few_of_the_dwells_fit_is_no_match() -> None:
+    rng = np.random.default_rng(4)
+    landmarks = scalene(rng, 4)
+    on_it = random_transform(rng).apply(np.stack(list(landmarks.values())))
+    elsewhere = on_it.mean(axis=0) + rng.uniform(-20.0, 20.0, (5, 3))
+    assert match_landmarks(np.vstack([on_it, elsewhere[:4]]), landmarks, tolerance_mm=0.5).accepted
+    match = match_landmarks(np.vstack([on_it, elsewhere]), landmarks, tolerance_mm=0.5)
+    assert not match.accepted and match.pairs == ()
+    assert match.reason.startswith("4 of 9 dwells fit on landmarks")
+
+
 def test_bad_points_are_refused_by_name() -> None:
     landmarks = scalene(np.random.default_rng(4), 5)
     with pytest.raises(TooFewError, match="2 dwells"):
