@@ -70,13 +70,14 @@ class JointValues(NamedTuple):
     def sample(self, *, offset_ns: int) -> JointSample:
         """The sample, its stamp moved to the tracker's clock: tracker = robot + offset.
 
-        Raises `InputError` when names and positions do not match or a position is not finite.
+        Raises `InputError` when names and positions do not match, a name stands twice or a
+        position is not finite.
         """
         names, positions, ns = self
         stamp = Stamp(ns + offset_ns)
-        if len(names) == len(positions) and all(map(math.isfinite, positions)):
+        if len(set(names)) == len(positions) == len(names) and all(map(math.isfinite, positions)):
             return JointSample.by_construction(names, positions, stamp)
-        # What is wrong with them: their number is for the constructor to say.
+        # What is wrong with them: of names and their number the constructor says it.
         JointSample(names, positions, stamp)
         name, position = next(
             pair for pair in zip(names, positions, strict=True) if not math.isfinite(pair[1])

@@ -24,12 +24,15 @@ class JointSample:
                 f"joint sample has {len(self.names)} names and {len(self.positions)} positions: "
                 "one position a name wanted"
             )
+        if len(set(self.names)) != len(self.names):
+            twice = next(name for name in self.names if self.names.count(name) > 1)
+            raise InputError(f"joint {twice!r} is named twice in a joint sample: once wanted")
 
     @classmethod
     def by_construction(
         cls, names: tuple[str, ...], positions: tuple[float, ...], stamp: Stamp
     ) -> "JointSample":
-        """From tuples that are known to be of one length, the second of floats: not checked."""
+        """From tuples of one length, of names that are not repeated and of floats: not checked."""
         made = object.__new__(cls)
         _set_names(made, names)
         _set_positions(made, positions)

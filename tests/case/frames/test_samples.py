@@ -5,6 +5,7 @@ from dataclasses import fields
 import pytest
 
 from app.case import JointSample
+from app.case.bag.message_values import JointValues
 from app.geometry import InputError, Stamp
 
 
@@ -20,3 +21,11 @@ def test_a_sample_of_known_tuples_is_what_the_constructor_makes_of_them() -> Non
 def test_names_without_a_position_are_refused() -> None:
     with pytest.raises(InputError, match="2 names and 1 positions"):
         JointSample(("a", "b"), (0.5,), Stamp(7))
+
+
+def test_a_joint_that_is_named_twice_is_refused_and_not_placed_by_the_last_of_them() -> None:
+    names, positions = ("turn", "push", "turn"), (0.1, 0.2, 0.3)
+    with pytest.raises(InputError, match="joint 'turn' is named twice"):
+        JointSample(names, positions, Stamp(7))
+    with pytest.raises(InputError, match="joint 'turn' is named twice"):
+        JointValues(names, positions, 7).sample(offset_ns=0)
