@@ -71,6 +71,7 @@ class Interrupt:
             os.kill(os.getpid(), signal.SIGINT)
 
 from app.cli.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's "&" has it ignored
 sys.meta_path.insert(0, Interrupt())
 status = main(sys.argv[1:])
 print("trimesh" in sys.modules)
@@ -112,6 +113,7 @@ def test_a_signal_while_libraries_are_loaded_ends_what_does_not_wait_for_one(
 WRITING = """
 import os
 import pkgutil
+import signal
 import sys
 
 number, place, *arguments = sys.argv[1:]
@@ -125,6 +127,7 @@ def interrupted(*args, **kwargs):
 
 setattr(writing, name, interrupted)
 from app.cli.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's "&" has it ignored
 sys.exit(main(arguments))
 """
 
