@@ -60,6 +60,9 @@ def main() -> int:
             "linear": [linear.x, linear.y, linear.z],
             "angular": [angular.x, angular.y, angular.z],
         }
+        if asked is None:  # nobody is to wait for what a process that was killed has not got
+            node.destroy_node()
+            rclpy.shutdown()
         print(json.dumps(said), flush=True)
     return 0
 
