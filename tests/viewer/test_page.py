@@ -263,9 +263,14 @@ def test_where_a_session_has_stopped_its_plot_is_grey_and_the_picture_says_so(pa
     """As `LiveTimeline` tells it; this page is of a recording, whose next picture ends it."""
     stopped = page.get_by_text("STOPPED")
     expect(stopped).to_be_hidden()
-    page.evaluate("trame.state.set('now', {...trame.state.get('now'), stopped: true})")
-    expect(stopped).to_be_visible()
-    expect(page.locator("#timeline")).to_have_css("filter", "grayscale(1)")
+    # Again and again: what the server still has to say of the moment may come in between.
+    page.wait_for_function(
+        """() => {
+            trame.state.set('now', {...trame.state.get('now'), stopped: true});
+            return document.body.innerText.includes('STOPPED') &&
+                getComputedStyle(document.querySelector('#timeline')).filter === 'grayscale(1)';
+        }"""
+    )
     page.keyboard.press("ArrowRight")
     expect(stopped).to_be_hidden()
 
