@@ -19,6 +19,7 @@ from app.geometry.frames import (
     split_transform_name,
 )
 from app.geometry.mesh import SurfaceMesh
+from app.geometry.plain_text import is_plain
 from app.geometry.slots import setters
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
 from app.geometry.tracked import TrackedTransform, TrackingStatus
@@ -48,6 +49,7 @@ __all__ = [
     "TransformError",
     "camel_case",
     "check_frame",
+    "is_plain",
     "join_transform_name",
     "mean_transform",
     "rotation_angle",

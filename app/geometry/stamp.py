@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 
 from app.geometry.errors import StampError
+from app.geometry.plain_text import is_plain
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
@@ -33,8 +34,7 @@ class Stamp:
     def from_seconds(cls, seconds: str, clock: str = "tracker") -> "Stamp":
         """Read decimal seconds as they stand in a file, without a detour through binary floats."""
         try:
-            # Python would read 1_0 as ten, and the digits of other scripts.
-            number = Decimal(seconds.strip() if seconds.isascii() and "_" not in seconds else "")
+            number = Decimal(seconds.strip() if is_plain(seconds) else "")
         except InvalidOperation as error:
             raise StampError(f"time {seconds!r} is not a finite number of seconds") from error
         if not (number.is_finite() and -_MOST_S <= number <= _MOST_S):

@@ -1,6 +1,6 @@
 """Numbers in a text file, of the decimal form that every program reads alike."""
 
-from app.geometry import InputError
+from app.geometry import InputError, is_plain
 
 
 def numbers_in(text: str, count: int, place: str) -> list[float]:
@@ -11,8 +11,7 @@ def numbers_in(text: str, count: int, place: str) -> list[float]:
     words = text.split()
     if len(words) != count:
         raise InputError(f"{place} has {len(words)} numbers: {count} wanted")
-    # Python would read 1_0 as ten, and the digits of other scripts.
-    if text.isascii() and "_" not in text:
+    if is_plain(text):
         try:
             return [float(word) for word in words]
         except ValueError:
@@ -25,4 +24,4 @@ def _is_none(word: str) -> bool:
         float(word)
     except ValueError:
         return True
-    return "_" in word or not word.isascii()
+    return not is_plain(word)
