@@ -57,7 +57,7 @@ clean:
 $(python):
 	@command -v $(PYTHON) > /dev/null || { \
 	  echo 'marginguard: $(PYTHON) was not found: apt install python3 python3-venv' >&2; exit 1; }
-	@$(PYTHON) -I app/cli/machine.py
+	@$(PYTHON) -I app/cli/system_checks.py
 	@echo 'Making $(venv) with $(PYTHON) ...'
 	@$(PYTHON) -m venv $(venv) || { rm -rf $(venv); exit 1; }
 

@@ -16,8 +16,8 @@ PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
 EARLY = (
     # Compiles the kernels in a fresh clone, once for all: the next two do without them meanwhile.
-    "tests/fixture/test_engine.py",
-    "tests/case/simulate/",
+    "tests/fixture/proximity/test_engine.py",
+    "tests/synthetic/",
     "tests/registration/",
     # Longer than half a minute each: at the end one would leave the other workers idle.
     "tests/bridge/faults/",

@@ -13,38 +13,59 @@ SLICER_MODULES = APP.parent / "slicer_module"
 
 MAY_IMPORT = {
     "geometry": set(),
+    "files": {"geometry"},
     "registration": {"geometry"},
-    "robot": {"geometry"},
-    "case": {"geometry"},
+    "robot": {"geometry", "files"},
+    "case": {"geometry", "files"},
     "fixture": {"geometry"},
-    "session": {"geometry", "registration", "robot", "case", "fixture"},
-    "bridge": {"geometry", "registration", "robot", "case", "fixture", "session"},
-    "scene": {"geometry", "robot", "fixture"},
-    "report": {"geometry", "registration", "case", "fixture", "session"},
-    "viewer": {"geometry", "registration", "robot", "case", "fixture", "session", "scene"},
+    "session": {"geometry", "files", "registration", "robot", "case", "fixture"},
+    "runtime": {"geometry", "files", "registration", "robot", "case", "fixture", "session"},
+    "synthetic": {"geometry", "files", "case", "robot", "fixture"},
+    "igtl": {"geometry"},
+    "bridge": {
+        "geometry",
+        "files",
+        "registration",
+        "robot",
+        "case",
+        "fixture",
+        "session",
+        "runtime",
+        "igtl",
+    },
+    "scene": {"geometry", "robot", "fixture", "session", "runtime"},
+    "report": {"geometry", "files", "registration", "case", "fixture", "session"},
+    "viewer": {
+        "geometry",
+        "registration",
+        "robot",
+        "case",
+        "fixture",
+        "session",
+        "runtime",
+        "scene",
+    },
 }
 EVERYTHING = set(MAY_IMPORT)
 WITHIN = {
     "case": {
-        "files": set(),
         "frames": set(),
-        "tumor": {"files"},
+        "tumor": set(),
         "bag": {"frames"},
-        "mrml": {"files", "frames"},
-        "manifest": {"files", "tumor"},
-        "simulate": {"frames", "bag", "manifest"},
+        "mrml": {"frames"},
+        "manifest": {"tumor"},
     },
     "fixture": {
         "surfaces": set(),
         "meshes": {"surfaces"},
-        "distance": {"surfaces", "meshes"},
-        "law": set(),
+        "proximity": {"surfaces", "meshes"},
+        "control": {"proximity"},
     },
     "registration": {
-        "trust": set(),
-        "points": {"trust"},
-        "robot_base": {"trust"},
-        "tool": {"trust"},
+        "uncertainty": set(),
+        "points": {"uncertainty"},
+        "robot_base": {"uncertainty"},
+        "tool": {"uncertainty"},
     },
     "robot": {
         "kinematics": set(),
@@ -60,7 +81,7 @@ WITHIN = {
     "viewer": {
         "steps": set(),
         "drawing": {"steps"},
-        "said": {"steps"},
+        "readout": {"steps"},
     },
 }
 """What the folders of a room may import of each other."""
@@ -163,7 +184,9 @@ def all_of(*rooms: str) -> str:
 def test_the_session_needs_neither_ros_nor_vtk():
     code = all_of("session", "case", "robot", "fixture", "registration")
     heavy = {"rclpy", "vtk", "vtkmodules", "slicer", "matplotlib"}
-    assert loaded(code, heavy | {"app.fixture.engine"}) == {"app.fixture.engine"}
+    assert loaded(code, heavy | {"app.fixture.proximity.engine"}) == {
+        "app.fixture.proximity.engine"
+    }
 
 
 def test_what_is_slow_to_load_waits_until_it_is_needed():
@@ -174,5 +197,5 @@ def test_what_is_slow_to_load_waits_until_it_is_needed():
 
 def test_a_room_loads_what_is_asked_of_it_and_no_more():
     code = "from app.fixture import FixtureDecision; from app.robot import Robot; import app.report"
-    slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.law.decision"}
-    assert loaded(code, slow) == {"app.fixture.law.decision"}
+    slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.control.decision"}
+    assert loaded(code, slow) == {"app.fixture.control.decision"}

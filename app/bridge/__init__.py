@@ -8,17 +8,17 @@ from app.bridge.environment import prepare_environment
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
-from app.bridge.publishing.frame_tree import Voice
+from app.bridge.publishing.frame_tree import PublishPolicy
 from app.bridge.publishing.replay_scene import ReplayScene, root_edges, scene_of
 from app.bridge.publishing.session_publisher import SessionPublisher
 
 __all__ = [
     "BridgeError",
     "PlayerServices",
+    "PublishPolicy",
     "ReplayScene",
     "RosNode",
     "SessionPublisher",
-    "Voice",
     "prepare_environment",
     "root_edges",
     "scene_of",

@@ -5,8 +5,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.case.bag.mcap import read_mcap
-from app.case.files.meshes import load_mesh
-from app.case.files.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
 from app.case.frames.read_ahead import read_ahead
 from app.case.frames.samples import TrackingFrame
 from app.case.frames.watchdog import with_watchdog
@@ -26,6 +24,8 @@ from app.case.manifest.expected import Expected, load_expected
 from app.case.mrml.files import MRML_ENDINGS
 from app.case.mrml.recording import check_mrml, read_mrml
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
+from app.files.meshes import load_mesh
+from app.files.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 _IGSIO_ENDINGS = (".igs.mha", ".igs.nrrd")

@@ -8,9 +8,9 @@ import yaml
 from app.case.bag.recorder import write_recording
 from app.case.bag.ros_messages import JOINT_STATES_TOPIC
 from app.case.case import Case
-from app.case.files.new_folder import new_folder
-from app.case.files.paths import PACKAGE_SCHEME, resolve_inside, sha256_of
 from app.case.manifest.case_file import MANIFEST_NAME
+from app.files.new_folder import new_folder
+from app.files.paths import PACKAGE_SCHEME, resolve_inside, sha256_of
 from app.geometry import InputError
 
 RECORDING_NAME = "tracking.mcap"

@@ -14,9 +14,9 @@ from typing import IO
 
 import numpy as np
 
-from app.case.files.numbers import numbers_in
 from app.case.frames.assembly import agreed_sample
 from app.case.frames.samples import TrackingFrame
+from app.files.numbers import numbers_in
 from app.geometry import (
     FrameError,
     InputError,

@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 from app.case.bag.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.case import Case
-from app.case.files.document import Section
 from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
 from app.case.manifest.sections import (
     check_schema,
@@ -22,6 +21,7 @@ from app.case.manifest.sections import (
     read_topic,
     read_tumor,
 )
+from app.files.document import Section
 from app.geometry import InputError
 
 

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from pathlib import Path
 
-from app.cli.machine import Check, check_machine, checked
+from app.cli.system_checks import Check, check_machine, checked
 
 PROBE_TIMEOUT_S = 60.0
 EXTRAS = {"": ".", "ros": ".[ros]", "scene": ".[scene]"}

@@ -11,11 +11,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from app.cli.publishing import bridge_loaded
-from app.cli.signals import Received
+from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
     from app.bridge import ReplayScene
-    from app.bridge.live import LiveGuard
+    from app.bridge.live import LiveNode
     from app.geometry import SurfaceMesh
     from app.viewer import Cast, LiveFeed, Viewer
 
@@ -24,17 +24,17 @@ CONSTRAINT_HZ = 100.0
 
 
 @contextmanager
-def live_page(options: argparse.Namespace, received: Received) -> Iterator["Viewer"]:
+def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context.
 
     Up to then a signal ends the process at once.
     """
     with received.ends_at_once():
+        from app.bridge.latest_value import SWITCH_INTERVAL_S
         from app.bridge.live import guarding
-        from app.bridge.mailbox import SWITCH_INTERVAL_S
         from app.case import open_live
         from app.session import setup_from_case, with_repaired_tumor
-        from app.viewer import Cast, LiveFeed, LiveTimeline, Stage, Title, Viewer, Watcher
+        from app.viewer import Cast, LiveFeed, LiveTimeline, SceneView, Title, Viewer, Watcher
 
         bridge_loaded("a live session is ROS")
         config = open_live(options.config, package_dirs=options.package_dirs)
@@ -46,7 +46,7 @@ def live_page(options: argparse.Namespace, received: Received) -> Iterator["View
         cast = Cast.of(setup, case.tumor_mesh(), None if tip_only else case.tool_mesh())
         feed = LiveFeed(Watcher(setup, cast), setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(case.manifest.name, live=True)
-        viewer = Viewer(Stage(cast), feed, LiveTimeline(), title)
+        viewer = Viewer(SceneView(cast), feed, LiveTimeline(), title)
         feed.wakes(viewer.look)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
     with guarding(
@@ -66,7 +66,7 @@ def live_page(options: argparse.Namespace, received: Received) -> Iterator["View
             thread.join()
 
 
-def _follow(guard: "LiveGuard", feed: "LiveFeed", cast: "Cast") -> None:
+def _follow(guard: "LiveNode", feed: "LiveFeed", cast: "Cast") -> None:
     """Hand every step to the feed; where the session fails, the page says so and stays grey."""
     why = "the session has ended"
     with ThreadPoolExecutor(max_workers=1) as makers:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.progress import with_progress
 from app.cli.scene_picture import ScenePainter
-from app.cli.signals import Received
+from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
     from app.case import Case
@@ -55,7 +55,7 @@ class ReplayParts:
 
 
 def replay_parts(
-    folder: Path, package_dirs: Sequence[Path], received: Received, *, tip_only: bool
+    folder: Path, package_dirs: Sequence[Path], received: SignalState, *, tip_only: bool
 ) -> ReplayParts | None:
     """Step through the case in ``folder``; None when a signal came before its last step."""
     with received.ends_at_once():
@@ -85,7 +85,7 @@ def replay_parts(
 
 def replay_page(parts: ReplayParts) -> "Viewer":
     """A page for a case that was stepped through."""
-    from app.viewer import Stage, Title, Viewer
+    from app.viewer import SceneView, Title, Viewer
 
     title = Title(parts.case.manifest.name, live=False, report=parts.report)
-    return Viewer(Stage(parts.cast), parts.feed, parts.timeline, title, parts.feed.control)
+    return Viewer(SceneView(parts.cast), parts.feed, parts.timeline, title, parts.feed.control)

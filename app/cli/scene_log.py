@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from app.cli.reel import Reel
+from app.cli.keyframes import Reel
 
 if TYPE_CHECKING:
     from app.fixture import MarginState, Reason

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from app.cli.memory import LongLived
+from app.cli.gc_control import GcPause
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _SMALL = (160, 120)
 def main() -> None:
     """Answer the one request."""
     # What a library prints must not get among the bytes of the answer.
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer, LongLived() as memory:
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer, GcPause() as memory:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         answer.write(_answered(sys.stdin.buffer, memory))
     sys.stderr.flush()
@@ -36,7 +36,7 @@ def main() -> None:
     os._exit(0)
 
 
-def _answered(stream: IO[bytes], memory: LongLived) -> bytes:
+def _answered(stream: IO[bytes], memory: GcPause) -> bytes:
     try:
         _load()
         memory.settle()
@@ -52,7 +52,7 @@ def _answered(stream: IO[bytes], memory: LongLived) -> bytes:
 
 def _load() -> None:
     """Load all that a picture needs, and draw one: the first one in a process takes longest."""
-    from app.cli.scene_rehearsal import rehearsal
+    from app.cli.render_warmup import rehearsal
     from app.scene import OffscreenError, moment_png
 
     # Why nothing can be drawn is said when a picture is asked for; a scene file needs none.

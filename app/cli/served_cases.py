@@ -13,7 +13,7 @@ from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:
     from app.bridge.calls.replay_server import (
-        CaseFacts,
+        CaseInfo,
         ReplayPart,
         ReplayProgress,
         ReplayTotals,
@@ -27,7 +27,7 @@ class _Opened:
     folder: str
     case: "Case"
     setup: "SessionSetup"
-    facts: "CaseFacts"
+    facts: "CaseInfo"
 
 
 class ServedCases:
@@ -45,7 +45,7 @@ class ServedCases:
         self._lock = threading.Lock()
         self._opened: _Opened | None = None
 
-    def load(self, folder: str) -> "CaseFacts":
+    def load(self, folder: str) -> "CaseInfo":
         """Open the case; empty: the one that is open. Raises `InputError` where there is none."""
         return self._open(folder).facts
 
@@ -92,9 +92,9 @@ class ServedCases:
             return self._opened
 
     def _read(self, folder: str) -> _Opened:
-        from app.bridge.calls.replay_server import CaseFacts
+        from app.bridge.calls.replay_server import CaseInfo
         from app.case import open_case
-        from app.case.files.paths import resolve_inside
+        from app.files.paths import resolve_inside
         from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
         if not folder:
@@ -106,5 +106,5 @@ class ServedCases:
         stamps = [frame.stamp.ns for frame in case.frames()]
         if not stamps:
             raise InputError(f"the recording of {path} has no frame")
-        facts = CaseFacts(case.manifest.name, len(stamps), (stamps[-1] - stamps[0]) / NS_PER_S)
+        facts = CaseInfo(case.manifest.name, len(stamps), (stamps[-1] - stamps[0]) / NS_PER_S)
         return _Opened(folder, case, setup, facts)

@@ -27,7 +27,7 @@ _LATER_S = 0.05
 
 
 @dataclass(slots=True)
-class Received:
+class SignalState:
     """The signal that came, None so far, and what is to be stopped by it."""
 
     number: int | None = None
@@ -91,13 +91,13 @@ def raise_signals() -> Iterator[None]:
 
 
 @contextmanager
-def note_signals() -> Iterator[Received]:
-    """Within it SIGINT and SIGTERM are noted, and stop what `Received.stops` was told.
+def note_signals() -> Iterator[SignalState]:
+    """Within it SIGINT and SIGTERM are noted, and stop what `SignalState.stops` was told.
 
     That is called in a thread of its own, so it may take locks. For the main thread only. The
     handlers that were there come back afterwards.
     """
-    received = Received()
+    received = SignalState()
     reader, writer = socket.socketpair()
     writer.setblocking(False)
 

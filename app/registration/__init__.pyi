@@ -33,10 +33,10 @@ from .robot_base.timed_signal import TimedSignal
 from .tool.pivot import PivotResult, calibrate_pivot
 from .tool.spin import SpinResult, calibrate_spin
 from .tool.tip_frame import tip_transform
-from .trust.acceptance import AcceptanceLimits, judge
-from .trust.drift import DriftBound, RegistrationDrift, check_drift
-from .trust.result import RegistrationResult, given_registration
-from .trust.tre import (
+from .uncertainty.acceptance import AcceptanceLimits, judge
+from .uncertainty.drift import DriftBound, RegistrationDrift, check_drift
+from .uncertainty.result import RegistrationResult, given_registration
+from .uncertainty.tre import (
     predict_layout_tre,
     predict_tre,
     tre_at,

@@ -21,10 +21,10 @@ from app.scene.frames.transform_tree import RAS, TransformTree
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.scene.margin.margin_display import MarginDisplay
 from app.scene.margin.shown_margin import shown_margin
+from app.scene.nodes.adopted_nodes import PART, SURFACE, Earlier, mark
 from app.scene.nodes.batch import Batch
-from app.scene.nodes.earlier import PART, SURFACE, Earlier, mark
 from app.scene.nodes.models import add_model, ball, remove_displayed, smooth_surface
-from app.scene.nodes.upkeep import Upkeep
+from app.scene.nodes.node_integrity import Upkeep
 from app.scene.robot_model import RobotModel
 
 TOOL_COLOR = (0.95, 0.80, 0.10)

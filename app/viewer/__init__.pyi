@@ -1,11 +1,11 @@
 from .address import Address, new_token
-from .drawing.stage import Stage
+from .drawing.scene_view import SceneView
 from .errors import ViewerError
-from .said.timeline import LiveTimeline, ReplayTimeline
+from .readout.timeline import LiveTimeline, ReplayTimeline
 from .server import Title, Viewer
 from .steps.cast import Cast, stop_surface
 from .steps.feeds import LiveFeed, ReplayFeed
-from .steps.shown import Shown, Watcher
+from .steps.view_state import ViewState, Watcher
 
 __all__ = [
     "Address",
@@ -14,9 +14,9 @@ __all__ = [
     "LiveTimeline",
     "ReplayFeed",
     "ReplayTimeline",
-    "Shown",
-    "Stage",
+    "SceneView",
     "Title",
+    "ViewState",
     "Viewer",
     "ViewerError",
     "Watcher",

@@ -4,13 +4,13 @@ from trame_server.state import State
 
 from app.fixture import MarginState
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.cameras import Cameraman
+from app.viewer.drawing.cameras import CameraController
+from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.screenshot import screenshot
-from app.viewer.drawing.stage import Stage
-from app.viewer.said.readout import readout
-from app.viewer.said.timeline import Timeline
+from app.viewer.readout.readout import readout
+from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
-from app.viewer.steps.shown import Shown
+from app.viewer.steps.view_state import ViewState
 
 
 class Page:
@@ -20,15 +20,15 @@ class Page:
     """
 
     def __init__(
-        self, state: State, stage: Stage, area: PictureArea, feed: Feed, timeline: Timeline
+        self, state: State, stage: SceneView, area: PictureArea, feed: Feed, timeline: Timeline
     ) -> None:
         self.stage = stage
         self.area = area
-        self.cameraman = Cameraman(stage)
+        self.cameraman = CameraController(stage)
         self._state = state
         self._feed = feed
         self._timeline = timeline
-        self._now: Shown | None = None
+        self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.at(None), "number": 0}
         state.look = ""

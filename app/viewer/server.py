@@ -15,17 +15,17 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.viewer.address import Address
+from app.viewer.auth import Gate
+from app.viewer.controls import ReplayHands, StageHands
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import MakeSchedule, Pictures, Schedule
-from app.viewer.drawing.stage import Stage
-from app.viewer.gate import Gate
-from app.viewer.hands import ReplayHands, StageHands
-from app.viewer.link import PageLink
+from app.viewer.drawing.scene_view import SceneView
+from app.viewer.log_filter import expect_pages_to_go
 from app.viewer.page import Page
-from app.viewer.quiet import expect_pages_to_go
-from app.viewer.said.timeline import Timeline
+from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.replay import ReplayControl
+from app.viewer.websocket_link import PageLink
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "stage"
@@ -51,7 +51,7 @@ class Viewer:
 
     def __init__(
         self,
-        stage: Stage,
+        stage: SceneView,
         feed: Feed,
         timeline: Timeline,
         title: Title,

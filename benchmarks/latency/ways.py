@@ -16,7 +16,7 @@ from pyigtl import OpenIGTLinkClient
 from slicer import vtkMRMLScene
 
 from app.bridge import RosNode
-from app.bridge.mailbox import Mailbox
+from app.bridge.latest_value import LatestValue
 from app.bridge.robots import FollowedRobot, RobotSettings
 from app.bridge.tf import TfError, TransformBuffer
 from app.bridge.tf.latest import LatestPoses
@@ -184,7 +184,7 @@ class WokenByJoints(RosWay):
         super().__init__()
         robot = load_robot(TOUCH_URDF)
         self.models = Models([link.name for link in robot.links])
-        self._news = Mailbox[bool]()
+        self._news = LatestValue[bool]()
         self._robot = FollowedRobot(
             self.ros,
             RobotSettings(robot.name),

@@ -16,8 +16,8 @@ from typing import Any
 from trame_slicer.views import ThreeDView
 
 from app.cli.replay_page import replay_parts
-from app.cli.signals import Received
-from app.viewer import Address, Stage, Title, Viewer
+from app.cli.signals import SignalState
+from app.viewer import Address, SceneView, Title, Viewer
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import Pictures
 from app.viewer.steps.replay import ReplayControl
@@ -61,10 +61,10 @@ def main() -> None:
     parser.add_argument("case", type=Path)
     parser.add_argument("--schedule", choices=SCHEDULES, required=True)
     options = parser.parse_args()
-    parts = replay_parts(options.case, (), Received(), tip_only=False)
+    parts = replay_parts(options.case, (), SignalState(), tip_only=False)
     shown = ShownFrame(parts.feed)
     viewer = Viewer(
-        Stage(parts.cast),
+        SceneView(parts.cast),
         shown,
         parts.timeline,
         Title(parts.case.manifest.name, live=False),

@@ -137,7 +137,7 @@ sys.exit(main(arguments))
     ("place", "command"),
     [
         ("app.case.convert.write_recording", "convert {case} new"),
-        ("app.case.simulate.writing.simulate", "make-case new"),
+        ("app.synthetic.writing.simulate", "make-case new"),
         ("pathlib.Path.replace", "tumor {case}/tumor.stl --units mm -o new.stl"),
     ],
 )

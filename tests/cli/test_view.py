@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from app.cli.main import main
-from app.cli.signals import Received
+from app.cli.signals import SignalState
 from app.session import Session
 from tests.bridge.live.conftest import Start
 from tests.bridge.live.conftest import breach as breach
@@ -73,7 +73,7 @@ def test_a_signal_ends_it_while_the_case_is_stepped_through(
     viewed_case, monkeypatch, capsys, number
 ):
     noted = threading.Event()
-    take, step = Received.take, Session.step
+    take, step = SignalState.take, Session.step
     stamps = []
 
     def take_and_tell(received, taken):
@@ -87,7 +87,7 @@ def test_a_signal_ends_it_while_the_case_is_stepped_through(
             assert noted.wait(30.0)
         return step(session, frame)
 
-    monkeypatch.setattr(Received, "take", take_and_tell)
+    monkeypatch.setattr(SignalState, "take", take_and_tell)
     monkeypatch.setattr(Session, "step", step_with_a_signal_at_the_third)
     assert main(["view", str(viewed_case)]) == 128 + number
     assert len(stamps) == 3

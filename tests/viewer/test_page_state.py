@@ -9,25 +9,25 @@ from trame_server import Server
 
 from app.fixture import MarginState
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.cameras import Look
-from app.viewer.drawing.stage import Stage
+from app.viewer.drawing.cameras import CameraPreset
+from app.viewer.drawing.scene_view import SceneView
 from app.viewer.page import Page
-from app.viewer.steps.shown import Shown
+from app.viewer.steps.view_state import ViewState
 
 
 class FeedDouble:
     """A test double: a feed that shows what it is told to, nothing at first."""
 
-    shown: Shown | None = None
+    shown: ViewState | None = None
 
-    def now(self) -> Shown | None:
+    def now(self) -> ViewState | None:
         return self.shown
 
 
 class TimelineDouble:
     """A test double: a timeline with a new plot at every picture."""
 
-    def at(self, shown: Shown | None) -> dict[str, int]:
+    def at(self, shown: ViewState | None) -> dict[str, int]:
         return {"cursor": 0}
 
     def news(self) -> dict[str, list[int]]:
@@ -39,7 +39,7 @@ class TimelineDouble:
 
 def test_the_plot_has_its_name_before_its_first_points():
     state = Server().state  # trame's own
-    nothing = cast(Stage, None), cast(PictureArea, None)  # neither is asked for anything here
+    nothing = cast(SceneView, None), cast(PictureArea, None)  # neither is asked for anything here
     page = Page(state, *nothing, FeedDouble(), TimelineDouble())
     assert state.has("plot")
     page.sent(1)
@@ -48,7 +48,7 @@ def test_the_plot_has_its_name_before_its_first_points():
 
 def test_a_screenshot_is_of_the_present_although_nobody_looks_at_a_page(can_draw, parts):
     """Pictures are drawn for pages that are open: the stage still stands as at the last one."""
-    stage, feed = Stage(parts.cast), FeedDouble()
+    stage, feed = SceneView(parts.cast), FeedDouble()
     stage.view.render_window().SetSize(320, 240)
     page = Page(Server().state, stage, PictureArea(stage.view), feed, TimelineDouble())
 
@@ -59,7 +59,7 @@ def test_a_screenshot_is_of_the_present_although_nobody_looks_at_a_page(can_draw
         return pixels[0, 0], int(green.sum())
 
     feed.shown = parts.feed.shown[0]
-    page.cameraman.take(Look.CLOSE)
+    page.cameraman.take(CameraPreset.CLOSE)
     banner, green = colors()
     assert np.array_equal(banner, [0, 255, 0])
     assert green > 1000

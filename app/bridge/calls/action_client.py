@@ -20,7 +20,13 @@ from app.bridge.calls.errors import (
     ServerGoneError,
 )
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, SENDING_ERRORS, Limit, ServerWait, is_served
+from app.bridge.calls.waiting import (
+    DEFAULT_TIMEOUT_S,
+    SENDING_ERRORS,
+    Deadline,
+    ServerWait,
+    is_served,
+)
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import action_type
 from app.bridge.errors import BridgeError, reason_of
@@ -71,7 +77,7 @@ class Goal:
         """
         if self.is_done:
             return
-        limit = Limit(timeout_s)
+        limit = Deadline(timeout_s)
         future = self._client.sent(self._handle.cancel_goal_async)
         reply = self._client.pending(future, "cancel").result(limit.remaining_s)
         if not reply.goals_canceling and not self.is_done:
@@ -108,7 +114,7 @@ class ActionClient:
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
-        self._server.wait(Limit(timeout_s, cancel))
+        self._server.wait(Deadline(timeout_s, cancel))
 
     def start(
         self,
@@ -130,7 +136,7 @@ class ActionClient:
             raise CallError(
                 f"{self.name}: a {type(goal).__name__} is no goal of {self.type.__name__}"
             )
-        limit = Limit(timeout_s, cancel)
+        limit = Deadline(timeout_s, cancel)
         self._server.wait(limit)
 
         def said(message: Any) -> None:
@@ -156,7 +162,7 @@ class ActionClient:
         feedback: Callable[[Any], None] | None = None,
     ) -> Any:
         """The result of ``goal``; a caller that gives up takes the goal back from the server."""
-        limit = Limit(timeout_s, cancel)
+        limit = Deadline(timeout_s, cancel)
         started = self.start(goal, timeout_s, cancel, feedback=feedback)
         try:
             return started.result(limit.remaining_s, cancel)

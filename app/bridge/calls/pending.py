@@ -12,7 +12,7 @@ from app.bridge.calls.errors import (
     CallTimeoutError,
     ServerGoneError,
 )
-from app.bridge.calls.waiting import SLICE_S, Limit, check_may_wait
+from app.bridge.calls.waiting import SLICE_S, Deadline, check_may_wait
 from app.bridge.node import RosNode
 
 _GONE_AFTER = 25
@@ -65,7 +65,7 @@ class Pending:
         Raises `CallTimeoutError` when it has not come in time (it may be asked for again),
         `ServerGoneError` when who had to send it has left, `CallCancelledError`.
         """
-        limit = Limit(timeout_s, cancel)
+        limit = Deadline(timeout_s, cancel)
         if not self._future.done():
             check_may_wait(self._ros, self._what)
         missing = 0

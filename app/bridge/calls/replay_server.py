@@ -50,7 +50,7 @@ class ReplayTotals:
 
 
 @dataclass(frozen=True, slots=True)
-class CaseFacts:
+class CaseInfo:
     """What a caller is told of a case that was opened; ``duration_s`` from first frame to last."""
 
     name: str
@@ -61,7 +61,7 @@ class CaseFacts:
 class Cases(Protocol):
     """Opens cases and plays them, in the thread that asks; the wiring is the command's."""
 
-    def load(self, folder: str) -> CaseFacts:
+    def load(self, folder: str) -> CaseInfo:
         """Open the case; empty: the one that is open. Raises `MarginGuardError`."""
 
     def play(

@@ -10,7 +10,13 @@ from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError, CallTimeoutError
 from app.bridge.calls.pending import Pending
-from app.bridge.calls.waiting import DEFAULT_TIMEOUT_S, SENDING_ERRORS, Limit, ServerWait, is_served
+from app.bridge.calls.waiting import (
+    DEFAULT_TIMEOUT_S,
+    SENDING_ERRORS,
+    Deadline,
+    ServerWait,
+    is_served,
+)
 from app.bridge.convert.plain import from_plain
 from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
@@ -52,7 +58,7 @@ class ServiceClient:
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         """Return once somebody serves it; raises `NotThereError`."""
-        self._server.wait(Limit(timeout_s, cancel))
+        self._server.wait(Deadline(timeout_s, cancel))
 
     def call(
         self,
@@ -69,7 +75,7 @@ class ServiceClient:
         which ROS tells nobody, so that a request that is sent once may end with its timeout.
         Raises `NotThereError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
-        limit = Limit(timeout_s, cancel)
+        limit = Deadline(timeout_s, cancel)
         self._server.wait(limit, settle=repeat_s > timeout_s)
         while True:
             pending = self.start(request)

@@ -19,7 +19,7 @@ _SETTLE_S = 0.1
 """From when we see a server until it should see us: before that it drops its replies to us."""
 
 
-class Limit:
+class Deadline:
     """Until when a call may take: ``timeout_s`` from now, or until ``cancel`` is set."""
 
     def __init__(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
@@ -71,7 +71,7 @@ class ServerWait:
         self._what = what
         self._settled = False
 
-    def wait(self, limit: Limit, *, settle: bool = True) -> None:
+    def wait(self, limit: Deadline, *, settle: bool = True) -> None:
         """Return once it is there; `NotThereError` when the time is over before.
 
         Without ``settle`` a first reply may be lost: for requests that are repeated.

@@ -34,36 +34,36 @@ SizeCheck = Callable[[int, str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class FieldCodec:
     """From a field's value to a plain one; and back, with the field's name for words."""
 
     read: Callable[[Any], Any]
     write: Callable[[Any, str], Any]
 
 
-def basic_way(kind: str, scale: Scale | None) -> Way:
+def basic_way(kind: str, scale: Scale | None) -> FieldCodec:
     """A single number, truth value or byte."""
     if kind in _FLOATS:
         factor = scale if isinstance(scale, float) else 1.0
-        return Way(
+        return FieldCodec(
             read=lambda value: value * factor,
             write=lambda value, name: _float(value, name, factor, kind),
         )
     if kind == "boolean":
-        return Way(read=bool, write=_bool)
+        return FieldCodec(read=bool, write=_bool)
     if kind == "octet":
-        return Way(
+        return FieldCodec(
             read=lambda value: value[0],
             write=lambda value, name: bytes([_integer(value, name, 0, 255)]),
         )
     if kind in NUMBERS:
         limits = np.iinfo(NUMBERS[kind])
         low, high = int(limits.min), int(limits.max)
-        return Way(read=int, write=lambda value, name: _integer(value, name, low, high))
+        return FieldCodec(read=int, write=lambda value, name: _integer(value, name, low, high))
     raise ConversionError(f"a field of type {kind} cannot be converted")
 
 
-def string_way(slot: AbstractType) -> Way:
+def string_way(slot: AbstractType) -> FieldCodec:
     """A string, as long as it may be, that its encoding can say."""
     most = slot.maximum_size if slot.has_maximum_size() else None
     encoding = "utf-16-le" if isinstance(slot, AbstractWString) else "utf-8"
@@ -79,10 +79,10 @@ def string_way(slot: AbstractType) -> Way:
             raise ConversionError(f"{name} is {shown(value)}: no text in {encoding}") from error
         return value
 
-    return Way(read=str, write=write)
+    return FieldCodec(read=str, write=write)
 
 
-def bytes_way(check: SizeCheck) -> Way:
+def bytes_way(check: SizeCheck) -> FieldCodec:
     """octet[]."""
 
     def write(value: Any, name: str) -> list[bytes]:
@@ -91,10 +91,10 @@ def bytes_way(check: SizeCheck) -> Way:
         check(len(value), name)
         return [bytes([each]) for each in value]
 
-    return Way(read=b"".join, write=write)
+    return FieldCodec(read=b"".join, write=write)
 
 
-def numbers_way(kind: str, check: SizeCheck, scale: Scale | None, *, fixed: bool) -> Way:
+def numbers_way(kind: str, check: SizeCheck, scale: Scale | None, *, fixed: bool) -> FieldCodec:
     """Numbers of one kind, all at once; ``fixed`` is an array whose size the type says."""
     code = NUMBERS[kind]
     factor = np.asarray(scale) if scale is not None and kind in _FLOATS else None
@@ -116,7 +116,7 @@ def numbers_way(kind: str, check: SizeCheck, scale: Scale | None, *, fixed: bool
             filled.frombytes(numbers.tobytes())
         return filled
 
-    return Way(read, write)
+    return FieldCodec(read, write)
 
 
 def _numbers(values: Any, name: str, kind: str) -> NDArray[Any]:

@@ -33,8 +33,8 @@ from rosidl_parser.definition import (
 from app.bridge.convert.errors import ConversionError
 from app.bridge.convert.fields import (
     NUMBERS,
+    FieldCodec,
     SizeCheck,
-    Way,
     basic_way,
     bytes_way,
     closed,
@@ -68,10 +68,10 @@ def from_plain(kind: str | type, values: Mapping[str, Any]) -> Any:
 
 
 @cache
-def _message_way(kind: Any, forced: float | None) -> Way:
+def _message_way(kind: Any, forced: float | None) -> FieldCodec:
     """``forced`` is the scale of all numbers within, when the holder of the message says one."""
     table = SCALES.get(type_name(kind), {})
-    ways: dict[str, Way] = {}
+    ways: dict[str, FieldCodec] = {}
     for field, slot in zip(
         kind.get_fields_and_field_types(),
         kind.SLOT_TYPES,
@@ -96,10 +96,10 @@ def _message_way(kind: Any, forced: float | None) -> Way:
             setattr(message, field, way.write(value, f"{name}.{field}"))
         return message
 
-    return Way(read, write)
+    return FieldCodec(read, write)
 
 
-def _way(slot: AbstractType, scale: Scale | None) -> Way:
+def _way(slot: AbstractType, scale: Scale | None) -> FieldCodec:
     if isinstance(slot, NamespacedType):
         if isinstance(scale, tuple):
             raise ConversionError(f"units of {slot.name}: one number wanted for a message")
@@ -111,7 +111,7 @@ def _way(slot: AbstractType, scale: Scale | None) -> Way:
     return string_way(slot)
 
 
-def _sequence_way(slot: AbstractNestedType, scale: Scale | None) -> Way:
+def _sequence_way(slot: AbstractNestedType, scale: Scale | None) -> FieldCodec:
     item = slot.value_type
     check = _size_check(slot)
     if isinstance(item, BasicType) and item.typename in NUMBERS:
@@ -129,8 +129,8 @@ def _sequence_way(slot: AbstractNestedType, scale: Scale | None) -> Way:
         return [way.write(value, f"{name}[{index}]") for index, value in enumerate(values)]
 
     if isinstance(item, BasicType):
-        return Way(read=lambda values: closed(np.array(values, dtype=bool)), write=write)
-    return Way(read=lambda values: [way.read(value) for value in values], write=write)
+        return FieldCodec(read=lambda values: closed(np.array(values, dtype=bool)), write=write)
+    return FieldCodec(read=lambda values: [way.read(value) for value in values], write=write)
 
 
 def _size_check(slot: AbstractNestedType) -> SizeCheck:

@@ -7,7 +7,6 @@ from typing import Protocol
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 
 from app.bridge import topics
-from app.bridge.igtl import IgtlSource
 from app.bridge.live.subscription import CountedSubscription
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
@@ -15,6 +14,7 @@ from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry
 from app.case.bag.message_values import PoseValues
 from app.case.bag.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
 from app.geometry import MarginGuardError, TrackedTransform
+from app.igtl import IgtlSource
 
 Deliver = Callable[[Sequence[TrackedTransform]], None]
 """Takes samples that arrived together, from any thread, and does not wait."""

@@ -9,7 +9,7 @@ from app.session import StepResult
 
 
 @dataclass(frozen=True, slots=True)
-class Voice:
+class PublishPolicy:
     """What is said of that which others may say too. A replay is alone and says all of it.
 
     ``clock``: the session's time is the time of the graph; ``measured``: the tracker's edges;
@@ -21,10 +21,12 @@ class Voice:
     robot: bool = True
 
 
-ALONE = Voice()
+ALONE = PublishPolicy()
 
 
-def moving_edges(step: StepResult, voice: Voice = ALONE) -> Iterator[tuple[Transform, Stamp]]:
+def moving_edges(
+    step: StepResult, voice: PublishPolicy = ALONE
+) -> Iterator[tuple[Transform, Stamp]]:
     """Every transform that ``step`` knows, with the time at which it was true.
 
     Measured edges are as they were measured, lost ones left out: tf has no word for "lost", its
@@ -59,7 +61,9 @@ class FrameTree:
     by themselves raise `FrameError`.
     """
 
-    def __init__(self, static_edges: Iterable[Transform] = (), voice: Voice = ALONE) -> None:
+    def __init__(
+        self, static_edges: Iterable[Transform] = (), voice: PublishPolicy = ALONE
+    ) -> None:
         self._voice = voice
         self._parents: dict[str, str] = {}
         self._static: frozenset[str] = frozenset()

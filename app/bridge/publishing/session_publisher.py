@@ -14,7 +14,7 @@ from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint import ConstraintBuilder
 from app.bridge.publishing.diagnostics import Diagnostics
-from app.bridge.publishing.frame_tree import ALONE, FrameTree, Voice
+from app.bridge.publishing.frame_tree import ALONE, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.bridge.publishing.replay_scene import ReplayScene
 from app.bridge.qos import Topic
@@ -57,7 +57,7 @@ class SessionPublisher:
         ros_args: Sequence[str] = (),
         domain_id: int | None = None,
         heartbeat_hz: float | None = None,
-        voice: Voice = ALONE,
+        voice: PublishPolicy = ALONE,
         counts: Callable[[], Mapping[str, int]] | None = None,
         ros: RosNode | None = None,
     ) -> None:

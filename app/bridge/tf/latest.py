@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 
-from app.bridge.mailbox import Mailbox
+from app.bridge.latest_value import LatestValue
 from app.bridge.tf.buffer import PoseSet, TransformBuffer
 from app.bridge.tf.errors import TfError
 
@@ -22,7 +22,7 @@ class LatestPoses:
         self._buffer = buffer
         self._root = root
         self._frames = tuple(frames)
-        self._news = Mailbox[bool]()
+        self._news = LatestValue[bool]()
         self._taken_ns: int | None = None
 
     def received(self) -> None:

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from app.case.files.document import Section
 from app.case.manifest.entries import CaseManifest, RecordingEntry
 from app.case.manifest.sections import (
     check_schema,
@@ -14,6 +13,7 @@ from app.case.manifest.sections import (
     read_tool,
     read_tumor,
 )
+from app.files.document import Section
 from app.geometry import InputError
 
 MANIFEST_NAME = "case.yaml"

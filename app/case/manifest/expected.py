@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import yaml
 
-from app.case.files.document import Section
-from app.case.files.small import write_small
+from app.files.bounded_io import write_small
+from app.files.document import Section
 from app.geometry import InputError, Transform
 
 DropoutKind = Literal["invalid", "missing"]

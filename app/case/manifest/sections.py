@@ -8,8 +8,6 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 
-from app.case.files.document import Section
-from app.case.files.meshes import UNITS_MM
 from app.case.manifest.entries import (
     DEFAULT_BASE_FRAME,
     REFERENCE_FRAME,
@@ -27,6 +25,8 @@ from app.case.manifest.entries import (
     TumorEntry,
 )
 from app.case.tumor import SEGMENTATION_ENDING
+from app.files.document import Section
+from app.files.meshes import UNITS_MM
 from app.geometry import (
     NS_PER_MS,
     FrameError,

@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import IO, Protocol
 
-from app.case.files.paths import resolve_inside
+from app.files.paths import resolve_inside
 from app.geometry import InputError, MarginGuardError
 
 MRML_ENDINGS = (".mrb", ".mrml")

@@ -10,12 +10,12 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from app.case.files.numbers import numbers_in
 from app.case.frames.assembly import FrameAssembler
 from app.case.frames.samples import TrackingFrame
 from app.case.igsio import Note, read_header, tracked_sample
 from app.case.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
 from app.case.mrml.files import MRML_ENDINGS, MrmlFiles, inner_scene, open_mrml
+from app.files.numbers import numbers_in
 from app.geometry import (
     FrameError,
     InputError,

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from app.case.files.landmarks import read_points
 from app.case.tumor.segmentation import read_segment
+from app.files.landmarks import read_points
 from app.geometry import MeshError, SurfaceMesh
 
 SEGMENTATION_ENDING = ".nrrd"

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from app.case import Case
-from app.cli.calibration.finding import Finding
+from app.cli.calibration.calibration_result import Finding
 from app.cli.calibration.recording import Span
 from app.geometry import NS_PER_MS
 from app.registration import estimate_time_offset

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.case import Case, JointSample
-from app.cli.calibration.finding import Finding, Residuals
+from app.cli.calibration.calibration_result import Finding, Residuals
 from app.cli.calibration.recording import Recording, ToolTrack
 from app.geometry import NS_PER_MS, InputError, Stamp, Transform
 from app.registration import predict_tre, select_poses, solve_robot_world

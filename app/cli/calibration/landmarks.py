@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.cli.calibration.finding import Finding, Residuals
+from app.cli.calibration.calibration_result import Finding, Residuals
 from app.cli.calibration.recording import ToolTrack
 from app.geometry import FloatArray, Transform
 from app.registration import LandmarkDetection, detect_landmarks, predict_tre, register_points

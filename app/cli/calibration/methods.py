@@ -2,15 +2,16 @@
 
 import argparse
 
-from app.case import PlusConfiguration, open_case, read_landmarks, read_plus_config
+from app.case import open_case
+from app.cli.calibration.calibration_result import Finding
 from app.cli.calibration.clocks import find_time_offset
-from app.cli.calibration.finding import Finding
 from app.cli.calibration.hand_eye import find_hand_eye
 from app.cli.calibration.landmarks import find_landmarks
 from app.cli.calibration.pivot import find_pivot
 from app.cli.calibration.recording import Span, follow_tool, open_recording
 from app.cli.calibration.spin import find_spin
 from app.cli.calibration.tip import known_tip
+from app.files import PlusConfiguration, read_landmarks, read_plus_config
 from app.geometry import FloatArray, InputError
 
 

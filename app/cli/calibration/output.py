@@ -6,8 +6,8 @@ from pathlib import Path
 
 import yaml
 
-from app.case import check_place, check_transform_path, write_small, write_transform
-from app.cli.calibration.finding import Finding, as_json, as_text
+from app.cli.calibration.calibration_result import Finding, as_json, as_text
+from app.files import check_place, check_transform_path, write_small, write_transform
 from app.geometry import InputError
 
 NOT_ACCEPTED = 1

@@ -2,7 +2,7 @@
 
 import math
 
-from app.cli.calibration.finding import Finding, Residuals
+from app.cli.calibration.calibration_result import Finding, Residuals
 from app.cli.calibration.recording import ToolTrack
 from app.cli.calibration.tip import tip_frame_of
 from app.registration import calibrate_pivot, select_poses

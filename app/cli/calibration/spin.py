@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from app.cli.calibration.finding import Finding, Residuals
+from app.cli.calibration.calibration_result import Finding, Residuals
 from app.cli.calibration.recording import ToolTrack
 from app.geometry import Transform
 from app.registration import calibrate_spin, select_poses, tip_transform

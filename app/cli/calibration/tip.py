@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from app.case import PlusConfiguration, read_plus_config, read_transform
 from app.cli.calibration.recording import Recording
+from app.files import PlusConfiguration, read_plus_config, read_transform
 from app.geometry import InputError, Transform
 
 

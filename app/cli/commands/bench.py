@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
     It runs where the user is, so that paths among its options mean what they say, and finds its
     code in the checkout alone.
     """
-    from app.case import check_place
+    from app.files import check_place
     from app.geometry import InputError
 
     if not (CHECKOUT / "benchmarks").is_dir():

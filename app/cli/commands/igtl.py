@@ -33,7 +33,8 @@ def run(options: argparse.Namespace) -> int:
     with note_signals() as received:
         bridge_loaded("this command is of no use without it")
         from app.bridge import RosNode
-        from app.bridge.igtl import IgtlPublisher, IgtlSource, SampleQueue
+        from app.bridge.igtl_publisher import IgtlPublisher
+        from app.igtl import IgtlSource, SampleQueue
 
         queue = SampleQueue()
 

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs
 from app.cli.publishing import bridge_loaded
-from app.cli.signals import Received, note_signals
+from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
-    from app.bridge.live import LiveGuard
+    from app.bridge.live import LiveNode
     from app.bridge.node import RosNode
     from app.session import StepResult
 
@@ -80,9 +80,9 @@ def run(options: argparse.Namespace) -> int:
     return received.exit_status
 
 
-def _be_managed(options: argparse.Namespace, received: Received) -> None:
+def _be_managed(options: argparse.Namespace, received: SignalState) -> None:
     from app.bridge.control import LifecycleRosNode
-    from app.bridge.live import GuardLifeCycle
+    from app.bridge.live import LiveNodeLifecycle
     from app.bridge.publishing.session_publisher import NODE_NAME
 
     ended = threading.Event()
@@ -93,7 +93,7 @@ def _be_managed(options: argparse.Namespace, received: Received) -> None:
         ended.set()
 
     received.stops(ended.set)
-    life = GuardLifeCycle(lambda ros: _opened(options, received, ros), _tell, failed)
+    life = LiveNodeLifecycle(lambda ros: _opened(options, received, ros), _tell, failed)
     with LifecycleRosNode(NODE_NAME, life, namespace=options.namespace):
         print("unconfigured: configure and activate it", file=sys.stderr, flush=True)
         ended.wait()
@@ -103,8 +103,8 @@ def _be_managed(options: argparse.Namespace, received: Received) -> None:
 
 @contextmanager
 def _opened(
-    options: argparse.Namespace, received: Received, ros: "RosNode | None" = None
-) -> Iterator["LiveGuard"]:
+    options: argparse.Namespace, received: SignalState, ros: "RosNode | None" = None
+) -> Iterator["LiveNode"]:
     with received.ends_at_once():
         from app.bridge.live import guarding
         from app.case import open_live
@@ -128,7 +128,7 @@ def _opened(
 
 
 def _tell(steps: "Iterator[StepResult]") -> None:
-    from app.cli.news import news
+    from app.cli.state_changes import news
 
     for step in news(steps):
         print(as_line(step), flush=True)

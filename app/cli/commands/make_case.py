@@ -29,9 +29,9 @@ def _seed(text: str) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Simulate, with our own arm to hold the tool."""
-    from app.case.simulate import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
     from app.cli.touch_arm import TouchArm
     from app.geometry import InputError
+    from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
 
     if options.folder.is_dir() and options.folder.samefile(Path.cwd()):
         # An empty one is replaced when all is written: a shell in it would be left in the old one.

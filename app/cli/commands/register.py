@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import add_case, add_json
 
 if TYPE_CHECKING:
-    from app.cli.calibration.finding import Finding
+    from app.cli.calibration.calibration_result import Finding
     from app.registration import RegistrationResult
 
 SUMMARY = "register the robot of a case, with residuals"
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _finding(result: "RegistrationResult", notes: tuple[str, ...]) -> "Finding":
-    from app.cli.calibration.finding import Finding, Residuals
+    from app.cli.calibration.calibration_result import Finding, Residuals
 
     residuals = None
     numbers: dict[str, float] = {}

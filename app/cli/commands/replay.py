@@ -12,13 +12,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
-from app.cli.memory import LongLived
+from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
 from app.cli.publishing import publishing
 from app.cli.scene_log import SceneLog
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter
-from app.cli.signals import Received, note_signals
+from app.cli.signals import SignalState, note_signals
 from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
 
@@ -76,12 +76,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Replay the case; what is published and what is reported come from the same steps."""
-    with note_signals() as received, LongLived() as memory:
+    with note_signals() as received, GcPause() as memory:
         status = _replay(options, received, memory)
     return received.exit_status or status
 
 
-def _replay(options: argparse.Namespace, received: Received, memory: LongLived) -> int:
+def _replay(options: argparse.Namespace, received: SignalState, memory: GcPause) -> int:
     if not _wanted(options):
         return _played(options, received, memory, None)
     with ScenePainter() as painter:
@@ -90,14 +90,15 @@ def _replay(options: argparse.Namespace, received: Received, memory: LongLived) 
 
 def _played(
     options: argparse.Namespace,
-    received: Received,
-    memory: LongLived,
+    received: SignalState,
+    memory: GcPause,
     painter: ScenePainter | None,
 ) -> int:
     watch = Stopwatch()
     with received.ends_at_once():
         from app import __version__
-        from app.case import Player, open_case, write_small
+        from app.case import Player, open_case
+        from app.files import write_small
         from app.report import all_passed, summarise, write_report
         from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
@@ -146,8 +147,8 @@ def _played(
 
 def _check(options: argparse.Namespace) -> None:
     """Refuse, before anything is read, what could not be done or not be written in the end."""
-    from app.case import check_place
     from app.case.frames.player import checked_rate
+    from app.files import check_place
     from app.geometry import InputError
     from app.report import check_writable
 

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Build or read, check, say, write."""
-    from app.case import check_mesh_place, write_mesh
+    from app.files import check_mesh_place, write_mesh
 
     if options.output is not None:
         check_mesh_place(options.output)
@@ -75,15 +75,13 @@ def _check_not_source(options: argparse.Namespace) -> None:
 
 def _tumor(options: argparse.Namespace) -> "BuiltTumor":
     from app.case import (
-        MESH_ENDINGS,
-        POINT_ENDINGS,
         SEGMENTATION_ENDING,
         TUMOR_MESH_FRAME,
         BuiltTumor,
-        load_mesh,
         tumor_from_contour,
         tumor_from_segmentation,
     )
+    from app.files import MESH_ENDINGS, POINT_ENDINGS, load_mesh
     from app.geometry import InputError
 
     source, frame = options.source, TUMOR_MESH_FRAME
@@ -120,7 +118,7 @@ def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTum
 
 
 def _described(source: Path, tumor: "BuiltTumor", reason: str | None) -> dict[str, Any]:
-    from app.fixture.distance.bodies import part_meshes
+    from app.fixture.proximity.bodies import part_meshes
 
     mesh = tumor.mesh
     low, high = mesh.bounds_mm

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs
-from app.cli.signals import Received, note_signals
+from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
     from app.viewer import Viewer
@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _viewer(options: argparse.Namespace, received: Received) -> Iterator["Viewer | None"]:
+def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Viewer | None"]:
     """The page to be served; none when a signal came while the case was stepped through."""
     if options.live:
         from app.cli.live_page import live_page

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from app.geometry import NS_PER_S, FloatArray, FrameError, Stamp, TrackedTransform
 from app.registration.errors import ShapeError
 from app.registration.poses import usable_poses
-from app.registration.trust.result import read_only
+from app.registration.uncertainty.result import read_only
 
 
 @dataclass(frozen=True, slots=True)

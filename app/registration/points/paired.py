@@ -16,8 +16,8 @@ from app.registration.inputs import (
 )
 from app.registration.motion import move_origin, point_jacobian
 from app.registration.points.rigid_fit import PairNoise, fit_rigid
-from app.registration.trust.acceptance import AcceptanceLimits, judge
-from app.registration.trust.result import RegistrationResult
+from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.uncertainty.result import RegistrationResult
 
 
 def register_points(

@@ -16,8 +16,8 @@ from app.registration.errors import NoConsensusError, ShapeError
 from app.registration.inputs import COLLINEAR_RATIO, MIN_POINTS, as_pairs, as_points
 from app.registration.points.paired import registration_of
 from app.registration.points.rigid_fit import PairNoise
-from app.registration.trust.acceptance import AcceptanceLimits, judge
-from app.registration.trust.result import RegistrationResult
+from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.uncertainty.result import RegistrationResult
 
 MAX_TRIPLES = 4000
 MAX_REFITS = 20

@@ -25,8 +25,8 @@ from app.registration.errors import (
 from app.registration.inputs import as_points, check_spread
 from app.registration.least_squares import least_squares
 from app.registration.motion import move_origin, moved, point_jacobian
-from app.registration.trust.acceptance import AcceptanceLimits, judge
-from app.registration.trust.result import RegistrationResult
+from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.uncertainty.result import RegistrationResult
 
 MIN_POINTS = 12
 """Six are determined exactly and leave nothing to check them by."""

@@ -28,8 +28,8 @@ from app.registration.robot_base.robot_world_fit import (
     residuals_of,
     with_estimated_noise,
 )
-from app.registration.trust.acceptance import AcceptanceLimits, judge
-from app.registration.trust.result import RegistrationResult, checked_covariance, read_only
+from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.uncertainty.result import RegistrationResult, checked_covariance, read_only
 
 MIN_POSES = 4
 """Three poses determine both transforms and leave nothing to check them by."""

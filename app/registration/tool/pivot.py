@@ -27,7 +27,7 @@ from app.registration.tool.pivot_fit import (
     with_estimated_noise,
 )
 from app.registration.tool.tip_frame import tip_transform
-from app.registration.trust.result import checked_covariance, read_only
+from app.registration.uncertainty.result import checked_covariance, read_only
 
 MIN_POSES = 10
 

@@ -18,7 +18,7 @@ from app.registration.consensus import agreeing
 from app.registration.errors import DegenerateMotionError, ShapeError
 from app.registration.inputs import as_point
 from app.registration.poses import PoseStack
-from app.registration.trust.result import checked_covariance, read_only
+from app.registration.uncertainty.result import checked_covariance, read_only
 
 MIN_POSES = 10
 

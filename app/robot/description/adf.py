@@ -18,9 +18,9 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from app.files.xml_guard import read_file
 from app.geometry import FloatArray
 from app.robot.errors import AdfError
-from app.robot.xml_guard import read_file
 
 MAX_BYTES = 2 * 1024 * 1024
 MAX_DEPTH = 24

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from app.files.xml_guard import read_xml
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
 from app.robot.description.packages import MeshLocator
 from app.robot.description.urdf import MAX_URDF_BYTES, parse_urdf, read_urdf
@@ -16,7 +17,6 @@ from app.robot.meshes import primitives
 from app.robot.meshes.mesh_file import FileMesh, read_mesh_file
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Rgba, Shape
-from app.robot.xml_guard import read_xml
 
 ADF_SUFFIXES = (".yaml", ".yml", ".adf")
 MAX_TEXT_BYTES = 8 * 1024 * 1024

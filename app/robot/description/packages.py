@@ -21,8 +21,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
+from app.files.xml_guard import parse_xml, read_xml
 from app.robot.errors import RobotMeshError, UrdfError
-from app.robot.xml_guard import parse_xml, read_xml
 
 PROJECT_DATA = Path(__file__).resolve().parents[3] / "data"
 

@@ -12,8 +12,8 @@ from typing import Any
 import yourdfpy
 from lxml import etree
 
+from app.files.xml_guard import check_xml, parse_xml, read_xml
 from app.robot.errors import UrdfError
-from app.robot.xml_guard import check_xml, parse_xml, read_xml
 
 MAX_URDF_BYTES = 16 * 1024 * 1024
 GEOMETRIES = ("mesh", "box", "cylinder", "sphere")

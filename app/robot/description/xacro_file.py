@@ -20,8 +20,8 @@ from xml.parsers.expat import ExpatError
 import xacro
 import xacro.substitution_args
 
+from app.files.xml_guard import read_file, read_xml
 from app.robot.errors import UrdfError
-from app.robot.xml_guard import read_file, read_xml
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
 

@@ -15,8 +15,8 @@ from collada.common import DaeError
 from lxml import etree
 from trimesh.exchange.dae import load_collada
 
+from app.files.xml_guard import MAX_XML_BYTES, parse_xml, read_xml
 from app.robot.errors import RobotMeshError
-from app.robot.xml_guard import MAX_XML_BYTES, parse_xml, read_xml
 
 _NOT_A_NUMBER = re.compile(r"\S*[^-+.eE0-9\s]\S*")
 _NODE_BYTES = 1000

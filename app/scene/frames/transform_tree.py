@@ -7,9 +7,9 @@ from slicer import vtkMRMLLinearTransformNode, vtkMRMLScene
 from app.geometry import Transform, join_transform_name
 from app.scene.errors import SceneError
 from app.scene.frames.edited import EditedTransform, OnEdit, OnRefused
+from app.scene.nodes.adopted_nodes import FRAME, mark
 from app.scene.nodes.batch import Batch
 from app.scene.nodes.convert import is_at, vtk_matrix
-from app.scene.nodes.earlier import FRAME, mark
 from app.scene.nodes.models import remove_node
 
 RAS = "ras"

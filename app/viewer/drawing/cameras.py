@@ -9,7 +9,7 @@ from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.pictures.cameras import VIEW_ANGLE_DEG, bullseye, forward_of, look_through
 from app.scene.pictures.framing import Camera, best_direction, fit
 from app.scene.scene import MarginGuardScene
-from app.viewer.drawing.stage import Stage
+from app.viewer.drawing.scene_view import SceneView
 
 _CLOSE_RADII = 2.2
 """Parts of the tool that are within so many radii of the tumour are in the close-up."""
@@ -17,7 +17,7 @@ _BULLSEYE_RADII = 6.0
 """How far behind the tip the bullseye looks from."""
 
 
-class Look(Enum):
+class CameraPreset(Enum):
     """The views of the page; the value is the name of the button."""
 
     OVERVIEW = "Overview"
@@ -26,24 +26,24 @@ class Look(Enum):
     BULLSEYE = "Bullseye"
 
 
-class Cameraman:
-    """Puts the camera of a stage where a `Look` wants it.
+class CameraController:
+    """Puts the camera of a stage where a `CameraPreset` wants it.
 
     The bullseye rides on the tool until another look is taken or somebody turns the view by hand;
     the others stay where they were put. A tool without a mesh has no direction: its bullseye is
     the close-up.
     """
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: SceneView) -> None:
         self._stage = stage
-        self.look: Look | None = Look.OVERVIEW
+        self.look: CameraPreset | None = CameraPreset.OVERVIEW
         self._placed = False
         self._up: FloatArray | None = None
 
-    def take(self, look: Look) -> None:
+    def take(self, look: CameraPreset) -> None:
         """Look from there from the next picture on."""
         self.look, self._placed, self._up = look, False, None
-        self._stage.look_along(look is Look.BULLSEYE)
+        self._stage.look_along(look is CameraPreset.BULLSEYE)
 
     def let_go(self) -> None:
         """Somebody moves the camera by hand: stay where they put it."""
@@ -58,7 +58,7 @@ class Cameraman:
         scene, tool = self._stage.scene, self._stage.cast.tool
         if scene is None or self.look is None:
             return
-        if self.look is Look.BULLSEYE and tool is not None:
+        if self.look is CameraPreset.BULLSEYE and tool is not None:
             self._put(self._along(scene, tool))
         elif not self._placed:
             self._put(self._framed(scene, self.look))
@@ -76,16 +76,16 @@ class Cameraman:
         self._up = camera.up
         return camera
 
-    def _framed(self, scene: MarginGuardScene, look: Look) -> Camera:
+    def _framed(self, scene: MarginGuardScene, look: CameraPreset) -> Camera:
         tumor, tool = world_points(scene.tumor), world_points(scene.tool)
         up = _up(scene)
-        if look is Look.OVERVIEW:
+        if look is CameraPreset.OVERVIEW:
             models = [model for robot in scene.robots.values() for model in robot.models.values()]
             others = np.concatenate([tool, *(world_points(model) for model in models)])
             towards = best_direction(tumor, others, up)
         else:
             towards = best_direction(tumor, tool, up)
-            towards = np.cross(up, towards) if look is Look.SIDE else towards
+            towards = np.cross(up, towards) if look is CameraPreset.SIDE else towards
             reach = _CLOSE_RADII * _radius_mm(tumor)
             others = tool[np.linalg.norm(tool - tumor.mean(axis=0), axis=1) < reach]
         width, height = self._stage.view.render_window().GetSize()

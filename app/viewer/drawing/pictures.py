@@ -10,8 +10,8 @@ from trame_rca.encoders import RcaImageEncoder
 
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.pace import Pace
-from app.viewer.drawing.pages import Pages
+from app.viewer.drawing.client_acks import Pages
+from app.viewer.drawing.frame_rate import Pace
 
 _QUALITY, _FINE_QUALITY = 75, 92
 _BEAT_NS = 200 * NS_PER_MS

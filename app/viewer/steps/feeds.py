@@ -9,7 +9,7 @@ from app.geometry import NS_PER_MS, NS_PER_S
 from app.session import StepResult
 from app.viewer.steps.cast import Cast
 from app.viewer.steps.replay import ReplayControl
-from app.viewer.steps.shown import Shown, Watcher
+from app.viewer.steps.view_state import ViewState, Watcher
 
 _QUIET_NS = NS_PER_S
 """Without a source a session steps every tenth of a second: quiet for so long, it has ended."""
@@ -18,7 +18,7 @@ _QUIET_NS = NS_PER_S
 class Feed(Protocol):
     """What is to be seen now."""
 
-    def now(self) -> Shown | None:
+    def now(self) -> ViewState | None:
         """The step of the present, grey when there is none; None before the first one came."""
 
 
@@ -28,11 +28,11 @@ class ReplayFeed:
     So a frame that is sought is the same as one that was played to, whatever came before.
     """
 
-    def __init__(self, shown: Sequence[Shown], clock_ns: Callable[[], int]) -> None:
+    def __init__(self, shown: Sequence[ViewState], clock_ns: Callable[[], int]) -> None:
         self.shown = tuple(shown)
         self.control = ReplayControl([each.step.frame.stamp.ns for each in shown], clock_ns)
 
-    def now(self) -> Shown:
+    def now(self) -> ViewState:
         """The step of the frame at which the replay stands."""
         return self.shown[self.control.frame]
 
@@ -50,7 +50,7 @@ class LiveFeed:
         self._stale_after_ns = stale_after_ns
         self._clock_ns = clock_ns
         self._lock = threading.Lock()
-        self._newest: Shown | None = None
+        self._newest: ViewState | None = None
         self._came_ns = 0
         self._ended = ""
         self._wake: Callable[[], None] | None = None
@@ -73,7 +73,7 @@ class LiveFeed:
             self._ended = why
         self._tell()
 
-    def now(self) -> Shown | None:
+    def now(self) -> ViewState | None:
         """The newest step, as UNKNOWN when it is too old to be the present."""
         with self._lock:
             newest, age_ns, ended = self._newest, self._clock_ns() - self._came_ns, self._ended

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.bridge import BridgeError, prepare_environment
 from app.bridge.control import SessionChanges
-from app.bridge.live import LiveGuard, guarding
+from app.bridge.live import LiveNode, guarding
 from app.case import open_live
 from app.session import Session, StepResult, setup_from_case, with_repaired_tumor
 
@@ -20,7 +20,7 @@ class LiveSteps:
 
     def __init__(self, config: Path) -> None:
         self._config = config
-        self._guard: LiveGuard | None = None
+        self._guard: LiveNode | None = None
         self._lock = threading.Lock()
         self._halted = False
 
@@ -63,7 +63,7 @@ class LiveSteps:
         """That of every clock."""
         return 1.0
 
-    def _begun(self) -> LiveGuard:
+    def _begun(self) -> LiveNode:
         if self._guard is None:
             raise BridgeError(f"{self._config.name}: the session has not begun yet")
         return self._guard

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.bridge.control import SessionChanges
-from app.bridge.mailbox import Mailbox
+from app.bridge.latest_value import LatestValue
 from app.fixture import FixtureDecision, MarginState
 from app.session import Session, StepResult
 
@@ -57,7 +57,7 @@ class Run:
         self._fault_seq = 0
         self._on_hold = True
         self._clock_ns = clock_ns
-        self._mailbox: Mailbox[Delivered] = Mailbox()
+        self._mailbox: LatestValue[Delivered] = LatestValue()
         self._thread = threading.Thread(target=self._run, name="MarginGuard steps", daemon=True)
         self._thread.start()
 

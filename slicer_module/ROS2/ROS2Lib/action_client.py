@@ -7,7 +7,7 @@ from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.calls import ActionClient, CallError, GoalEndedError
 from app.bridge.convert import action_type, type_name
-from app.bridge.mailbox import Mailbox
+from app.bridge.latest_value import LatestValue
 from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
@@ -24,7 +24,7 @@ class _Goal:
     def __init__(self, client: ActionClient, goal: Any, timeout_s: float) -> None:
         self.result: Any = None
         self.error = ""
-        self.feedback: Mailbox[Any] = Mailbox()
+        self.feedback: LatestValue[Any] = LatestValue()
         self.done = threading.Event()
         self.cancel = threading.Event()
         self._work = (client, goal, timeout_s)

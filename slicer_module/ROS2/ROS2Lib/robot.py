@@ -2,12 +2,12 @@
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.mailbox import Mailbox
+from app.bridge.latest_value import LatestValue
 from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
 from app.robot import Robot
 from app.scene import RobotModel, SceneError
 from app.scene.nodes.convert import vtk_matrix
-from app.scene.nodes.upkeep import Upkeep
+from app.scene.nodes.node_integrity import Upkeep
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
@@ -26,7 +26,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
     def __init__(self) -> None:
         self._settings: RobotSettings | None = None
         self._description: DescriptionListener | None = None
-        self._described: Mailbox[Robot] = Mailbox()
+        self._described: LatestValue[Robot] = LatestValue()
         self._robot: Robot | None = None
         self._model: RobotModel | None = None
         self._lookups: dict[str, vtkMRMLROS2Tf2LookupNode] = {}

@@ -9,7 +9,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from app.bridge import topics
 from app.bridge.errors import BridgeError
-from app.bridge.publishing.frame_tree import Voice
+from app.bridge.publishing.frame_tree import PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.fixture import MarginState
@@ -199,7 +199,7 @@ def test_the_constraint_beats_between_steps(domain_id, scene, make_step, start_r
 def test_a_step_that_is_old_when_it_is_published_is_stale_from_the_first(
     domain_id, scene, make_step, start_receiver
 ):
-    voice = Voice(clock=False)
+    voice = PublishPolicy(clock=False)
     with SessionPublisher(scene, domain_id=domain_id, heartbeat_hz=10.0, voice=voice) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:1")
         wait_for_one_subscriber(ros, topics.CONSTRAINT)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.case import read_transform
 from app.cli.main import main
+from app.files import read_transform
 from app.geometry import Transform
 from tests.cli.real_case import CONFIGURATION, PUBLISHED, RECORDING, plus_transform
 

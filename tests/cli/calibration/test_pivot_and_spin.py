@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.case import read_transform
 from app.cli.main import main
+from app.files import read_transform
 from app.geometry import TrackingStatus
 from tests.cli.calibration.recordings import (
     TIP_MM,

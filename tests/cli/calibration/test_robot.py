@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 import yaml
 
-from app.case import JointSample, open_case, read_transform, write_recording
+from app.case import JointSample, open_case, write_recording
 from app.cli.main import main
+from app.files import read_transform
 from app.geometry import Transform
 from tests.cli.small_case import write_small_case
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.viewer.drawing.pace import Pace
+from app.viewer.drawing.frame_rate import Pace
 
 MS = 1_000_000
 

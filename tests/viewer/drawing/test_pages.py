@@ -1,6 +1,6 @@
 """Which pages have the last picture."""
 
-from app.viewer.drawing.pages import Pages
+from app.viewer.drawing.client_acks import Pages
 
 S = 1_000_000_000
 

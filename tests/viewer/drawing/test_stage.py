@@ -9,16 +9,16 @@ from app.fixture import MarginState
 from app.geometry import Transform
 from app.robot import Link, Robot, Shape
 from app.scene.nodes.convert import world_matrix, world_points
-from app.viewer import Stage
-from app.viewer.drawing.cameras import Cameraman, Look
-from app.viewer.drawing.stage import Part
+from app.viewer import SceneView
+from app.viewer.drawing.cameras import CameraController, CameraPreset
+from app.viewer.drawing.scene_view import Part
 from app.viewer.errors import ViewerError
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 
 @pytest.fixture(scope="module")
 def shown_stage(can_draw, parts):
-    return Stage(parts.cast)
+    return SceneView(parts.cast)
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_a_robot_comes_when_its_base_is_known_although_it_was_not_at_first(can_d
         fixed=(*parts.cast.fixed, Transform.identity("reference", "robot_base")),
     )
     first, second = (replace(shown, cast=cast) for shown in parts.feed.shown[:2])
-    stage = Stage(cast)
+    stage = SceneView(cast)
     stage.show(first)
     assert not stage.scene.robots
     stage.set_strength(Part.ROBOT, 0.5)
@@ -97,7 +97,7 @@ def test_a_robot_comes_when_its_base_is_known_although_it_was_not_at_first(can_d
 
 
 def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
-    stage = Stage(parts.cast)
+    stage = SceneView(parts.cast)
     first = parts.feed.shown[0]
     stage.show(replace(first, step=replace(first.step, tumor_from_tip=None)))
     assert stage.scene is None
@@ -106,7 +106,7 @@ def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
 
 
 def test_another_tumour_takes_the_place_of_the_first(can_draw, parts):
-    stage = Stage(parts.cast)
+    stage = SceneView(parts.cast)
     stage.show(parts.feed.shown[0])
     small = parts.cast.tumor
     small = type(small)(small.frame, 0.5 * small.vertices_mm, small.faces)
@@ -138,9 +138,13 @@ def test_parts_are_hidden_and_faded_by_themselves(stage):
 
 def test_the_bullseye_rides_on_the_tool_and_the_others_stay(stage, parts):
     stage.view.render_window().SetSize(400, 300)
-    man = Cameraman(stage)
+    man = CameraController(stage)
     camera = stage.view.get_camera_node()
-    for look, rides in ((Look.BULLSEYE, True), (Look.CLOSE, False), (Look.OVERVIEW, False)):
+    for look, rides in (
+        (CameraPreset.BULLSEYE, True),
+        (CameraPreset.CLOSE, False),
+        (CameraPreset.OVERVIEW, False),
+    ):
         man.take(look)
         places = []
         for frame in (0, 15):
@@ -151,15 +155,15 @@ def test_the_bullseye_rides_on_the_tool_and_the_others_stay(stage, parts):
                 tip = world_matrix(stage.scene.tree.node(parts.cast.tip_frame))[:3, 3]
                 assert np.allclose(places[-1], tip)
         assert np.allclose(*places) != rides
-    man.take(Look.BULLSEYE)
+    man.take(CameraPreset.BULLSEYE)
     assert not stage.scene.tool.GetDisplayNode().GetVisibility()
-    man.take(Look.CLOSE)
+    man.take(CameraPreset.CLOSE)
     assert stage.scene.tool.GetDisplayNode().GetVisibility()
 
 
 def test_a_view_that_was_turned_by_hand_stays(stage, parts):
-    man = Cameraman(stage)
-    man.take(Look.BULLSEYE)
+    man = CameraController(stage)
+    man.take(CameraPreset.BULLSEYE)
     man.follow()
     man.let_go()
     camera = stage.view.get_camera_node()

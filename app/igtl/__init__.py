@@ -1,0 +1,10 @@
+"""OpenIGTLink in: tracked transforms with their status from a PLUS server.
+
+`wire`, `stream`, `poses` and `queue` are pure; `IgtlSource` owns a socket and a thread.
+"""
+
+from app.igtl.errors import IgtlError
+from app.igtl.queue import SampleQueue
+from app.igtl.source import PORT, IgtlSource
+
+__all__ = ["PORT", "IgtlError", "IgtlSource", "SampleQueue"]

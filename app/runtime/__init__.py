@@ -1,0 +1,6 @@
+"""The application layer: what a session is about, how it is opened, run and changed."""
+
+import lazy_loader
+
+# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

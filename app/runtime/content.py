@@ -1,0 +1,94 @@
+"""What a session is about: structures, tool, robot, static transforms, registration, margins."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.case import Case
+from app.fixture import MarginParameters
+from app.geometry import FrameError, SurfaceMesh, Transform
+from app.registration import RegistrationResult
+from app.robot import urdf_text
+from app.session import RobotSetup, SessionSetup
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionContent:
+    """The one description of a session that publishers, scene, viewer, report and panel take.
+
+    It does not change; an operator's command replaces it as a whole, so two contents are the same
+    when they are one object. It holds plain values and can be sent to another process.
+
+    ``tumor`` is in the frame ``tumor.frame``; ``tool`` in ``tip_frame``, or None where only the
+    tip is known. ``static_edges`` are the calibrations and the registration, each child frame
+    once. ``robot`` is None for a tool that is held by hand. ``robot_file`` with ``package_dirs``
+    is where the robot's description is read from.
+    """
+
+    name: str
+    tumor: SurfaceMesh
+    tool: SurfaceMesh | None
+    tip_frame: str
+    static_edges: tuple[Transform, ...]
+    margins: MarginParameters
+    robot: RobotSetup | None = None
+    robot_file: Path | None = None
+    package_dirs: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        children = [edge.source for edge in self.tf_static_edges]
+        for child in children:
+            if children.count(child) > 1:
+                raise FrameError(
+                    f"static transforms: frame {child!r} has {children.count(child)} parents; "
+                    "expected 1"
+                )
+
+    @property
+    def registration(self) -> RegistrationResult | None:
+        """The registration of the robot's base, None without a robot or before it is registered."""
+        return None if self.robot is None else self.robot.registration
+
+    @property
+    def tf_static_edges(self) -> tuple[Transform, ...]:
+        """``static_edges`` and, where their names differ, the edge from base to root link."""
+        if self.robot is None or self.robot.base_frame == self.robot.robot.root_link:
+            return self.static_edges
+        root = Transform.identity(self.robot.base_frame, self.robot.robot.root_link)
+        return (*self.static_edges, root)
+
+    @property
+    def model_id(self) -> str:
+        """Digest of the tumour's surface: changes with any of its numbers."""
+        return _digest(self.tumor.vertices_mm.tobytes() + self.tumor.faces.tobytes())
+
+    @property
+    def registration_id(self) -> str:
+        """Digest of the registration, empty without one."""
+        registration = self.registration
+        return "" if registration is None else _digest(registration.transform.matrix.tobytes())
+
+    def robot_description(self) -> str | None:
+        """Read the robot's URDF; None without a robot. Raises `UrdfError` for a broken file."""
+        if self.robot_file is None:
+            return None
+        return urdf_text(self.robot_file, package_dirs=self.package_dirs)
+
+
+def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionContent:
+    """Describe the session of ``case`` that ``setup`` starts with."""
+    return SessionContent(
+        name=case.manifest.name,
+        tumor=case.tumor_mesh(),
+        tool=None if tip_only else case.tool_mesh(),
+        tip_frame=setup.tool_from_tip.source,
+        static_edges=setup.static_edges,
+        margins=setup.margins,
+        robot=setup.robot,
+        robot_file=None if setup.robot is None else case.robot_urdf(),
+        package_dirs=case.package_dirs,
+    )
+
+
+def _digest(data: bytes) -> str:
+    return f"sha256:{hashlib.sha256(data).hexdigest()[:16]}"

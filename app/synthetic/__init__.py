@@ -1,0 +1,26 @@
+"""A simulated lumpectomy with ground truth: the case that the demo replays."""
+
+from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
+from app.synthetic.clearance import Clearance
+from app.synthetic.motion import ArmKinematics
+from app.synthetic.simulation import BASE_FRAME, Simulation, simulate
+from app.synthetic.tracker import Jitter
+from app.synthetic.truth import TrueBreach, find_breaches
+from app.synthetic.tumour import TUMOR_FRAME, Tumour
+from app.synthetic.writing import simulate_case
+
+__all__ = [
+    "BASE_FRAME",
+    "CAUTERY_TIP_FRAME",
+    "TUMOR_FRAME",
+    "ArmKinematics",
+    "Clearance",
+    "Jitter",
+    "Simulation",
+    "TrueBreach",
+    "Tumour",
+    "cautery_mesh",
+    "find_breaches",
+    "simulate",
+    "simulate_case",
+]

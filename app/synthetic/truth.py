@@ -1,0 +1,111 @@
+"""When the tool really was in the tumour: exact crossings of a motion without noise."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from app.geometry import FloatArray, Transform
+from app.synthetic.clearance import Clearance
+
+TRAVEL_STEP_S = 0.02
+TRAVEL_SAFETY = 2.0
+"""How far the tool travels is summed over chords of that time, and counted this many times."""
+
+FINEST_STEP_S = 0.0005
+"""Steps never get smaller: a touch that is shorter than this is not looked for."""
+
+DEPTH_STEP_S = 0.005
+
+Motion = Callable[[float], Transform]
+"""Seconds from the first frame to ``tumor_from_tip``."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrueBreach:
+    """The tool is in the tumour between ``start_s`` and ``end_s``; the deepest point in between.
+
+    ``shaft_only``: the tip itself stays outside all the while, by ``tip_clearance_mm`` at least
+    (negative when the tip gets in).
+    """
+
+    start_s: float
+    end_s: float
+    min_signed_distance_mm: float
+    tip_clearance_mm: float
+
+    @property
+    def shaft_only(self) -> bool:
+        """Whether the tip never touched the tumour."""
+        return self.tip_clearance_mm > 0.0
+
+
+def find_breaches(
+    clearance: Clearance, tumor_from_tip: Motion, duration_s: float
+) -> tuple[TrueBreach, ...]:
+    """Every breach of a motion from 0 to ``duration_s``.
+
+    Steps by conservative advancement: at a distance ``d`` nothing can touch before the tool has
+    travelled ``d``. The sign of the height is exact, so a root finder gives each crossing. A motion
+    that begins or ends inside is closed at that end.
+    """
+
+    def height(time_s: float) -> float:
+        return clearance.height_mm(tumor_from_tip(time_s))
+
+    times, travel_mm = _travel(tumor_from_tip, duration_s, clearance.tool_length_mm)
+    crossings: list[float] = []
+    time_s, here = 0.0, height(0.0)
+    if here < 0.0:
+        crossings.append(0.0)
+    while time_s < duration_s:
+        safe_mm = clearance.distance_per_height * abs(here) / TRAVEL_SAFETY
+        reach_mm = float(np.interp(time_s, times, travel_mm)) + safe_mm
+        safe_until_s = float(times[np.searchsorted(travel_mm, reach_mm, side="right") - 1])
+        later_s = min(max(safe_until_s, time_s + FINEST_STEP_S), duration_s)
+        later = height(later_s)
+        if (later < 0.0) != (here < 0.0):
+            crossings.append(float(brentq(height, time_s, later_s, xtol=1e-7)))
+        time_s, here = later_s, later
+    if here < 0.0:
+        crossings.append(duration_s)
+    return tuple(
+        _measure(clearance, tumor_from_tip, start_s, end_s)
+        for start_s, end_s in zip(crossings[::2], crossings[1::2], strict=True)
+    )
+
+
+def _travel(
+    tumor_from_tip: Motion, duration_s: float, length_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Times (n,), and how far (n,) the end of the tool that moves more has travelled by then.
+
+    Points of the axis between the ends travel no farther; the others, a few mm off the axis, are
+    left to the safety factor.
+    """
+    times = np.linspace(0.0, duration_s, int(np.ceil(duration_s / TRAVEL_STEP_S)) + 1)
+    ends = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, -length_mm)])
+    places = np.array([tumor_from_tip(time_s).apply(ends) for time_s in times.tolist()])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=2).max(axis=1)
+    return times, np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _measure(
+    clearance: Clearance, tumor_from_tip: Motion, start_s: float, end_s: float
+) -> TrueBreach:
+    count = max(3, int(np.ceil((end_s - start_s) / DEPTH_STEP_S)) + 1)
+    times = np.linspace(start_s, end_s, count)
+    depths = [clearance.distance_mm(tumor_from_tip(t)) for t in times]
+    deepest = int(np.argmin(depths))
+    low, high = times[max(deepest - 1, 0)], times[min(deepest + 1, count - 1)]
+    refined = minimize_scalar(
+        lambda t: clearance.distance_mm(tumor_from_tip(t)), bounds=(low, high), method="bounded"
+    )
+    tips = np.array([tumor_from_tip(t).translation_mm for t in times])
+    return TrueBreach(
+        start_s,
+        end_s,
+        min(float(refined.fun), depths[deepest]),
+        float(clearance.point_distances_mm(tips).min()),
+    )

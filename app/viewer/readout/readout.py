@@ -1,0 +1,117 @@
+"""What the page says beside the picture, as plain values."""
+
+from typing import Any
+
+from app.fixture import FixtureDecision, MarginState, Reason
+from app.geometry import NS_PER_MS
+from app.scene.frames.watchdog import Freshness, TransformHealth
+from app.session import StepResult
+from app.viewer.readout.words import STATE_WORDS, distance_digits, why
+from app.viewer.steps.cast import Cast
+from app.viewer.steps.view_state import ViewState
+
+
+def readout(shown: ViewState | None) -> dict[str, Any]:
+    """State in a word, its reason, distance, trend, hold, breaches so far, lamps."""
+    if shown is None:
+        return _values(MarginState.UNKNOWN, "nothing has been measured yet")
+    decision = shown.step.decision
+    return _values(
+        decision.state,
+        shown.silent or _why(shown.step),
+        distance=distance_digits(shown.distance_mm),
+        trend=str(shown.trend),
+        hold=Reason.LATCHED in decision.reasons,
+        breaches=shown.breaches,
+        **_margins(decision, shown.cast),
+        registration=_registration(shown.cast),
+        lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
+    )
+
+
+def _why(step: StepResult) -> str:
+    """The reasons of ``step``, and the frames that are at fault where the margin is not known."""
+    decision = step.decision
+    told = why(decision.state, decision.reasons)
+    is_unknown = decision.state is MarginState.UNKNOWN
+    return f"{told} ({step.frames_problem})" if is_unknown and step.frames_problem else told
+
+
+def _values(
+    state: MarginState,
+    reason: str,
+    *,
+    distance: str = distance_digits(None),
+    trend: str = "",
+    hold: bool = False,
+    breaches: int = 0,
+    stop: str = "",
+    warn: str = "",
+    tre: str = "",
+    registration: dict[str, str | bool] | None = None,
+    lamps: list[dict[str, str]] | None = None,
+) -> dict[str, Any]:
+    return {
+        "state": state.name,
+        "word": STATE_WORDS[state],
+        "why": reason,
+        "distance": distance,
+        "trend": trend,
+        "hold": hold,
+        "breaches": breaches,
+        "stop": stop,
+        "warn": warn,
+        "tre": tre,
+        "registration": registration or {"word": "", "ok": False, "numbers": ""},
+        "lamps": lamps or [],
+    }
+
+
+def _margins(decision: FixtureDecision, cast: Cast) -> dict[str, str]:
+    """The margins that are applied to a distance, where there is one."""
+    margin = decision.margin
+    if margin is None or decision.state is MarginState.UNKNOWN:
+        return {}
+    return {
+        "stop": f"{margin.total_mm:.1f}",
+        "warn": f"{margin.warn_total_mm:.1f}",
+        "tre": _tre(margin.tre_mm, cast),
+    }
+
+
+def _tre(tre_mm: float, cast: Cast) -> str:
+    """What the registration adds to the margins: 0 mm is said of an uncertainty that is known."""
+    if cast.registration is None:
+        return ""
+    if cast.registration.covariance is None:
+        return "adds nothing to the margins"
+    return f"k\N{MIDDLE DOT}TRE at the tip {tre_mm:.2f} mm"
+
+
+def _registration(cast: Cast) -> dict[str, str | bool]:
+    """The verdict in a word, and what its numbers are."""
+    result = cast.registration
+    if cast.robot is None:
+        return {"ok": True, "word": "no robot", "numbers": ""}
+    if result is None:
+        return {"ok": False, "word": "missing", "numbers": ""}
+    numbers = [f"{len(result.used)} points"] if len(result.used) else []
+    numbers += [] if result.fre_mm is None else [f"FRE {result.fre_mm:.2f} mm"]
+    numbers += ["uncertainty not known"] if result.covariance is None else []
+    word = "accepted" if result.accepted else "refused"
+    return {"ok": result.accepted, "word": word, "numbers": ", ".join(numbers)}
+
+
+def _lamp(lamp: TransformHealth, *, silent: bool) -> dict[str, str]:
+    # Where nothing comes any more, ages have stopped: no lamp may say "valid".
+    stopped = silent and lamp.freshness is Freshness.VALID
+    light = Freshness.STALE if stopped else lamp.freshness
+    age = "" if silent else _age(lamp.age_ns)
+    return {"name": lamp.name, "light": light.value, "age": age}
+
+
+def _age(age_ns: int | None) -> str:
+    if age_ns is None:
+        return "never"
+    milliseconds = age_ns / NS_PER_MS
+    return f"{milliseconds:.0f} ms" if milliseconds < 1000.0 else f"{milliseconds / 1000.0:.1f} s"

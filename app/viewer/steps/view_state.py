@@ -1,0 +1,118 @@
+"""One step of a session with all that a page shows of it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from app.case import TrackingFrame
+from app.fixture import MarginState, Reason
+from app.geometry import FloatArray, Transform
+from app.scene.frames.watchdog import Freshness, TransformHealth, TransformWatchdog
+from app.session import REFERENCE, SessionSetup, StepResult
+from app.viewer.steps.cast import Cast
+from app.viewer.steps.trend import Trend, TrendMeter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewState:
+    """What one step found, and what the steps before it leave to be shown.
+
+    ``cast``: whom the step is of. ``measured``: the last good sample of every edge so far.
+    ``breaches``: how often the state has become POSITIVE so far, so that a page that leaves steps
+    out misses none. ``marks``: where the tool was in the tumour, in the tumour's frame, the first
+    ``marked`` of them up to this step. ``silent``: why the step is not of the present, in words,
+    empty while it is.
+    """
+
+    step: StepResult
+    cast: Cast
+    measured: tuple[Transform, ...]
+    lamps: tuple[TransformHealth, ...]
+    trend: Trend
+    breaches: int
+    marks: Sequence[FloatArray]
+    marked: int
+    silent: str = ""
+
+    @property
+    def distance_mm(self) -> float | None:
+        """The signed distance that may be shown: None while the state is UNKNOWN."""
+        return known_distance_mm(self.step)
+
+    def as_unknown(self, why: str) -> "ViewState":
+        """The same moment when nothing came after it: grey, without distance, plane or links."""
+        reasons = (Reason.STALE, *(r for r in self.step.decision.reasons if r is Reason.LATCHED))
+        decision = replace(
+            self.step.decision,
+            state=MarginState.UNKNOWN,
+            reasons=reasons,
+            constraint_is_current=False,
+        )
+        step = replace(self.step, decision=decision, links={})
+        return replace(self, step=step, trend=Trend.NONE, silent=why)
+
+
+def known_distance_mm(step: StepResult) -> float | None:
+    """The signed distance of ``step``, None while its state is UNKNOWN."""
+    decision = step.decision
+    proximity = decision.proximity
+    if decision.state is MarginState.UNKNOWN or proximity is None or not proximity.is_finite:
+        return None
+    return float(proximity.signed_distance_mm)
+
+
+class Watcher:
+    """Looks at every step of a session in turn, and says what there is to show of it.
+
+    Whoever changes the session sets ``cast`` before the first step after it.
+    """
+
+    def __init__(self, setup: SessionSetup, cast: Cast) -> None:
+        self.cast = cast
+        self._wanted = tuple(_wanted_frames(setup))
+        self._named: set[str] = set()
+        self._watchdog = TransformWatchdog(setup.margins.stale_after_ns)
+        self._trend = TrendMeter()
+        self._edges: dict[tuple[str, str], Transform] = {}
+        self._measured: tuple[Transform, ...] = ()
+        self._breaches = 0
+        self._marks: list[FloatArray] = []
+        self._inside = False
+
+    def see(self, step: StepResult) -> ViewState:
+        """What is to be shown of ``step``, which follows the one before."""
+        good = [pose.transform for pose in step.frame.poses if pose.transform is not None]
+        if good:
+            self._edges |= {(edge.target, edge.source): edge for edge in good}
+            self._measured = tuple(self._edges.values())
+        inside = step.decision.state is MarginState.POSITIVE
+        self._breaches += inside and not self._inside
+        self._inside = inside
+        distance_mm, proximity = known_distance_mm(step), step.decision.proximity
+        if distance_mm is not None and proximity is not None and distance_mm < 0.0:
+            self._marks.append(proximity.on_tool_mm)
+        return ViewState(
+            step=step,
+            cast=self.cast,
+            measured=self._measured,
+            lamps=self._lamps(step.frame),
+            trend=self._trend.see(step.frame.stamp.ns, distance_mm),
+            breaches=self._breaches,
+            marks=self._marks,
+            marked=len(self._marks),
+        )
+
+    def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:
+        """How every tracked frame is, and those without which there is no margin if never named."""
+        for sample in frame.poses:
+            self._watchdog.saw(sample)
+        known = {sample.source for sample in frame.poses} | self._named
+        self._named = known
+        never = (
+            TransformHealth(n, Freshness.MISSING, None) for n in self._wanted if n not in known
+        )
+        return (*self._watchdog.check(frame.stamp.ns), *never)
+
+
+def _wanted_frames(setup: SessionSetup) -> Iterable[str]:
+    frames = [setup.tool_from_tip.target, setup.frame_from_tumor.target]
+    return frames if setup.robot is None else [*frames, REFERENCE]

@@ -1,0 +1,144 @@
+"""What ``marginguard live`` tells: each worsening at once, and no flood close to a bound."""
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.case import TrackingFrame
+from app.cli.state_changes import news
+from app.fixture import FixtureDecision, MarginState, Reason
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp
+from app.session import StepResult
+from tests.doubles import Runner
+
+FRAME_NS = 16 * NS_PER_MS
+WARNING, UNKNOWN = MarginState.WARNING, MarginState.UNKNOWN
+
+
+def step(decision: FixtureDecision, ns: int) -> StepResult:
+    return StepResult(
+        index=0,
+        frame=TrackingFrame(Stamp(ns, "host"), ()),
+        decision=decision,
+        tumor_from_tip=None,
+        virtual_fixture=None,
+        links={},
+        joints=None,
+    )
+
+
+def decided(*reasons: Reason, state: MarginState = WARNING, hold: bool = False) -> FixtureDecision:
+    return FixtureDecision(
+        state=state,
+        reasons=reasons,
+        proximity=None,
+        margin=None,
+        constraint=None,
+        hold=hold,
+        stamp=None,
+        seq=0,
+    )
+
+
+def steps_of(decisions: Iterable[FixtureDecision], frame_ns: int = FRAME_NS) -> list[StepResult]:
+    return [step(decision, index * frame_ns) for index, decision in enumerate(decisions)]
+
+
+def told(steps: Sequence[StepResult]) -> list[tuple[Reason, ...]]:
+    return [step.decision.reasons for step in news(steps)]
+
+
+def test_a_tool_that_trembles_at_the_warning_distance_is_told_once() -> None:
+    runner = Runner()
+    distances = 5.0 + 0.02 * np.sin(np.arange(1200) * 1.7)
+    steps = [
+        step(runner.step(distance, advance_ns=FRAME_NS), runner.now_ns)
+        for distance in distances.tolist()
+    ]
+    changes = sum(a.decision.reasons != b.decision.reasons for a, b in pairwise(steps))
+    assert changes > 500  # of 19 s
+    assert told(steps)[-1] == (Reason.WARNING_DISTANCE,)
+    assert len(told(steps)) <= 2  # clear to begin with, perhaps
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [
+        decided(Reason.STOP_DISTANCE, Reason.WARNING_DISTANCE),
+        decided(Reason.WARNING_DISTANCE, hold=True),
+        decided(Reason.STALE, state=UNKNOWN),
+    ],
+)
+def test_a_worsening_of_one_frame_is_told(worse: FixtureDecision) -> None:
+    usual = decided(Reason.WARNING_DISTANCE)
+    assert worse.reasons in told(steps_of([usual, worse, usual, usual]))[1:]
+
+
+def test_an_end_of_the_hold_is_told_at_once() -> None:
+    held = decided(Reason.WARNING_DISTANCE, Reason.LATCHED, hold=True)
+    free = decided(Reason.WARNING_DISTANCE)
+    assert told(steps_of([held, held, free])) == [held.reasons, free.reasons]
+
+
+def test_better_reasons_are_told_once_they_have_lasted() -> None:
+    worse = decided(Reason.STOP_DISTANCE, Reason.WARNING_DISTANCE)
+    better = decided(Reason.WARNING_DISTANCE)
+    steps = steps_of([worse] + [better] * 200)
+    late = list(news(steps))[1]
+    assert late.decision is better
+    assert late.frame.stamp.ns == FRAME_NS + 2 * NS_PER_S
+    assert len(told(steps)) == 2
+
+
+def test_a_clock_that_is_set_back_does_not_put_off_what_is_better() -> None:
+    worse = decided(Reason.STALE, Reason.LATCHED, state=UNKNOWN, hold=True)
+    better = decided(Reason.RECOVERING, Reason.LATCHED, state=UNKNOWN, hold=True)
+    hour_ns = 3600 * NS_PER_S
+    steps = [step(worse, hour_ns), step(better, hour_ns + FRAME_NS)]
+    steps += steps_of([better] * 200)
+    assert told(steps) == [worse.reasons, better.reasons]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([WARNING, UNKNOWN]),
+            st.booleans(),
+            st.sets(st.sampled_from(list(Reason)[10:]), min_size=1, max_size=3),
+            st.integers(1, 40),
+        ),
+        max_size=40,
+    )
+)
+def test_nobody_is_left_with_less_than_what_holds(runs) -> None:
+    order = list(Reason)
+    decisions = [
+        decided(*sorted(reasons, key=order.index), state=state, hold=hold)
+        for state, hold, reasons, times in runs
+        for _ in range(times)
+    ]
+    steps = steps_of(decisions, NS_PER_S // 4)
+    lines = {id(line) for line in news(steps)}
+    last, since_ns = None, 0
+    for one in steps:
+        now, ns = one.decision, one.frame.stamp.ns
+        if id(one) in lines:
+            last = now
+        assert last is not None
+        assert (last.state, last.hold) == (now.state, now.hold)
+        # The worst reason that holds is told, or a worse one; the latter not for long.
+        assert order.index(last.reasons[0]) <= order.index(now.reasons[0])
+        if last.reasons == now.reasons:
+            since_ns = ns
+        assert ns - since_ns <= 2 * NS_PER_S
+
+
+@given(st.lists(st.booleans(), max_size=200), st.integers(1, NS_PER_S))
+def test_two_reasons_in_any_order_make_a_line_a_second_at_most(turns, frame_ns) -> None:
+    kinds = (decided(Reason.WARNING_DISTANCE), decided(Reason.RELEASING))
+    lines = list(news(steps_of([kinds[turn] for turn in turns], frame_ns)))
+    assert len(lines) <= 2 + len(turns) * frame_ns / NS_PER_S

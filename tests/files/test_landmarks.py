@@ -1,0 +1,164 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.files import read_landmarks
+from app.files.landmarks import read_points
+from app.geometry import InputError
+
+
+def markups(folder: Path, **changes: object) -> Path:
+    """As 3D Slicer writes a point list: positions in LPS, unplaced points among them."""
+    markup = {
+        "type": "Fiducial",
+        "coordinateSystem": "LPS",
+        "coordinateUnits": "mm",
+        "controlPoints": [
+            {"label": "F-1", "position": [-1.0, -2.0, 3.0], "positionStatus": "defined"},
+            {"label": "F-2", "position": [10.0, 0.0, 0.5], "positionStatus": "defined"},
+            {"label": "F-3", "position": [0.0, 0.0, 0.0], "positionStatus": "undefined"},
+        ],
+    } | changes
+    path = folder / "points.mrk.json"
+    path.write_text(json.dumps({"markups": [markup]}))
+    return path
+
+
+def test_markups_in_lps_come_out_in_ras(tmp_path: Path) -> None:
+    found = read_landmarks(markups(tmp_path))
+    assert list(found) == ["F-1", "F-2"]
+    np.testing.assert_array_equal(found["F-1"], [1.0, 2.0, 3.0])
+    again = read_landmarks(markups(tmp_path, coordinateSystem="RAS"))
+    np.testing.assert_array_equal(again["F-1"], [-1.0, -2.0, 3.0])
+
+
+@pytest.mark.parametrize("axes", ["LPS", "RAS", None])
+def test_slicer_reads_the_same_positions(tmp_path: Path, axes: str | None) -> None:
+    """A file that does not say its axes is in LPS as well."""
+    slicer = pytest.importorskip("slicer")
+    path = markups(tmp_path, coordinateSystem=axes)
+    if axes is None:
+        path.write_text(path.read_text().replace('"coordinateSystem": null, ', ""))
+        assert "coordinateSystem" not in path.read_text()
+    scene = slicer.vtkMRMLScene()
+    logic = slicer.vtkSlicerMarkupsLogic()
+    logic.SetMRMLScene(scene)
+    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    storage = slicer.vtkMRMLMarkupsJsonStorageNode()
+    scene.AddNode(storage)
+    storage.SetFileName(str(path))
+    assert storage.ReadData(node)
+    for index, (name, position) in enumerate(read_landmarks(path).items()):
+        assert node.GetNthControlPointLabel(index) == name
+        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+
+
+FIDUCIALS = """\
+# Markups fiducial file version = 4.11
+# CoordinateSystem = {axes}
+# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID
+1,-1.0,-2.0,3.0,0.0,0.0,0.0,1.0,1,1,0,F-1,,
+2,10.0,0.0,0.5,0.0,0.0,0.0,1.0,1,1,0,F-2,"a, b",
+"""
+
+
+@pytest.mark.parametrize("axes", ["LPS", "RAS", "0", "1"])
+def test_slicer_reads_the_same_from_a_table(tmp_path: Path, axes: str) -> None:
+    slicer = pytest.importorskip("slicer")
+    path = tmp_path / "points.fcsv"
+    path.write_text(FIDUCIALS.format(axes=axes))
+    scene = slicer.vtkMRMLScene()
+    logic = slicer.vtkSlicerMarkupsLogic()
+    logic.SetMRMLScene(scene)
+    node = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    storage = slicer.vtkMRMLMarkupsFiducialStorageNode()
+    scene.AddNode(storage)
+    storage.SetFileName(str(path))
+    assert storage.ReadData(node)
+    found = read_landmarks(path)
+    assert list(found) == ["F-1", "F-2"]
+    for index, position in enumerate(found.values()):
+        np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
+
+
+def test_bad_tables(tmp_path: Path) -> None:
+    path = tmp_path / "points.fcsv"
+    good = FIDUCIALS.format(axes="LPS")
+    for text, message in (
+        (good.replace("LPS", "IJK"), "RAS or LPS wanted"),
+        (good.replace("# CoordinateSystem = LPS\n", ""), "no Slicer fiducial file"),
+        (good.replace("id,x,y,z", "id,z,y,x"), "no Slicer fiducial file"),
+        (good.replace("10.0", "ten"), "the row '2,ten,.*: 'ten' is not a number"),
+        (good.replace("10.0", "1_0"), "'1_0' is not a number"),
+        # Read on to the next mark, it would leave a point out.
+        (good.replace("F-1,,", '"F-1,,'), "row 1 is no point"),
+        (good.replace("F-1,,", "F" * 200_000), "row 1 is no point: field larger"),
+        (good.replace("10.0", "nan"), "'F-2' is at .*finite"),
+        (good[: good.index("2,10.0")] + "2,1.0\n", "the row '2,1.0' is no point"),
+        (good[: good.index("1,-1.0")], "no landmark"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=message):
+            read_landmarks(path)
+
+
+def test_names_do_not_matter_where_points_are_wanted(tmp_path: Path) -> None:
+    points = [{"label": "", "position": [1.0, 2.0, 3.0]}] * 2
+    path = markups(tmp_path, controlPoints=points)
+    assert [(name, p.tolist()) for name, p in read_points(path)] == [("", [-1.0, -2.0, 3.0])] * 2
+    with pytest.raises(InputError, match="landmark 0 has no name"):
+        read_landmarks(path)
+
+
+def test_yaml_in_the_order_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "phantom.yaml"
+    path.write_text(
+        "landmarks:\n- {name: B, position_mm: [1, 2, 3]}\n- {name: A, position_mm: [4, 5, 6]}"
+    )
+    assert list(read_landmarks(path)) == ["B", "A"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("landmarks: []", "no landmark"),
+        ("landmarks: [{name: A, position: [1, 2, 3]}]", "position is not known"),
+        ("landmarks: [{name: A, position_mm: [1, 2]}]", "3 numbers wanted"),
+        (
+            "landmarks: [{name: A, position_mm: [1, 2, 3]}, {name: A, position_mm: [1, 2, 3]}]",
+            "stands twice",
+        ),
+    ],
+)
+def test_bad_yaml(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "phantom.yml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_landmarks(path)
+
+
+def test_bad_markups(tmp_path: Path) -> None:
+    for changes, message in (
+        ({"coordinateSystem": "IJK"}, "RAS or LPS wanted"),
+        ({"coordinateUnits": "cm"}, "mm wanted"),
+        ({"controlPoints": []}, "no landmark"),
+        ({"controlPoints": [{"label": "A"}]}, "no Slicer markups file: KeyError 'position'"),
+        ({"controlPoints": [{"label": "A", "position": None}]}, "no Slicer markups file"),
+        ({"controlPoints": [{"label": "A", "position": "123"}]}, "a list of numbers wanted"),
+        ({"controlPoints": [{"label": "A", "position": [True, 2, 3]}]}, "a list of numbers"),
+        ({"controlPoints": [{"label": "A", "position": [1, 2, 10**400]}]}, "too large"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_landmarks(markups(tmp_path, **changes))
+    path = tmp_path / "broken.mrk.json"
+    twice = '{"markups": [{"coordinateSystem": "LPS", "coordinateSystem": "RAS"}]}'
+    for text in ("{", "[]", '{"markups": []}', twice):
+        path.write_text(text)
+        with pytest.raises(InputError):
+            read_landmarks(path)
+    with pytest.raises(InputError, match="a name stands twice among coordinateSystem"):
+        read_landmarks(path)
+    with pytest.raises(InputError, match="is no landmark file"):
+        read_landmarks(tmp_path / "points.csv")

@@ -1,0 +1,85 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.files import read_plus_config
+from app.geometry import InputError
+from tests.cli.real_case import plus_transform
+
+FILE = "PlusDeviceSet_fCal_Sim_RecordPhantomLandmarks.xml"
+
+
+def configuration(folder: Path, inner: str, before: str = "") -> Path:
+    path = folder / "plus.xml"
+    path.write_text(f"{before}<PlusConfiguration>{inner}</PlusConfiguration>")
+    return path
+
+
+def coordinates(*transforms: str) -> str:
+    return f"<CoordinateDefinitions>{''.join(transforms)}</CoordinateDefinitions>"
+
+
+def landmarks(*entries: str) -> str:
+    geometry = f"<Geometry><Landmarks>{''.join(entries)}</Landmarks></Geometry>"
+    return f"<PhantomDefinition>{geometry}</PhantomDefinition>"
+
+
+def test_a_real_configuration(shared_data: Path) -> None:
+    path = shared_data / "plus" / FILE
+    found = read_plus_config(path)
+    tip = found.transform("stylus", "stylus_tip")
+    np.testing.assert_allclose(tip.matrix, plus_transform(path, "StylusTip"), atol=1e-4)
+    assert list(found.landmarks_mm) == [f"#{number}" for number in range(1, 9)]
+    np.testing.assert_array_equal(found.landmarks_mm["#4"], [104.3, -5.0, 0.0])
+    with pytest.raises(InputError, match="no ProbeTipToProbe: StylusTipToStylus given"):
+        found.transform("probe", "probe_tip")
+
+
+def test_a_scaled_transform_stands_in_nobodys_way(tmp_path: Path) -> None:
+    scaled = "<Transform From='Image' To='Probe' Matrix='.1 0 0 0 0 .1 0 0 0 0 .1 0 0 0 0 1'/>"
+    rigid = "<Transform From='StylusTip' To='Stylus' Matrix='1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1'/>"
+    found = read_plus_config(configuration(tmp_path, coordinates(scaled, rigid)))
+    np.testing.assert_array_equal(
+        found.transform("stylus", "stylus_tip").translation_mm, [5.0, 6.0, 7.0]
+    )
+    with pytest.raises(InputError, match=r"matrix of ImageToProbe.*not orthonormal"):
+        found.transform("probe", "image")
+
+
+def test_a_document_type_is_refused_before_anything_of_it_is_read(tmp_path: Path) -> None:
+    bomb = (
+        "<!DOCTYPE PlusConfiguration [<!ENTITY a 'xxxxxxxxxx'><!ENTITY b '&a;&a;&a;'>"
+        f"<!ENTITY file SYSTEM '{tmp_path}/secret'>]>"
+    )
+    path = configuration(tmp_path, landmarks("<Landmark Name='&b;' Position='0 0 0'/>"), bomb)
+    with pytest.raises(InputError, match="document type"):
+        read_plus_config(path)
+
+
+@pytest.mark.parametrize(
+    ("inner", "message"),
+    [
+        (landmarks("<Landmark Name='A' Position='1 2'/>"), "'A' has 2 numbers: 3 wanted"),
+        (landmarks("<Landmark Name='A' Position='1 2 nan'/>"), "3 finite numbers wanted"),
+        (landmarks("<Landmark Name='A' Position='1 2 z'/>"), "'A': 'z' is not a number"),
+        (landmarks("<Landmark Position='1 2 3'/>"), "landmark 0 has no name"),
+        (landmarks(*["<Landmark Name='A' Position='1 2 3'/>"] * 2), "'A' stands twice"),
+        (landmarks("<Landmark Name='A' Position='1_0 2 3'/>"), "'A': '1_0' is not a number"),
+        (coordinates(*["<Transform From='A' To='B' Matrix=''/>"] * 2), "AToB stands twice"),
+        (coordinates("<Transform From='A' Matrix=''/>"), "From='A' To=''"),
+        ("<open>", "not well-formed XML"),
+    ],
+)
+def test_what_cannot_be_used_is_named(tmp_path: Path, inner: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_plus_config(configuration(tmp_path, inner))
+
+
+def test_other_xml_and_no_file_are_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text("<robot/>")
+    with pytest.raises(InputError, match="is a 'robot': a PlusConfiguration wanted"):
+        read_plus_config(other)
+    with pytest.raises(InputError, match="No such file"):
+        read_plus_config(tmp_path / "none.xml")

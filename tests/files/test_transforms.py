@@ -1,0 +1,151 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.files import check_transform_path, read_transform, write_transform
+from app.geometry import InputError, Transform
+
+TIP_TO_STYLUS = Transform.from_rotation_vector(
+    [0.3, -0.7, 1.1], [12.5, -40.25, 77.0], target="stylus", source="stylus_tip"
+)
+
+
+def read_by_slicer(path: Path) -> np.ndarray:
+    """What 3D Slicer's own storage node makes of the file: the matrix to parent, in RAS."""
+    slicer = pytest.importorskip("slicer")
+    matrices = pytest.importorskip("vtkmodules.vtkCommonMath")
+    scene = slicer.vtkMRMLScene()
+    storage = slicer.vtkMRMLTransformStorageNode()
+    scene.AddNode(storage)
+    storage.SetFileName(str(path))
+    node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+    assert storage.ReadData(node), "Slicer does not load it"
+    matrix = matrices.vtkMatrix4x4()
+    node.GetMatrixTransformToParent(matrix)
+    return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+
+
+def written_by_slicer(path: Path, transform: Transform) -> None:
+    slicer = pytest.importorskip("slicer")
+    matrices = pytest.importorskip("vtkmodules.vtkCommonMath")
+    scene = slicer.vtkMRMLScene()
+    storage = slicer.vtkMRMLTransformStorageNode()
+    scene.AddNode(storage)
+    storage.SetFileName(str(path))
+    node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
+    matrix = matrices.vtkMatrix4x4()
+    matrix.DeepCopy(transform.matrix.ravel().tolist())
+    node.SetMatrixTransformToParent(matrix)
+    assert storage.WriteData(node)
+
+
+@pytest.mark.parametrize("ending", [".tfm", ".txt"])
+def test_slicer_loads_the_matrix_that_was_written(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"StylusTipToStylus{ending}"
+    write_transform(path, TIP_TO_STYLUS, "pivot, 100 poses:\nsigma 0.1 mm")
+    np.testing.assert_allclose(read_by_slicer(path), TIP_TO_STYLUS.matrix, atol=1e-12)
+
+
+def test_what_slicer_wrote_is_read_with_its_centre_of_turning(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.tfm"
+    written_by_slicer(path, TIP_TO_STYLUS)
+    assert "FixedParameters: 0 0 0" not in path.read_text(), "the case that matters"
+    back = read_transform(path, target="stylus", source="stylus_tip")
+    np.testing.assert_allclose(back.matrix, TIP_TO_STYLUS.matrix, atol=1e-12)
+
+
+@settings(max_examples=50)
+@given(
+    vector=st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3),
+    shift=st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3),
+    ending=st.sampled_from([".yaml", ".yml", ".tfm", ".txt"]),
+)
+def test_a_file_gives_back_what_was_written(tmp_path_factory, vector, shift, ending) -> None:
+    path = tmp_path_factory.mktemp("transform") / f"t{ending}"
+    pose = Transform.from_rotation_vector(vector, shift, target="a", source="b")
+    write_transform(path, pose)
+    back = read_transform(path, target="a", source="b")
+    np.testing.assert_allclose(back.matrix, pose.matrix, atol=1e-9)
+    assert (back.target, back.source) == ("a", "b")
+
+
+def test_the_yaml_says_what_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "tip.yaml"
+    write_transform(path, TIP_TO_STYLUS, "a note")
+    document = yaml.safe_load(path.read_text())
+    assert document["transform"] == "StylusTipToStylus"
+    np.testing.assert_array_equal(np.reshape(document["matrix"], (4, 4)), TIP_TO_STYLUS.matrix)
+    with pytest.raises(InputError, match="target is 'stylus': 'probe' wanted"):
+        read_transform(path, target="probe", source="stylus_tip")
+
+
+def test_plain_numbers_are_a_matrix(tmp_path: Path) -> None:
+    path = tmp_path / "matrix.txt"
+    np.savetxt(path, TIP_TO_STYLUS.matrix)
+    back = read_transform(path, target="stylus", source="stylus_tip")
+    np.testing.assert_allclose(back.matrix, TIP_TO_STYLUS.matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.txt", "1 2 3", "has 3 numbers: 16 wanted"),
+        ("a.txt", "1 " * 15 + "x", "'x' is not a number"),
+        ("a.txt", "1 0 0 1_0 0 1 0 0 0 0 1 0 0 0 0 1", "'1_0' is not a number"),
+        ("a.txt", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1", "not orthonormal"),
+        ("a.txt", "nan 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", "not finite"),
+        ("a.tfm", "#Insight Transform File V1.0\nTransform: BSpline\n", "holds BSpline"),
+        ("a.tfm", "#Insight Transform File V1.0\n", "holds nothing"),
+        (
+            "a.tfm",
+            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
+            "Parameters: 2 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n",
+            "not orthonormal",
+        ),
+        (
+            "a.tfm",
+            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
+            "Parameters: 1 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n"
+            "Parameters: 1 0 0 0 1 0 0 0 1 9 9 9\n",
+            "in 4 fields: .* no field twice",
+        ),
+        (
+            "a.tfm",
+            "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
+            "Parameters: 0 -1 0 1 0 0 0 0 1 0 0 0\nFixedParameters: 1e300 0 0\n",
+            "FixedParameters, a centre, are .* allowed",
+        ),
+        ("a.yaml", "matrix: [1, 2]", "2 values: a list of 16 numbers wanted"),
+        ("a.yaml", "matrx: 1", "matrx is not known"),
+    ],
+)
+def test_what_is_no_transform_is_refused(tmp_path: Path, name, text, message) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_transform(path, target="a", source="b")
+
+
+def test_a_place_that_cannot_be_written_is_said_before(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.yaml, \.yml, \.tfm, \.txt allowed"):
+        check_transform_path(tmp_path / "pose.h5")
+    for place in (tmp_path / "no" / "pose.tfm", tmp_path):
+        with pytest.raises(InputError):
+            check_transform_path(place)
+    (tmp_path / "pose.tfm").mkdir()
+    with pytest.raises(InputError, match="a file in a folder that is there wanted"):
+        write_transform(tmp_path / "pose.tfm", TIP_TO_STYLUS)
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        read_transform(tmp_path / "none.txt", target="a", source="b")
+
+
+def test_an_earlier_file_is_replaced_and_nothing_else_left(tmp_path: Path) -> None:
+    path = tmp_path / "pose.tfm"
+    path.write_text("old")
+    write_transform(path, TIP_TO_STYLUS)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["pose.tfm"]
+    assert path.read_text().startswith("#Insight Transform File V1.0\n")

@@ -1,0 +1,103 @@
+"""``marginguard igtl`` between a pyigtl server and a ROS process, all of them processes."""
+
+import math
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from tests.bridge.conftest import StartReceiver
+from tests.igtl.conftest import PyigtlServer, pose
+
+TIME_S = 1_700_000_000.5
+STAMP = {"sec": 1_700_000_000, "nanosec": 500_000_000}
+OUT_OF_VIEW = {"TransformStatus": "OUT_OF_VIEW"}
+
+
+@pytest.fixture
+def start_command(domain_id: int) -> Iterator[Callable[[int], subprocess.Popen[str]]]:
+    started: list[subprocess.Popen[str]] = []
+
+    def start(port: int) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "app.cli", "igtl", "--host", "127.0.0.1"]
+        started.append(
+            subprocess.Popen([*command, "--port", str(port)], stderr=subprocess.PIPE, text=True)
+        )
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_what_a_server_tracks_is_published(
+    start_pyigtl: Callable[..., PyigtlServer],
+    start_receiver: StartReceiver,
+    start_command: Callable[[int], subprocess.Popen[str]],
+) -> None:
+    server = start_pyigtl()
+    receiver = start_receiver(
+        "/tracked_transforms:marginguard_msgs/msg/TrackedTransform:1000",
+        "/tf:tf2_msgs/msg/TFMessage:1000",
+        "/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000",
+        wait=False,
+    )
+    command = start_command(server.port)
+    receiver.wait_until_ready()
+    came: dict[str, list[dict[str, Any]]] = {"/tracked_transforms": [], "/tf": []}
+    # The publishers may find the receiver later than it has found them: say it until it is heard.
+    tracked: dict[str, dict[str, Any]] = {}
+    while len(tracked) < 2 or not came["/tf"]:
+        server.send(name="NeedleToTracker", matrix=pose(1, 2, 3), metadata=OUT_OF_VIEW)
+        server.send(
+            matrix=pose(1000, 2000, 3000), time_s=TIME_S, metadata={"TransformStatus": "OK"}
+        )
+        [received] = receiver.take(1)
+        came.setdefault(received["topic"], []).append(received["message"])
+        tracked = {each["child_frame_id"]: each for each in came["/tracked_transforms"]}
+
+    stylus, needle = tracked["stylus"], tracked["needle"]
+    assert (stylus["status"], needle["status"]) == (0, 3)
+    assert stylus["header"] == {"frame_id": "tracker", "stamp": STAMP}
+    assert stylus["transform"]["translation"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+    assert stylus["transform"]["rotation"]["z"] == pytest.approx(math.sqrt(0.5))
+    assert math.isnan(needle["transform"]["translation"]["x"])
+    assert math.isnan(needle["transform"]["rotation"]["w"])
+    # One message holds what came in together: sent again, the pose can be in it twice.
+    on_tf = came["/tf"][0]["transforms"][0]
+    assert (on_tf["child_frame_id"], on_tf["header"]) == ("stylus", stylus["header"])
+    assert on_tf["transform"] == stylus["transform"]
+
+    server.send(name="Nonsense", matrix=pose(1, 2, 3))
+    values: dict[str, str] = {}
+    while "OpenIGTLink: refused (FrameError)" not in values:
+        [received] = receiver.take(1)
+        if received["topic"] == "/diagnostics":
+            [status] = received["message"]["status"]
+            values = {each["key"]: each["value"] for each in status["values"]}
+    assert status["name"] == "marginguard: OpenIGTLink"
+    assert status["level"] == 1
+    assert "'Nonsense'" in values["last refusal"]
+    assert values["OpenIGTLink: connections"] == "1"
+
+    command.send_signal(signal.SIGINT)
+    _, said = command.communicate(timeout=30.0)
+    assert command.returncode == 130, said
+    assert f"connected to 127.0.0.1:{server.port}" in said
+    assert "Traceback" not in said
+
+
+def test_an_address_that_is_none_is_one_line(domain_id: int) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-m", "app.cli", "igtl", "--port", "0"],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines()[-1].startswith("marginguard: error: 'localhost' port 0")

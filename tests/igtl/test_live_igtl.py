@@ -1,0 +1,77 @@
+"""``marginguard live`` fed by a pyigtl server: the same distances as a replay of the same poses."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+
+import pytest
+import yaml
+
+from app.case import open_case
+from app.geometry import join_transform_name
+from app.session import Session, setup_from_case
+from tests.igtl.conftest import DEADLINE_S, PyigtlServer
+
+STEP_S = 0.02
+
+
+def test_live_finds_what_a_replay_finds(
+    start_pyigtl: Callable[..., PyigtlServer], domain_id: int, project_root: Path, tmp_path: Path
+) -> None:
+    server = start_pyigtl()
+    values = yaml.safe_load((project_root / "data/live_example/live.yaml").read_text())
+    values["source"] = {"igtl": {"host": "127.0.0.1", "port": server.port}, "clock": "host"}
+    config = tmp_path / "live.yaml"
+    config.write_text(yaml.safe_dump(values))
+    case = open_case(project_root / "data" / "recorded_case")
+    frame = next(islice(case.recorded_frames(), 100, None))
+    expected = Session(setup_from_case(case)).step(frame).decision.proximity
+    assert expected is not None
+    live = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "live", "--config", str(config)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+    )
+    deadline = threading.Timer(DEADLINE_S, live.kill)
+    deadline.start()
+    stop = threading.Event()
+
+    def track() -> None:
+        while not stop.wait(STEP_S):
+            for sample in frame.poses:
+                assert sample.transform is not None
+                server.send(
+                    name=join_transform_name(sample.source, sample.target),
+                    matrix=sample.transform.matrix.tolist(),
+                    time_s=time.time(),
+                    metadata={"TransformStatus": "OK"},
+                )
+
+    tracker = threading.Thread(target=track)
+    tracker.start()
+    try:
+        assert live.stdout is not None
+        found = None
+        for line in live.stdout:
+            found = re.search(r"(-?\d+\.\d+) mm", line)
+            if found:
+                break
+    finally:
+        stop.set()
+        tracker.join()
+        live.send_signal(signal.SIGINT)
+        _, said = live.communicate()
+        deadline.cancel()
+    assert found is not None, said
+    assert float(found[1]) == pytest.approx(expected.signed_distance_mm, abs=0.02)
+    assert live.returncode == 130
+    assert "connected to 127.0.0.1" in said

@@ -1,0 +1,68 @@
+"""A stream of messages, cut anywhere."""
+
+import struct
+import tracemalloc
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.igtl.errors import IgtlFramingError
+from app.igtl.stream import MessageStream, Refusals
+from tests.igtl.conftest import pose
+from tests.igtl.peer import message
+
+TEN_MEGABYTES = 10_000_000
+FIRST = message(matrix=pose(1, 2, 3), time_s=1.0).pack()
+TEXT = message("STRING", "Log", string="hello").pack()
+LAST = message(matrix=pose(4, 5, 6), time_s=2.0, version=1).pack()
+
+
+def started() -> tuple[MessageStream, Refusals]:
+    refusals = Refusals()
+    return MessageStream(("TRANSFORM",), refusals), refusals
+
+
+@given(st.lists(st.integers(0, len(FIRST + TEXT + LAST)), max_size=30))
+def test_it_does_not_matter_where_the_stream_is_cut(cuts: list[int]) -> None:
+    stream, _ = started()
+    sent = FIRST + TEXT + LAST
+    places = [0, *sorted(cuts), len(sent)]
+    read = []
+    for begin, end in pairwise(places):
+        read += stream.feed(sent[begin:end])
+    assert [each.stamp_ns for each in read] == [1_000_000_000, 2_000_000_000]
+    assert (stream.complete, stream.ignored) == (3, 1)
+
+
+def test_a_damaged_body_does_not_take_its_neighbours_with_it() -> None:
+    stream, refusals = started()
+    damaged = FIRST[:-1] + bytes([FIRST[-1] ^ 1])
+    assert len(stream.feed(FIRST + damaged + LAST)) == 2
+    assert refusals.counts == {"IgtlChecksumError": 1}
+    assert "checksum" in refusals.last
+
+
+@pytest.mark.parametrize("kind", [b"TRANSFORM", b"IMAGE"])
+def test_ten_megabytes_pass_without_being_kept(kind: bytes) -> None:
+    stream, refusals = started()
+    huge = struct.pack(">H12s20sQQQ", 1, kind, b"X", 0, TEN_MEGABYTES, 0)
+    piece = bytes(1 << 16)
+    stream.feed(huge)
+    tracemalloc.start()
+    left = TEN_MEGABYTES
+    while left:
+        stream.feed(piece[: min(left, len(piece))])
+        left -= min(left, len(piece))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 500_000
+    assert len(stream.feed(LAST)) == 1
+    assert refusals.counts == ({"IgtlLimitError": 1} if kind == b"TRANSFORM" else {})
+
+
+def test_what_is_no_message_ends_the_stream() -> None:
+    stream, _ = started()
+    with pytest.raises(IgtlFramingError):
+        stream.feed(FIRST + b"\r\n" + LAST)

@@ -1,0 +1,102 @@
+"""Bytes against pyigtl's own packing and reading, and against whatever else may come."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyigtl.messages import CRC64, MessageBase
+
+from app.igtl.errors import IgtlContentError, IgtlError, IgtlFramingError
+from app.igtl.wire import read_header, read_message, stamp_ns, start_tracking_request
+from tests.igtl.conftest import pose
+from tests.igtl.peer import message
+
+GOOD = message(matrix=pose(1, 2, 3), metadata={"TransformStatus": "OK", "Größe": "1"}).pack()
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_what_pyigtl_packs_is_read(version: int) -> None:
+    metadata = {"TransformStatus": "OUT_OF_VIEW", "a": ""} if version == 2 else {}
+    packed = message(
+        matrix=pose(1, 2, 3), time_s=1_700_000_000.25, version=version, metadata=metadata
+    ).pack()
+
+    header = read_header(packed[:58])
+    read = read_message(header, packed[58:])
+
+    assert (header.version, header.body_bytes) == (version, len(packed) - 58)
+    assert (read.type, read.device) == ("TRANSFORM", "StylusToTracker")
+    assert read.stamp_ns == 1_700_000_000_250_000_000
+    assert read.metadata == metadata
+    columns = np.frombuffer(read.content, ">f4").reshape(4, 3)
+    np.testing.assert_array_equal(columns.T, np.array(pose(1, 2, 3))[:3])
+
+
+@given(st.integers(0, 2**32 * 10**9 - 1))
+def test_every_nanosecond_comes_back(ns: int) -> None:
+    assert stamp_ns((ns << 32) // 10**9) == ns
+
+
+def test_pyigtl_reads_our_request() -> None:
+    request = start_tracking_request()
+    fields = MessageBase.parse_header(request[:58])
+    assert (fields["message_type"], fields["header_version"]) == ("STT_TDATA", 2)
+    assert fields["body_size"] == len(request) - 58
+    assert struct.unpack(">Q", request[50:58])[0] == CRC64(request[58:])
+    unpacked = MessageBase()
+    contents: list[bytes] = []
+    unpacked._unpack_content = contents.append
+    unpacked.unpack(fields, request[58:])
+    # Resolution 0 ms, coordinate system with an empty name in 32 bytes.
+    assert contents == [bytes(36)]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        b"HTTP/1.1 400 Bad Request\r\n",
+        bytes(58),
+        struct.pack(">H", 9) + GOOD[2:],
+        GOOD[:2] + b"transform".ljust(12, b"\0") + GOOD[14:],
+        GOOD[:42] + struct.pack(">Q", 2**63) + GOOD[50:],
+    ],
+)
+def test_what_is_no_header_is_refused(damage: bytes) -> None:
+    with pytest.raises(IgtlFramingError, match="begins no OpenIGTLink message"):
+        read_header(damage[:58].ljust(58, b"\0"))
+
+
+@given(st.integers(58, len(GOOD) - 1), st.integers(1, 255))
+def test_a_changed_body_is_refused(place: int, change: int) -> None:
+    damaged = bytearray(GOOD)
+    damaged[place] ^= change
+    with pytest.raises(IgtlError, match="checksum"):
+        read_message(read_header(GOOD[:58]), bytes(damaged[58:]))
+
+
+@given(st.binary(max_size=200), st.sampled_from([1, 2, 3]))
+def test_any_body_is_read_or_refused(body: bytes, version: int) -> None:
+    """A checksum protects from accidents; whoever means harm computes it."""
+    header = struct.pack(">H", version) + GOOD[2:42] + struct.pack(">QQ", len(body), CRC64(body))
+    try:
+        read = read_message(read_header(header), body)
+    except IgtlContentError:
+        return
+    assert len(read.content) <= len(body)
+
+
+@pytest.mark.parametrize("sizes", [(11, 0, 0), (12, 2000, 0), (12, 2, 2**32 - 1), (65535, 2, 0)])
+def test_parts_that_do_not_fit_are_refused(sizes: tuple[int, int, int]) -> None:
+    body = struct.pack(">HHII", *sizes, 0) + bytes(50)
+    header = GOOD[:42] + struct.pack(">QQ", len(body), CRC64(body))
+    with pytest.raises(IgtlContentError, match="has parts of"):
+        read_message(read_header(header), body)
+
+
+def test_metadata_that_counts_more_than_it_holds_is_refused() -> None:
+    body = struct.pack(">HHII", 12, 2, 0, 0) + bytes(48) + struct.pack(">H", 65535)
+    header = GOOD[:42] + struct.pack(">QQ", len(body), CRC64(body))
+    with pytest.raises(IgtlContentError, match="cannot hold 65535"):
+        read_message(read_header(header), body)

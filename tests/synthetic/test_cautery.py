@@ -1,0 +1,27 @@
+import numpy as np
+import trimesh
+
+from app.synthetic import CAUTERY_TIP_FRAME, cautery_mesh
+
+
+def test_the_cautery_is_one_closed_surface():
+    mesh = cautery_mesh().require_closed("cautery")
+    body = trimesh.Trimesh(mesh.vertices_mm, mesh.faces, process=False)
+    assert mesh.frame == CAUTERY_TIP_FRAME
+    assert body.is_watertight and body.euler_number == 2 and body.body_count == 1
+    assert 1500 < len(mesh.faces) < 2500
+
+
+def test_the_tip_is_the_origin_and_nothing_lies_before_it():
+    vertices = cautery_mesh().vertices_mm
+    assert (vertices[:, 2] == 0.0).sum() == 1
+    np.testing.assert_array_equal(vertices[vertices[:, 2].argmax()], 0.0)
+    assert vertices[:, 2].min() < -100.0
+
+
+def test_the_blade_is_flat_and_the_shaft_is_round():
+    vertices = cautery_mesh().vertices_mm
+    blade = vertices[(vertices[:, 2] < -2.0) & (vertices[:, 2] > -14.0)]
+    shaft = vertices[(vertices[:, 2] < -18.0) & (vertices[:, 2] > -62.0)]
+    assert np.ptp(blade[:, 0]) > 2.5 * np.ptp(blade[:, 1])
+    np.testing.assert_allclose(np.hypot(shaft[:, 0], shaft[:, 1]), 1.4, atol=1e-9)

@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+
+from app.case import open_case
+from app.geometry import InputError, MarginGuardError
+from app.synthetic import simulate_case
+from app.synthetic.simulation import CAUTERY_FROM_TIP, NEEDLE_FROM_TUMOR
+
+FILES = {"case.yaml", "tracking.mcap", "tumor.stl", "cautery.stl", "expected.yaml", "README.md"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, gantry):
+    folder = tmp_path_factory.mktemp("simulated") / "case"
+    simulate_case(folder, seed=1, arm=gantry)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def case(folder):
+    return open_case(folder)
+
+
+def test_the_same_seed_writes_the_same_bytes(folder, tmp_path, gantry):
+    simulate_case(tmp_path / "again", seed=1, arm=gantry)
+    for name in FILES:
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_the_folder_holds_its_files_and_is_small(folder):
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert list(folder.parent.iterdir()) == [folder]
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 5_000_000
+
+
+def test_the_reader_reads_what_was_simulated(case):
+    manifest = case.manifest
+    assert manifest.provenance.kind == "simulated"
+    assert manifest.clock.offset_robot_to_tracker_ns == 37_400_000
+    assert manifest.tool.tool_from_tip.distance_mm_to(CAUTERY_FROM_TIP) < 1e-9
+    assert manifest.tumor.frame_from_tumor.distance_mm_to(NEEDLE_FROM_TUMOR) < 1e-9
+    assert len(manifest.registration.dwells) == 8
+    tumor = case.tumor_mesh().require_closed("tumor.stl")
+    assert len(tumor.faces) >= 20_000
+    case.tool_mesh().require_closed("cautery.stl")
+
+
+def test_every_frame_can_be_read_back(case):
+    frames = list(case.frames())
+    assert len(frames) == case.expected().frames
+    assert sum(not frame.poses for frame in frames) == 1  # the watchdog speaks in the silence
+    assert frames[0].stamp.ns == 1_000_000_000_000
+
+
+def test_the_truth_is_written_as_it_was_simulated(case, simulation):
+    expected = case.expected()
+    truth = simulation.reference_from_base
+    assert expected.registration.reference_from_base.distance_mm_to(truth) < 1e-9
+    assert [b.shaft_only for b in expected.breaches.intervals] == [False, False, True]
+    assert len(expected.dropouts) == sum(len(d.frames) for d in simulation.story.dropouts)
+    for breach in expected.breaches.intervals:
+        middle = simulation.tumor_from_tip((breach.start_s + breach.end_s) / 2.0)
+        assert simulation.clearance.height_mm(middle) < 0.0
+
+
+def test_the_recorded_poses_are_near_the_truth_that_is_written(case, simulation):
+    """Averaged over a dwell, tip and joints agree with the registration."""
+    frames = [frame for frame in case.frames() if frame.stamp.ns < 1_001_200_000_000]
+    tips = []
+    for frame in frames[3:]:
+        poses = {sample.source: sample.transform for sample in frame.poses}
+        reference_from_tip = poses["reference"].inverse() @ poses["cautery"] @ CAUTERY_FROM_TIP
+        tips.append(reference_from_tip.translation_mm)
+    by_arm = simulation.reference_from_base @ simulation.base_from_tip(0.5)
+    assert np.linalg.norm(np.mean(tips, axis=0) - by_arm.translation_mm) < 0.4
+
+
+@pytest.mark.parametrize("occupant", ["file", "full folder", "link"])
+def test_nothing_is_written_over(tmp_path, gantry, occupant):
+    folder = tmp_path / "case"
+    if occupant == "file":
+        folder.write_text("mine")
+    elif occupant == "link":
+        folder.symlink_to(tmp_path / "nowhere")
+    else:
+        folder.mkdir()
+        (folder / "mine.txt").write_text("mine")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="is there already: a new or an empty folder wanted"):
+        simulate_case(folder, seed=1, arm=gantry)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_arm_that_cannot_reach_leaves_nothing_behind(tmp_path, gantry):
+    class ShortArm(type(gantry)):
+        def joints_for(self, base_from_tool, seed):
+            raise MarginGuardError("out of reach")
+
+    with pytest.raises(MarginGuardError, match="out of reach"):
+        simulate_case(tmp_path / "case", seed=1, arm=ShortArm())
+    assert list(tmp_path.iterdir()) == []
