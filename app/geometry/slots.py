@@ -7,7 +7,7 @@ from typing import Any
 def setters(value_type: type) -> tuple[Callable[[object, Any], None], ...]:
     """What fills each slot of a new instance of a frozen, slotted dataclass, in its fields' order.
 
-    For a ``by_construction`` beside the constructor. As `object.__setattr__`, in half the time.
+    For a ``unchecked`` beside the constructor. As `object.__setattr__`, in half the time.
     """
     slots: tuple[str, ...] = vars(value_type)["__slots__"]
     return tuple(vars(value_type)[name].__set__ for name in slots)

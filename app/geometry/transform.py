@@ -52,10 +52,10 @@ class Transform:
     @classmethod
     def identity(cls, target: str, source: str) -> "Transform":
         """Two frames that coincide."""
-        return cls.by_construction(target, source, np.eye(3), np.zeros(3))
+        return cls.unchecked(target, source, np.eye(3), np.zeros(3))
 
     @classmethod
-    def by_construction(
+    def unchecked(
         cls, target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
     ) -> "Transform":
         """From new arrays (3, 3) and (3,), which are taken over; the names alone are checked.
@@ -97,7 +97,7 @@ class Transform:
         what = f"quaternion of {name}"
         rotation = rotation_of_quaternion(*_checked(xyzw, (4,), what).tolist(), what=what)
         translation = _checked(translation_mm, (3,), f"translation_mm of {name}")
-        return cls.by_construction(target, source, rotation, translation)
+        return cls.unchecked(target, source, rotation, translation)
 
     @classmethod
     def from_rotation_vector(
@@ -284,7 +284,7 @@ def _read_only(array: FloatArray) -> FloatArray:
 def _unchecked(
     target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
 ) -> Transform:
-    """As `Transform.by_construction`, with names that were checked before.
+    """As `Transform.unchecked`, with names that were checked before.
 
     A step of a session makes a dozen: so it is written out, and flags are given by place, which
     NumPy takes in half the time, though its stubs want names.

@@ -280,7 +280,7 @@ class Session:
         link = self._reference_from_root @ links[robot.tool_link]
         # Without a known mount the link only tells where the tip is, not how it is turned.
         predicted = (
-            Transform.by_construction(link.target, seen.source, seen.rotation, link.translation_mm)
+            Transform.unchecked(link.target, seen.source, seen.rotation, link.translation_mm)
             if robot.link_from_tip is None
             else link @ robot.link_from_tip
         )

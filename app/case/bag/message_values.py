@@ -53,7 +53,7 @@ class PoseValues(NamedTuple):
             rotation = rotation_of_quaternion(*quaternion)
         except TransformError:
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_RIGID)
-        transform = Transform.by_construction(target, source, rotation, np.array(translation_mm))
+        transform = Transform.unchecked(target, source, rotation, np.array(translation_mm))
         return TrackedTransform.good(transform, stamp)
 
 
@@ -76,7 +76,7 @@ class JointValues(NamedTuple):
         names, positions, ns = self
         stamp = Stamp(ns + offset_ns)
         if len(set(names)) == len(positions) == len(names) and all(map(math.isfinite, positions)):
-            return JointSample.by_construction(names, positions, stamp)
+            return JointSample.unchecked(names, positions, stamp)
         # What is wrong with them: of names and their number the constructor says it.
         JointSample(names, positions, stamp)
         name, position = next(

@@ -29,7 +29,7 @@ class JointSample:
             raise InputError(f"joint {twice!r} is named twice in a joint sample: once wanted")
 
     @classmethod
-    def by_construction(
+    def unchecked(
         cls, names: tuple[str, ...], positions: tuple[float, ...], stamp: Stamp
     ) -> "JointSample":
         """From tuples of one length, of names that are not repeated and of floats: not checked."""

@@ -24,7 +24,7 @@ class LinkPoses(Mapping[str, Transform]):
 
     def __getitem__(self, link: str) -> Transform:
         matrix = self._matrices[self._rows[link]]
-        return Transform.by_construction(self._root, link, matrix[:3, :3], matrix[:3, 3])
+        return Transform.unchecked(self._root, link, matrix[:3, :3], matrix[:3, 3])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._rows)
