@@ -149,7 +149,13 @@ def test_a_value_that_an_option_does_not_take_is_shown_with_what_it_takes(argume
     assert stop.value.code == 2
     said = capsys.readouterr().err.splitlines()[-1]
     assert (arguments[-1] or "empty") in said
-    assert "wanted" in said or "allowed" in said or "empty" in said or "no rate" in said
+    assert (
+        "expected" in said
+        or "wanted" in said
+        or "allowed" in said
+        or "empty" in said
+        or "no rate" in said
+    )
     assert "_" not in said.partition("argument")[2].replace("--", "")  # no name of our functions
 
 

@@ -1,1 +1,1 @@
-"""Calibrations from a recording: one method a file, one form for what each of them finds."""
+"""Calibrations from a recording: the methods, their inputs and their results."""

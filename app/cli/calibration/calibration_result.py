@@ -1,4 +1,4 @@
-"""What a calibration or a registration found, in the one form that is printed, saved and drawn."""
+"""The result of a calibration or registration, as text and as JSON."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,16 +9,23 @@ import numpy as np
 from app.geometry import FloatArray, Transform, join_transform_name
 
 UNITS = ("mm", "deg", "ms", "s")
-"""Endings of the names of numbers: ``rms_mm``."""
+"""Unit suffixes of the keys of `CalibrationResult.numbers`, as in ``rms_mm``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """What is left at each observation.
+    """The residual of each observation.
 
-    ``values`` (n,) in ``unit``, dropped ones included; ``across`` says what there is one for each
-    of; ``labels`` has a name for each, or is empty where they are only numbered; ``leave_one_out``
-    (n,) in mm where it was computed.
+    ``what``, ``across``
+        Axis labels of a plot: the quantity, and the observation it belongs to.
+    ``values`` (n,)
+        In ``unit``, outliers included.
+    ``labels``
+        Names of the observations, or empty if they are only numbered.
+    ``outliers``
+        Indices of observations that were not used.
+    ``leave_one_out`` (n,)
+        In mm, or None if it was not computed.
     """
 
     what: str
@@ -31,28 +38,34 @@ class Residuals:
 
     @property
     def used(self) -> FloatArray:
-        """The values that count."""
+        """The residuals without the outliers."""
         return np.delete(self.values, self.outliers)
 
     @property
     def rms(self) -> float:
-        """Root mean square of the used ones."""
+        """Root mean square of `used`."""
         return float(np.sqrt(np.mean(self.used**2)))
 
     @property
     def largest(self) -> float:
-        """The largest of the used ones."""
+        """The largest of `used`."""
         return float(self.used.max())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Finding:
-    """One answer. ``transform`` is None where there is none to give: a lag, an ambiguous match.
+class CalibrationResult:
+    """The result of one calibration or registration.
 
+    ``kind``
+        The method.
+    ``transform``
+        None for a clock offset and for an ambiguous match.
+    ``accepted``, ``reason``
+        Whether the result may be used, and one line that explains it.
     ``numbers``
-        Name, with the unit at its end, to value.
+        Values by name; the name ends with the unit.
     ``others``
-        Transforms that were found with it.
+        Further transforms from the same computation.
     """
 
     kind: str
@@ -71,23 +84,26 @@ class Finding:
 
 
 def name_of(transform: Transform) -> str:
-    """The name that SlicerIGT gives the transform."""
+    """The SlicerIGT name of the transform, as in ``StylusTipToStylus``."""
     return join_transform_name(transform.source, transform.target)
 
 
-def as_json(finding: Finding, elapsed_s: float) -> dict[str, Any]:
-    """The finding as JSON knows it; ``elapsed_s`` is the time to the answer."""
-    residuals = finding.residuals
+def as_json(result: CalibrationResult, elapsed_s: float) -> dict[str, Any]:
+    """JSON-compatible dictionary, with None for a non-finite number.
+
+    ``elapsed_s`` is the computing time.
+    """
+    residuals = result.residuals
     return {
-        "kind": finding.kind,
-        "accepted": finding.accepted,
-        "reason": finding.reason,
+        "kind": result.kind,
+        "accepted": result.accepted,
+        "reason": result.reason,
         "elapsed_s": round(elapsed_s, 3),
-        "transform": None if finding.transform is None else _transform(finding.transform),
-        "others": [_transform(other) for other in finding.others],
-        "numbers": {name: _number(value) for name, value in finding.numbers.items()},
+        "transform": None if result.transform is None else _transform(result.transform),
+        "others": [_transform(other) for other in result.others],
+        "numbers": {name: _number(value) for name, value in result.numbers.items()},
         "residuals": None if residuals is None else _residuals(residuals),
-        "notes": list(finding.notes),
+        "notes": list(result.notes),
     }
 
 
@@ -101,14 +117,16 @@ def _transform(transform: Transform) -> dict[str, Any]:
 
 
 def _residuals(residuals: Residuals) -> dict[str, Any]:
-    left_out = residuals.leave_one_out
+    leave_one_out = residuals.leave_one_out
     return {
         "what": residuals.what,
         "unit": residuals.unit,
         "values": residuals.values.tolist(),
         "labels": list(residuals.labels),
         "outliers": list(residuals.outliers),
-        "leave_one_out_mm": None if left_out is None else [_number(x) for x in left_out.tolist()],
+        "leave_one_out_mm": (
+            None if leave_one_out is None else [_number(x) for x in leave_one_out.tolist()]
+        ),
     }
 
 
@@ -116,18 +134,18 @@ def _number(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def as_text(finding: Finding, elapsed_s: float) -> str:
-    """The finding for a person, in aligned lines."""
-    verdict = "accepted" if finding.accepted else "NOT ACCEPTED"
-    lines = [f"{finding.title}  {verdict}", _line("reason", finding.reason)]
-    for transform in (finding.transform, *finding.others):
+def as_text(result: CalibrationResult, elapsed_s: float) -> str:
+    """Human-readable text in aligned lines; ``elapsed_s`` is the computing time."""
+    verdict = "accepted" if result.accepted else "NOT ACCEPTED"
+    lines = [f"{result.title}  {verdict}", _line("reason", result.reason)]
+    for transform in (result.transform, *result.others):
         if transform is not None:
-            lines += _matrix_lines(transform, "matrix" if transform is finding.transform else "")
-    lines += [_line(*_named(name, value)) for name, value in finding.numbers.items()]
-    if finding.residuals is not None and finding.residuals.labels:
-        lines += _table(finding.residuals)
-    lines += [_line("note", note) for note in finding.notes]
-    lines.append(_line("time", f"{elapsed_s:.2f} s from the recording to the answer"))
+            lines += _matrix_lines(transform, "matrix" if transform is result.transform else "")
+    lines += [_line(*_label_and_value(name, value)) for name, value in result.numbers.items()]
+    if result.residuals is not None and result.residuals.labels:
+        lines += _table(result.residuals)
+    lines += [_line("note", note) for note in result.notes]
+    lines.append(_line("time", f"{elapsed_s:.2f} s to read the recording and compute the result"))
     return "\n".join(lines)
 
 
@@ -142,12 +160,12 @@ def _matrix_lines(transform: Transform, label: str) -> list[str]:
     ]
 
 
-def _named(name: str, value: float) -> tuple[str, str]:
-    words, _, unit = name.rpartition("_")
+def _label_and_value(name: str, value: float) -> tuple[str, str]:
+    label, _, unit = name.rpartition("_")
     if unit not in UNITS:
-        words, unit = name, ""
+        label, unit = name, ""
     text = f"{value:d}" if isinstance(value, int) else f"{value:.4g}"
-    return words.replace("_", " "), f"{text} {unit}".rstrip()
+    return label.replace("_", " "), f"{text} {unit}".rstrip()
 
 
 def _table(residuals: Residuals) -> list[str]:

@@ -1,4 +1,4 @@
-"""Where the tip of a tool is said to be: a file of its own, a PLUS configuration, or the case."""
+"""The tip of a tool, read from a file of its own, a PLUS configuration or the case."""
 
 from pathlib import Path
 
@@ -8,14 +8,17 @@ from app.geometry import InputError, Transform
 
 
 def tip_frame_of(tool: str) -> str:
-    """``stylus_tip`` for ``stylus``."""
+    """Name of the tip's frame: ``stylus_tip`` for ``stylus``."""
     return f"{tool}_tip"
 
 
-def known_tip(
+def read_tip(
     recording: Recording, tool: str, *, tip_from: Path | None, plus: PlusConfiguration | None
 ) -> Transform:
-    """``tool_from_tip``, from the first of the three that is there."""
+    """``tool_from_tip``, from ``tip_from``, else ``plus``, else the case of ``recording``.
+
+    Raises `InputError` if none of them has it.
+    """
     tip = tip_frame_of(tool)
     if tip_from is not None and tip_from.suffix.lower() == ".xml":
         return read_plus_config(tip_from).transform(tool, tip)
@@ -26,6 +29,4 @@ def known_tip(
     case = recording.case
     if case is not None and case.manifest.tool.frame == tool:
         return case.manifest.tool.tool_from_tip
-    raise InputError(
-        f"the tip of {tool!r} is not known: --tip-from FILE or --plus-config FILE wanted"
-    )
+    raise InputError(f"tip of {tool!r}: not known; expected --tip-from FILE or --plus-config FILE")

@@ -1,7 +1,7 @@
-"""Register the robot of a case as its manifest asks for, and show what that rests on.
+"""Register the robot of a case as its manifest specifies, with residuals and expected error.
 
-Exit status: 0 when the registration is accepted; 1 when it is not, and nothing is saved; 2 on bad
-input.
+Exit status: 0 when the registration is accepted; 1 when it is not accepted: nothing is saved; 2 on
+bad input.
 """
 
 import argparse
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import add_case, add_json
 
 if TYPE_CHECKING:
-    from app.cli.calibration.calibration_result import Finding
+    from app.cli.calibration.calibration_result import CalibrationResult
     from app.registration import RegistrationResult
 
 SUMMARY = "register the robot of a case, with residuals"
@@ -27,9 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Register, print, save."""
+    """Register the robot, print the result, save it if accepted."""
     from app.case import open_case
-    from app.cli.calibration.output import check_outputs, put_out
+    from app.cli.calibration.output import check_outputs, write_outputs
     from app.geometry import InputError
     from app.session import robot_from_case, with_estimated_clock, with_repaired_tumor
 
@@ -39,42 +39,44 @@ def run(options: argparse.Namespace) -> int:
     case, offset = with_estimated_clock(with_repaired_tumor(opened))
     robot = robot_from_case(case)
     if robot is None or robot.registration is None:
-        raise InputError(f"{options.case} has no robot: there is nothing to register")
+        raise InputError(f"{options.case} has no robot; expected a case with a registered robot")
     elapsed_s = (time.perf_counter_ns() - started_ns) / 1e9
     notes = () if offset is None else (f"clock offset estimated: {offset.reason}",)
-    finding = _finding(robot.registration, (*case.notes(), *notes))
-    return put_out(
-        finding, elapsed_s, as_json_text=options.json, save=options.save, plot=options.plot
+    result = _as_calibration_result(robot.registration, (*case.notes(), *notes))
+    return write_outputs(
+        result, elapsed_s, as_json_text=options.json, save=options.save, plot=options.plot
     )
 
 
-def _finding(result: "RegistrationResult", notes: tuple[str, ...]) -> "Finding":
-    from app.cli.calibration.calibration_result import Finding, Residuals
+def _as_calibration_result(
+    registration: "RegistrationResult", notes: tuple[str, ...]
+) -> "CalibrationResult":
+    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
 
     residuals = None
     numbers: dict[str, float] = {}
-    if len(result.residuals_mm):
+    if len(registration.residuals_mm):
         residuals = Residuals(
             "distance of the moved point from its partner",
             "mm",
             "number of the pair",
-            result.residuals_mm,
-            labels=tuple(str(number) for number in range(1, len(result.residuals_mm) + 1)),
-            outliers=result.outliers,
-            leave_one_out=result.leave_one_out_mm,
+            registration.residuals_mm,
+            labels=tuple(str(number) for number in range(1, len(registration.residuals_mm) + 1)),
+            outliers=registration.outliers,
+            leave_one_out=registration.leave_one_out_mm,
         )
         numbers = {
-            "points": len(result.residuals_mm),
-            "outliers": len(result.outliers),
+            "points": len(registration.residuals_mm),
+            "outliers": len(registration.outliers),
             "rms_mm": residuals.rms,
             "max_mm": residuals.largest,
-            "condition": result.condition,
+            "condition": registration.condition,
         }
-    return Finding(
-        kind=result.method.replace("_", " "),
-        transform=result.transform,
-        accepted=result.accepted,
-        reason=result.reason,
+    return CalibrationResult(
+        kind=registration.method.replace("_", " "),
+        transform=registration.transform,
+        accepted=registration.accepted,
+        reason=registration.reason,
         numbers=numbers,
         residuals=residuals,
         notes=notes,

@@ -1,4 +1,4 @@
-"""Recordings that a test writes from a known truth, as a tracker's files have them."""
+"""Synthetic recordings with known ground truth, in the file formats of trackers."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ FACING = Rotation.from_rotvec([0.3, 2.0, -0.6])
 
 
 def pivoting(rng: np.random.Generator, count: int, cone_deg: float) -> list[Transform]:
-    """``reference_from_stylus`` with its tip at the pivot, within 0.1 mm and 0.05 degrees."""
+    """``reference_from_stylus`` with the tip at `PIVOT_MM`, noise 0.1 mm and 0.05 degrees RMS."""
     across = Rotation.align_vectors([TIP_MM], [[0.0, 0.0, 1.0]])[0]
     poses = []
     for index in range(count):
@@ -33,7 +33,7 @@ def pivoting(rng: np.random.Generator, count: int, cone_deg: float) -> list[Tran
 
 
 def spinning(rng: np.random.Generator, count: int, shaft: np.ndarray) -> list[Transform]:
-    """``reference_from_stylus`` while the tool is turned about ``shaft`` through its tip."""
+    """``reference_from_stylus`` of a tool that turns about ``shaft`` (3,) through its tip."""
     poses = []
     for angle in np.linspace(0.0, 2.0, count):
         turn = FACING * Rotation.from_rotvec(angle * shaft)
@@ -45,15 +45,18 @@ def spinning(rng: np.random.Generator, count: int, shaft: np.ndarray) -> list[Tr
 
 
 def frames(poses: Sequence[Transform], lost: Mapping[int, TrackingStatus]) -> list[TrackingFrame]:
-    """At 20 Hz, both sensors as the tracker sees them; the reference trembles."""
+    """Frames at 20 Hz with both sensors in the tracker frame; the reference moves slightly.
+
+    ``lost``: status of the stylus in frames without a valid pose, by index.
+    """
     made = []
     for index, pose in enumerate(poses):
         stamp = Stamp((1000 + 50 * index) * NS_PER_MS)
-        tremble = Transform.from_rotation_vector(
+        motion = Transform.from_rotation_vector(
             [0.0, 0.0, 1e-4 * (index % 5)], [0.0, 0.01 * (index % 7), 0.0],
             target="tracker", source="tracker",
         )  # fmt: skip
-        reference = tremble @ TRACKER_FROM_REFERENCE
+        reference = motion @ TRACKER_FROM_REFERENCE
         stylus = TrackedTransform(reference @ pose, stamp, TrackingStatus.OK)
         if index in lost:
             stylus = TrackedTransform.lost("tracker", "stylus", stamp, lost[index])
@@ -63,7 +66,7 @@ def frames(poses: Sequence[Transform], lost: Mapping[int, TrackingStatus]) -> li
 
 
 def write_igsio(path: Path, recorded: Sequence[TrackingFrame]) -> Path:
-    """As a text that PLUS would write; a lost pose keeps its last place as an identity."""
+    """Write the text header that PLUS writes; a lost pose is an identity matrix."""
     lines = ["ObjectType = Image", "NDims = 3", f"DimSize = 0 0 {len(recorded)}"]
     for index, frame in enumerate(recorded):
         start = f"Seq_Frame{index:04}"
@@ -83,7 +86,7 @@ def write_mcap(path: Path, recorded: Sequence[TrackingFrame]) -> Path:
 
 
 def write_bag(folder: Path, recorded: Sequence[TrackingFrame]) -> Path:
-    """A rosbag2 folder after a crash: no metadata."""
+    """Write a rosbag2 folder without metadata, as a crashed recorder leaves it."""
     folder.mkdir()
     write_mcap(folder / f"{folder.name}_0.mcap", recorded)
     return folder

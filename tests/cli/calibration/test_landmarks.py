@@ -1,4 +1,4 @@
-"""``calibrate landmarks`` on the real recording, against the registration published with it."""
+"""``calibrate landmarks`` on a real recording, compared with the registration published with it."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ def arguments(plus: Path, *more: str) -> list[str]:
     return ["calibrate", "landmarks", str(plus / RECORDING), *more]
 
 
-def test_the_published_registration_is_found(plus: Path, tmp_path: Path, capsys):
+def test_landmarks_reproduce_the_published_registration(plus: Path, tmp_path: Path, capsys):
     saved, plot = tmp_path / "PhantomToReference.tfm", tmp_path / "residuals.png"
     configuration = str(plus / CONFIGURATION)
     outputs = ["--json", "--save", str(saved), "--plot", str(plot)]
@@ -41,16 +41,18 @@ def test_the_published_registration_is_found(plus: Path, tmp_path: Path, capsys)
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_person_sees_every_landmark_and_the_time(plus: Path, capsys):
+def test_text_output_lists_every_landmark_and_the_time(plus: Path, capsys):
     assert main(arguments(plus, "--plus-config", str(plus / CONFIGURATION))) == 0
-    told = capsys.readouterr().out
-    assert told.splitlines()[0] == "landmarks: PhantomToReference  accepted"
-    assert all(f"residual #{number}" in told for number in range(1, 9))
-    assert "s from the recording to the answer" in told
+    printed = capsys.readouterr().out
+    assert printed.splitlines()[0] == "landmarks: PhantomToReference  accepted"
+    assert all(f"residual #{number}" in printed for number in range(1, 9))
+    assert "s to read the recording and compute the result" in printed
 
 
-def test_landmarks_of_slicer_and_a_tip_of_its_own(plus: Path, tmp_path: Path, capsys):
-    """Six of the eight, in LPS, under other names, in another order: two dwells are on none."""
+def test_landmarks_may_come_from_slicer_and_the_tip_from_its_own_file(
+    plus: Path, tmp_path: Path, capsys
+):
+    """Six of eight landmarks, in LPS, renamed and reversed: two dwells match no landmark."""
     text = (plus / CONFIGURATION).read_text()
     points = [
         entry.split('"')[1].split() for entry in text.split("<Landmark ")[1:]
@@ -74,7 +76,7 @@ def test_landmarks_of_slicer_and_a_tip_of_its_own(plus: Path, tmp_path: Path, ca
     assert sum("is on no landmark" in note for note in found["notes"]) == 2
 
 
-def test_a_symmetric_phantom_is_not_guessed(plus: Path, tmp_path: Path, capsys):
+def test_wrong_landmarks_are_not_accepted(plus: Path, tmp_path: Path, capsys):
     landmarks = tmp_path / "wrong.yaml"
     corners = [(0, 0, 0), (500, 0, 0), (500, 400, 0), (0, 400, 0)]
     landmarks.write_text(
@@ -90,11 +92,11 @@ def test_a_symmetric_phantom_is_not_guessed(plus: Path, tmp_path: Path, capsys):
     assert not saved.exists()
 
 
-def test_what_is_missing_is_asked_for(plus: Path, tmp_path: Path, capsys):
+def test_missing_landmarks_and_tips_are_errors(plus: Path, tmp_path: Path, capsys):
     tip = tmp_path / "tip.txt"
     np.savetxt(tip, np.eye(4))
     assert main(arguments(plus, "--tip-from", str(tip))) == 2
-    assert "--landmarks FILE or --plus-config FILE wanted" in capsys.readouterr().err
+    assert "expected --landmarks FILE or --plus-config FILE" in capsys.readouterr().err
     published = str(plus / PUBLISHED)
     assert main(arguments(plus, "--plus-config", published, "--tool", "reference")) == 2
     assert "no ReferenceTipToReference" in capsys.readouterr().err

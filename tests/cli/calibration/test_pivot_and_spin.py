@@ -1,4 +1,4 @@
-"""``calibrate pivot`` and ``calibrate spin``, one after the other, as a user does them."""
+"""``calibrate pivot`` and ``calibrate spin``."""
 
 import json
 import re
@@ -26,7 +26,7 @@ LOST = {5: TrackingStatus.INVALID, 30: TrackingStatus.OUT_OF_VIEW, 31: TrackingS
 @pytest.mark.parametrize(
     ("name", "write"), [("p.igs.mha", write_igsio), ("p.mcap", write_mcap), ("p", write_bag)]
 )
-def test_a_pivot_finds_the_tip_from_any_kind_of_file(tmp_path: Path, capsys, name, write):
+def test_pivot_finds_the_tip_in_every_recording_format(tmp_path: Path, capsys, name, write):
     recording = write(tmp_path / name, frames(pivoting(np.random.default_rng(1), 80, 60.0), LOST))
     tip = tmp_path / "StylusTipToStylus.tfm"
     assert main(["calibrate", "pivot", str(recording), "--json", "--save", str(tip)]) == 0
@@ -43,22 +43,22 @@ def test_a_pivot_finds_the_tip_from_any_kind_of_file(tmp_path: Path, capsys, nam
     np.testing.assert_allclose(saved.matrix, matrix, atol=1e-9)
 
 
-def test_a_narrow_cone_is_told_and_not_saved(tmp_path: Path, capsys):
+def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path: Path, capsys):
     recorded = frames(pivoting(np.random.default_rng(2), 120, 20.0), {})
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
     tip = tmp_path / "tip.yaml"
     plot = tmp_path / "tip.png"
     arguments = ["calibrate", "pivot", str(recording), "--save", str(tip), "--plot", str(plot)]
     assert main(arguments) == 1
-    told = capsys.readouterr()
-    assert "NOT ACCEPTED" in told.out
-    assert "the shaft swings over" in told.out and "30 wanted" in told.out
-    assert f"{tip} is not written: not accepted" in told.err
+    printed = capsys.readouterr()
+    assert "NOT ACCEPTED" in printed.out
+    assert "the shaft swings over" in printed.out and "30 wanted" in printed.out
+    assert f"{tip} is not written: not accepted" in printed.err
     assert not tip.exists()
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_spin_turns_the_tip_and_leaves_it_where_it_was(tmp_path: Path, capsys):
+def test_spin_finds_the_shaft_and_keeps_the_tip_position(tmp_path: Path, capsys):
     shaft = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
     recorded = frames(spinning(np.random.default_rng(3), 60, shaft), {})
     recording = write_mcap(tmp_path / "s.mcap", recorded)
@@ -77,40 +77,49 @@ def test_a_spin_turns_the_tip_and_leaves_it_where_it_was(tmp_path: Path, capsys)
     np.testing.assert_allclose(saved.matrix, matrix, atol=1e-12)
 
 
-def test_a_spin_needs_to_know_the_tip(tmp_path: Path, capsys):
+def test_spin_requires_the_tip(tmp_path: Path, capsys):
     shaft = np.array([0.0, 0.0, 1.0])
     recorded = frames(spinning(np.random.default_rng(4), 20, shaft), {})
     recording = write_mcap(tmp_path / "s.mcap", recorded)
     assert main(["calibrate", "spin", str(recording)]) == 2
-    assert "the tip of 'stylus' is not known: --tip-from FILE" in capsys.readouterr().err
+    assert "tip of 'stylus': not known; expected --tip-from FILE" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--tool", "probe"], "--tool 'probe' is not in .*: tracker, reference, stylus are"),
-        (["--reference", "probe"], "--reference 'probe' is not in .*: tracker, reference"),
+        (
+            ["--tool", "probe"],
+            "--tool 'probe' is not in .*; expected one of tracker, reference, stylus$",
+        ),
+        (
+            ["--reference", "probe"],
+            "--reference 'probe' is not in .*; expected one of tracker, reference",
+        ),
         (
             ["--tool", "stylus", "--reference", "stylus"],
-            "--reference is 'stylus', the tool itself: another frame",
+            "--reference is 'stylus', the tool itself; expected another frame",
         ),
-        (["--from-s", "100"], "no frame is within 100 and inf s: the recording ends at 3.95 s"),
+        (
+            ["--from-s", "100"],
+            "no frame between 100 and inf s; expected .* recording, which ends at 3.95 s",
+        ),
         (["--to-s", "0.2"], "5 poses for a pivot: at least 10 wanted"),
         (["--save", "tip.h5"], r"tip.h5 is no transform file: .yaml, .yml, .tfm, .txt allowed"),
-        (["--plot", "tip.pdf"], "a plot is written as .png"),
+        (["--plot", "tip.pdf"], "tip.pdf: wrong file type for a plot; expected .png"),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(tmp_path: Path, capsys, options, message):
+def test_bad_input_gives_one_error_line_and_status_2(tmp_path: Path, capsys, options, message):
     recorded = frames(pivoting(np.random.default_rng(1), 80, 60.0), {})
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
     assert main(["calibrate", "pivot", str(recording), *options]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    (line,) = told.err.splitlines()
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = printed.err.splitlines()
     assert re.search(message, line), line
 
 
-def test_a_span_is_cut_out_of_the_recording(tmp_path: Path, capsys):
+def test_to_s_restricts_the_recording(tmp_path: Path, capsys):
     good = pivoting(np.random.default_rng(5), 80, 60.0)
     recorded = frames([*good, *good[::-1]], dict.fromkeys(range(80, 160), TrackingStatus.INVALID))
     recording = write_igsio(tmp_path / "p.igs.mha", recorded)
@@ -119,7 +128,7 @@ def test_a_span_is_cut_out_of_the_recording(tmp_path: Path, capsys):
     assert found["numbers"]["samples"] == 80 and found["notes"] == []
 
 
-def test_the_reference_may_be_the_tracker(tmp_path: Path, capsys):
+def test_reference_may_be_the_tracker(tmp_path: Path, capsys):
     recorded = frames(pivoting(np.random.default_rng(6), 80, 60.0), {})
     recording = write_mcap(tmp_path / "p.mcap", recorded)
     assert main(["calibrate", "pivot", str(recording), "--reference", "tracker", "--json"]) == 0
@@ -128,14 +137,14 @@ def test_the_reference_may_be_the_tracker(tmp_path: Path, capsys):
 
 
 @pytest.mark.parametrize("number", ["nan", "-1", "soon"])
-def test_an_age_that_is_none_is_refused(tmp_path: Path, capsys, number):
+def test_invalid_max_age_is_rejected(tmp_path: Path, capsys, number):
     with pytest.raises(SystemExit) as stop:
         main(["calibrate", "pivot", str(tmp_path), f"--max-age-ms={number}"])
     assert stop.value.code == 2
     assert "--max-age-ms" in capsys.readouterr().err
 
 
-def test_a_folder_or_file_that_is_no_recording_is_refused(tmp_path: Path, capsys):
+def test_path_that_is_not_a_recording_is_rejected(tmp_path: Path, capsys):
     (tmp_path / "notes.txt").write_text("nothing")
     for path in (tmp_path / "notes.txt", tmp_path, tmp_path / "none.mcap"):
         assert main(["calibrate", "pivot", str(path)]) == 2

@@ -1,7 +1,7 @@
-"""``calibrate hand-eye``, ``calibrate time`` and ``register`` on the recorded case and its truth.
+"""``calibrate hand-eye``, ``calibrate time`` and ``register`` on the recorded case.
 
-The joints of the case were made by our own arm's kinematics and its sensors by a simulated tracker:
-the truth of `expected.yaml` was written before noise was added.
+The joints of the case come from the kinematics of the arm, its poses from a simulated tracker. The
+ground truth in `expected.yaml` was written before noise was added.
 """
 
 import itertools
@@ -25,7 +25,7 @@ from tests.cli.small_case import write_small_case
 
 KEY = "offset_robot_to_tracker_ms"
 TRUE_LAG_MS = 37.4
-"""Made into the recording, as its README says."""
+"""Offset with which the recording was made (README of the case)."""
 
 
 @pytest.fixture(scope="module")
@@ -46,24 +46,27 @@ def transform_of(found: dict) -> Transform:
     return Transform.from_matrix(entry["matrix"], target=entry["target"], source=entry["source"])
 
 
-def middle_of_work(case: Path) -> np.ndarray:
-    """The mean place (3,) of the cautery's sensor in the reference frame, read without the tree."""
-    places = []
+def mean_sensor_position(case: Path) -> np.ndarray:
+    """Mean position (3,) in mm of the cautery's sensor in the reference frame.
+
+    Computed without `PoseTree`.
+    """
+    positions_mm = []
     for frame in open_case(case).recorded_frames():
-        seen = {pose.source: pose.transform for pose in frame.poses}
-        if seen.get("cautery") is not None and seen.get("reference") is not None:
-            places.append((seen["reference"].inverse() @ seen["cautery"]).translation_mm)
-    return np.mean(places, axis=0)
+        poses = {pose.source: pose.transform for pose in frame.poses}
+        if poses.get("cautery") is not None and poses.get("reference") is not None:
+            positions_mm.append((poses["reference"].inverse() @ poses["cautery"]).translation_mm)
+    return np.mean(positions_mm, axis=0)
 
 
-def test_hand_eye_finds_the_base_within_what_it_says(case: Path, true_base, tmp_path, capsys):
+def test_hand_eye_error_is_within_three_predicted_sigmas(case: Path, true_base, tmp_path, capsys):
     plot = tmp_path / "h.png"
     assert main(["calibrate", "hand-eye", str(case), "--json", "--plot", str(plot)]) == 0
     found = json.loads(capsys.readouterr().out)
     numbers = found["numbers"]
     assert found["transform"]["name"] == "RobotBaseToReference"
     base = transform_of(found)
-    middle_in_base = true_base.inverse().apply(middle_of_work(case))
+    middle_in_base = true_base.inverse().apply(mean_sensor_position(case))
     error_mm = np.linalg.norm(base.apply(middle_in_base) - true_base.apply(middle_in_base))
     assert numbers["sigma_at_centre_mm"] < 0.6
     assert error_mm < 3.0 * numbers["sigma_at_centre_mm"]
@@ -75,12 +78,12 @@ def test_hand_eye_finds_the_base_within_what_it_says(case: Path, true_base, tmp_
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
-def test_hand_eye_refuses_a_robot_that_hardly_turned(case: Path, capsys):
+def test_hand_eye_rejects_a_robot_that_hardly_turned(case: Path, capsys):
     assert main(["calibrate", "hand-eye", str(case), "--to-s", "1.2"]) == 2
     assert re.search(r"1 poses .* wanted", capsys.readouterr().err)
 
 
-def test_time_finds_the_lag_that_the_case_was_made_with(case: Path, tmp_path: Path, capsys):
+def test_time_finds_the_true_offset(case: Path, tmp_path: Path, capsys):
     saved = tmp_path / "clock.yaml"
     assert (
         main(["calibrate", "time", str(case), "--to-s", "20", "--json", "--save", str(saved)]) == 0
@@ -94,7 +97,7 @@ def test_time_finds_the_lag_that_the_case_was_made_with(case: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize(("guess_ms", "status"), [(-400, 0), (400, 0), (-600, 1)])
-def test_time_searches_half_a_second_around_a_first_guess(case: Path, capsys, guess_ms, status):
+def test_time_searches_half_a_second_around_the_first_guess(case: Path, capsys, guess_ms, status):
     options = ["--to-s", "12", "--around-ms", str(guess_ms), "--json"]
     assert main(["calibrate", "time", str(case), *options]) == status
     found = json.loads(capsys.readouterr().out)
@@ -104,16 +107,16 @@ def test_time_searches_half_a_second_around_a_first_guess(case: Path, capsys, gu
         assert "end of the search" in found["reason"]
 
 
-def test_time_tells_when_slow_motion_says_too_little(case: Path, tmp_path: Path, capsys):
+def test_time_does_not_accept_slow_motion(case: Path, tmp_path: Path, capsys):
     saved = tmp_path / "clock.yaml"
     span = ["--from-s", "26", "--to-s", "42"]
     assert main(["calibrate", "time", str(case), *span, "--save", str(saved)]) == 1
-    told = capsys.readouterr().out
-    assert "time  NOT ACCEPTED" in told and "5 ms wanted" in told
+    printed = capsys.readouterr().out
+    assert "time  NOT ACCEPTED" in printed and "5 ms wanted" in printed
     assert not saved.exists()
 
 
-def test_register_does_what_the_manifest_asks_for(case: Path, true_base, tmp_path, capsys):
+def test_register_follows_the_manifest(case: Path, true_base, tmp_path, capsys):
     saved, plot = tmp_path / "base.tfm", tmp_path / "base.png"
     outputs = ["--save", str(saved), "--plot", str(plot)]
     assert main(["register", str(case), "--json", *outputs]) == 0
@@ -130,7 +133,7 @@ def test_register_does_what_the_manifest_asks_for(case: Path, true_base, tmp_pat
 def with_joints(
     case: Path, folder: Path, change: Callable[[Sequence[JointSample]], Iterable[JointSample]]
 ) -> str:
-    """The first 20 s of ``case`` with other joints, in ``folder``."""
+    """Write the first 20 s of ``case`` with changed joints to ``folder``; return its path."""
     shutil.copytree(case, folder, ignore=shutil.ignore_patterns("*.mcap"))
     manifest = yaml.safe_load((case / "case.yaml").read_text())
     manifest["recording"] = {"path": "tracking.mcap"}
@@ -145,13 +148,13 @@ def with_joints(
     return str(folder)
 
 
-def test_joints_that_were_not_all_recorded_place_nothing(case: Path, tmp_path: Path, capsys):
-    """The roll alone turns the stylus on the spot: at 0 it would fit and be accepted."""
+def test_incomplete_joints_are_rejected(case: Path, tmp_path: Path, capsys):
+    """Roll only turns the stylus in place: a fit with roll at 0 would be accepted."""
 
     def without_roll(samples: Sequence[JointSample]) -> Iterable[JointSample]:
         for sample in samples:
-            told = {name: value for name, value in sample.as_mapping().items() if name != "roll"}
-            yield JointSample(tuple(told), tuple(told.values()), sample.stamp)
+            others = {name: value for name, value in sample.as_mapping().items() if name != "roll"}
+            yield JointSample(tuple(others), tuple(others.values()), sample.stamp)
 
     partial = with_joints(case, tmp_path / "partial", without_roll)
     for command in (["register"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
@@ -159,8 +162,8 @@ def test_joints_that_were_not_all_recorded_place_nothing(case: Path, tmp_path: P
         assert "joint 'roll', which moves 'stylus', has no position" in capsys.readouterr().err
 
 
-def test_hand_eye_reads_between_joints_and_not_where_they_are_far_apart(case, tmp_path, capsys):
-    """Twelve samples a second are enough; of five nobody knows where the robot was between them."""
+def test_hand_eye_interpolates_joints_only_across_short_gaps(case, tmp_path, capsys):
+    """Twelve joint samples per second are enough, five are not."""
     rms_mm = []
     for every in (1, 16):
         sparse = with_joints(case, tmp_path / str(every), every_nth(every))
@@ -169,7 +172,9 @@ def test_hand_eye_reads_between_joints_and_not_where_they_are_far_apart(case, tm
     assert rms_mm[1] < 1.5 * rms_mm[0]
     sparse = with_joints(case, tmp_path / "40", every_nth(40))
     assert main(["calibrate", "hand-eye", sparse]) == 2
-    assert re.search(r"\d+ joint samples, none beside a good pose", capsys.readouterr().err)
+    assert re.search(
+        r"none of \d+ joint samples is close in time to a valid pose", capsys.readouterr().err
+    )
 
 
 def every_nth(nth: int) -> Callable[[Sequence[JointSample]], Iterable[JointSample]]:
@@ -177,10 +182,10 @@ def every_nth(nth: int) -> Callable[[Sequence[JointSample]], Iterable[JointSampl
     return lambda samples: (sample for sample in samples if next(count) % nth == 0)
 
 
-def test_what_has_no_robot_is_refused(tmp_path: Path, capsys):
+def test_case_without_robot_is_rejected(tmp_path: Path, capsys):
     small = str(write_small_case(tmp_path / "small"))
     for command in (["register"], ["calibrate", "hand-eye"], ["calibrate", "time"]):
         assert main([*command, small]) == 2
         assert re.search(r"has no (robot|joints)", capsys.readouterr().err)
     assert main(["calibrate", "time", small, "--save", str(tmp_path / "lag.tfm")]) == 2
-    assert "an offset is saved as .yaml" in capsys.readouterr().err
+    assert "wrong file type for a clock offset; expected .yaml" in capsys.readouterr().err

@@ -1,0 +1,127 @@
+"""``marginguard calibrate hand-eye``: a robot's base from its poses and those of a held sensor."""
+
+import math
+from bisect import bisect_left
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from app.cli.calibration.calibration_method import CalibrationMethod, Input
+
+if TYPE_CHECKING:
+    from app.case import Case, JointSample
+    from app.cli.calibration.calibration_inputs import CalibrationInputs
+    from app.cli.calibration.calibration_result import CalibrationResult
+    from app.cli.calibration.recording import Recording
+    from app.geometry import Stamp, Transform
+    from app.robot import Robot
+
+MAX_JOINT_GAP_NS = 100_000_000
+"""Largest interval between two joint samples within which joints are interpolated."""
+
+
+def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
+    """Compute ``reference_from_<base>`` and the mount of the sensor on the robot's tool link."""
+    import numpy as np
+
+    from app.cli.calibration.calibration_result import CalibrationResult, Residuals
+    from app.geometry import InputError
+    from app.registration import predict_tre, select_poses, solve_robot_world
+    from app.robot import load_robot
+
+    recording, track = inputs.recording, inputs.tool_track
+    case, base, link = _case_with_joints(recording)
+    robot = load_robot(case.robot_urdf(), package_dirs=case.package_dirs)
+    joints = sorted(
+        (sample for frame in recording.frames for sample in frame.joints),
+        key=lambda sample: sample.stamp.ns,
+    )
+    robot_poses, sensor_poses = [], []
+    for sample in track.samples:
+        root_from_link = _link_pose_at(robot, link, joints, sample.stamp)
+        if root_from_link is not None and sample.transform is not None:
+            robot_poses.append(root_from_link.renamed(target=base))
+            sensor_poses.append(sample.transform)
+    if not robot_poses:
+        raise InputError(
+            f"{recording.path}: none of {len(joints)} joint samples is close in time to a valid "
+            f"pose; expected joint samples at most {MAX_JOINT_GAP_NS // 1_000_000} ms apart"
+        )
+    selected = select_poses(robot_poses)
+    result = solve_robot_world(
+        [robot_poses[index] for index in selected], [sensor_poses[index] for index in selected]
+    )
+    registration = result.registration
+    residuals = Residuals(
+        "distance of the sensor from its position by kinematics",
+        "mm",
+        "number of the pose",
+        registration.residuals_mm,
+        outliers=result.outliers,
+        leave_one_out=registration.leave_one_out_mm,
+    )
+    angles = np.degrees(np.delete(result.residuals_rad, result.outliers))
+    centre = np.mean([sensor_poses[index].translation_mm for index in selected], axis=0)
+    tip_mm = result.tip_from_sensor.inverse().translation_mm
+    return CalibrationResult(
+        kind="hand-eye",
+        transform=registration.transform,
+        accepted=result.accepted,
+        reason=result.reason,
+        numbers={
+            "samples": len(robot_poses),
+            "poses": len(selected),
+            "outliers": len(result.outliers),
+            "rms_mm": residuals.rms,
+            "max_mm": residuals.largest,
+            "rotation_rms_deg": float(np.sqrt(np.mean(angles**2))),
+            "rotation_max_deg": float(angles.max()),
+            "sigma_at_centre_mm": float(predict_tre(registration, centre[None])[0]),
+            "sigma_of_base_deg": math.degrees(
+                math.sqrt(float(np.trace(result.covariance[:3, :3])))
+            ),
+            "condition": registration.condition,
+            "tip_from_where_the_case_has_it_mm": float(
+                np.linalg.norm(tip_mm - case.manifest.tool.tool_from_tip.translation_mm)
+            ),
+        },
+        residuals=residuals,
+        others=(result.tip_from_sensor,),
+        notes=track.notes,
+    )
+
+
+def _case_with_joints(recording: "Recording") -> "tuple[Case, str, str]":
+    """The case of the recording, the robot's base frame and its tool link."""
+    from app.geometry import InputError
+
+    case = recording.case
+    if case is None or case.manifest.robot is None or not case.has_joints:
+        raise InputError(f"{recording.path} has no joints; expected a case with robot.joint_states")
+    return case, case.manifest.robot.base_frame, case.manifest.robot.tool_link
+
+
+def _link_pose_at(
+    robot: "Robot", link: str, joints: "Sequence[JointSample]", stamp: "Stamp"
+) -> "Transform | None":
+    """``root_from_link`` at ``stamp``, interpolated between the samples before and after it.
+
+    None if one of them does not exist or if they are more than `MAX_JOINT_GAP_NS` apart.
+    """
+    index = bisect_left(joints, stamp.ns, key=lambda sample: sample.stamp.ns)
+    if index in (0, len(joints)):
+        return None
+    before, after = joints[index - 1], joints[index]
+    gap_ns = after.stamp.ns - before.stamp.ns
+    if gap_ns > MAX_JOINT_GAP_NS:
+        return None
+    first = robot.measured_kinematics(link, before.as_mapping())[link]
+    second = robot.measured_kinematics(link, after.as_mapping())[link]
+    return first.interpolate(second, (stamp.ns - before.stamp.ns) / gap_ns)
+
+
+METHOD = CalibrationMethod(
+    name="hand-eye",
+    summary="the base of a robot that held a tracked sensor in many poses",
+    inputs=frozenset({Input.TOOL_TRACK, Input.JOINTS}),
+    run=calibrate,
+)
