@@ -17,7 +17,7 @@ from trimesh.exchange.ply import export_ply
 from trimesh.exchange.stl import export_stl
 
 from app.files.bounded_io import check_place, write_small
-from app.geometry import FloatArray, InputError, MeshError, SurfaceMesh, welded
+from app.geometry import FloatArray, InputError, MeshError, SurfaceMesh, weld_vertices
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 """Millimetres in each unit that a mesh may be given in."""
@@ -51,7 +51,7 @@ def load_mesh(path: Path, *, units: str, frame: str) -> SurfaceMesh:
         raise MeshError(f"{path} holds no triangle: a surface wanted")
     try:
         raw = SurfaceMesh(frame, vertices * UNITS_MM[units], faces)
-        places, whole, _ = welded(raw.vertices_mm + 0.0, raw.faces)  # + 0.0: no -0.0
+        places, whole, _ = weld_vertices(raw.vertices_mm + 0.0, raw.faces)  # + 0.0: no -0.0
         return SurfaceMesh(frame, places, whole.astype(np.int32))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error

@@ -1,6 +1,6 @@
 """Numbers in a text file, of the decimal form that every program reads alike."""
 
-from app.geometry import InputError, is_plain
+from app.geometry import InputError, is_plain_number
 
 
 def numbers_in(text: str, count: int, place: str) -> list[float]:
@@ -11,7 +11,7 @@ def numbers_in(text: str, count: int, place: str) -> list[float]:
     words = text.split()
     if len(words) != count:
         raise InputError(f"{place} has {len(words)} numbers: {count} wanted")
-    if is_plain(text):
+    if is_plain_number(text):
         try:
             return [float(word) for word in words]
         except ValueError:
@@ -24,4 +24,4 @@ def _is_none(word: str) -> bool:
         float(word)
     except ValueError:
         return True
-    return not is_plain(word)
+    return not is_plain_number(word)

@@ -1,6 +1,6 @@
-"""Values that flow through every room: frames, stamps, transforms, meshes, errors.
+"""Values that all packages share: frames, stamps, transforms, meshes, errors.
 
-Millimetres, radians and integer nanoseconds. Imports numpy and scipy only.
+Units are mm, rad and integer ns. Imports numpy and scipy only.
 """
 
 from app.geometry.errors import (
@@ -19,8 +19,8 @@ from app.geometry.frames import (
     split_transform_name,
 )
 from app.geometry.mesh import SurfaceMesh
-from app.geometry.plain_text import is_plain
-from app.geometry.slots import setters
+from app.geometry.plain_number import is_plain_number
+from app.geometry.slots import slot_setters
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
 from app.geometry.tracked import TrackedTransform, TrackingStatus
 from app.geometry.transform import (
@@ -30,7 +30,7 @@ from app.geometry.transform import (
     rotation_angle,
     rotation_of_quaternion,
 )
-from app.geometry.welding import welded
+from app.geometry.welding import weld_vertices
 
 __all__ = [
     "NS_PER_MS",
@@ -49,13 +49,13 @@ __all__ = [
     "TransformError",
     "camel_case",
     "check_frame",
-    "is_plain",
+    "is_plain_number",
     "join_transform_name",
     "mean_transform",
     "rotation_angle",
     "rotation_of_quaternion",
-    "setters",
+    "slot_setters",
     "snake_case",
     "split_transform_name",
-    "welded",
+    "weld_vertices",
 ]

@@ -1,28 +1,28 @@
-"""The errors of MarginGuard: one root, so that a caller can catch them all.
+"""Exceptions of MarginGuard, all derived from `MarginGuardError`.
 
-A message shows the value that was refused, where it stood, and what was allowed, on one line.
+A message is one line with the place, the rejected value and the allowed values.
 """
 
 
 class MarginGuardError(Exception):
-    """Root of every error that MarginGuard raises on purpose."""
+    """Base class of all errors that MarginGuard raises deliberately."""
 
 
 class FrameError(MarginGuardError):
-    """Two values whose frames do not meet, or a name that cannot be a frame."""
+    """Frames of two values do not match, or a frame name is invalid."""
 
 
 class TransformError(MarginGuardError):
-    """Numbers that are not a rigid transform: not finite, reflected, scaled, sheared."""
+    """Numbers are not a rigid transform: not finite, reflected, scaled or sheared."""
 
 
 class StampError(MarginGuardError):
-    """Stamps of different clocks were compared, or a time that cannot be a stamp."""
+    """Stamps of different clocks are compared, or a time is out of range."""
 
 
 class MeshError(MarginGuardError):
-    """A surface that cannot be used: not finite, empty, open, or with faces out of range."""
+    """A surface is not finite, empty, open, or has face indices out of range."""
 
 
 class InputError(MarginGuardError):
-    """A file, a field or an argument of the user that cannot be used."""
+    """A file, a field or an argument given by the user is invalid."""

@@ -1,20 +1,20 @@
-"""A measured transform with its acquisition time and what the tracker said of it."""
+"""A measured transform with its acquisition time and status."""
 
 from dataclasses import dataclass
 from enum import IntEnum
 
 from app.geometry.errors import FrameError, TransformError
 from app.geometry.frames import check_frame
-from app.geometry.slots import setters
+from app.geometry.slots import slot_setters
 from app.geometry.stamp import Stamp
 from app.geometry.transform import Transform
 
 
 class TrackingStatus(IntEnum):
-    """What is known of one sample. Only `OK` may be navigated by.
+    """Status of one sample. Only `OK` samples may be used for navigation.
 
-    The first six are a tracker's own words (IGSIO's ``ToolStatus``); the others are found by the
-    reader of a sample that the tracker called good.
+    Values 0 to 5 are reported by the tracker (IGSIO's ``ToolStatus``). The others are set by a
+    reader for a sample that the tracker reported as OK.
     """
 
     OK = 0
@@ -31,8 +31,10 @@ class TrackingStatus(IntEnum):
 class TrackedTransform:
     """A sample of ``target_from_source``, acquired at ``stamp``.
 
-    ``transform`` is None exactly when ``status`` is not `TrackingStatus.OK`: a lost pose has no
-    number that could be used by mistake. The frames are known either way.
+    ``transform`` is None exactly if ``status`` is not `TrackingStatus.OK`: a lost pose has no
+    numbers that could be used by mistake. ``target`` and ``source`` are known in both cases; with
+    a transform they default to its frames. Raises `TransformError` if transform and status
+    contradict each other, `FrameError` if the frames do.
     """
 
     transform: Transform | None
@@ -45,28 +47,27 @@ class TrackedTransform:
         if (self.transform is not None) != (self.status is TrackingStatus.OK):
             raise TransformError(
                 f"a sample with status {self.status.name} "
-                f"{'has a' if self.transform is not None else 'lacks its'} transform: "
-                "OK samples carry one, the others none"
+                f"{'has a' if self.transform is not None else 'lacks its'} transform; "
+                "expected one for status OK only"
             )
         if self.transform is None:
             check_frame(self.target)
             check_frame(self.source)
         elif (self.target, self.source) != (self.transform.target, self.transform.source):
-            self._take_names(self.transform)
+            self._set_frames_of(self.transform)
 
-    def _take_names(self, transform: Transform) -> None:
-        """The transform's own, where none are given; `FrameError` for others."""
+    def _set_frames_of(self, transform: Transform) -> None:
         for name, given, known in (
             ("target", self.target, transform.target),
             ("source", self.source, transform.source),
         ):
             if given not in ("", known):
-                raise FrameError(f"{name} {given!r} is not the transform's {known!r}")
+                raise FrameError(f"{name} {given!r} contradicts the transform; expected {known!r}")
             object.__setattr__(self, name, known)
 
     @classmethod
-    def good(cls, transform: Transform, stamp: Stamp) -> "TrackedTransform":
-        """A sample that may be navigated by, with the frames of its transform."""
+    def valid(cls, transform: Transform, stamp: Stamp) -> "TrackedTransform":
+        """A sample with status `TrackingStatus.OK` and the frames of its transform, unchecked."""
         made = object.__new__(cls)
         _set_transform(made, transform)
         _set_stamp(made, stamp)
@@ -79,8 +80,8 @@ class TrackedTransform:
     def lost(
         cls, target: str, source: str, stamp: Stamp, status: TrackingStatus
     ) -> "TrackedTransform":
-        """A sample that says the pose of ``source`` in ``target`` is not known."""
+        """A sample without a transform: the pose of ``source`` in ``target`` is not known."""
         return cls(None, stamp, status, target, source)
 
 
-_set_transform, _set_stamp, _set_status, _set_target, _set_source = setters(TrackedTransform)
+_set_transform, _set_stamp, _set_status, _set_target, _set_source = slot_setters(TrackedTransform)

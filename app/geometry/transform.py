@@ -1,4 +1,4 @@
-"""Rigid transforms that know their frames: ``a_from_b @ b_from_c`` is ``a_from_c``."""
+"""Rigid transforms with named frames: ``a_from_b @ b_from_c`` is ``a_from_c``."""
 
 import math
 import struct
@@ -6,20 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts are loaded when they are used: rotations take a quarter of a second
+import scipy  # loads `scipy.spatial` lazily, which takes 0.25 s
 from numpy.typing import ArrayLike, NDArray
 
 from app.geometry.errors import FrameError, TransformError
 from app.geometry.frames import check_frame
-from app.geometry.slots import setters
+from app.geometry.slots import slot_setters
 
 FloatArray = NDArray[np.float64]
 
 ROTATION_TOLERANCE = 1e-3
-"""Largest entry of ``R^T R - 1`` that is taken for rounding and projected away.
+"""Largest entry of ``R^T R - 1`` that is treated as rounding.
 
-Trackers and configuration files print 4 to 7 digits, so a measured rotation is off by 1e-4 at
-most; a scale of 0.1 % (2e-3 here) or a shear is no rounding and is refused."""
+Trackers and configuration files print 4 to 7 digits, an error of 1e-4 at most. A scale of 0.1 %
+(2e-3 here) or a shear is rejected."""
 
 _EXACT = 1e-14
 
@@ -31,8 +31,9 @@ class Transform:
     """``target_from_source``: maps coordinates in ``source`` to coordinates in ``target``.
 
     ``rotation`` is (3, 3), orthonormal with determinant +1; ``translation_mm`` is (3,), in mm in
-    ``target``. Both are copied and read-only. A rotation within `ROTATION_TOLERANCE` is projected
-    to the nearest rotation; anything else raises `TransformError`.
+    ``target``. Both are copied and read-only. A matrix within `ROTATION_TOLERANCE` is replaced by
+    the nearest rotation. Raises `TransformError` for other matrices and non-finite numbers, and
+    `FrameError` for invalid frame names.
     """
 
     target: str
@@ -51,37 +52,39 @@ class Transform:
 
     @classmethod
     def identity(cls, target: str, source: str) -> "Transform":
-        """Two frames that coincide."""
+        """The identity between two frames."""
         return cls.unchecked(target, source, np.eye(3), np.zeros(3))
 
     @classmethod
     def unchecked(
         cls, target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
     ) -> "Transform":
-        """From new arrays (3, 3) and (3,), which are taken over; the names alone are checked.
+        """Construct from new arrays (3, 3) and (3,) without copying; only the names are checked.
 
-        For what is a rotation because of how it was made, out of finite numbers: a product of
-        rotations, a formula of one, an orthonormal basis. It is off by some 1e-16 a factor, so a
-        product of ten thousand is still a thousand million times better than `ROTATION_TOLERANCE`,
-        and at 1 kHz the check would cost more than the product. Whatever was measured, read from a
-        file or sent by somebody goes through the constructor.
+        Both arrays become read-only. Use it only for results that are rotations by computation
+        from finite numbers: a product of rotations, a rotation formula, an orthonormal basis. Each
+        factor adds an error of about 1e-16, so a product of 10000 is far below
+        `ROTATION_TOLERANCE`, and the check would take longer than the product. Measured, received
+        and read data must go through the constructor.
         """
         return _unchecked(check_frame(target), check_frame(source), rotation, translation_mm)
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike, *, target: str, source: str) -> "Transform":
-        """From a homogeneous (4, 4) matrix in mm, or its 16 numbers row by row."""
+        """Construct from a homogeneous (4, 4) matrix in mm, or its 16 numbers in row order."""
         name = f"{target}_from_{source}"
         try:
             values = np.array(matrix, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise TransformError(f"matrix of {name} is not made of numbers: {matrix!r}") from error
+            raise TransformError(
+                f"matrix of {name} is {matrix!r}; expected an array of numbers"
+            ) from error
         if values.shape == (16,):
             values = values.reshape(4, 4)
         values = _checked(values, (4, 4), f"matrix of {name}")
         if not np.allclose(values[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-9):
             raise TransformError(
-                f"last row of the matrix of {name} is {values[3].tolist()}: 0 0 0 1 wanted"
+                f"last row of the matrix of {name} is {values[3].tolist()}; expected 0 0 0 1"
             )
         return cls(target, source, values[:3, :3], values[:3, 3])
 
@@ -89,9 +92,10 @@ class Transform:
     def from_quaternion(
         cls, xyzw: ArrayLike, translation_mm: ArrayLike, *, target: str, source: str
     ) -> "Transform":
-        """From a quaternion (x, y, z, w), as in ROS, and a translation in mm.
+        """Construct from a quaternion (x, y, z, w), as in ROS, and a translation in mm.
 
-        The quaternion is normalised when its norm is within `ROTATION_TOLERANCE` of 1.
+        The quaternion is normalised if its norm is within `ROTATION_TOLERANCE` of 1;
+        `TransformError` otherwise.
         """
         name = f"{target}_from_{source}"
         what = f"quaternion of {name}"
@@ -103,7 +107,7 @@ class Transform:
     def from_rotation_vector(
         cls, rotation_vector: ArrayLike, translation_mm: ArrayLike, *, target: str, source: str
     ) -> "Transform":
-        """From an axis times an angle in radians, (3,), and a translation in mm."""
+        """Construct from an axis times an angle in rad, (3,), and a translation in mm."""
         vector = _checked(rotation_vector, (3,), f"rotation vector of {target}_from_{source}")
         rotation = scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix()
         return cls(target, source, rotation, np.asarray(translation_mm, dtype=np.float64))
@@ -118,23 +122,23 @@ class Transform:
 
     @property
     def quaternion_xyzw(self) -> FloatArray:
-        """The rotation as (x, y, z, w), w not negative."""
+        """The rotation as (x, y, z, w) with w >= 0."""
         return scipy.spatial.transform.Rotation.from_matrix(self.rotation).as_quat(canonical=True)
 
     @property
     def rotation_vector(self) -> FloatArray:
-        """The rotation as an axis times an angle in [0, pi]."""
+        """The rotation as an axis times an angle in [0, pi] rad, (3,)."""
         return scipy.spatial.transform.Rotation.from_matrix(self.rotation).as_rotvec()
 
     def inverse(self) -> "Transform":
-        """``source_from_target``."""
+        """Return ``source_from_target``."""
         rotation = self.rotation.T.copy()
         return _unchecked(self.source, self.target, rotation, -rotation.dot(self.translation_mm))
 
     def __matmul__(self, other: "Transform") -> "Transform":
         if self.source != other.target:
             raise FrameError(
-                f"{self.target}_from_{self.source} cannot be followed by "
+                f"{self.target}_from_{self.source} cannot be multiplied by "
                 f"{other.target}_from_{other.source}: {self.source!r} is not {other.target!r}"
             )
         return _unchecked(
@@ -145,40 +149,44 @@ class Transform:
         )
 
     def apply(self, points_mm: ArrayLike) -> FloatArray:
-        """Points (3,) or (n, 3) in ``source``, in mm, to coordinates in ``target``."""
+        """Map points (3,) or (n, 3) in mm from ``source`` to ``target``."""
         return np.asarray(points_mm, dtype=np.float64) @ self.rotation.T + self.translation_mm
 
     def rotate(self, vectors: ArrayLike) -> FloatArray:
-        """Directions (3,) or (n, 3): rotated, not moved."""
+        """Map directions (3,) or (n, 3) from ``source`` to ``target``: rotation only."""
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def angle_to(self, other: "Transform") -> float:
-        """The angle in radians of the rotation between two transforms of the same frames."""
+        """Angle in rad of the rotation between two transforms of the same frames."""
         self._check_same_frames(other)
         return rotation_angle(self.rotation.T.dot(other.rotation))
 
     def distance_mm_to(self, other: "Transform") -> float:
-        """The distance in mm between the origins of two transforms of the same frames."""
+        """Distance in mm between the origins of two transforms of the same frames."""
         self._check_same_frames(other)
         return math.dist(self.translation_mm.tolist(), other.translation_mm.tolist())
 
     def interpolate(self, other: "Transform", fraction: float) -> "Transform":
-        """Between self (0) and other (1): linear in translation, shortest arc in rotation."""
+        """Interpolate between self (0) and other (1).
+
+        Linear in translation, shortest arc in rotation. Raises `TransformError` for a fraction
+        outside [0, 1].
+        """
         self._check_same_frames(other)
         if not 0.0 <= fraction <= 1.0:
-            raise TransformError(f"fraction {fraction} of an interpolation is not within 0 and 1")
-        turn = scipy.spatial.transform.Rotation.from_matrix(
+            raise TransformError(f"fraction of an interpolation is {fraction}; expected 0 to 1")
+        rotation_vector = scipy.spatial.transform.Rotation.from_matrix(
             self.rotation.T @ other.rotation
         ).as_rotvec()
         rotation = (
             self.rotation
-            @ scipy.spatial.transform.Rotation.from_rotvec(fraction * turn).as_matrix()
+            @ scipy.spatial.transform.Rotation.from_rotvec(fraction * rotation_vector).as_matrix()
         )
         step = other.translation_mm - self.translation_mm
         return _unchecked(self.target, self.source, rotation, self.translation_mm + fraction * step)
 
     def renamed(self, *, target: str | None = None, source: str | None = None) -> "Transform":
-        """The same numbers between frames of other names."""
+        """The same rotation and translation with other frame names."""
         return _unchecked(
             self.target if target is None else check_frame(target),
             self.source if source is None else check_frame(source),
@@ -190,18 +198,19 @@ class Transform:
         if (self.target, self.source) != (other.target, other.source):
             raise FrameError(
                 f"{self.target}_from_{self.source} and {other.target}_from_{other.source} "
-                "are between different frames"
+                "have different frames; expected the same frames"
             )
 
 
 def mean_transform(transforms: Sequence[Transform]) -> Transform:
-    """The mean of n > 0 poses between the same frames: of positions, and of rotations.
+    """Mean translation and mean rotation of n > 0 transforms between the same frames.
 
-    The mean rotation has the least squared chordal distance to all (Hartley, Trumpf, Dai and Li,
-    "Rotation averaging", 2013).
+    The mean rotation minimises the sum of squared chordal distances (Hartley, Trumpf, Dai and Li,
+    "Rotation averaging", 2013). Raises `TransformError` for an empty list and `FrameError` for
+    different frames.
     """
     if not transforms:
-        raise TransformError("0 transforms have no mean: at least 1 wanted")
+        raise TransformError("0 transforms have no mean; expected at least 1")
     first = transforms[0]
     for other in transforms:
         first._check_same_frames(other)
@@ -215,14 +224,15 @@ def mean_transform(transforms: Sequence[Transform]) -> Transform:
 def rotation_of_quaternion(
     x: float, y: float, z: float, w: float, *, what: str = "quaternion"
 ) -> FloatArray:
-    """A new array (3, 3), read-only, by the Euler-Rodrigues formula.
+    """Return the rotation matrix (3, 3), read-only, by the Euler-Rodrigues formula.
 
-    ``what`` is normalised when its norm is within `ROTATION_TOLERANCE` of 1; `TransformError`
-    otherwise. Recordings are read through this, so it is written out.
+    The quaternion is normalised if its norm is within `ROTATION_TOLERANCE` of 1; `TransformError`
+    otherwise, with the name ``what``. The formula is written out because every recorded pose is
+    converted by it.
     """
-    norm = math.hypot(x, y, z, w)  # a square would overflow where this does not
+    norm = math.hypot(x, y, z, w)  # unlike a sum of squares, does not overflow
     if not abs(norm - 1.0) <= ROTATION_TOLERANCE:
-        raise TransformError(f"{what} has norm {norm:.6g}: 1 within {ROTATION_TOLERANCE} wanted")
+        raise TransformError(f"{what} has norm {norm:.6g}; expected 1 within {ROTATION_TOLERANCE}")
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     numbers = _NINE.pack(
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
@@ -233,7 +243,7 @@ def rotation_of_quaternion(
 
 
 def rotation_angle(rotation: FloatArray) -> float:
-    """The angle in radians of a (3, 3) rotation, exact near 0 and near pi alike."""
+    """Angle in rad of a rotation (3, 3), accurate near 0 and near pi."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     sine = 0.5 * math.sqrt((h - f) ** 2 + (c - g) ** 2 + (d - b) ** 2)
     cosine = 0.5 * (a + e + i - 1.0)
@@ -244,12 +254,12 @@ def _checked(values: ArrayLike, shape: tuple[int, ...], what: str) -> FloatArray
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise TransformError(f"{what} is not made of numbers: {values!r}") from error
+        raise TransformError(f"{what} is {values!r}; expected an array of numbers") from error
     if array.shape != shape:
-        raise TransformError(f"{what} has shape {array.shape}: {shape} wanted")
-    # In plain numbers, as below: arrays this small cost more to handle than to compute.
+        raise TransformError(f"{what} has shape {array.shape}; expected {shape}")
+    # Python floats, as below: for arrays of this size NumPy calls take longer than the arithmetic.
     if not all(map(math.isfinite, array.ravel().tolist())):
-        raise TransformError(f"{what} is not finite: {array.tolist()}")
+        raise TransformError(f"{what} is not finite: {array.tolist()}; expected finite numbers")
     return array
 
 
@@ -265,11 +275,11 @@ def _nearest_rotation(rotation: FloatArray, name: str) -> FloatArray:
     )
     if deviation > ROTATION_TOLERANCE:
         raise TransformError(
-            f"rotation of {name} is not orthonormal: R^T R is off by {deviation:.3g}, "
-            f"at most {ROTATION_TOLERANCE} allowed"
+            f"rotation of {name} is not orthonormal: R^T R differs from 1 by {deviation:.3g}; "
+            f"expected at most {ROTATION_TOLERANCE}"
         )
     if a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0:
-        raise TransformError(f"rotation of {name} is a reflection: determinant +1 wanted")
+        raise TransformError(f"rotation of {name} is a reflection; expected determinant +1")
     if deviation <= _EXACT:
         return rotation
     left, _, right = np.linalg.svd(rotation)
@@ -284,10 +294,10 @@ def _read_only(array: FloatArray) -> FloatArray:
 def _unchecked(
     target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
 ) -> Transform:
-    """As `Transform.unchecked`, with names that were checked before.
+    """As `Transform.unchecked`, for frame names that have been checked.
 
-    A step of a session makes a dozen: so it is written out, and flags are given by place, which
-    NumPy takes in half the time, though its stubs want names.
+    A session step calls this a dozen times: it sets slots directly and passes flags by position,
+    which takes NumPy half the time (its stubs allow names only).
     """
     rotation.setflags(False)  # type: ignore[call-arg]
     translation_mm.setflags(False)  # type: ignore[call-arg]
@@ -299,4 +309,4 @@ def _unchecked(
     return transform
 
 
-_set_target, _set_source, _set_rotation, _set_translation = setters(Transform)
+_set_target, _set_source, _set_rotation, _set_translation = slot_setters(Transform)

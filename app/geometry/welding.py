@@ -1,4 +1,4 @@
-"""Corners at the same place as one: files of triangles repeat them in every face."""
+"""Merging of duplicate vertices, which triangle files repeat in every face."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,15 +6,15 @@ from numpy.typing import NDArray
 from app.geometry.transform import FloatArray
 
 
-def welded(
+def weld_vertices(
     vertices: FloatArray, faces: NDArray[np.integer]
 ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.bool_]]:
-    """Each of ``vertices`` (n, 3) once, sorted by x, then y, then z, and ``faces`` (m, 3) of them.
+    """Merge equal ``vertices`` (n, 3), which must be finite, and reindex ``faces`` (m, 3).
 
-    Vertices are finite. Faces that lose a corner are dropped; the third array, (m,), tells which
-    were kept.
+    Returns the distinct vertices (k, 3) sorted by x, then y, then z, the faces with three distinct
+    corners, and the mask (m,) of these faces.
     """
-    # Sorted column by column: several times faster than `np.unique` with an axis.
+    # `np.lexsort` is several times faster than `np.unique` with an axis.
     order = np.lexsort(vertices.T[::-1])
     ordered = vertices[order]
     is_new = np.ones(len(ordered), dtype=np.bool_)

@@ -214,7 +214,7 @@ def test_open_and_broken_meshes(manifest: Manifest, write_case: WriteCase, name:
     vertices = np.array(box.vertices)
     vertices[0] = np.nan
     trimesh.Trimesh(vertices, box.faces, process=False).export(path)
-    with pytest.raises(MeshError, match="finite numbers wanted"):
+    with pytest.raises(MeshError, match="expected finite numbers"):
         load()
 
 

@@ -11,7 +11,7 @@ from app.geometry import (
     split_transform_name,
 )
 
-# A word that begins with "to" and goes on with a digit, or ends there, is a second place to split.
+# "to" alone or before a digit is excluded: it would make a second place to split.
 words = st.from_regex(r"(?!to(?:[0-9]|$))[a-z][a-z0-9]{1,6}", fullmatch=True)
 frames = st.lists(words, min_size=1, max_size=3).map("_".join)
 
@@ -28,11 +28,11 @@ frames = st.lists(words, min_size=1, max_size=3).map("_".join)
         ("TotalToTorso", "total", "torso"),
     ],
 )
-def test_igsio_names_are_source_to_target(name, source, target):
+def test_igsio_name_is_source_to_target(name, source, target):
     assert split_transform_name(name) == (source, target)
 
 
-def test_a_name_without_to_is_said_and_an_ambiguous_one_refused():
+def test_name_without_to_gives_none_and_ambiguous_name_is_rejected():
     assert split_transform_name("Stylus") is None
     assert split_transform_name("Tool") is None
     with pytest.raises(FrameError, match="2 places"):
@@ -42,21 +42,21 @@ def test_a_name_without_to_is_said_and_an_ambiguous_one_refused():
 
 
 @given(frames, frames)
-def test_joined_names_are_split_again(source, target):
+def test_joining_and_splitting_a_name_round_trips(source, target):
     assert split_transform_name(join_transform_name(source, target)) == (source, target)
 
 
 @given(frames)
-def test_camel_case_and_back(frame):
+def test_camel_case_round_trips(frame):
     assert snake_case(camel_case(frame)) == frame
 
 
 @pytest.mark.parametrize("name", ["", "/a", "a/", "a//b", "a b", "a:b", "ä", "a\n", None, 3])
-def test_names_that_tf_would_not_take_are_refused(name):
+def test_invalid_tf_name_is_rejected(name):
     with pytest.raises(FrameError, match="not allowed"):
         check_frame(name)
 
 
 @pytest.mark.parametrize("name", ["robot1/tool_tip", "link_9.0", "left-arm"])
-def test_names_that_ros_uses_are_allowed(name):
+def test_ros_style_name_is_accepted(name):
     assert check_frame(name) == name

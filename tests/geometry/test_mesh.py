@@ -10,7 +10,7 @@ def sphere(radius: float = 10.0) -> SurfaceMesh:
     return SurfaceMesh("tumor", made.vertices, made.faces)
 
 
-def test_a_closed_surface_encloses_what_trimesh_says():
+def test_volume_and_bounds_agree_with_trimesh():
     mesh = sphere()
     peer = trimesh.Trimesh(mesh.vertices_mm, mesh.faces)
     assert mesh.open_edges() == 0
@@ -19,14 +19,14 @@ def test_a_closed_surface_encloses_what_trimesh_says():
     np.testing.assert_array_equal(mesh.bounds_mm, peer.bounds)
 
 
-def test_volume_keeps_its_digits_far_from_the_origin():
+def test_volume_is_accurate_far_from_the_origin():
     mesh = sphere(1.0)
     far = mesh.transformed(Transform("ras", "tumor", np.eye(3), [1e6, -1e6, 1e6]))
     assert far.frame == "ras"
     assert far.signed_volume_mm3 == pytest.approx(mesh.signed_volume_mm3, rel=1e-6)
 
 
-def test_open_and_inverted_surfaces_are_refused_by_name():
+def test_open_and_inverted_surfaces_are_rejected_with_their_name():
     mesh = sphere()
     with_hole = SurfaceMesh("tumor", mesh.vertices_mm, mesh.faces[1:])
     assert with_hole.open_edges() == 3
@@ -47,21 +47,21 @@ def test_open_and_inverted_surfaces_are_refused_by_name():
         (np.eye(3), np.zeros((0, 3), int), r"shape \(0, 3\)"),
         (np.eye(3), [[0, 1, 3]], "span 0 to 3"),
         (np.eye(3), [[0, 1, -1]], "span -1 to 1"),
-        (np.eye(3), [[0.0, 1.0, 2.0]], "whole numbers"),
+        (np.eye(3), [[0.0, 1.0, 2.0]], "expected integers"),
         ([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]], [[0, 1, 2]], "vertex 1 .* is"),
     ],
 )
-def test_bad_arrays_are_refused(vertices, faces, message):
+def test_invalid_arrays_are_rejected(vertices, faces, message):
     with pytest.raises(MeshError, match=message):
         SurfaceMesh("tumor", np.asarray(vertices, float), np.asarray(faces))
 
 
-def test_a_mesh_moves_only_out_of_its_own_frame():
-    with pytest.raises(FrameError, match="'tumor' cannot be moved by a_from_b"):
+def test_transform_from_another_frame_is_rejected():
+    with pytest.raises(FrameError, match="'tumor' cannot be transformed by a_from_b"):
         sphere().transformed(Transform.identity("a", "b"))
 
 
-def test_the_arrays_are_copies_that_nobody_can_write():
+def test_arrays_are_read_only():
     mesh = sphere()
     with pytest.raises(ValueError, match="read-only"):
         mesh.vertices_mm[0, 0] = 1.0

@@ -1,10 +1,10 @@
-"""Filling the slots of a frozen value without its checks."""
+"""Setting the slots of a frozen dataclass without its checks."""
 
 from dataclasses import FrozenInstanceError, dataclass
 
 import pytest
 
-from app.geometry import setters
+from app.geometry import slot_setters
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,8 +17,8 @@ class Span:
             raise ValueError("backwards")
 
 
-def test_slots_are_filled_in_the_order_of_the_fields_and_the_value_stays_frozen() -> None:
-    set_first, set_last = setters(Span)
+def test_setters_are_in_field_order_and_the_instance_stays_frozen() -> None:
+    set_first, set_last = slot_setters(Span)
     made = object.__new__(Span)
     set_first(made, 3)
     set_last(made, 5)
@@ -27,7 +27,7 @@ def test_slots_are_filled_in_the_order_of_the_fields_and_the_value_stays_frozen(
         made.last = 6  # type: ignore[misc]
 
 
-def test_a_value_of_another_type_is_refused() -> None:
-    set_first, _ = setters(Span)
+def test_instance_of_another_type_is_rejected() -> None:
+    set_first, _ = slot_setters(Span)
     with pytest.raises(TypeError, match="Span"):
         set_first(object(), 3)

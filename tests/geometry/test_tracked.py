@@ -14,14 +14,14 @@ from app.geometry import (
 STAMP, OK = Stamp(1), TrackingStatus.OK
 
 
-def test_a_good_sample_has_its_transforms_frames():
+def test_valid_sample_has_the_frames_of_its_transform():
     sample = TrackedTransform(Transform.identity("tracker", "stylus"), STAMP, TrackingStatus.OK)
     assert (sample.target, sample.source) == ("tracker", "stylus")
 
 
-def test_a_sample_that_is_known_to_be_good_is_what_the_constructor_makes_of_it():
+def test_valid_equals_the_constructor():
     pose = Transform.identity("tracker", "stylus")
-    made, checked = TrackedTransform.good(pose, STAMP), TrackedTransform(pose, STAMP, OK)
+    made, checked = TrackedTransform.valid(pose, STAMP), TrackedTransform(pose, STAMP, OK)
     for field in fields(TrackedTransform):
         assert getattr(made, field.name) == getattr(checked, field.name)
     with pytest.raises(FrozenInstanceError):
@@ -29,7 +29,7 @@ def test_a_sample_that_is_known_to_be_good_is_what_the_constructor_makes_of_it()
 
 
 @pytest.mark.parametrize("status", [status for status in TrackingStatus if status])
-def test_a_lost_sample_keeps_its_frames_and_holds_no_number(status):
+def test_lost_sample_keeps_its_frames_and_has_no_transform(status):
     sample = TrackedTransform.lost("tracker", "stylus", STAMP, status)
     assert sample.transform is None
     assert (sample.target, sample.source) == ("tracker", "stylus")
@@ -37,13 +37,13 @@ def test_a_lost_sample_keeps_its_frames_and_holds_no_number(status):
         TrackedTransform(Transform.identity("tracker", "stylus"), STAMP, status)
 
 
-def test_a_good_sample_without_a_pose_is_refused():
+def test_ok_sample_without_transform_is_rejected():
     with pytest.raises(TransformError, match="lacks its transform"):
         TrackedTransform.lost("tracker", "stylus", STAMP, TrackingStatus.OK)
 
 
-def test_frames_that_contradict_the_transform_are_refused():
-    with pytest.raises(FrameError, match="'probe' is not the transform's 'stylus'"):
+def test_frames_that_contradict_the_transform_are_rejected():
+    with pytest.raises(FrameError, match="'probe' contradicts the transform; expected 'stylus'"):
         TrackedTransform(
             Transform.identity("tracker", "stylus"), STAMP, TrackingStatus.OK, source="probe"
         )

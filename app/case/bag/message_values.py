@@ -54,7 +54,7 @@ class PoseValues(NamedTuple):
         except TransformError:
             return TrackedTransform.lost(target, source, stamp, TrackingStatus.NOT_RIGID)
         transform = Transform.unchecked(target, source, rotation, np.array(translation_mm))
-        return TrackedTransform.good(transform, stamp)
+        return TrackedTransform.valid(transform, stamp)
 
 
 _STATUSES = {int(status): status for status in TrackingStatus}

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.geometry import InputError, Stamp, TrackedTransform, setters
+from app.geometry import InputError, Stamp, TrackedTransform, slot_setters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class JointSample:
         return dict(zip(self.names, self.positions, strict=True))
 
 
-_set_names, _set_positions, _set_stamp = setters(JointSample)
+_set_names, _set_positions, _set_stamp = slot_setters(JointSample)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trimesh.exchange.load import mesh_loaders
 from trimesh.resolvers import FilePathResolver
 
-from app.geometry import FloatArray, welded
+from app.geometry import FloatArray, weld_vertices
 from app.robot.errors import RobotMeshError
 
 FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply")
@@ -66,7 +66,7 @@ def read_mesh_file(path: Path) -> FileMesh:
         raise RobotMeshError(f"mesh {path} has vertices that are not finite numbers")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise RobotMeshError(f"mesh {path} has faces of vertices that it does not hold")
-    vertices, faces, kept = welded(vertices, faces)
+    vertices, faces, kept = weld_vertices(vertices, faces)
     if len(faces) == 0:
         raise RobotMeshError(f"mesh {path} holds no triangles with an area")
     return FileMesh(vertices, faces, _joined_colors(parts, kept))
