@@ -51,8 +51,9 @@ WITHIN = {
     "case": {
         "frames": set(),
         "tumor": set(),
-        "bag": {"frames"},
-        "mrml": {"frames"},
+        "messages": {"frames"},
+        "recorder": {"frames", "messages"},
+        "readers": {"frames", "messages"},
         "manifest": {"tumor"},
     },
     "fixture": {
@@ -148,7 +149,7 @@ def test_imports_follow_the_arrows(path):
     ("room", "folder"), [(room, folder) for room, folders in WITHIN.items() for folder in folders]
 )
 def test_the_folders_of_a_room_follow_the_arrows(room, folder):
-    files = sorted((APP / room / folder).glob("*.py"))
+    files = sorted((APP / room / folder).rglob("*.py"))
     assert len(files) > 1
     named = {tuple(name.split(".")) for path in files for name in imports(path)}
     others = {name[2] for name in named if name[:2] == ("app", room)} & WITHIN[room].keys()

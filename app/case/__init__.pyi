@@ -1,7 +1,3 @@
-from .bag.bag_writer import BagTopic, BagWriter
-from .bag.mcap import read_mcap, values_reader
-from .bag.message_definition import message_definition
-from .bag.recorder import Recorder, write_recording
 from .case import Case, open_case
 from .convert import convert_case
 from .frames.assembly import agreed_sample
@@ -9,7 +5,6 @@ from .frames.inventory import EdgeCount, RecordingInventory
 from .frames.player import Player
 from .frames.samples import JointSample, TrackingFrame
 from .frames.watchdog import with_watchdog
-from .igsio import read_igsio
 from .live_file import (
     IgtlSourceEntry,
     LiveCase,
@@ -46,8 +41,15 @@ from .manifest.expected import (
     write_expected,
 )
 from .manifest.sections import check_topic
-from .mrml.files import MRML_ENDINGS
-from .mrml.recording import read_mrml
+from .messages.decoder import values_reader
+from .messages.definition import message_definition
+from .readers.igsio.header import read_igsio
+from .readers.mrml.recording import read_mrml
+from .readers.recording_format import JointSource, RecordingFormat, has_ending
+from .readers.registry import read_recording, recording_formats, recording_kinds
+from .readers.rosbag2.frames import read_mcap
+from .recorder.bag_writer import BagTopic, BagWriter
+from .recorder.recorder import Recorder, write_recording
 from .tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,
@@ -56,7 +58,6 @@ from .tumor import (
 )
 
 __all__ = [
-    "MRML_ENDINGS",
     "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
     "TUMOR_MESH_FRAME",
@@ -76,6 +77,7 @@ __all__ = [
     "ExpectedRegistration",
     "IgtlSourceEntry",
     "JointSample",
+    "JointSource",
     "LiveCase",
     "LiveSourceEntry",
     "MarginEntry",
@@ -84,6 +86,7 @@ __all__ = [
     "Provenance",
     "Recorder",
     "RecordingEntry",
+    "RecordingFormat",
     "RecordingInventory",
     "RegistrationEntry",
     "RobotEntry",
@@ -97,6 +100,7 @@ __all__ = [
     "begin_case",
     "check_topic",
     "convert_case",
+    "has_ending",
     "load_expected",
     "load_manifest",
     "message_definition",
@@ -105,6 +109,9 @@ __all__ = [
     "read_igsio",
     "read_mcap",
     "read_mrml",
+    "read_recording",
+    "recording_formats",
+    "recording_kinds",
     "tumor_from_contour",
     "tumor_from_segmentation",
     "values_reader",

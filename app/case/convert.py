@@ -5,10 +5,10 @@ from pathlib import Path, PurePosixPath
 
 import yaml
 
-from app.case.bag.recorder import write_recording
-from app.case.bag.ros_messages import JOINT_STATES_TOPIC
 from app.case.case import Case
 from app.case.manifest.case_file import MANIFEST_NAME
+from app.case.messages.ros_messages import JOINT_STATES_TOPIC
+from app.case.recorder.recorder import write_recording
 from app.files.new_folder import new_folder
 from app.files.paths import PACKAGE_SCHEME, resolve_inside, sha256_of
 from app.geometry import InputError

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from app.case.bag.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.case import Case
 from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
 from app.case.manifest.sections import (
@@ -21,6 +20,7 @@ from app.case.manifest.sections import (
     read_topic,
     read_tumor,
 )
+from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.files.document import Section
 from app.geometry import InputError
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import yaml
 
-from app.case.bag.mcap import CHANGES_NAME
-from app.case.bag.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.convert import copy_named_files
 from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSourceEntry
 from app.case.manifest.case_file import MANIFEST_NAME
+from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
+from app.case.readers.rosbag2 import CHANGES_NAME
 from app.files.new_folder import new_folder
 from app.geometry import InputError
 

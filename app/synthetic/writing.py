@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from app.case.bag.recorder import write_recording
-from app.case.bag.ros_messages import JOINT_STATES_TOPIC
 from app.case.frames.samples import TrackingFrame
 from app.case.frames.watchdog import with_watchdog
 from app.case.manifest.expected import (
@@ -22,6 +20,8 @@ from app.case.manifest.expected import (
     ExpectedRegistration,
     write_expected,
 )
+from app.case.messages.ros_messages import JOINT_STATES_TOPIC
+from app.case.recorder.recorder import write_recording
 from app.geometry import NS_PER_MS, NS_PER_S, InputError, Transform
 from app.synthetic.cautery import cautery_mesh
 from app.synthetic.motion import ArmKinematics

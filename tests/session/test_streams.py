@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import TrackingFrame
-from app.case.bag.message_values import PoseValues
+from app.case.messages.values import PoseValues
 from app.fixture import (
     FixtureDecision,
     LimiterParameters,

@@ -8,8 +8,8 @@ from app.bridge.live.subscription import CountedSubscription
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
 from app.case import JointSample
-from app.case.bag.message_values import JointValues
-from app.case.bag.ros_messages import JOINT_STATE
+from app.case.messages.ros_messages import JOINT_STATE
+from app.case.messages.values import JointValues
 
 
 def listen_to_joints(

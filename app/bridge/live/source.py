@@ -11,8 +11,8 @@ from app.bridge.live.subscription import CountedSubscription
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
 from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry
-from app.case.bag.message_values import PoseValues
-from app.case.bag.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
+from app.case.messages.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
+from app.case.messages.values import PoseValues
 from app.geometry import MarginGuardError, TrackedTransform
 from app.igtl import IgtlSource
 

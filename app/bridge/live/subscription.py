@@ -14,7 +14,7 @@ MOST_BYTES = 1 << 20
 
 
 class CountedSubscription:
-    """Calls ``take(values)`` with what `app.case.bag.message_values` reads of each message.
+    """Calls ``take(values)`` with what `app.case.messages.values` reads of each message.
 
     ``take`` is called in the node's thread; a `MarginGuardError` of its own is counted like a
     message that cannot be read.

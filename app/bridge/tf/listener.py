@@ -11,7 +11,7 @@ from app.bridge import topics
 from app.bridge.node import RosNode
 from app.bridge.qos import ANY_CLOCK, INCOMING_TF, STATIC_TF
 from app.bridge.tf.buffer import TransformBuffer
-from app.bridge.tf.wire import read_tf_message
+from app.bridge.tf.wire import TfMessageReader
 from app.geometry import NS_PER_S, MarginGuardError
 
 _MOST_BYTES = 1 << 20
@@ -45,6 +45,7 @@ class TfListener:
         self.refused: Counter[str] = Counter()
         self.last_refusal = ""
         self._received = received
+        self._read = TfMessageReader()
         moving = replace(topics.TF, qos=qos)
         static = replace(topics.TF_STATIC, qos=STATIC_TF)
         ros.subscribe(moving, lambda raw: self._take(raw, static=False), raw=True)
@@ -58,7 +59,7 @@ class TfListener:
             self._refuse("TooLong", f"a tf message has {len(raw)} bytes: {_MOST_BYTES} allowed")
             return
         try:
-            samples = read_tf_message(raw)
+            samples = self._read(raw)
         except MarginGuardError as error:
             self._refuse(type(error).__name__, str(error))
             return

@@ -6,15 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.case import (
-    MRML_ENDINGS,
-    Case,
-    TrackingFrame,
-    open_case,
-    read_igsio,
-    read_mcap,
-    read_mrml,
-)
+from app.case import Case, TrackingFrame, open_case, read_recording
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
@@ -28,8 +20,6 @@ from app.session import REFERENCE, PoseTree, with_estimated_clock
 
 FROZEN_AFTER_NS = 1000 * NS_PER_MS
 """A tool whose pose is bitwise constant for longer than this is taken as no longer measured."""
-
-_IGSIO_ENDINGS = (".igs.mha", ".igs.nrrd")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +85,7 @@ class TimeSpan:
 
 
 def open_recording(path: Path, span: TimeSpan, *, package_dirs: Iterable[Path] = ()) -> Recording:
-    """Read an IGSIO, MRML or MCAP file, a rosbag2 folder, or the recording of a case folder.
+    """Read a recording in any of the formats of `app.case`, or the recording of a case folder.
 
     Joints are read only for a case folder. Their stamps are on the tracker's clock; the offset is
     estimated if the case sets ``clock.estimate``. Raises `InputError` for another kind of file.
@@ -105,18 +95,8 @@ def open_recording(path: Path, span: TimeSpan, *, package_dirs: Iterable[Path] =
         frames = span.select(case.recorded_frames())
         return Recording(path, frames, case, case.notes())
     notes: list[str] = []
-    if path.name.lower().endswith(_IGSIO_ENDINGS):
-        read = read_igsio(path, notes.append)
-    elif path.name.lower().endswith(MRML_ENDINGS):
-        read = read_mrml(path, notes.append)
-    elif path.is_dir() or path.name.lower().endswith(".mcap"):
-        read = read_mcap(path, notes.append, joint_states_topic=None)
-    else:
-        raise InputError(
-            f"{path} is not a recording; expected a case folder, .igs.mha, .igs.nrrd, .mrb, .mrml, "
-            ".mcap or a rosbag2 folder"
-        )
-    return Recording(path, span.select(read), None, tuple(notes))
+    frames = span.select(read_recording(path, notes.append))
+    return Recording(path, frames, None, tuple(notes))
 
 
 def extract_tool_track(

@@ -40,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> None:
-    allowed = ".igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder or a case folder"
+    from app.case import recording_kinds
+
+    allowed = f"{recording_kinds()} or a case folder"
     parser.add_argument(
         "recording", type=Path, metavar="RECORDING",
         help="a case folder, with robot.joint_states" if with_joints else allowed,

@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from app.bridge.tf import TfInvalidError
-from app.bridge.tf.wire import TfSample, read_tf_message, write_tf_message
+from app.bridge.tf.wire import TfMessageReader, TfSample, write_tf_message
 
 names = st.text(st.characters(min_codepoint=33, max_codepoint=0x2FF), max_size=40)
 numbers = st.floats(-1e6, 1e6, width=64)
@@ -39,7 +39,7 @@ def by_rclpy(samples):
 @settings(max_examples=150)
 @given(samples)
 def test_what_rclpy_writes_is_read(given_samples):
-    read = read_tf_message(serialize_message(by_rclpy(given_samples)))
+    read = TfMessageReader()(serialize_message(by_rclpy(given_samples)))
     assert [sample[:3] for sample in read] == [sample[:3] for sample in given_samples]
     for sample, wanted in zip(read, given_samples, strict=True):
         assert sample.pose == pytest.approx(wanted.pose, rel=1e-12, abs=1e-12)
@@ -65,7 +65,7 @@ def test_the_other_byte_order_is_read():
         + bytes(6)
     )
     assert len(big) == len(write_tf_message([sample]))
-    assert read_tf_message(big) == [sample]
+    assert TfMessageReader()(big) == [sample]
 
 
 GOOD = write_tf_message([TfSample("world", "tool", 5, (0.0,) * 6 + (1.0,))])
@@ -87,13 +87,13 @@ GOOD = write_tf_message([TfSample("world", "tool", 5, (0.0,) * 6 + (1.0,))])
 )
 def test_damaged_bytes_are_refused_by_what_is_wrong(message, words):
     with pytest.raises(TfInvalidError, match=words):
-        read_tf_message(message)
+        TfMessageReader()(message)
 
 
 @settings(max_examples=300)
 @given(st.binary(max_size=200), st.integers(0, len(GOOD)))
 def test_no_bytes_do_more_than_be_refused(noise, place):
     try:
-        read_tf_message(GOOD[:place] + noise)
+        TfMessageReader()(GOOD[:place] + noise)
     except TfInvalidError:
         return

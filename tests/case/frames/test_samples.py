@@ -5,7 +5,7 @@ from dataclasses import fields
 import pytest
 
 from app.case import JointSample
-from app.case.bag.message_values import JointValues
+from app.case.messages.values import JointValues
 from app.geometry import InputError, Stamp
 
 

@@ -11,7 +11,7 @@ from rosbags.typesys import get_types_from_msg
 from scipy.spatial.transform import Rotation
 
 from app.case import TrackingFrame, write_recording
-from app.case.bag.ros_messages import TRACKED_TRANSFORM, TRACKED_TRANSFORM_DEFINITION
+from app.case.messages.ros_messages import TRACKED_TRANSFORM, TRACKED_TRANSFORM_DEFINITION
 from app.geometry import InputError, Stamp, TrackingStatus
 
 Frames = Callable[..., Iterator[TrackingFrame]]

@@ -3,7 +3,7 @@
 import struct
 import tracemalloc
 
-from app.case.bag.message_layout import Known, LayoutReader, Walk
+from app.case.messages.cdr_layout import Known, LayoutReader, Walk
 
 HEAD = b"\0\1\0\0"
 

@@ -12,9 +12,11 @@ from pathlib import Path
 
 from app.case.frames.assembly import FrameAssembler
 from app.case.frames.samples import TrackingFrame
-from app.case.igsio import Note, read_header, tracked_sample
-from app.case.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
-from app.case.mrml.files import MRML_ENDINGS, MrmlFiles, inner_scene, open_mrml
+from app.case.readers.igsio.header import read_header, tracked_sample
+from app.case.readers.mrml import MRML_ENDINGS
+from app.case.readers.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
+from app.case.readers.mrml.files import MrmlFiles, inner_scene, open_mrml
+from app.case.readers.recording_format import Note
 from app.files.numbers import numbers_in
 from app.geometry import (
     FrameError,

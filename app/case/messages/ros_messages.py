@@ -13,8 +13,8 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from app.case.bag.message_values import MM_PER_M
 from app.case.frames.samples import JointSample
+from app.case.messages.values import MM_PER_M
 from app.geometry import NS_PER_S, InputError, Stamp, TrackedTransform, Transform
 
 TRACKED_TRANSFORMS_TOPIC = "/tracked_transforms"

@@ -12,8 +12,6 @@ from typing import IO, Protocol
 from app.files.paths import resolve_inside
 from app.geometry import InputError, MarginGuardError
 
-MRML_ENDINGS = (".mrb", ".mrml")
-
 _MAX_SCENE_BYTES = 256_000_000
 """Of all scenes of one recording together: the sequences of a scene are held at the same time."""
 _MAX_HEADER_BYTES = 4_000_000_000

@@ -220,9 +220,9 @@ def test_a_scene_names_no_file_outside_of_its_folder(tmp_path: Path) -> None:
 
 
 def test_bombs_are_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.case.mrml.files._MAX_SCENE_BYTES", 10_000)
-    monkeypatch.setattr("app.case.mrml.files._MAX_HEADER_BYTES", 10_000)
-    monkeypatch.setattr("app.case.mrml.files._MAX_MEMBERS", 5)
+    monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 10_000)
+    monkeypatch.setattr("app.case.readers.mrml.files._MAX_HEADER_BYTES", 10_000)
+    monkeypatch.setattr("app.case.readers.mrml.files._MAX_MEMBERS", 5)
     much = b" " * 20_000
     for files, message in (
         ({"a/a.mrml": much}, "more than the 10000 bytes allowed"),
@@ -252,7 +252,7 @@ def test_many_sequences_of_one_file_are_no_way_around_the_bounds(
     files = {"a/a.mrml": scenes, "a/Data/N.seq.mrml": scene(item, " " * 10_000)}
     (frame,) = read(write(tmp_path / "x.mrb", files))[0]
     assert len(frame.poses) == len(names)
-    monkeypatch.setattr("app.case.mrml.files._MAX_SCENE_BYTES", 40_000)
+    monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 40_000)
     with pytest.raises(InputError, match=r"N.seq.mrml: .* more than the 40000 bytes allowed"):
         read(write(tmp_path / "y.mrb", files))
 
@@ -263,7 +263,7 @@ def test_many_sequences_of_one_header_are_no_way_around_the_bounds(
     nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(3)]
     held = header("NeedleToTracker", ("0.5", NEEDLE))
     files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": held}
-    monkeypatch.setattr("app.case.mrml.files._MAX_HEADER_BYTES", 2 * len(held) + 7)
+    monkeypatch.setattr("app.case.readers.mrml.files._MAX_HEADER_BYTES", 2 * len(held) + 7)
     with pytest.raises(InputError, match=rf"unpacks to {len(held)} bytes: 7 allowed"):
         list(read_mrml(bundle(tmp_path / "x.mrb", files), print))
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.case import read_igsio
-from app.case.igsio import check_igsio_header
+from app.case.readers.igsio.header import check_igsio_header
 from app.geometry import InputError, Stamp, TrackingStatus
 
 ONE = "1 0 0 1.5 0 1 0 -2 0 0 1 3e-005 -0 0 -0 1 "

@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from app.case import BagTopic, BagWriter
-from app.case.bag.mcap_messages import read_mcap_messages
+from app.case.readers.rosbag2.mcap_file import read_mcap_messages
 from app.geometry import InputError
 
 TOPIC = BagTopic("/words", "std_msgs/msg/String", "string data", type_hash="RIHS01_00")

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 
 from app.case import TrackingFrame, read_mcap, write_recording
-from app.case.bag.ros_messages import (
+from app.case.messages.ros_messages import (
     TRACKED_TRANSFORM,
     joint_state_message,
     ros_types,

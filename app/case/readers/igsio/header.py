@@ -16,6 +16,7 @@ import numpy as np
 
 from app.case.frames.assembly import agreed_sample
 from app.case.frames.samples import TrackingFrame
+from app.case.readers.recording_format import Note
 from app.files.numbers import numbers_in
 from app.geometry import (
     FrameError,
@@ -33,7 +34,6 @@ from app.geometry import (
 DEFAULT_PARENT = "tracker"
 """The target of a transform that is named without ``To``."""
 
-Note = Callable[[str], None]
 FramesOf = Callable[[str], tuple[str, str] | None]
 
 _FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(\S+)", re.ASCII)

@@ -12,7 +12,8 @@ from typing import IO, Any, Self
 
 from mcap.writer import CompressionType, Writer
 
-from app.case.bag.ros_messages import (
+from app.case.frames.samples import JointSample, TrackingFrame
+from app.case.messages.ros_messages import (
     JOINT_STATE,
     JOINT_STATES_TOPIC,
     TF_MESSAGE,
@@ -27,7 +28,6 @@ from app.case.bag.ros_messages import (
     time_reference_message,
     tracked_transform_message,
 )
-from app.case.frames.samples import JointSample, TrackingFrame
 from app.geometry import InputError, TrackingStatus
 
 # What a crash while recording can cost: the chunk being filled, about a second at 50 Hz.

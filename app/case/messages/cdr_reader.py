@@ -1,47 +1,60 @@
-"""Poses and joints straight from the bytes of their messages, where these are laid out as ours.
+"""Values of pose and joint messages straight from their CDR bytes.
 
 A minute of recording holds some ten thousand messages, and rosbags makes an object of every field
-of each. Here the few numbers that are wanted are taken from where the layout has them. Bytes that
-are not exactly such a message (another byte order, a name without its closing zero, a wrong length)
-give None: they go the way through rosbags, which knows whether they are one at all.
+of each. Here the few numbers that are used are taken from where the layout has them. Bytes that are
+not exactly such a message (a name without its terminating zero, a wrong length) give None: rosbags
+then decides whether they are a message at all.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import zip_longest
 from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 
-from app.case.bag.message_layout import Known, LayoutReader, Walk
-from app.case.bag.message_values import JointValues, PoseValues, frame_name
-from app.case.bag.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
+from app.case.messages.cdr_layout import Known, LayoutReader, Walk
+from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRANSFORM
+from app.case.messages.values import JointValues, PoseValues, frame_name
 from app.geometry import NS_PER_S
 
 Values = PoseValues | tuple[PoseValues, ...] | JointValues
 ReadBytes = Callable[[bytes], Values | None]
 
 _POSE_NUMBERS = 10
-"""Of a stamped transform in a message: two of its stamp, its names, seven of its pose."""
+"""Values of a stamped transform: two of its stamp, its names, seven of its pose."""
+_MIN_POSE_BYTES = 4 + 4 + 4 + 1 + 4 + 1 + 7 * 8
+"""A stamped transform with two empty names, less its padding."""
+_MAX_FRAME_BYTES = 1024
+"""Longest name of a frame that is read here, with its terminating zero."""
 
 
 def bytes_reader(definitions: Typesdict, message_type: str) -> ReadBytes | None:
-    """What reads messages of this type; None when it is not defined as we know it."""
+    """A reader for messages of ``message_type``; None where its definition is not the known one."""
     fields, make_reader = _READERS.get(message_type, ((), None))
     try:
-        # Up to the first that differs: types that hold others twice, and so on, are without end.
+        # Stops at the first difference: a type that holds others twice, and so on, has no end.
         pairs = zip_longest(_fields(definitions, message_type), fields)
-        known = all(found == wanted for found, wanted in pairs)
+        is_known = all(found == expected for found, expected in pairs)
     except (KeyError, RecursionError):
-        known = False
-    return make_reader() if make_reader is not None and known else None
+        is_known = False
+    return make_reader() if make_reader is not None and is_known else None
 
 
-def _walk_pose(walk: Walk) -> Known:
-    """What `TrackedTransform` and `TransformStamped` have in common."""
+def tf_reader() -> Callable[[bytes], tuple[PoseValues, ...]]:
+    """A reader for ``tf2_msgs/TFMessage`` that leaves the names of frames as they were sent.
+
+    It raises `ValueError` with the reason for bytes that are not such a message.
+    """
+    return LayoutReader(partial(_walk_tf, as_frame=str), _tf).read
+
+
+def _walk_pose(walk: Walk, as_frame: Callable[[str], str] = frame_name) -> Known:
+    """The fields that `TrackedTransform` and `TransformStamped` have in common."""
     walk.align(4)
     walk.numbers("iI", 8)
-    names = frame_name(walk.text()), frame_name(walk.text())
+    names = as_frame(walk.text(_MAX_FRAME_BYTES)), as_frame(walk.text(_MAX_FRAME_BYTES))
     walk.align(8)
     known = {walk.fixed(): names}
     walk.numbers("7d", 56)
@@ -60,11 +73,11 @@ def _tracked(numbers: tuple[Any, ...], known: Known) -> PoseValues:
     return PoseValues(target, source, sec * NS_PER_S + nanosec, (x, y, z), (qx, qy, qz, qw), status)
 
 
-def _walk_tf(walk: Walk) -> Known:
-    count = walk.count()
+def _walk_tf(walk: Walk, as_frame: Callable[[str], str] = frame_name) -> Known:
+    count = walk.count(_MIN_POSE_BYTES)
     known = {walk.fixed(): count}
     for _ in range(count):
-        known |= _walk_pose(walk)
+        known |= _walk_pose(walk, as_frame)
     return known
 
 
@@ -88,7 +101,7 @@ def _walk_joints(walk: Walk) -> Known:
 
 
 def _walk_floats(walk: Walk, code: str) -> bytes:
-    """An array of doubles; a code of ``x`` leaves them out. Gives the stretch before them."""
+    """Skip an array of doubles, dropped where ``code`` is ``x``; returns the stretch before it."""
     count = walk.count()
     if count:
         walk.align(8)
@@ -103,8 +116,8 @@ def _joints(numbers: tuple[Any, ...], known: Known) -> JointValues:
 
 
 def _fields(definitions: Typesdict, message_type: str, prefix: str = "") -> Iterator[str]:
-    """Name and type of every value in a message, in their order; of an empty message its path."""
-    # Each is (kind, what of): a name, (basic type, bound) or, of a sequence, (such a field, bound).
+    """Path and type of every value in a message, in order; the path alone of an empty message."""
+    # A field is (kind, content): a name, (basic type, bound) or, for a sequence, (field, bound).
     fields: list[tuple[str, Any]] = list(definitions[message_type][1])
     if not fields:
         yield prefix

@@ -1,4 +1,4 @@
-"""What is wanted of a ROS message, in plain numbers, and the samples that it makes."""
+"""Values of a ROS message as plain numbers, and the samples that are made of them."""
 
 import math
 from typing import Any, NamedTuple
@@ -36,10 +36,9 @@ class PoseValues(NamedTuple):
         return self.target, self.source
 
     def sample(self) -> TrackedTransform:
-        """The sample in mm; what is not finite or no rotation is lost, with the reason as status.
+        """The sample in mm. A pose that is not finite or not rigid is lost; its status says so.
 
-        A status that is none of ours counts as INVALID. Raises `FrameError` for names that cannot
-        be frames.
+        An unknown status counts as INVALID. Raises `FrameError` for names that cannot be frames.
         """
         target, source, ns, (x, y, z), quaternion, status = self
         stamp = Stamp(ns)
@@ -61,60 +60,60 @@ _STATUSES = {int(status): status for status in TrackingStatus}
 
 
 class JointValues(NamedTuple):
-    """Joint positions as their message has them, stamped on the robot's clock."""
+    """Joint positions as in their message, stamped on the robot's clock."""
 
     names: tuple[str, ...]
     positions: tuple[float, ...]
     ns: int
 
     def sample(self, *, offset_ns: int) -> JointSample:
-        """The sample, its stamp moved to the tracker's clock: tracker = robot + offset.
+        """The sample with its stamp moved to the tracker's clock: tracker = robot + offset.
 
-        Raises `InputError` when names and positions do not match, a name stands twice or a
+        Raises `InputError` when names and positions differ in number, a name is repeated or a
         position is not finite.
         """
         names, positions, ns = self
         stamp = Stamp(ns + offset_ns)
         if len(set(names)) == len(positions) == len(names) and all(map(math.isfinite, positions)):
             return JointSample.unchecked(names, positions, stamp)
-        # What is wrong with them: of names and their number the constructor says it.
+        # The constructor reports a wrong number of positions and a repeated name.
         JointSample(names, positions, stamp)
         name, position = next(
             pair for pair in zip(names, positions, strict=True) if not math.isfinite(pair[1])
         )
-        raise InputError(f"joint {name!r} is at {position}: a finite position wanted")
+        raise InputError(f"joint {name!r} is at {position}; expected a finite position")
 
 
 class TimeValues(NamedTuple):
-    """Two readings of one moment, in ns: of the frame's clock and of the unfiltered one."""
+    """One time in ns, by the clock of the frame and by the unfiltered clock."""
 
     ns: int
     unfiltered_ns: int
 
 
 def tracked_values(message: Any) -> PoseValues:
-    """Of a ``marginguard_msgs/TrackedTransform``."""
+    """Values of a ``marginguard_msgs/TrackedTransform``."""
     return _pose(message)._replace(status=int(message.status))
 
 
 def tf_values(message: Any) -> tuple[PoseValues, ...]:
-    """Of a ``tf2_msgs/TFMessage``; its transforms are taken for OK."""
+    """Values of a ``tf2_msgs/TFMessage``; its transforms count as OK."""
     return tuple(_pose(stamped) for stamped in message.transforms)
 
 
 def joint_values(message: Any) -> JointValues:
-    """Of a ``sensor_msgs/JointState``."""
+    """Values of a ``sensor_msgs/JointState``."""
     positions = tuple(float(position) for position in message.position)
     return JointValues(tuple(message.name), positions, _ns(message.header.stamp))
 
 
 def time_values(message: Any) -> TimeValues:
-    """Of a ``sensor_msgs/TimeReference``."""
+    """Values of a ``sensor_msgs/TimeReference``."""
     return TimeValues(_ns(message.header.stamp), _ns(message.time_ref))
 
 
 def frame_name(text: str) -> str:
-    """The frame that a message means: a leading '/' is what tf had before ROS 2."""
+    """The name of a frame without the leading '/' that tf had before ROS 2."""
     return text.removeprefix("/")
 
 

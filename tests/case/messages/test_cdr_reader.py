@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import get_types_from_msg
 
-from app.case.bag.message_bytes import bytes_reader
-from app.case.bag.message_values import joint_values, tf_values, tracked_values
-from app.case.bag.ros_messages import (
+from app.case.messages.cdr_reader import bytes_reader
+from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
     TIME_REFERENCE,
@@ -21,6 +20,7 @@ from app.case.bag.ros_messages import (
     TRACKED_TRANSFORM_DEFINITION,
     ros_types,
 )
+from app.case.messages.values import joint_values, tf_values, tracked_values
 
 VALUES_OF = {TRACKED_TRANSFORM: tracked_values, TF_MESSAGE: tf_values, JOINT_STATE: joint_values}
 TYPES = ros_types().types
@@ -115,10 +115,14 @@ def test_changed_bytes_are_read_as_by_rosbags_or_left_to_it(
 
 
 @given(message=messages)
-def test_another_byte_order_and_a_longer_message_are_left_to_rosbags(message: Any) -> None:
-    read = bytes_reader(ros_types().fielddefs, kind_of(message))
-    assert read(cdr(message, little_endian=False)) is None
-    assert read(cdr(message) + b"\0" * 4) is None
+def test_another_byte_order_is_read_and_a_longer_message_left_to_rosbags(message: Any) -> None:
+    kind = kind_of(message)
+    read = bytes_reader(ros_types().fielddefs, kind)
+    for _ in ("before the layout is known", "after"):
+        for is_little in (False, True):
+            data = cdr(message, little_endian=is_little)
+            assert repr(read(data)) == repr(by_rosbags(data, kind))
+            assert read(data + b"\0" * 4) is None
 
 
 def defined(definition: str) -> Typesdict:

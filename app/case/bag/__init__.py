@@ -1,1 +1,0 @@
-"""Recordings as rosbag2 folders in MCAP: read, written, and what their messages mean."""

@@ -1,0 +1,1 @@
+"""ROS messages of recordings without ROS: their definitions, their CDR bytes, their values."""

@@ -1,1 +1,0 @@
-"""Recordings that 3D Slicer's Sequences keep, in .mrml and .mrb files."""

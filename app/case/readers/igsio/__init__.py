@@ -1,0 +1,27 @@
+"""IGSIO sequence metafiles, as PLUS writes them: poses in a text header."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.case.readers.recording_format import JointSource, Note, RecordingFormat, has_ending
+
+if TYPE_CHECKING:
+    from app.case.frames.samples import TrackingFrame
+
+_ENDINGS = (".igs.mha", ".igs.nrrd")
+
+
+def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
+    from app.case.readers.igsio.header import read_igsio
+
+    return read_igsio(path, note)
+
+
+def _check(path: Path) -> None:
+    from app.case.readers.igsio.header import check_igsio_header
+
+    check_igsio_header(path)
+
+
+FORMAT = RecordingFormat(kinds=_ENDINGS, recognises=has_ending(*_ENDINGS), read=_read, check=_check)

@@ -1,0 +1,56 @@
+"""What the module of a recording format declares."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from app.case.frames.samples import TrackingFrame
+
+Note: TypeAlias = Callable[[str], None]
+"""Takes one sentence about what a reader skipped or assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointSource:
+    """Where a recording holds the joints of the robot, and the offset of their clock.
+
+    ``topic`` is the ROS topic of the joints; None reads no joints. Their stamps are moved to the
+    tracker's clock: tracker = robot + ``offset_ns``.
+    """
+
+    topic: str | None = None
+    offset_ns: int = 0
+
+
+ReadFrames: TypeAlias = "Callable[[Path, Note, JointSource], Iterator[TrackingFrame]]"
+
+
+def _accept(path: Path) -> None:
+    """Accept any file: the default check."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingFormat:
+    """A file format of recordings.
+
+    ``kinds``: the endings or folders that messages and help texts list. ``recognises``: true for a
+    path of this format, from its name alone or from a folder's content. ``read(path, note,
+    joints)`` yields the frames, and reports to ``note`` what it skipped; it raises `InputError` for
+    a file that cannot be read. ``check``: raises `InputError` for a file that cannot be replayed,
+    before anything is read. ``has_joints``: whether the format can hold joints of a robot.
+    ``is_fallback``: whether it is tried after all other formats.
+    """
+
+    kinds: tuple[str, ...]
+    recognises: Callable[[Path], bool]
+    read: ReadFrames
+    check: Callable[[Path], None] = _accept
+    has_joints: bool = False
+    is_fallback: bool = False
+
+
+def has_ending(*endings: str) -> Callable[[Path], bool]:
+    """A test for paths whose name has one of ``endings``, in capitals or not."""
+    return lambda path: path.name.lower().endswith(endings)

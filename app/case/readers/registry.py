@@ -1,0 +1,56 @@
+"""All recording formats, found in the modules of `app.case.readers`.
+
+Loads neither numpy nor a reader: help texts list the formats.
+"""
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.case import readers
+from app.case.readers.recording_format import JointSource, Note, RecordingFormat
+
+if TYPE_CHECKING:
+    from app.case.frames.samples import TrackingFrame
+
+_NO_JOINTS = JointSource()
+_NOT_FORMATS = ("recording_format", "registry")
+
+
+def recording_formats() -> tuple[RecordingFormat, ...]:
+    """Every format in the order in which they are tried: by module name, fallbacks last."""
+    names = sorted(module.name for module in pkgutil.iter_modules(readers.__path__))
+    found: list[RecordingFormat] = [
+        importlib.import_module(f"{readers.__name__}.{name}").FORMAT
+        for name in names
+        if name not in _NOT_FORMATS
+    ]
+    return tuple(sorted(found, key=lambda each: each.is_fallback))
+
+
+def recording_kinds() -> str:
+    """The endings and folders of all formats, for messages and help texts."""
+    return ", ".join(kind for each in recording_formats() for kind in each.kinds)
+
+
+def format_of(path: Path) -> RecordingFormat:
+    """The format of the recording at ``path``; `InputError` where none recognises it."""
+    for each in recording_formats():
+        if each.recognises(path):
+            return each
+    from app.geometry import InputError
+
+    raise InputError(f"{path} is not a recording; expected one of {recording_kinds()}")
+
+
+def read_recording(
+    path: Path, note: Note, joints: JointSource = _NO_JOINTS
+) -> "Iterator[TrackingFrame]":
+    """Yield the frames of the recording at ``path``, in any of the formats.
+
+    ``note`` takes what the reader skipped or assumed. Raises `InputError` for an unknown format and
+    for a recording that cannot be read.
+    """
+    return format_of(path).read(path, note, joints)

@@ -1,0 +1,32 @@
+"""MCAP files and rosbag2 folders: the topics of a tracker, of tf and of a robot's joints."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.case.readers.recording_format import JointSource, Note, RecordingFormat
+
+if TYPE_CHECKING:
+    from app.case.frames.samples import TrackingFrame
+
+CHANGES_NAME = "changes.yaml"
+"""File in the folder of a live recording: when tumour or registration were replaced meanwhile."""
+
+
+def _recognises(path: Path) -> bool:
+    return path.is_dir() or path.name.lower().endswith(".mcap")
+
+
+def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
+    from app.case.readers.rosbag2.frames import read_mcap  # loads rosbags
+
+    return read_mcap(path, note, joint_states_topic=joints.topic, offset_ns=joints.offset_ns)
+
+
+FORMAT = RecordingFormat(
+    kinds=(".mcap", "a rosbag2 folder"),
+    recognises=_recognises,
+    read=_read,
+    has_joints=True,
+    is_fallback=True,
+)

@@ -1,0 +1,124 @@
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.case import open_case, read_recording, readers, recording_formats, recording_kinds
+from app.geometry import InputError
+
+Manifest = dict[str, Any]
+WriteCase = Callable[..., Path]
+
+NEW_FORMAT = '''
+"""Poses as lines of comma-separated numbers: time in s, x, y, z in mm."""
+
+import numpy as np
+
+from app.case import JointSource, RecordingFormat, TrackingFrame, has_ending
+from app.geometry import InputError, Stamp, TrackedTransform, TrackingStatus, Transform
+
+
+def _read(path, note, joints):
+    for line in path.read_text().splitlines():
+        time_s, *position_mm = map(float, line.split(","))
+        stamp = Stamp(round(time_s * 1e9))
+        pose = Transform("reference", "cautery", np.eye(3), np.array(position_mm))
+        yield TrackingFrame(stamp, (TrackedTransform(pose, stamp, TrackingStatus.OK),))
+    note("read as CSV")
+
+
+def _check(path):
+    if not path.read_text():
+        raise InputError(f"{path} is empty; expected a line per pose")
+
+
+FORMAT = RecordingFormat(
+    kinds=(".csv",), recognises=has_ending(".csv"), read=_read, check=_check
+)
+'''
+
+
+@pytest.fixture
+def csv_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A format that is one more file among the readers."""
+    folder = tmp_path / "more_readers"
+    folder.mkdir()
+    (folder / "csv_poses.py").write_text(NEW_FORMAT)
+    monkeypatch.setattr(readers, "__path__", [*readers.__path__, str(folder)])
+    yield
+    sys.modules.pop("app.case.readers.csv_poses", None)
+
+
+def write_csv_case(write_case: WriteCase, manifest: Manifest, text: str) -> Path:
+    """A case whose recording is the CSV file ``text``."""
+    manifest["recording"] = {"path": "poses.CSV"}
+    folder = write_case(manifest)
+    (folder / "poses.CSV").write_text(text)
+    return folder
+
+
+def test_formats_are_found_with_fallbacks_last() -> None:
+    kinds = [each.kinds for each in recording_formats()]
+    assert kinds == [(".igs.mha", ".igs.nrrd"), (".mrb", ".mrml"), (".mcap", "a rosbag2 folder")]
+    assert recording_kinds() == ".igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder"
+
+
+def test_each_module_among_the_readers_is_a_format() -> None:
+    modules = {path.stem for path in Path(readers.__path__[0]).iterdir() if path.stem[0] != "_"}
+    assert len(recording_formats()) == len(modules - {"registry", "recording_format"})
+
+
+@pytest.mark.usefixtures("csv_format")
+def test_new_format_is_one_file(manifest: Manifest, write_case: WriteCase) -> None:
+    case = open_case(write_csv_case(write_case, manifest, "1.5,1,2,3\n1.75,4,5,6\n"))
+    first, *_, last = case.frames()
+    assert (first.stamp.ns, last.stamp.ns) == (1_500_000_000, 1_750_000_000)
+    np.testing.assert_array_equal(last.poses[0].transform.translation_mm, [4.0, 5.0, 6.0])
+    assert case.notes() == ("read as CSV",)
+    assert recording_kinds() == (".csv, .igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder")
+
+
+@pytest.mark.usefixtures("csv_format")
+def test_new_format_is_checked_when_the_case_is_opened(
+    manifest: Manifest, write_case: WriteCase
+) -> None:
+    folder = write_csv_case(write_case, manifest, "")
+    with pytest.raises(InputError, match=r"poses\.CSV is empty; expected a line per pose"):
+        open_case(folder)
+
+
+@pytest.mark.usefixtures("csv_format")
+def test_new_format_without_joints_cannot_serve_a_robot(
+    manifest: Manifest, write_case: WriteCase
+) -> None:
+    manifest["robot"] = {
+        "urdf": "arm/arm.urdf",
+        "base_frame": "base",
+        "tool_link": "stylus",
+        "joint_states": "/joint_states",
+    }
+    manifest["registration"] = {"method": "given", "matrix": np.eye(4).ravel().tolist()}
+    folder = write_csv_case(write_case, manifest, "1.5,1,2,3\n")
+    (folder / "arm").mkdir()
+    (folder / "arm" / "arm.urdf").write_text("<robot/>")
+    with pytest.raises(InputError, match=r"poses\.CSV cannot hold joints"):
+        open_case(folder)
+
+
+def test_unknown_recording_is_refused_with_all_kinds(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("1,2,3,4")
+    with pytest.raises(InputError, match=r"poses\.csv is not a recording; expected one of \.igs"):
+        read_recording(path, print)
+
+
+def test_help_texts_load_no_reader() -> None:
+    code = "import sys, app.case; app.case.recording_kinds(); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert loaded & {"numpy", "rosbags", "mcap", "app.geometry"} == set()
+    assert "app.case.readers.igsio" in loaded
