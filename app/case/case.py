@@ -189,8 +189,8 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     Raises `InputError` for the first fault. Meshes are read on first use.
     """
     if not folder.is_dir():
-        problem = "not a folder; expected one with a case.yaml" if folder.exists() else "not found"
-        raise InputError(f"{folder} is {problem}")
+        problem = "expected a folder with a case.yaml" if folder.exists() else "no such folder"
+        raise InputError(f"{folder} is not a case: {problem}")
     manifest = load_manifest(folder)
     entry = manifest.recorded()
     recording = resolve_inside(folder, entry.path, "case.yaml: recording.path")

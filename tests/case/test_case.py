@@ -117,7 +117,7 @@ def _link(name: str) -> Callable[[Path], object]:
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (lambda f: (f / "case.yaml").unlink(), r"no case: it has no case\.yaml"),
+        (lambda f: (f / "case.yaml").unlink(), r"not a case: it has no case\.yaml"),
         (lambda f: (f / "tracking.mcap").unlink(), r"recording\.path is 'tracking\.mcap': no such"),
         (lambda f: (f / "tumor.stl").unlink(), r"tumor\.mesh\.path is 'tumor\.stl': no such file"),
         (_link("tracking.mcap"), r"recording\.path is 'tracking\.mcap': it leaves .* symbolic"),
@@ -167,7 +167,7 @@ def test_a_recording_that_is_no_file_is_not_waited_for(
     (folder / "tracking.mcap").unlink()
     os.mkfifo(folder / "tracking.mcap")
     with pytest.raises(
-        InputError, match=r"recording\.path is 'tracking\.mcap': a file or a folder"
+        InputError, match=r"recording\.path is 'tracking\.mcap'; expected an existing file or"
     ):
         open_case(folder)
 
@@ -187,7 +187,11 @@ def test_a_rosbag2_folder_may_hold_no_link_that_leaves(
 
 def test_formats_that_cannot_be_read(manifest: Manifest, write_case: WriteCase) -> None:
     manifest["recording"]["path"] = "tumor.stl"
-    with pytest.raises(InputError, match=r"'tumor\.stl': \.mcap, a rosbag2 folder"):
+    with pytest.raises(
+        InputError,
+        match=r"'tumor\.stl'; expected one of \.igs\.mha, \.igs\.nrrd, "
+        r"\.mrb, \.mrml, \.mcap, a rosbag2 folder",
+    ):
         open_case(write_case(manifest))
 
 
@@ -277,7 +281,7 @@ def test_no_folder(tmp_path: Path) -> None:
     with pytest.raises(MarginGuardError, match="no such folder"):
         open_case(tmp_path / "nowhere")
     (tmp_path / "case.yaml").touch()
-    with pytest.raises(MarginGuardError, match=r"case\.yaml is no case: a folder with"):
+    with pytest.raises(MarginGuardError, match=r"case\.yaml is not a case: expected a folder with"):
         open_case(tmp_path / "case.yaml")
 
 
@@ -288,7 +292,9 @@ def test_a_tumour_to_be_repaired_has_no_use_before(
     case = open_case(write_case(manifest))
     ball = trimesh.creation.icosphere(subdivisions=1, radius=10.0)
     trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(case.folder / "tumor.stl")
-    with pytest.raises(InputError, match=r"tumor.mesh.repair is true: the mesh has no use before"):
+    with pytest.raises(
+        InputError, match=r"tumor.mesh.repair is true: repair the mesh before its use"
+    ):
         case.tumor_mesh()
     faulty = case.faulty_tumor_mesh()
     assert faulty.open_edges() == 3

@@ -1,4 +1,4 @@
-"""``case.yaml`` read and checked before anything is replayed."""
+"""Reads and checks ``case.yaml``."""
 
 from pathlib import Path
 
@@ -20,10 +20,10 @@ MANIFEST_NAME = "case.yaml"
 
 
 def load_manifest(folder: Path) -> CaseManifest:
-    """Read ``case.yaml`` of ``folder``; one `InputError` names the first thing that is wrong."""
+    """Read ``case.yaml`` of ``folder``; `InputError` for the first fault."""
     path = folder / MANIFEST_NAME
     if not path.is_file():
-        raise InputError(f"{folder} is no case: it has no {MANIFEST_NAME}")
+        raise InputError(f"{folder} is not a case: it has no {MANIFEST_NAME}")
     document = Section.load(
         path,
         (
@@ -63,5 +63,7 @@ def _recording(document: Section) -> RecordingEntry:
     if block.has("sha256"):
         sha256 = block.text("sha256").lower()
         if len(sha256) != 64 or not set(sha256) <= set("0123456789abcdef"):
-            raise InputError(f"{block.place('sha256')} is {sha256!r}: 64 hexadecimal digits wanted")
+            raise InputError(
+                f"{block.place('sha256')} is {sha256!r}; expected 64 hexadecimal digits"
+            )
     return RecordingEntry(block.text("path"), sha256)

@@ -58,7 +58,7 @@ class Walk:
             expected = "1 or more" if max_bytes is None else f"1 to {max_bytes}"
             raise ValueError(f"a name of {count} bytes; expected {expected}")
         if end > len(self._body):
-            raise ValueError(f"{len(self._body)} bytes end within a name")
+            raise ValueError("it ends within a name")
         if self._body[end - 1] != 0:
             raise ValueError("a name without its terminating zero")
         text = self._body[self._at : end - 1].decode()

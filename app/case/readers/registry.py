@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.case import readers
+import app.case.readers
 from app.case.readers.recording_format import JointSource, Note, RecordingFormat
 
 if TYPE_CHECKING:
@@ -21,9 +21,9 @@ _NOT_FORMATS = ("recording_format", "registry")
 
 def recording_formats() -> tuple[RecordingFormat, ...]:
     """Every format in the order in which they are tried: by module name, fallbacks last."""
-    names = sorted(module.name for module in pkgutil.iter_modules(readers.__path__))
+    names = sorted(module.name for module in pkgutil.iter_modules(app.case.readers.__path__))
     found: list[RecordingFormat] = [
-        importlib.import_module(f"{readers.__name__}.{name}").FORMAT
+        importlib.import_module(f"app.case.readers.{name}").FORMAT
         for name in names
         if name not in _NOT_FORMATS
     ]

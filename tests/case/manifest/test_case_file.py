@@ -133,7 +133,7 @@ def _set(*keys: str, to: object) -> Edit:
         (_set("margins", "stop_mm", to="1"), r"margins\.stop_mm is '1': a number"),
         (_set("margins", "stale_after_ms", to=0), r"margins\.stale_after_ms is 0"),
         (_set("margins", "release_samples", to=1.5), r"margins\.release_samples is 1\.5: a whole"),
-        (_set("recording", "sha256", to="abc"), r"recording\.sha256 is 'abc': 64 hex"),
+        (_set("recording", "sha256", to="abc"), r"recording\.sha256 is 'abc'; expected 64 hex"),
         (_set("provenance", "kind", to="real"), r"provenance\.kind is 'real': one of simulated"),
         (_set("clock", to={"estimate": True, "offset_robot_to_tracker_ms": 1}), r"clock\.estimate"),
         (_set("robot", to=ROBOT), r"registration is missing: a robot needs one"),
@@ -226,5 +226,5 @@ def test_nothing_needed_is_made_up(
 
 
 def test_no_manifest(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no case: it has no case\.yaml"):
+    with pytest.raises(InputError, match=r"is not a case: it has no case\.yaml"):
         load_manifest(tmp_path)
