@@ -18,6 +18,13 @@ from app.geometry.frames import (
     snake_case,
     split_transform_name,
 )
+from app.geometry.freshness import (
+    Freshness,
+    FreshnessLimits,
+    freshness_of,
+    freshness_of_stamp,
+    stale_in_ns,
+)
 from app.geometry.mesh import SurfaceMesh
 from app.geometry.plain_number import is_plain_number
 from app.geometry.slots import slot_setters
@@ -37,6 +44,8 @@ __all__ = [
     "NS_PER_S",
     "FloatArray",
     "FrameError",
+    "Freshness",
+    "FreshnessLimits",
     "InputError",
     "MarginGuardError",
     "MeshError",
@@ -49,6 +58,8 @@ __all__ = [
     "TransformError",
     "camel_case",
     "check_frame",
+    "freshness_of",
+    "freshness_of_stamp",
     "is_plain_number",
     "join_transform_name",
     "mean_transform",
@@ -57,5 +68,6 @@ __all__ = [
     "slot_setters",
     "snake_case",
     "split_transform_name",
+    "stale_in_ns",
     "weld_vertices",
 ]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from app.geometry import Freshness, FreshnessLimits, freshness_of
 from app.report.rows import ReportRow, seconds_since
 
 
@@ -37,6 +38,7 @@ def find_breaches(rows: Sequence[ReportRow], stale_after_ns: int) -> tuple[Breac
     a breach. But when two inside frames are more than ``stale_after_ns`` apart (or time ran
     backwards), nobody knows what happened between them, and they are two breaches.
     """
+    limits = FreshnessLimits(stale_after_ns)
     runs: list[list[int]] = []
     open_run: list[int] | None = None
     for index, row in enumerate(rows):
@@ -46,8 +48,8 @@ def find_breaches(rows: Sequence[ReportRow], stale_after_ns: int) -> tuple[Breac
             open_run = None
             continue
         if open_run is not None:
-            gap_ns = row.stamp_ns - rows[open_run[-1]].stamp_ns
-            if 0 <= gap_ns <= stale_after_ns:
+            last_ns = rows[open_run[-1]].stamp_ns
+            if freshness_of(last_ns, row.stamp_ns, limits) is Freshness.VALID:
                 open_run.append(index)
                 continue
         open_run = [index]

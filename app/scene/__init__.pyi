@@ -3,7 +3,7 @@ from .errors import OffscreenError, SceneError
 from .frames.edited import EditedTransform
 from .frames.poses import PoseNodes
 from .frames.transform_tree import TransformTree
-from .frames.watchdog import Freshness, TransformHealth, TransformWatchdog
+from .frames.watchdog import TransformHealth, TransformWatchdog
 from .margin.breach_markers import BreachMarkers
 from .margin.fixture_plane import FixturePlane
 from .nodes.batch import Batch
@@ -26,7 +26,6 @@ __all__ = [
     "Camera",
     "EditedTransform",
     "FixturePlane",
-    "Freshness",
     "MarginGuardScene",
     "Moment",
     "MomentScene",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.case import Case, TrackingFrame
-from app.geometry import FloatArray, InputError
+from app.geometry import FloatArray, FreshnessLimits, InputError
 from app.registration import TimedSignal
 from app.robot import load_robot
 from app.session.pose_tree import PoseTree, is_sampled
@@ -45,7 +45,8 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
     if manifest.robot is None or not case.has_joints:
         raise InputError(f"{case.folder} has no joints: a case with robot.joint_states wanted")
     margins, tool, tool_link = manifest.margins, manifest.tool, manifest.robot.tool_link
-    poses = PoseTree(margins.stale_after_ns, margins.frozen_after_ns, (tool.frame,))
+    limits = FreshnessLimits(margins.stale_after_ns, margins.frozen_after_ns)
+    poses = PoseTree(limits, (tool.frame,))
     robot = load_robot(case.robot_urdf(), package_dirs=case.package_dirs)
     joint_times: list[int] = []
     joint_tips: list[FloatArray] = []

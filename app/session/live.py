@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from app.case import JointSample, TrackingFrame
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, stale_in_ns
 from app.session.live_clock import SourceClock
 from app.session.live_frames import LiveFrames
 from app.session.pose_tree import Edge
@@ -147,7 +147,8 @@ class LiveSession:
         host_ns = self._host_ns()
         oldest, now = step.decision.stamp, self._clock.now(host_ns)
         if oldest is not None and now is not None:
-            left_ns = self._session.setup.margins.stale_after_ns + 1 - oldest.age_ns(now)
+            limits = self._session.setup.margins.freshness_limits
+            left_ns = stale_in_ns(oldest.ns, now.ns, limits) + 1
             if left_ns > 0:
                 return host_ns + min(self._clock.host_time_for(left_ns), self._longest_wait_ns())
         return host_ns + TICK_NS

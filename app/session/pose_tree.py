@@ -4,8 +4,16 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from app.case import TrackingFrame
-from app.fixture import Reason
-from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.fixture import REASON_OF_FRESHNESS, Reason
+from app.geometry import (
+    Freshness,
+    FreshnessLimits,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+    freshness_of,
+)
 
 FARTHEST_MM = 10_000.0
 """No tracker of an operating room measures beyond 10 m: such numbers are a driver's way of saying
@@ -27,6 +35,7 @@ REASON_OF_STATUS = {
 
 _NOTHING: frozenset[Reason] = frozenset()
 _TOO_FAR = frozenset({Reason.INVALID})
+_FROZEN = frozenset({Reason.FROZEN})
 _JUMPED = frozenset({Reason.CLOCK_JUMPED_BACK})
 
 
@@ -96,8 +105,7 @@ class PoseTree:
     measured ones), except the edges by which ``moving_frames`` are reached: each has a sensor.
     """
 
-    stale_after_ns: int
-    frozen_after_ns: int
+    limits: FreshnessLimits
     moving_frames: tuple[str, ...]
     _edges: dict[Edge, _EdgeState] = field(default_factory=dict)
     _changed: set[Edge] = field(default_factory=set)
@@ -137,7 +145,7 @@ class PoseTree:
             edge_unchanged_ns = self._unchanged_ns(edge, state)
             if edge_unchanged_ns > unchanged_ns:
                 unchanged_ns = edge_unchanged_ns
-            problems |= state.bad or self._aged(self._now.ns - stamp.ns, edge_unchanged_ns)
+            problems |= state.bad or self._age_problems(stamp, self._now, edge_unchanged_ns)
         transform = None if problems else _along(target, samples)
         return MeasuredPose(transform, oldest, unchanged_ns, problems)
 
@@ -176,17 +184,13 @@ class PoseTree:
         frames = self.moving_frames
         return edge in self._changed or target in frames or source in frames
 
-    def _aged(self, age_ns: int, unchanged_ns: int) -> frozenset[Reason]:
-        if 0 <= age_ns <= self.stale_after_ns and unchanged_ns <= self.frozen_after_ns:
+    def _age_problems(self, stamp: Stamp, now: Stamp, unchanged_ns: int) -> frozenset[Reason]:
+        freshness = freshness_of(stamp.ns, now.ns, self.limits, unchanged_ns)
+        if freshness is Freshness.VALID:
             return _NOTHING
-        problems = set()
-        if age_ns > self.stale_after_ns:
-            problems.add(Reason.STALE)
-        if age_ns < 0:
-            problems.add(Reason.FUTURE_STAMP)
-        if unchanged_ns > self.frozen_after_ns:
-            problems.add(Reason.FROZEN)
-        return frozenset(problems)
+        problems = frozenset({REASON_OF_FRESHNESS[freshness]})
+        # A frozen sensor whose samples also come late is reported with both reasons.
+        return problems | _FROZEN if self.limits.is_frozen(unchanged_ns) else problems
 
     def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
         wanted = (target, source)

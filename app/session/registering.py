@@ -46,7 +46,7 @@ def _register_dwells(
     case: Case, entry: RegistrationEntry, robot: RobotSetup, margins: MarginParameters
 ) -> tuple[RegistrationResult, Transform]:
     tool = case.manifest.tool
-    poses = PoseTree(margins.stale_after_ns, margins.frozen_after_ns, (tool.frame,))
+    poses = PoseTree(margins.freshness_limits, (tool.frame,))
     dwells = dwell_poses(
         case.frames(), entry.dwells, poses, tool_from_tip=tool.tool_from_tip, robot=robot
     )

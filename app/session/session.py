@@ -13,7 +13,14 @@ from app.fixture import (
     RecentWitnesses,
     path_mm,
 )
-from app.geometry import FloatArray, FrameError, Stamp, Transform
+from app.geometry import (
+    FloatArray,
+    FrameError,
+    Freshness,
+    Stamp,
+    Transform,
+    freshness_of_stamp,
+)
 from app.registration import RegistrationDrift, check_drift, tre_at
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
@@ -64,8 +71,7 @@ class Session:
         self._tumor_from_frame = setup.frame_from_tumor.inverse()
         self._reference_from_root = _reference_from_root(setup.robot)
         self._poses = PoseTree(
-            stale_after_ns=setup.margins.stale_after_ns,
-            frozen_after_ns=setup.margins.frozen_after_ns,
+            limits=setup.margins.freshness_limits,
             moving_frames=_moving_frames(setup),
         )
         self._recent = RecentWitnesses()
@@ -160,8 +166,7 @@ class Session:
         if tumor != known:
             raise FrameError(f"the tumour's frame is {tumor!r}: {known!r} wanted, as before")
         before, self.setup = self.setup, setup
-        self._poses.stale_after_ns = setup.margins.stale_after_ns
-        self._poses.frozen_after_ns = setup.margins.frozen_after_ns
+        self._poses.limits = setup.margins.freshness_limits
         self._poses.moving_frames = _moving_frames(setup)
         self._monitor.parameters = setup.margins
         if setup.tumor_motion != before.tumor_motion:
@@ -210,11 +215,14 @@ class Session:
             self._frames_problem = placed_twice(self.setup, edges)
         return bool(self._frames_problem)
 
+    def _is_fresh(self, stamp: Stamp, now: Stamp) -> bool:
+        return freshness_of_stamp(stamp, now, self._poses.limits) is Freshness.VALID
+
     def _tumor_twist(self, now: Stamp) -> FloatArray | None:
         if self._velocity is None:
             return None
         seen = self._poses.pose(REFERENCE, self.setup.frame_from_tumor.target)
-        return self._velocity.twist(seen, now, self.setup.margins.stale_after_ns)
+        return self._velocity.twist(seen, now, self._poses.limits)
 
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
@@ -228,7 +236,7 @@ class Session:
         model = self.setup.proximity
         here = self._recent.joined(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
         last, self._last = self._last, _Place(now, tumor_from_tip, here)
-        if last is None or not 0 <= last.stamp.age_ns(now) <= self.setup.margins.stale_after_ns:
+        if last is None or not self._is_fresh(last.stamp, now):
             return here, None
         before = last.proximity
         outside = min(before.signed_distance_mm, here.signed_distance_mm) > 0.0
@@ -302,8 +310,7 @@ class Session:
             return self._followed(seen)
         if self._joints is None:
             return {}, "no joint positions yet"
-        age_ns = self._joints.stamp.age_ns(frame.stamp)
-        if not 0 <= age_ns <= self.setup.margins.stale_after_ns:
+        if not self._is_fresh(self._joints.stamp, frame.stamp):
             return {}, "joint positions are stale or from the future"
         try:
             positions = self._joints.as_mapping()

@@ -1,7 +1,14 @@
 """How fast the tumour moves in the reference frame, for the constraint: seen, not assumed."""
 
 from app.fixture import TumorMotionFilter, TumorMotionParameters
-from app.geometry import FloatArray, Stamp, Transform
+from app.geometry import (
+    FloatArray,
+    Freshness,
+    FreshnessLimits,
+    Stamp,
+    Transform,
+    freshness_of_stamp,
+)
 from app.session.pose_tree import MeasuredPose
 
 
@@ -19,7 +26,7 @@ class TumorVelocity:
         self._newest: Stamp | None = None
 
     def twist(
-        self, reference_from_frame: MeasuredPose, now: Stamp, stale_after_ns: int
+        self, reference_from_frame: MeasuredPose, now: Stamp, limits: FreshnessLimits
     ) -> FloatArray | None:
         """The tumour's twist (6,) at ``now`` in mm/s and rad/s, along its own axes.
 
@@ -39,6 +46,6 @@ class TumorVelocity:
             self._newest = stamp
             self._filter.update(pose @ self._frame_from_tumor, stamp)
         motion = self._filter.at(now)
-        if motion is None or motion.stamp.age_ns(now) > stale_after_ns:
+        if motion is None or freshness_of_stamp(motion.stamp, now, limits) is not Freshness.VALID:
             return None
         return motion.twist

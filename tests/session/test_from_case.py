@@ -80,7 +80,7 @@ def test_a_pose_that_stands_while_others_come_is_one_sample_of_a_dwell(recorded)
         )
         for at_ms in range(0, 160, 20)
     ]
-    poses = PoseTree(setup.margins.stale_after_ns, setup.margins.frozen_after_ns, ("cautery",))
+    poses = PoseTree(setup.margins.freshness_limits, ("cautery",))
     with pytest.raises(InputError, match="dwell 1 has 1 good samples of 'cautery' in 'reference'"):
         dwell_poses(
             frames,
@@ -102,7 +102,7 @@ def test_a_dwell_in_which_the_reference_moved_is_refused(recorded):
             replace(each, poses=tuple(risen(p, rise_mm_a_frame * n) for p in each.poses))
             for n, each in enumerate(islice(case.frames(), 75))
         ]
-        tree = PoseTree(setup.margins.stale_after_ns, setup.margins.frozen_after_ns, ("cautery",))
+        tree = PoseTree(setup.margins.freshness_limits, ("cautery",))
         return dwell_poses(
             frames, [Dwell(0.05, 1.25)], tree, tool_from_tip=tool_from_tip, robot=setup.robot
         )

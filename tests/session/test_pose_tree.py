@@ -4,7 +4,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.fixture import Reason
-from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import (
+    NS_PER_MS,
+    FreshnessLimits,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
 from app.session.pose_tree import REASON_OF_STATUS, PoseTree
 from tests.doubles import frame, lost, sample
 
@@ -12,8 +19,7 @@ from tests.doubles import frame, lost, sample
 @pytest.fixture
 def tree() -> PoseTree:
     return PoseTree(
-        stale_after_ns=200 * NS_PER_MS,
-        frozen_after_ns=1000 * NS_PER_MS,
+        FreshnessLimits(200 * NS_PER_MS, frozen_after_ns=1000 * NS_PER_MS),
         moving_frames=("cautery", "needle"),
     )
 
@@ -35,7 +41,7 @@ def chains(draw):
 
 @given(chains())
 def test_a_pose_is_the_product_of_the_matrices_on_the_way(chain):
-    tree = PoseTree(10**9, 10**9, ())
+    tree = PoseTree(FreshnessLimits(10**9, 10**9), ())
     product = np.eye(4)
     for step, turned in chain:
         product = product @ step.matrix

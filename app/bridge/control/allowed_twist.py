@@ -15,11 +15,21 @@ from app.bridge.node import RosNode
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.errors import TfError
 from app.fixture import Constraint, LimiterParameters, limit_twist
-from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, MarginGuardError
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    FloatArray,
+    Freshness,
+    FreshnessLimits,
+    MarginGuardError,
+    freshness_of,
+    freshness_of_stamp,
+    stale_in_ns,
+)
 from app.session import StepResult
 
-_MOST_FUTURE_NS = 5 * NS_PER_MS
-"""How far clocks of two hosts may be apart before a command is one from the future."""
+FUTURE_TOLERANCE_NS = 5 * NS_PER_MS
+"""How far a command's stamp may be ahead: its sender may be another host, whose clock differs."""
 
 _MOST_LETTERS = 256
 """Of a frame's name: longer ones are refused before anything else is done with them."""
@@ -171,11 +181,12 @@ class TwistLimiter:
     def _check_age(self, command: TwistStamped) -> None:
         stamp = command.header.stamp
         now_ns = self._ros.node.get_clock().now().nanoseconds
-        age_ns = now_ns - (stamp.sec * NS_PER_S + stamp.nanosec)
-        if age_ns > self._timeout_ns:
-            raise TwistRefusedError("a command is too old")
-        if age_ns < -_MOST_FUTURE_NS:
+        limits = FreshnessLimits(self._timeout_ns, future_tolerance_ns=FUTURE_TOLERANCE_NS)
+        freshness = freshness_of(stamp.sec * NS_PER_S + stamp.nanosec, now_ns, limits)
+        if freshness is Freshness.FUTURE:
             raise TwistRefusedError("a command is from the future")
+        if freshness is not Freshness.VALID:
+            raise TwistRefusedError("a command is too old")
 
     def _rotation(self, allowance: _Allowance, frame: str) -> FloatArray:
         """``tumor_from_frame``'s rotation, (3, 3), at the time of the planes or before it."""
@@ -184,11 +195,18 @@ class TwistLimiter:
             return np.eye(3)
         try:
             found = self._buffer.lookup(tumor, frame)
-            age_ns = 0 if found.stamp_ns is None else allowance.stamp_ns - found.stamp_ns
-            if abs(age_ns) > allowance.stale_after_ns:
-                late = "stale" if age_ns > 0 else "from the future"
+            if found.stamp_ns is None:  # static edges alone, which hold at any time
+                return found.transform.rotation
+            # The planes may be up to the limit old while tf goes on, so its newest pose may be as
+            # far ahead of them. Then the pose at the time of the planes is used instead.
+            limits = FreshnessLimits(
+                allowance.stale_after_ns, future_tolerance_ns=allowance.stale_after_ns
+            )
+            freshness = freshness_of(found.stamp_ns, allowance.stamp_ns, limits)
+            if freshness is not Freshness.VALID:
+                late = "from the future" if freshness is Freshness.FUTURE else "stale"
                 raise TwistRefusedError("way to the frame of a command", f"{frame!r} is {late}")
-            if age_ns < 0:
+            if found.stamp_ns > allowance.stamp_ns:
                 found = self._buffer.lookup(tumor, frame, allowance.stamp_ns)
         except TfError as error:
             raise TwistRefusedError("frame of a command", str(error)) from error
@@ -230,15 +248,15 @@ def _allowance_of(step: StepResult, stale_after_ns: int, spent_ns: int) -> _Allo
     constraint, stamp = decision.constraint, decision.stamp
     if constraint is None or not decision.constraint_is_current or stamp is None or pose is None:
         return None
-    age_ns = stamp.age_ns(step.frame.stamp)
-    if not 0 <= age_ns <= stale_after_ns:
+    limits, now = FreshnessLimits(stale_after_ns), step.frame.stamp
+    if freshness_of_stamp(stamp, now, limits) is not Freshness.VALID:
         return None
     return _Allowance(
         constraint=constraint,
         tip_mm=pose.translation_mm,
         stamp_ns=stamp.ns,
         stale_after_ns=stale_after_ns,
-        until_ns=time.monotonic_ns() + stale_after_ns - age_ns - spent_ns,
+        until_ns=time.monotonic_ns() + stale_in_ns(stamp.ns, now.ns, limits) - spent_ns,
     )
 
 

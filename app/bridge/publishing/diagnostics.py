@@ -7,7 +7,16 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from app.bridge.messages import header_message
 from app.bridge.publishing.markers import margin_text
 from app.fixture import MarginState
-from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, TrackingStatus
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    Freshness,
+    FreshnessLimits,
+    Stamp,
+    TrackedTransform,
+    TrackingStatus,
+    freshness_of_stamp,
+)
 from app.session import StepResult
 
 LEVEL_OF_STATE = {
@@ -65,10 +74,11 @@ class Diagnostics:
 
     def _tracking_status(self, step: StepResult, stale_after_ns: int) -> DiagnosticStatus:
         now = step.frame.stamp
+        limits = FreshnessLimits(stale_after_ns)
         lost, stale, values = [], [], {}
         for (target, source), sample in self._samples.items():
             edge = f"{target} -> {source}"
-            if not 0 <= sample.stamp.age_ns(now) <= stale_after_ns:
+            if freshness_of_stamp(sample.stamp, now, limits) is not Freshness.VALID:
                 stale.append(edge)
             elif sample.status is not TrackingStatus.OK:
                 lost.append(edge)

@@ -20,7 +20,7 @@ from app.bridge.publishing.replay_scene import ReplayScene
 from app.bridge.qos import Topic
 from app.bridge.tf.broadcaster import tf_message
 from app.fixture import FixtureDecision, MarginState, Reason
-from app.geometry import Stamp
+from app.geometry import Stamp, stale_in_ns
 from app.session import StepResult
 
 NODE_NAME = "marginguard"
@@ -155,8 +155,8 @@ class SessionPublisher:
         decision = step.decision
         if self._voice.clock or decision.state is MarginState.UNKNOWN or decision.stamp is None:
             return None
-        age_ns = decision.stamp.age_ns(step.frame.stamp) + spent_ns
-        return max(0, self._scene.margins.stale_after_ns - age_ns)
+        limits = self._scene.margins.freshness_limits
+        return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits) - spent_ns)
 
     def _speaks_on(self, topic: Topic) -> bool:
         if topic is topics.CLOCK:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.bridge.robots.settings import RobotSettings
-from app.bridge.robots.state import RobotState, problem_of_age
+from app.bridge.robots.state import RobotState, age_problem
 from app.bridge.tf import TfError, TransformBuffer
-from app.geometry import FloatArray
+from app.geometry import FloatArray, Freshness, freshness_of
 from app.robot import JointError, Robot
 
 _NAMES_SHOWN = 5
@@ -80,10 +80,19 @@ class JointFollower:
             except (JointError, TfError) as error:
                 stopping.append(str(error))
         poses_now, stamp_now = self._last or (None, None)
-        old = problem_of_age(stamp_now, now_ns, self._settings.stale_after_ns)
+        limits = self._settings.freshness_limits
+        old = age_problem(stamp_now, now_ns, limits)
         if old:
             oldest = min(samples, key=lambda name: samples[name].stamp_ns, default="")
             stopping.append(f"{old} (joint {oldest!r})" if oldest else old)
+        else:  # the oldest of them alone is known to be fresh
+            future = [
+                name
+                for name, sample in samples.items()
+                if freshness_of(sample.stamp_ns, now_ns, limits) is Freshness.FUTURE
+            ]
+            if future:
+                stopping.append(f"joints whose position is from the future: {_some(future)}")
         return RobotState(
             self._root, self._links, poses_now, stamp_now, bool(stopping), (*stopping, *said)
         )
@@ -110,11 +119,13 @@ class JointFollower:
 
     def _usable(self) -> dict[str, _Sample]:
         """All but the followers of others (mimic) that were told once and then no more."""
+        limits = self._settings.freshness_limits
         newest_ns = max((sample.stamp_ns for sample in self._samples.values()), default=0)
         return {
             name: sample
             for name, sample in self._samples.items()
-            if name in self._needed or newest_ns - sample.stamp_ns <= self._settings.stale_after_ns
+            if name in self._needed
+            or freshness_of(sample.stamp_ns, newest_ns, limits) is Freshness.VALID
         }
 
     def _stopping(self) -> list[str]:

@@ -3,13 +3,23 @@
 from dataclasses import dataclass
 
 from app.bridge.robots.errors import FollowError
-from app.geometry import NS_PER_MS, check_frame
+from app.geometry import NS_PER_MS, FreshnessLimits, check_frame
 from app.robot import Robot
 
 DEFAULT_NODE = "robot_state_publisher"
 DESCRIPTION = "robot_description"
 JOINT_STATES = "joint_states"
 STALE_AFTER_NS = 500 * NS_PER_MS
+FUTURE_TOLERANCE_NS = 50 * NS_PER_MS
+"""How far the stamp of a joint state or of tf may be ahead of this node's clock: the clocks of two
+hosts differ, and a simulated ``/clock`` comes 40 times a second from ``ros2 bag play``."""
+
+
+def pose_limits(stale_after_ns: int) -> FreshnessLimits:
+    """The limits of poses from joint states and tf; no stamp may be further ahead than behind."""
+    return FreshnessLimits(
+        stale_after_ns, future_tolerance_ns=min(FUTURE_TOLERANCE_NS, stale_after_ns)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +48,11 @@ class RobotSettings:
             raise FollowError(
                 f"robot {self.name!r} is stale after {self.stale_after_ns} ns: more than 0 wanted"
             )
+
+    @property
+    def freshness_limits(self) -> FreshnessLimits:
+        """When the state is too old, and how far its stamp may be ahead."""
+        return pose_limits(self.stale_after_ns)
 
     def topic(self, name: str) -> str:
         """The absolute name of a topic or node of this robot; one with a ``/`` in front stays."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.geometry import FloatArray
+from app.geometry import NS_PER_MS, FloatArray, Freshness, FreshnessLimits, freshness_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,13 +23,16 @@ class RobotState:
     problems: tuple[str, ...] = ()
 
 
-def problem_of_age(stamp_ns: int | None, now_ns: int, stale_after_ns: int) -> str:
-    """Why a state of that stamp cannot be used now; empty where it can."""
-    if stamp_ns is None:
+def age_problem(stamp_ns: int | None, now_ns: int, limits: FreshnessLimits) -> str:
+    """Why a state with that stamp cannot be used now; empty if it can.
+
+    A state without a stamp consists of static edges alone and holds at any time.
+    """
+    if stamp_ns is None or freshness_of(stamp_ns, now_ns, limits) is Freshness.VALID:
         return ""
-    age_ns = now_ns - stamp_ns
-    if age_ns > stale_after_ns:
-        return f"the state is {age_ns / 1e6:.0f} ms old: {stale_after_ns / 1e6:.0f} ms allowed"
-    if age_ns < -stale_after_ns:
-        return f"the state is from {-age_ns / 1e6:.0f} ms in the future"
-    return ""
+    age_ms = (now_ns - stamp_ns) / NS_PER_MS
+    if age_ms < 0.0:
+        allowed_ms = limits.future_tolerance_ns / NS_PER_MS
+        return f"the state is {-age_ms:.0f} ms in the future; expected at most {allowed_ms:.0f} ms"
+    allowed_ms = limits.stale_after_ns / NS_PER_MS
+    return f"the state is {age_ms:.0f} ms old; expected at most {allowed_ms:.0f} ms"

@@ -1,7 +1,7 @@
 """A robot that follows tf: one lookup for all of its links at one stamp."""
 
 from app.bridge.robots.settings import RobotSettings
-from app.bridge.robots.state import RobotState, problem_of_age
+from app.bridge.robots.state import RobotState, age_problem
 from app.bridge.tf import TfError, TransformBuffer
 from app.geometry import FloatArray
 from app.robot import Robot
@@ -28,6 +28,6 @@ class TfFollower:
         except TfError as error:
             problem = str(error)
         poses, stamp_ns = self._last or (None, None)
-        old = problem_of_age(stamp_ns, now_ns, self._settings.stale_after_ns)
+        old = age_problem(stamp_ns, now_ns, self._settings.freshness_limits)
         problems = tuple(filter(None, (problem, old)))
         return RobotState(self._root, self._links, poses, stamp_ns, bool(problems), problems)

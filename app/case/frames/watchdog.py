@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from app.case.frames.samples import JointSample, TrackingFrame
+from app.geometry import Freshness, FreshnessLimits, freshness_of
 
 
 def with_watchdog(frames: Iterator[TrackingFrame], stale_after_ns: int) -> Iterator[TrackingFrame]:
@@ -14,9 +15,10 @@ def with_watchdog(frames: Iterator[TrackingFrame], stale_after_ns: int) -> Itera
     became stale and takes the joints that were read up to then. The same holds at the end, when
     the joints go on after the tracker fell silent.
     """
+    limits = FreshnessLimits(stale_after_ns)
     last_ns: int | None = None
     for frame in frames:
-        if last_ns is not None and frame.stamp.ns - last_ns > stale_after_ns:
+        if last_ns is not None and freshness_of(last_ns, frame.stamp.ns, limits) is Freshness.STALE:
             early, late = _split(frame.joints, last_ns + stale_after_ns + 1)
             yield _watchdog(frame, last_ns + stale_after_ns + 1, early)
             frame = replace(frame, joints=late)

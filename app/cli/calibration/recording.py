@@ -10,6 +10,7 @@ from app.case import Case, TrackingFrame, open_case, read_recording
 from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
+    FreshnessLimits,
     InputError,
     TrackedTransform,
     TrackingStatus,
@@ -115,7 +116,7 @@ def extract_tool_track(
     _check_known(reference, recording, "--reference")
     if reference == tool:
         raise InputError(f"--reference is {tool!r}, the tool itself; expected another frame")
-    tree = PoseTree(round(max_age_ms * NS_PER_MS), FROZEN_AFTER_NS, (tool,))
+    tree = PoseTree(FreshnessLimits(round(max_age_ms * NS_PER_MS), FROZEN_AFTER_NS), (tool,))
     samples: list[TrackedTransform] = []
     unusable: Counter[str] = Counter()
     for frame in recording.frames:

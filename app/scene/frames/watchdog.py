@@ -1,27 +1,25 @@
 """How old is what the scene shows of each transform; the present is handed in, never read."""
 
 from dataclasses import dataclass
-from enum import Enum
 
-from app.geometry import NS_PER_S, TrackedTransform, TrackingStatus, join_transform_name
+from app.geometry import (
+    NS_PER_S,
+    Freshness,
+    FreshnessLimits,
+    TrackedTransform,
+    TrackingStatus,
+    freshness_of,
+    join_transform_name,
+)
 from app.scene.errors import SceneError
-
-
-class Freshness(Enum):
-    """What can be said of a transform; the value is the word to show."""
-
-    VALID = "valid"
-    STALE = "stale"
-    """Its last good sample is older than allowed, or from the future."""
-    MISSING = "missing"
-    """It was never seen, or the tracker said at last that it does not see it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TransformHealth:
     """One transform at one moment: ``name`` as ``CauteryToTracker``.
 
-    ``age_ns`` is that of its last good sample, None when there was none.
+    ``freshness`` is VALID, STALE (too old, or from the future) or MISSING (never seen, or the
+    newest sample is a lost one). ``age_ns`` is that of its last good sample, None without one.
     """
 
     name: str
@@ -58,6 +56,7 @@ class TransformWatchdog:
         if stale_after_ns <= 0:
             raise SceneError(f"stale_after_ns {stale_after_ns} of a watchdog: above 0 wanted")
         self.stale_after_ns = stale_after_ns
+        self._limits = FreshnessLimits(stale_after_ns)
         self._edges: dict[tuple[str, str], _Edge] = {}
 
     def expect(self, target: str, source: str) -> None:
@@ -87,7 +86,7 @@ class TransformWatchdog:
 
     def is_fresh(self, stamp_ns: int | None, now_ns: int) -> bool:
         """Whether data of that stamp may be shown at ``now_ns``; none at all and the future not."""
-        return stamp_ns is not None and 0 <= now_ns - stamp_ns <= self.stale_after_ns
+        return freshness_of(stamp_ns, now_ns, self._limits) is Freshness.VALID
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
         """Every watched transform at ``now_ns``, in the order in which they were first named."""
@@ -95,10 +94,8 @@ class TransformWatchdog:
 
     def _health(self, target: str, source: str, edge: _Edge, now_ns: int) -> TransformHealth:
         age_ns = None if edge.good_ns is None else now_ns - edge.good_ns
-        if age_ns is None or edge.is_lost:
-            freshness = Freshness.MISSING
-        elif self.is_fresh(edge.good_ns, now_ns):
-            freshness = Freshness.VALID
-        else:
+        freshness = freshness_of(None if edge.is_lost else edge.good_ns, now_ns, self._limits)
+        if freshness is Freshness.FUTURE:
+            # Lamps have no fourth colour; the text says "ahead" beside the age.
             freshness = Freshness.STALE
         return TransformHealth(join_transform_name(source, target), freshness, age_ns)

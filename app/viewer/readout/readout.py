@@ -3,8 +3,8 @@
 from typing import Any
 
 from app.fixture import FixtureDecision, MarginState, Reason
-from app.geometry import NS_PER_MS
-from app.scene.frames.watchdog import Freshness, TransformHealth
+from app.geometry import NS_PER_MS, Freshness
+from app.scene.frames.watchdog import TransformHealth
 from app.session import StepResult
 from app.viewer.readout.words import STATE_WORDS, distance_digits, why
 from app.viewer.steps.cast import Cast

@@ -5,7 +5,14 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from app.fixture import MarginState
-from app.geometry import NS_PER_MS, NS_PER_S
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    Freshness,
+    FreshnessLimits,
+    freshness_of,
+    stale_in_ns,
+)
 from app.session import StepResult
 from app.viewer.steps.cast import Cast
 from app.viewer.steps.replay import ReplayControl
@@ -76,13 +83,14 @@ class LiveFeed:
     def now(self) -> ViewState | None:
         """The newest step, as UNKNOWN when it is too old to be the present."""
         with self._lock:
-            newest, age_ns, ended = self._newest, self._clock_ns() - self._came_ns, self._ended
+            newest, came_ns, ended = self._newest, self._came_ns, self._ended
         if newest is None:
             return None
         if ended:
             return newest.as_unknown(ended)
         patience_ns = self._patience_ns(newest.step)
-        if age_ns > patience_ns:
+        limits = FreshnessLimits(patience_ns)
+        if freshness_of(came_ns, self._clock_ns(), limits) is not Freshness.VALID:
             return newest.as_unknown(
                 f"the session has said nothing for more than {patience_ns // NS_PER_MS} ms"
             )
@@ -93,7 +101,8 @@ class LiveFeed:
         decision = step.decision
         if decision.state is MarginState.UNKNOWN or decision.stamp is None:
             return _QUIET_NS
-        return self._stale_after_ns - decision.stamp.age_ns(step.frame.stamp)
+        limits = FreshnessLimits(self._stale_after_ns)
+        return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits))
 
     def _tell(self) -> None:
         if self._wake is not None:

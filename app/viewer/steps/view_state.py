@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
-from app.geometry import FloatArray, Transform
-from app.scene.frames.watchdog import Freshness, TransformHealth, TransformWatchdog
+from app.geometry import FloatArray, Freshness, Transform
+from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
 from app.viewer.steps.cast import Cast
 from app.viewer.steps.trend import Trend, TrendMeter

@@ -2,9 +2,9 @@
 
 from slicer import vtkMRMLLinearTransformNode
 
-from app.bridge.robots.settings import STALE_AFTER_NS
+from app.bridge.robots.settings import STALE_AFTER_NS, pose_limits
 from app.bridge.tf import Lookup, TfError
-from app.geometry import NS_PER_S, check_frame
+from app.geometry import NS_PER_S, Freshness, check_frame, freshness_of
 from app.scene.nodes.convert import is_at, vtk_matrix
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
@@ -56,9 +56,14 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         """``missing``, ``valid`` or ``stale``, now: also when nobody spins any more."""
         if self._found is None:
             return MISSING
-        age = self.GetAgeSeconds()
-        is_fresh = age is not None and abs(age) <= self.GetStaleAfterSeconds()
-        return VALID if is_fresh and not self._problem else STALE
+        if self._owner is None or self._problem:
+            return STALE
+        stamp_ns = self._found.stamp_ns
+        if stamp_ns is None:  # static edges alone, which hold at any time
+            return VALID
+        limits = pose_limits(self._stale_after_ns)
+        freshness = freshness_of(stamp_ns, self._owner.now_ns(), limits)
+        return VALID if freshness is Freshness.VALID else STALE
 
     def IsStale(self) -> bool:
         """Whether the pose must not be trusted: too old, or not there."""

@@ -115,7 +115,7 @@ def test_a_joint_that_falls_silent_makes_stale_by_name(robot):
     state = follower.state(later_ns)
     assert state.is_stale
     assert state.stamp_ns == NOW_NS
-    assert state.problems == ("the state is 501 ms old: 500 ms allowed (joint 'push')",)
+    assert state.problems == ("the state is 501 ms old; expected at most 500 ms (joint 'push')",)
 
 
 def test_joints_of_others_are_said_and_do_no_harm(robot):

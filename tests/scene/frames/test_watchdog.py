@@ -4,9 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
-from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import Freshness, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.scene import (
-    Freshness,
     MarginGuardScene,
     SceneError,
     TransformHealth,

@@ -7,10 +7,9 @@ import pytest
 
 from app.cli.touch_arm import TOUCH_URDF
 from app.fixture import MarginState, Reason
-from app.geometry import Transform
+from app.geometry import Freshness, Transform
 from app.registration import RegistrationResult, given_registration, register_points
 from app.robot import load_robot
-from app.scene.frames.watchdog import Freshness
 from app.viewer.readout.readout import readout
 from app.viewer.readout.words import REASON_WORDS, STATE_WORDS, distance_digits, why
 from app.viewer.steps.view_state import ViewState
