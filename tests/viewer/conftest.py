@@ -22,7 +22,7 @@ from playwright.sync_api import (
 )
 
 from app.cli.replay_page import ReplayParts, replay_parts
-from app.cli.signals import Received
+from app.cli.signals import SignalState
 from app.scene import OffscreenError, use_offscreen_rendering
 from tests.viewer.viewed_case import write_viewed_case
 
@@ -124,7 +124,7 @@ def viewed_case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def parts(viewed_case: Path) -> ReplayParts:
     """The case, stepped through in this process."""
-    stepped = replay_parts(viewed_case, (), Received(), tip_only=False)
+    stepped = replay_parts(viewed_case, (), SignalState(), tip_only=False)
     assert stepped is not None
     return stepped
 
