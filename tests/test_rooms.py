@@ -33,7 +33,7 @@ MAY_IMPORT = {
         "runtime",
         "igtl",
     },
-    "scene": {"geometry", "robot", "fixture", "session", "runtime"},
+    "scene": {"geometry", "files", "robot", "fixture", "session", "runtime"},
     "report": {"geometry", "files", "registration", "case", "fixture", "session"},
     "viewer": {
         "geometry",

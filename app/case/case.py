@@ -23,7 +23,8 @@ from app.case.readers.recording_format import JointSource, RecordingFormat
 from app.case.readers.registry import format_of, read_recording, recording_kinds
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.files.meshes import load_mesh
-from app.files.paths import PACKAGE_SCHEME, resolve_file, resolve_inside, sha256_of
+from app.files.packages import PACKAGE_SCHEME
+from app.files.paths import resolve_file, resolve_inside, sha256_of
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 

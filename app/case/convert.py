@@ -9,8 +9,10 @@ from app.case.case import Case
 from app.case.manifest.case_file import MANIFEST_NAME
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC
 from app.case.recorder.recorder import write_recording
-from app.files.new_folder import new_folder
-from app.files.paths import PACKAGE_SCHEME, resolve_inside, sha256_of
+from app.files.atomic_io import new_folder
+from app.files.packages import PACKAGE_SCHEME
+from app.files.paths import resolve_inside, sha256_of
+from app.files.yaml_file import load_yaml
 from app.geometry import InputError
 
 RECORDING_NAME = "tracking.mcap"
@@ -39,7 +41,7 @@ def _write(case: Case, folder: Path) -> None:
         joint_states_topic=(robot and robot.joint_states) or JOINT_STATES_TOPIC,
     )
     # The manifest was validated when the case was opened; all but the recording stays as written.
-    manifest = yaml.safe_load((case.folder / MANIFEST_NAME).read_text(encoding="utf-8"))
+    manifest = load_yaml(case.folder / MANIFEST_NAME)
     manifest["recording"] = {"path": RECORDING_NAME, "sha256": sha256_of(recording)}
     text = yaml.safe_dump(manifest, sort_keys=False, allow_unicode=True)
     (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")

@@ -131,17 +131,17 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
         case,
         source,
         stamps_of_host,
-        joints_of_host=not document.has("clock"),
+        joints_of_host="clock" not in document,
         guidance=_all_of(document, "guidance", _GUIDANCE),
         limiter=_given(document, "limiter", _LIMITER, partly=True)
-        if document.has("limiter")
+        if "limiter" in document
         else MappingProxyType({}),
         tumor_motion=_all_of(document, "tumor_motion", _TUMOR_MOTION),
     )
 
 
 def _all_of(document: Section, name: str, keys: Sequence[str]) -> Mapping[str, float] | None:
-    return _given(document, name, keys) if document.has(name) else None
+    return _given(document, name, keys) if name in document else None
 
 
 def _given(
@@ -151,7 +151,7 @@ def _given(
     block = document.section(name, keys)
     found = {}
     for key in keys:
-        if partly and not block.has(key):
+        if partly and key not in block:
             continue
         value = block.number(key, minimum=0.0)
         if key.endswith("_ms"):
@@ -164,20 +164,20 @@ def _given(
 
 def _source(document: Section) -> tuple[LiveSourceEntry, bool]:
     block = document.section("source", (*_SOURCES, "clock"))
-    given = [name for name in _SOURCES if block.has(name)]
+    given = [name for name in _SOURCES if name in block]
     if len(given) != 1:
         raise InputError(
             f"{document.place('source')} has {' and '.join(given) or 'none'} of "
             f"{', '.join(_SOURCES)}: one of them wanted"
         )
     of_host = block.choice("clock", ("host", "estimate")) == "host"
-    if block.has("tf"):
+    if "tf" in block:
         return TfSourceEntry(_edges(block.section("tf", ("edges",)))), of_host
-    if block.has("igtl"):
+    if "igtl" in block:
         return _server(block.section("igtl", ("host", "port"))), of_host
     topic_block = block.section("tracked_transforms", ("topic",))
     topic = TRACKED_TRANSFORMS_TOPIC
-    if topic_block.has("topic"):
+    if "topic" in topic_block:
         topic = read_topic(topic_block, "topic")
     return TopicSourceEntry(topic), of_host
 
@@ -190,7 +190,7 @@ def _server(igtl: Section) -> IgtlSourceEntry:
 
 
 def _edges(tf: Section) -> tuple[tuple[str, str], ...]:
-    if not tf.has("edges"):
+    if "edges" not in tf:
         return ()
     edges = tf.sections("edges", ("parent", "child"))
     if not edges:

@@ -11,7 +11,8 @@ from app.case.live_file import ONLY_LIVE, IgtlSourceEntry, LiveCase, TopicSource
 from app.case.manifest.case_file import MANIFEST_NAME
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.case.readers.rosbag2 import CHANGES_NAME
-from app.files.new_folder import new_folder
+from app.files.atomic_io import new_folder, write_file
+from app.files.yaml_file import load_yaml
 from app.geometry import InputError
 
 RECORDING_FOLDER = "tracking"
@@ -28,14 +29,8 @@ class SessionChange:
 
 def write_changes(changes: Sequence[SessionChange], recording: Path) -> None:
     """Say beside the messages of ``recording``, a folder, what was replaced while it was made."""
-    path = recording / CHANGES_NAME
-    partial = recording / f".{CHANGES_NAME}.partial"
     text = yaml.safe_dump({"changes": [asdict(change) for change in changes]}, sort_keys=False)
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from error
+    write_file(recording / CHANGES_NAME, text.encode())
 
 
 def begin_case(live: LiveCase, folder: Path) -> None:
@@ -63,7 +58,7 @@ def _write(live: LiveCase, folder: Path) -> None:
     copy_named_files(live.case, folder)
     # It was validated when it was opened; all that a case can have stays as written.
     path = live.case.folder / live.case.manifest.file
-    values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    values = load_yaml(path)
     for name in ONLY_LIVE:
         values.pop(name, None)
     robot = live.case.manifest.robot

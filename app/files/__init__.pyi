@@ -1,6 +1,6 @@
-from .bounded_io import check_place, write_small
+from .atomic_io import check_output_path, write_file
 from .landmarks import POINT_ENDINGS, read_landmarks
-from .meshes import MESH_ENDINGS, UNITS_MM, check_mesh_place, load_mesh, write_mesh
+from .meshes import MESH_ENDINGS, UNITS_MM, check_mesh_path, load_mesh, write_mesh
 from .plus_config import PlusConfiguration, read_plus_config
 from .transforms import (
     TRANSFORM_ENDINGS,
@@ -15,14 +15,14 @@ __all__ = [
     "TRANSFORM_ENDINGS",
     "UNITS_MM",
     "PlusConfiguration",
-    "check_mesh_place",
-    "check_place",
+    "check_mesh_path",
+    "check_output_path",
     "check_transform_path",
     "load_mesh",
     "read_landmarks",
     "read_plus_config",
     "read_transform",
+    "write_file",
     "write_mesh",
-    "write_small",
     "write_transform",
 ]

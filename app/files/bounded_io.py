@@ -1,41 +1,33 @@
-"""Small files: read with a bound, written whole or not at all."""
+"""Bounded reads: no file fills the memory, and every failure is an error of the caller's type."""
 
-import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
-from app.geometry import InputError
+from app.geometry import InputError, MarginGuardError
 
 
-def read_small(path: Path, max_bytes: int) -> bytes:
-    """The bytes of ``path``; `InputError` when it cannot be read or is larger than allowed."""
+@contextmanager
+def open_for_reading(path: Path, error: type[MarginGuardError] = InputError) -> Iterator[IO[bytes]]:
+    """Open the file at ``path`` for reading bytes.
+
+    An `OSError` of the body, too, becomes ``error``.
+    """
     try:
         with path.open("rb") as file:
-            content = file.read(max_bytes + 1)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+            yield file
+    except OSError as problem:
+        raise error(f"{path} cannot be read: {problem.strerror or problem}") from problem
+
+
+def read_bounded(path: Path, max_bytes: int, error: type[MarginGuardError] = InputError) -> bytes:
+    """Read the whole file at ``path``.
+
+    Raises ``error`` for a file that cannot be read, and for one of more than ``max_bytes`` bytes.
+    """
+    with open_for_reading(path, error) as file:
+        content = file.read(max_bytes + 1)
     if len(content) > max_bytes:
-        raise InputError(f"{path} has more than the {max_bytes} bytes allowed")
+        raise error(f"{path} has more than the {max_bytes} bytes allowed")
     return content
-
-
-def write_small(path: Path, content: bytes) -> None:
-    """Put ``content`` at ``path``, in place of what was there; `InputError` when it cannot."""
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from error
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def check_place(path: Path) -> None:
-    """Raise `InputError` unless a file can stand at ``path``: ask before the work is done."""
-    if path.is_dir() or not path.parent.is_dir():
-        raise InputError(f"{path} cannot be written: a file in a folder that is there wanted")
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}") from error

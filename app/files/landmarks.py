@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from app.files.bounded_io import read_small
+from app.files.bounded_io import read_bounded
 from app.files.document import Section
 from app.files.numbers import numbers_in
 from app.geometry import FloatArray, InputError
@@ -120,7 +120,7 @@ def _json_numbers(values: Any) -> list[float]:
 def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
     """Labels with positions in mm of a table as Slicer 4 wrote it, and its coordinate system."""
     try:
-        lines = read_small(path, _MAX_BYTES).decode("utf-8").splitlines()
+        lines = read_bounded(path, _MAX_BYTES).decode("utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text: byte {error.start}") from error
     told = {
@@ -149,7 +149,7 @@ def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(read_small(path, _MAX_BYTES), object_pairs_hook=_without_doubles)
+        return json.loads(read_bounded(path, _MAX_BYTES), object_pairs_hook=_without_doubles)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not JSON: {error}") from error
 

@@ -1,17 +1,13 @@
-"""What a calibration needs of a PLUS configuration: its transforms and its phantom's landmarks.
-
-Walked by expat itself, which stops at a document type before it has read one declaration: entities,
-which a PLUS file never has, cannot be expanded or fetched.
-"""
+"""Transforms and phantom landmarks of a PLUS configuration file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from xml.parsers import expat
 
-from app.files.bounded_io import read_small
+from app.files.bounded_io import read_bounded
 from app.files.landmarks import checked_landmarks
 from app.files.numbers import numbers_in
+from app.files.xml_guard import walk_xml
 from app.geometry import (
     FloatArray,
     InputError,
@@ -29,11 +25,11 @@ _LANDMARK = [_ROOT, "PhantomDefinition", "Geometry", "Landmarks", "Landmark"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlusConfiguration:
-    """The parts of a PLUS configuration that are read, frames in our names.
+    """Transforms and landmarks of a PLUS configuration, with frames in ``lower_snake``.
 
     ``matrices``
-        (target, source) to the text of a matrix. It becomes a `Transform` only when asked for:
-        a configuration also holds scaled ones (``ImageToProbe``).
+        (target, source) to the text of a matrix. Not yet a `Transform`, because a configuration
+        also holds scaled matrices (``ImageToProbe``).
     ``landmarks_mm``
         Name to position (3,) in the phantom's frame.
     """
@@ -43,11 +39,11 @@ class PlusConfiguration:
     landmarks_mm: Mapping[str, FloatArray]
 
     def transform(self, target: str, source: str) -> Transform:
-        """``target_from_source``; `InputError`, with what there is, when it is not given."""
+        """Return ``target_from_source``; raise `InputError` where it is missing or not rigid."""
         if (target, source) not in self.matrices:
             given = ", ".join(join_transform_name(s, t) for t, s in self.matrices) or "none"
             raise InputError(
-                f"{self.path} has no {join_transform_name(source, target)}: {given} given"
+                f"{self.path} has no {join_transform_name(source, target)}; it has {given}"
             )
         place = f"{self.path}: matrix of {join_transform_name(source, target)}"
         matrix = numbers_in(self.matrices[target, source], 16, place)
@@ -64,13 +60,10 @@ class _Walk:
     matrices: dict[tuple[str, str], str] = field(default_factory=dict)
     landmarks: list[tuple[str, list[float]]] = field(default_factory=list)
 
-    def refuse_doctype(self, *_: object) -> None:
-        raise InputError(f"{self.path} has a document type (DOCTYPE): none is allowed")
-
     def start(self, name: str, attributes: dict[str, str]) -> None:
         self.at.append(name)
         if self.at == [name] and name != _ROOT:
-            raise InputError(f"{self.path} is a {name[:60]!r}: a {_ROOT} wanted")
+            raise InputError(f"{self.path} is a {name[:60]!r}; expected a {_ROOT}")
         if self.at == _TRANSFORM:
             self._transform(attributes)
         elif self.at == _LANDMARK:
@@ -88,7 +81,7 @@ class _Walk:
                 f"{self.path}: Transform From={source!r} To={target!r}: {error}"
             ) from error
         if edge in self.matrices:
-            raise InputError(f"{self.path}: {source}To{target} stands twice")
+            raise InputError(f"{self.path}: {source}To{target} occurs twice")
         self.matrices[edge] = attributes.get("Matrix", "")
 
     def _landmark(self, attributes: dict[str, str]) -> None:
@@ -100,17 +93,9 @@ class _Walk:
 def read_plus_config(path: Path) -> PlusConfiguration:
     """Read the PLUS configuration at ``path``.
 
-    Raises `InputError`, with the place, for a file that is none, one with a document type, and
-    transforms or landmarks that are not what they should be.
+    Raises `InputError`, with the place, for another kind of file, a document type, and malformed
+    transforms or landmarks.
     """
-    content = read_small(path, _MAX_BYTES)
     walk = _Walk(path)
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = walk.refuse_doctype
-    parser.StartElementHandler = walk.start
-    parser.EndElementHandler = walk.end
-    try:
-        parser.Parse(content, True)
-    except (expat.ExpatError, ValueError, LookupError) as error:
-        raise InputError(f"{path} is not well-formed XML: {error}") from error
+    walk_xml(read_bounded(path, _MAX_BYTES), path, start=walk.start, end=walk.end)
     return PlusConfiguration(path, walk.matrices, checked_landmarks(walk.landmarks, path))

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from app.files.bounded_io import check_place, read_small, write_small
+from app.files.atomic_io import check_output_path, write_file
+from app.files.bounded_io import read_bounded
 from app.files.document import Section
 from app.files.numbers import numbers_in
 from app.geometry import (
@@ -43,14 +44,14 @@ def write_transform(path: Path, transform: Transform, note: str = "") -> None:
     """
     check_transform_path(path)
     text = _WRITERS[path.suffix.lower()](transform, " ".join(note.split()))
-    write_small(path, text.encode())
+    write_file(path, text.encode())
 
 
 def check_transform_path(path: Path) -> None:
     """Raise `InputError` unless a transform can go to ``path``: ask before the work is done."""
     if path.suffix.lower() not in _WRITERS:
         raise InputError(f"{path} is no transform file: {', '.join(TRANSFORM_ENDINGS)} allowed")
-    check_place(path)
+    check_output_path(path)
 
 
 def read_transform(path: Path, *, target: str, source: str) -> Transform:
@@ -83,7 +84,7 @@ def _to_yaml(transform: Transform, note: str) -> str:
 def _from_yaml(path: Path, target: str, source: str) -> Transform:
     document = Section.load(path, ("transform", "target", "source", "matrix"))
     for key, wanted in (("target", target), ("source", source)):
-        if document.has(key) and document.text(key) != wanted:
+        if key in document and document.text(key) != wanted:
             raise FrameError(f"{key} is {document.text(key)!r}: {wanted!r} wanted")
     return Transform.from_matrix(document.numbers("matrix", 16), target=target, source=source)
 
@@ -108,7 +109,7 @@ def _to_itk(transform: Transform, note: str) -> str:
 
 def _matrix_of(path: Path) -> FloatArray:
     """The matrix (4, 4), to parent and in RAS, of a text file."""
-    text = read_small(path, _MAX_BYTES).decode("utf-8", errors="replace")
+    text = read_bounded(path, _MAX_BYTES).decode("utf-8", errors="replace")
     if text.startswith(_ITK_HEADER):
         return _from_itk(text, path)
     numbers = numbers_in(text, 16, f"{path} (no ITK transform, so a matrix)")

@@ -2,10 +2,11 @@
 
 import json
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from app.files.atomic_io import write_files
 from app.report.breaches import find_breaches
 from app.report.errors import ReportError
 from app.report.html import report_html
@@ -55,7 +56,9 @@ def write_report(
     check_writable(folder)
     summary, contents = _contents(record, scene_png, version)
     try:
-        _put_in_place(folder, contents)
+        write_files(folder, contents)
+        for name in set(REPORT_FILES) - set(contents):
+            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable(folder, error) from error
     return summary
@@ -80,18 +83,6 @@ def _contents(
         contents["scene.png"] = scene
     page = report_html(summary, count_reasons(record.rows), plot, scene, version)
     return summary, {**contents, "report.html": page.encode()}
-
-
-def _put_in_place(folder: Path, contents: Mapping[str, bytes]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    # Within the folder, so that the moves below stay in one file system and cannot be cut short.
-    with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as temporary:
-        for name, content in contents.items():
-            (Path(temporary) / name).write_bytes(content)
-        for name in contents:
-            (Path(temporary) / name).replace(folder / name)
-    for name in set(REPORT_FILES) - set(contents):
-        (folder / name).unlink(missing_ok=True)
 
 
 def _unwritable(folder: Path, error: OSError) -> ReportError:

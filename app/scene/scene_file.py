@@ -16,6 +16,7 @@ from vtkmodules.vtkCommonCore import (
     vtkStringOutputWindow,
 )
 
+from app.files.atomic_io import atomic_file, check_output_path
 from app.scene.errors import SceneError
 
 SCENE_ENDING = ".mrb"
@@ -35,20 +36,13 @@ def save_scene(scene: vtkMRMLScene, path: Path) -> None:
     MRML refuses to write.
     """
     _check_place(path)
-    try:
-        # In a folder beside it: a bundle is named like its file, inside and out. MRML reads and
-        # writes data at absolute places alone.
-        beside = path.absolute().parent
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=beside) as folder:
-            partial = Path(folder) / path.name
-            messages = vtkMRMLMessageCollection()
-            with _quiet():
-                written = scene.WriteToMRB(str(partial), None, messages)
-            if not (written and partial.is_file()):
-                raise SceneError(f"{path} cannot be written: {_said(messages)}")
-            partial.replace(path)
-    except OSError as error:
-        raise SceneError(f"{path} cannot be written: {error.strerror or error}") from error
+    # MRML names the bundle's content after the file, and writes data at absolute paths only.
+    with atomic_file(path, SceneError) as partial:
+        messages = vtkMRMLMessageCollection()
+        with _quiet():
+            written = scene.WriteToMRB(str(partial), None, messages)
+        if not (written and partial.is_file()):
+            raise SceneError(f"{path} cannot be written: {_said(messages)}")
 
 
 def load_scene(scene: vtkMRMLScene, path: Path) -> None:
@@ -108,8 +102,7 @@ def _astray(names: list[str]) -> str | None:
 def _check_place(path: Path) -> None:
     if path.suffix.lower() != SCENE_ENDING:
         raise SceneError(f"{path} is no scene file: {SCENE_ENDING} wanted")
-    if path.is_dir() or not path.parent.is_dir():
-        raise SceneError(f"{path} cannot be written: a file in a folder that is there wanted")
+    check_output_path(path, SceneError)
 
 
 @contextmanager

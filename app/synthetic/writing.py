@@ -1,9 +1,5 @@
 """A simulated case as a folder: recording, meshes, manifest, ground truth, a few words."""
 
-import hashlib
-import os
-import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +18,9 @@ from app.case.manifest.expected import (
 )
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC
 from app.case.recorder.recorder import write_recording
-from app.geometry import NS_PER_MS, NS_PER_S, InputError, Transform
+from app.files.atomic_io import new_folder
+from app.files.paths import sha256_of
+from app.geometry import NS_PER_MS, NS_PER_S, Transform
 from app.synthetic.cautery import cautery_mesh
 from app.synthetic.motion import ArmKinematics
 from app.synthetic.simulation import (
@@ -74,24 +72,10 @@ def simulate_case(
     tool's tip. Raises `InputError` when the folder cannot be written; nothing is left of a case
     that could not be finished.
     """
-    there = os.path.lexists(folder)
-    if there and (folder.is_symlink() or not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder} is there already: a new or an empty folder wanted")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror}") from error
-    try:
+    with new_folder(folder, may_be_empty=True) as partial:
         simulation = simulate(arm, np.random.default_rng([seed, 0]))
         frames = list(simulation.frames(Jitter(), np.random.default_rng([seed, 1])))
         _write(partial, simulation, frames, seed, urdf, tool_link)
-        partial.chmod(0o755)
-        partial.replace(folder)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror}") from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _write(
@@ -108,8 +92,7 @@ def _write(
     write_recording(recording, frames, robot_to_tracker_offset_ns=ROBOT_TO_TRACKER_OFFSET_NS)
     breaches = find_breaches(simulation.clearance, simulation.tumor_from_tip, simulation.duration_s)
     write_expected(folder / "expected.yaml", _expected(simulation, breaches, frames))
-    sha256 = hashlib.sha256(recording.read_bytes()).hexdigest()
-    manifest = _manifest(simulation, seed, sha256, urdf, tool_link)
+    manifest = _manifest(simulation, seed, sha256_of(recording), urdf, tool_link)
     (folder / "case.yaml").write_text(
         yaml.safe_dump(manifest, sort_keys=False, default_flow_style=None, width=100),
         encoding="utf-8",

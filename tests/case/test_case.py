@@ -273,7 +273,7 @@ def test_a_tool_without_mesh_serves_until_it_is_asked_for(
 
 def test_an_empty_manifest_is_said_to_be_empty(tmp_path: Path) -> None:
     (tmp_path / "case.yaml").touch()
-    with pytest.raises(InputError, match=r"case\.yaml is empty: a mapping wanted"):
+    with pytest.raises(InputError, match=r"case\.yaml is empty; expected a mapping"):
         open_case(tmp_path)
 
 

@@ -72,7 +72,7 @@ def test_joints_statuses_and_both_clocks_come_through(
 def test_nothing_is_written_over(manifest: Manifest, write_case: WriteCase, tmp_path: Path) -> None:
     case = open_case(write_case(manifest))
     (tmp_path / "there").mkdir()
-    with pytest.raises(InputError, match="is not written over"):
+    with pytest.raises(InputError, match="refusing to overwrite it"):
         convert_case(case, tmp_path / "there")
     assert list((tmp_path / "there").iterdir()) == []
 

@@ -122,14 +122,17 @@ def test_a_force_that_is_not_passive_and_a_limit_of_nothing_are_refused(tmp_path
             "has tf and tracked_transforms of tf",
         ),
         ({"source": {"tf": {}}}, "live.yaml: source.clock is missing"),
-        ({"source": {"tf": {}, "clock": "ntp"}}, "source.clock is 'ntp': one of host, estimate"),
+        (
+            {"source": {"tf": {}, "clock": "ntp"}},
+            "source.clock is 'ntp'; expected one of host, estimate",
+        ),
         ({"source": {"tf": {"edges": []}, "clock": "host"}}, "source.tf.edges is empty"),
-        ({"source": {"tf": {"edge": []}, "clock": "host"}}, "source.tf.edge is not known"),
+        ({"source": {"tf": {"edge": []}, "clock": "host"}}, "source.tf.edge is unknown"),
         ({"source": {"tracked_transforms": {"topic": "a b"}, "clock": "host"}}, "topic is 'a b'"),
-        ({"recording": {"path": "x.mcap"}}, "live.yaml: recording is not known"),
+        ({"recording": {"path": "x.mcap"}}, "live.yaml: recording is unknown"),
         ({"guidance": {"force_n": 2.0}}, "live.yaml: guidance.range_mm is missing"),
-        ({"guidance": GUIDANCE | {"gain": 1.0}}, "guidance.gain is not known"),
-        ({"limiter": {"most_mm_s": -1.0}}, "limiter.most_mm_s is -1: at least 0 wanted"),
+        ({"guidance": GUIDANCE | {"gain": 1.0}}, "guidance.gain is unknown"),
+        ({"limiter": {"most_mm_s": -1.0}}, "limiter.most_mm_s is -1; expected at least 0"),
         ({"clock": {"estimate": True}}, "live.yaml: clock.estimate needs a recording"),
         (
             {
@@ -188,7 +191,7 @@ def test_a_case_is_begun_with_all_but_its_recording(tmp_path, values, project_ro
     assert written.pop("recording") == {"path": "tracking"}
     del values["source"]
     assert written == values
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists; refusing to overwrite it"):
         begin_case(open_live(config / "live.yaml"), tmp_path / "case")
 
 

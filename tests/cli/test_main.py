@@ -119,7 +119,7 @@ def test_a_converted_case_replays_to_the_same_table(tmp_path, capsys):
     )
     assert first == second
     assert main(["convert", str(case), str(tmp_path / "mcap")]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists; refusing to overwrite it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -238,6 +238,6 @@ def test_a_place_that_is_not_there_is_said_before_the_replay(
     assert replay(case, "--movie", str(tmp_path / "none" / "m.gif")) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "a file in a folder that is there wanted" in error
+    assert "parent directory does not exist" in error
     assert replay(case, "--rate", "1", "--loop", "--movie", str(tmp_path / "m.gif")) == 2
     assert "--loop is for watching" in capsys.readouterr().err

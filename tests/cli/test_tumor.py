@@ -103,8 +103,8 @@ def test_a_mesh_is_not_written_over_itself(
         (["tumor.stl"], "--units is missing"),
         (["contour.yaml", "--units", "mm"], "--units is given: "),
         (["contour.yaml", "--segment", "1"], "--segment is given: "),
-        (["contour.yaml", "-o", "tumor.vtk"], "written as .stl or .ply"),
-        (["contour.yaml", "-o", "no/tumor.stl"], "a folder that is there wanted"),
+        (["contour.yaml", "-o", "tumor.vtk"], "is not a mesh file; expected .stl or .ply"),
+        (["contour.yaml", "-o", "no/tumor.stl"], "parent directory does not exist"),
         (["contour.yaml", "-o", "/proc/tumor.stl"], "/proc/tumor.stl cannot be written: No such"),
         (
             ["contour.txt"],

@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from app.files.document import MAX_BYTES, Section
+from app.files.document import Section
+from app.files.yaml_file import MAX_BYTES
 from app.geometry import InputError
 
 
@@ -15,19 +16,19 @@ def load(tmp_path: Path, text: str, allowed: tuple[str, ...] = ("a", "b")) -> Se
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: 1\na: 2\n", "'a' stands twice"),
-        ("a: {b: 1, b: 2}\n", "'b' stands twice"),
+        ("a: 1\na: 2\n", "duplicate key 'a'"),
+        ("a: {b: 1, b: 2}\n", "duplicate key 'b'"),
         ("a: &x {c: 1}\nb: {<<: *x}\n", "merge key"),
-        ("a: &x [*x]\nc: *x\n", "c is not known"),
+        ("a: &x [*x]\nc: *x\n", "c is unknown"),
         ("a: " + "[" * 40 + "]" * 40, "nested deeper"),
         ("a: " + "[" * 20000, "nested deeper"),
         ("a: !!python/object/apply:os.getcwd []\n", "could not determine a constructor"),
-        ("? [1, 2]\n: 3\n", "plain word"),
-        ("- 1\n", "a mapping wanted"),
-        ("", "a mapping wanted"),
+        ("? [1, 2]\n: 3\n", "expected a scalar"),
+        ("- 1\n", "expected a mapping"),
+        ("", "expected a mapping"),
         ("a: [1\n", "line 2"),
         ("a: 2026-99-99\n", "not YAML"),
-        ("c: 1\n", "x.yaml: c is not known: allowed here are a, b"),
+        ("c: 1\n", "x.yaml: c is unknown; expected one of a, b"),
         ("a: '" + "x" * MAX_BYTES + "'", "more than"),
     ],
 )
@@ -63,21 +64,23 @@ def test_not_text_is_refused(tmp_path: Path) -> None:
     "value", ["'1'", "true", ".nan", ".inf", "[1]", "1e3", "null", "1" + "0" * 400]
 )
 def test_a_number_is_a_finite_number(tmp_path: Path, value: str) -> None:
-    with pytest.raises(InputError, match=r"x\.yaml: a is .*number wanted"):
+    with pytest.raises(InputError, match=r"x\.yaml: a is .*expected a (finite )?number"):
         load(tmp_path, f"a: {value}\n").number("a")
 
 
 @pytest.mark.parametrize("value", ["010", "1_0", "0x10", "1:30", "1:30.5", "0b1", "-010", "1_0.5"])
 def test_a_number_that_is_read_in_two_ways_is_none(tmp_path: Path, value: str) -> None:
     """YAML 1.1 makes 8, 10, 16, 90 and so on of them; YAML 1.2 and people do not."""
-    with pytest.raises(InputError, match=rf"x\.yaml line 1: '{value}' is no number that all read"):
+    with pytest.raises(
+        InputError, match=rf"x\.yaml line 1: '{value}' is an ambiguous number; use plain"
+    ):
         load(tmp_path, f"a: {value}\n")
     assert load(tmp_path, f"a: '{value}'\n").text("a") == value
 
 
 def test_the_path_of_a_nested_value_is_named(tmp_path: Path) -> None:
     section = load(tmp_path, "a: {b: [{a: 1}, {c: 2}]}\n").section("a", ("b",))
-    with pytest.raises(InputError, match=r"x\.yaml: a\.b\[1\]\.c is not known: allowed here are a"):
+    with pytest.raises(InputError, match=r"x\.yaml: a\.b\[1\]\.c is unknown; expected one of a"):
         section.sections("b", ("a",))
 
 

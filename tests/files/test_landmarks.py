@@ -124,8 +124,8 @@ def test_yaml_in_the_order_of_the_file(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("landmarks: []", "no landmark"),
-        ("landmarks: [{name: A, position: [1, 2, 3]}]", "position is not known"),
-        ("landmarks: [{name: A, position_mm: [1, 2]}]", "3 numbers wanted"),
+        ("landmarks: [{name: A, position: [1, 2, 3]}]", "position is unknown"),
+        ("landmarks: [{name: A, position_mm: [1, 2]}]", "expected a list of 3 numbers"),
         (
             "landmarks: [{name: A, position_mm: [1, 2, 3]}, {name: A, position_mm: [1, 2, 3]}]",
             "stands twice",

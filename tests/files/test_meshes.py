@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from app.files import load_mesh, write_mesh
+from app.files.mesh_file import MeshOptions
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 
@@ -70,7 +71,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path: Path, suffix: str, va
 )
 def test_files_that_hold_no_surface(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
-    words = rf"{tmp_path / name} (holds no triangle|is no)"
+    words = rf"mesh {tmp_path / name} (holds no triangles|cannot be read|is of an unknown format)"
     with pytest.raises(MeshError, match=words) as caught:
         load_mesh(tmp_path / name, units="mm", frame="tumor")
     assert "\n" not in str(caught.value)
@@ -88,8 +89,7 @@ def test_a_mesh_file_pulls_in_no_other(tmp_path: Path, caplog: pytest.LogCapture
 
 
 def test_a_file_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.files.meshes._MAX_BYTES", 10_000)
-    monkeypatch.setattr("app.files.meshes.MESH_ENDINGS", ("",))
+    monkeypatch.setattr("app.files.meshes._OPTIONS", MeshOptions(("",), 10_000, 10_000))
     with pytest.raises(MeshError, match="/dev/zero has more than the 10000 bytes allowed"):
         load_mesh(Path("/dev/zero"), units="mm", frame="tumor")
 
@@ -138,20 +138,20 @@ def test_places_that_hold_no_mesh(tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(subdivisions=1)
     mesh = SurfaceMesh("tumor", ball.vertices, ball.faces)
     for name, message in (
-        ("ball.obj", r"ball\.obj: a mesh is written as \.stl or \.ply"),
-        ("no/ball.stl", "a file in a folder that is there wanted"),
+        ("ball.obj", r"ball\.obj is not a mesh file; expected \.stl or \.ply"),
+        ("no/ball.stl", "parent directory does not exist"),
     ):
         with pytest.raises(InputError, match=message):
             write_mesh(tmp_path / name, mesh)
     trimesh.Trimesh(ball.vertices, ball.faces).export(tmp_path / "ball.stl")
     content = (tmp_path / "ball.stl").read_bytes()
     (tmp_path / "ball.stl").write_bytes(b"SPACE=IJK".ljust(80) + content[80:])
-    with pytest.raises(MeshError, match="says SPACE=IJK: RAS or LPS wanted"):
+    with pytest.raises(MeshError, match="has SPACE=IJK; expected RAS or LPS"):
         load_mesh(tmp_path / "ball.stl", units="mm", frame="tumor")
 
 
 def test_missing_file_and_unknown_units(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="cannot be read"):
         load_mesh(tmp_path / "no.stl", units="mm", frame="tumor")
-    with pytest.raises(MeshError, match=r"'inch' .* mm, cm, m allowed"):
+    with pytest.raises(MeshError, match=r"'inch'; expected one of mm, cm, m"):
         load_mesh(tmp_path / "no.stl", units="inch", frame="tumor")

@@ -32,7 +32,7 @@ def test_a_real_configuration(shared_data: Path) -> None:
     np.testing.assert_allclose(tip.matrix, plus_transform(path, "StylusTip"), atol=1e-4)
     assert list(found.landmarks_mm) == [f"#{number}" for number in range(1, 9)]
     np.testing.assert_array_equal(found.landmarks_mm["#4"], [104.3, -5.0, 0.0])
-    with pytest.raises(InputError, match="no ProbeTipToProbe: StylusTipToStylus given"):
+    with pytest.raises(InputError, match="no ProbeTipToProbe; it has StylusTipToStylus"):
         found.transform("probe", "probe_tip")
 
 
@@ -66,7 +66,7 @@ def test_a_document_type_is_refused_before_anything_of_it_is_read(tmp_path: Path
         (landmarks("<Landmark Position='1 2 3'/>"), "landmark 0 has no name"),
         (landmarks(*["<Landmark Name='A' Position='1 2 3'/>"] * 2), "'A' stands twice"),
         (landmarks("<Landmark Name='A' Position='1_0 2 3'/>"), "'A': '1_0' is not a number"),
-        (coordinates(*["<Transform From='A' To='B' Matrix=''/>"] * 2), "AToB stands twice"),
+        (coordinates(*["<Transform From='A' To='B' Matrix=''/>"] * 2), "AToB occurs twice"),
         (coordinates("<Transform From='A' Matrix=''/>"), "From='A' To=''"),
         ("<open>", "not well-formed XML"),
     ],
@@ -79,7 +79,7 @@ def test_what_cannot_be_used_is_named(tmp_path: Path, inner: str, message: str) 
 def test_other_xml_and_no_file_are_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.xml"
     other.write_text("<robot/>")
-    with pytest.raises(InputError, match="is a 'robot': a PlusConfiguration wanted"):
+    with pytest.raises(InputError, match="is a 'robot'; expected a PlusConfiguration"):
         read_plus_config(other)
     with pytest.raises(InputError, match="No such file"):
         read_plus_config(tmp_path / "none.xml")

@@ -45,7 +45,7 @@ def test_packages_are_found_and_links_out_of_them_are_not_followed(mesh, tmp_pat
         robot_from_text(text_with("package://arm/link.stl"), package_dirs=folders)
     with pytest.raises(RobotMeshError, match="leaves its package"):
         robot_from_text(text_with("package://arm/../../models/box.stl"), package_dirs=folders)
-    with pytest.raises(RobotMeshError, match="names no package"):
+    with pytest.raises(RobotMeshError, match="has no package name"):
         robot_from_text(text_with("package://../models/box.stl"), package_dirs=folders)
 
 

@@ -180,8 +180,8 @@ def test_a_scene_takes_the_place_of_another_and_leaves_nothing_beside(
     ("name", "message"),
     [
         ("scene.mrml", "is no scene file: .mrb wanted"),
-        ("none/scene.mrb", "a file in a folder that is there wanted"),
-        ("folder.mrb", "a file in a folder that is there wanted"),
+        ("none/scene.mrb", "parent directory does not exist"),
+        ("folder.mrb", "is a directory"),
     ],
 )
 def test_places_that_cannot_be_written(

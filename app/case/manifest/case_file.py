@@ -53,14 +53,14 @@ def load_manifest(folder: Path) -> CaseManifest:
         robot=robot,
         registration=read_registration(document, robot),
         margins=read_margins(document),
-        expected=document.text("expected") if document.has("expected") else None,
+        expected=document.text("expected") if "expected" in document else None,
     )
 
 
 def _recording(document: Section) -> RecordingEntry:
     block = document.section("recording", ("path", "sha256"))
     sha256 = None
-    if block.has("sha256"):
+    if "sha256" in block:
         sha256 = block.text("sha256").lower()
         if len(sha256) != 64 or not set(sha256) <= set("0123456789abcdef"):
             raise InputError(

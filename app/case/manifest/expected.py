@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import yaml
 
-from app.files.bounded_io import write_small
+from app.files.atomic_io import write_file
 from app.files.document import Section
 from app.geometry import InputError, Transform
 
@@ -75,7 +75,7 @@ def load_expected(path: Path, *, reference: str, robot_base: str) -> Expected:
         registration=_registration(document, reference, robot_base),
         breaches=_breaches(document),
         dropouts=_dropouts(document),
-        frames=document.integer("frames", minimum=0) if document.has("frames") else None,
+        frames=document.integer("frames", minimum=0) if "frames" in document else None,
     )
 
 
@@ -110,13 +110,13 @@ def write_expected(path: Path, expected: Expected) -> None:
         ]
     if expected.frames is not None:
         document["frames"] = expected.frames
-    write_small(path, yaml.safe_dump(document, sort_keys=False).encode())
+    write_file(path, yaml.safe_dump(document, sort_keys=False).encode())
 
 
 def _registration(
     document: Section, reference: str, robot_base: str
 ) -> ExpectedRegistration | None:
-    if not document.has("registration"):
+    if "registration" not in document:
         return None
     block = document.section(
         "registration", ("reference_from_base", "tolerance_mm", "tolerance_deg")
@@ -131,7 +131,7 @@ def _registration(
 
 
 def _breaches(document: Section) -> ExpectedBreaches | None:
-    if not document.has("breaches"):
+    if "breaches" not in document:
         return None
     block = document.section("breaches", ("tolerance_ms", "depth_tolerance_mm", "intervals"))
     keys = ("start_s", "end_s", "min_signed_distance_mm", "shaft_only")
@@ -139,7 +139,7 @@ def _breaches(document: Section) -> ExpectedBreaches | None:
         ExpectedBreach(
             *_span(entry),
             entry.number("min_signed_distance_mm"),
-            entry.boolean("shaft_only") if entry.has("shaft_only") else False,
+            entry.boolean("shaft_only") if "shaft_only" in entry else False,
         )
         for entry in block.sections("intervals", keys)
     )
@@ -151,7 +151,7 @@ def _breaches(document: Section) -> ExpectedBreaches | None:
 
 
 def _dropouts(document: Section) -> tuple[ExpectedDropout, ...]:
-    if not document.has("dropouts"):
+    if "dropouts" not in document:
         return ()
     dropouts = []
     for entry in document.sections("dropouts", ("frame", "kind", "start_s", "end_s")):

@@ -62,11 +62,11 @@ def read_provenance(document: Section) -> Provenance:
 
 def read_clock(document: Section) -> ClockEntry:
     """``clock``; without one the joints are on the tracker's clock."""
-    if not document.has("clock"):
+    if "clock" not in document:
         return ClockEntry(0, estimate=False)
     block = document.section("clock", ("offset_robot_to_tracker_ms", "estimate"))
-    estimate = block.boolean("estimate") if block.has("estimate") else False
-    if estimate and block.has("offset_robot_to_tracker_ms"):
+    estimate = block.boolean("estimate") if "estimate" in block else False
+    if estimate and "offset_robot_to_tracker_ms" in block:
         raise InputError(f"{block.place('estimate')} and an offset are given: one of them wanted")
     if estimate:
         return ClockEntry(0, estimate=True)
@@ -79,7 +79,7 @@ def read_tool(document: Section) -> ToolEntry:
     frame = read_frame(block, "frame")
     return ToolEntry(
         frame,
-        _mesh(block) if block.has("mesh") else None,
+        _mesh(block) if "mesh" in block else None,
         _pose(block, "tip_from", target=frame, source=f"{frame}_tip"),
     )
 
@@ -99,33 +99,33 @@ def read_tumor(document: Section, tool: ToolEntry) -> TumorEntry:
 
 
 def _shape(tumor: Section) -> MeshEntry | SegmentationEntry | ContourEntry:
-    if tumor.has("contour"):
-        if tumor.has("mesh"):
+    if "contour" in tumor:
+        if "mesh" in tumor:
             raise InputError(f"{tumor.place('mesh')} and a contour are given: one of them wanted")
         return ContourEntry(tumor.section("contour", ("path",)).text("path"))
     mesh = tumor.section("mesh", ("path", "units", "repair", "segment"))
     path = mesh.text("path")
     if not path.lower().endswith(SEGMENTATION_ENDING):
-        if mesh.has("segment"):
+        if "segment" in mesh:
             raise InputError(f"{mesh.place('segment')} is given: {path} is no segmentation")
         return MeshEntry(
             path,
             mesh.choice("units", tuple(UNITS_MM)),
-            repair=mesh.has("repair") and mesh.boolean("repair"),
+            repair="repair" in mesh and mesh.boolean("repair"),
         )
-    if mesh.has("repair"):
+    if "repair" in mesh:
         raise InputError(f"{mesh.place('repair')} is given: a mesh file alone is repaired")
-    if mesh.has("units"):
+    if "units" in mesh:
         raise InputError(f"{mesh.place('units')} is given: a segmentation is in mm")
-    return SegmentationEntry(path, mesh.text("segment") if mesh.has("segment") else None)
+    return SegmentationEntry(path, mesh.text("segment") if "segment" in mesh else None)
 
 
 def read_robot(document: Section) -> RobotEntry | None:
     """``robot``, None where the tool is held by hand."""
-    if not document.has("robot"):
+    if "robot" not in document:
         return None
     block = document.section("robot", ("urdf", "base_frame", "tool_link", "joint_states"))
-    joint_states = read_topic(block, "joint_states") if block.has("joint_states") else None
+    joint_states = read_topic(block, "joint_states") if "joint_states" in block else None
     return RobotEntry(
         block.text("urdf"), read_frame(block, "base_frame"), block.text("tool_link"), joint_states
     )
@@ -147,7 +147,7 @@ def check_topic(topic: str, where: str) -> str:
 
 def read_registration(document: Section, robot: RobotEntry | None) -> RegistrationEntry | None:
     """``registration``; a robot needs one."""
-    if not document.has("registration"):
+    if "registration" not in document:
         if robot is not None:
             raise InputError(f"{document.place('registration')} is missing: a robot needs one")
         return None
@@ -156,9 +156,9 @@ def read_registration(document: Section, robot: RobotEntry | None) -> Registrati
         "registration", ("method", "matrix", "fixed_mm", "moving_mm", "dwells", *drift)
     )
     entry = _registration_method(block, robot)
-    if block.has("max_drift_mm"):
+    if "max_drift_mm" in block:
         entry = replace(entry, max_drift_mm=block.number("max_drift_mm", minimum=MIN_DRIFT))
-    if block.has("max_drift_deg"):
+    if "max_drift_deg" in block:
         bound_deg = block.number("max_drift_deg", minimum=MIN_DRIFT)
         entry = replace(entry, max_drift_rad=math.radians(bound_deg))
     return entry
@@ -174,7 +174,7 @@ def _registration_method(block: Section, robot: RobotEntry | None) -> Registrati
     if method == "robot_world":
         _allow_only(block, method, ("dwells",))
         return RegistrationEntry("robot_world", dwells=_dwells(block))
-    if block.has("dwells"):
+    if "dwells" in block:
         _allow_only(block, "paired_points by dwells", ("dwells",))
         return RegistrationEntry("paired_points", dwells=_dwells(block))
     _allow_only(block, method, ("fixed_mm", "moving_mm"))
@@ -245,12 +245,12 @@ def read_margins(document: Section) -> MarginEntry:
         entry.v_max_mm_s,
         entry.stale_after_ns,
         block.integer("release_samples", minimum=1)
-        if block.has("release_samples")
+        if "release_samples" in block
         else entry.release_samples,
         block.number("release_band_mm", minimum=0.0)
-        if block.has("release_band_mm")
+        if "release_band_mm" in block
         else entry.release_band_mm,
-        _ns(block, "frozen_after_ms") if block.has("frozen_after_ms") else entry.frozen_after_ns,
+        _ns(block, "frozen_after_ms") if "frozen_after_ms" in block else entry.frozen_after_ns,
     )
 
 
@@ -292,7 +292,7 @@ def _ns(block: Section, key: str, *, signed: bool = False) -> int:
 
 def _allow_only(block: Section, method: str, allowed: tuple[str, ...]) -> None:
     for key in ("matrix", "fixed_mm", "moving_mm", "dwells"):
-        if block.has(key) and key not in allowed:
+        if key in block and key not in allowed:
             raise InputError(
                 f"{block.place(key)} does not belong to {method}: {', '.join(allowed)} wanted"
             )

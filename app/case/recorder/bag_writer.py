@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 from mcap.writer import CompressionType, Writer
 
+from app.files.atomic_io import write_files
 from app.geometry import InputError
 
 _CHUNK_BYTES = 256 * 1024
@@ -49,7 +50,7 @@ class BagWriter:
             folder.mkdir(parents=True)
             self._file = self._path.open("xb")
         except FileExistsError as error:
-            raise InputError(f"{folder} is there already: it is not written over") from error
+            raise InputError(f"{folder} already exists; refusing to overwrite it") from error
         except OSError as error:
             raise InputError(f"{folder} cannot be written: {error.strerror}") from error
         self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
@@ -168,11 +169,10 @@ class BagWriter:
             "ros_distro": "jazzy",
         }
         document = {"rosbag2_bagfile_information": information}
-        partial = self._folder / ".metadata.yaml.partial"
         # Without aliases: rosbag2's reader need not know them.
         text = yaml.dump(document, Dumper=_PlainDumper, sort_keys=False)
-        self._guarded(lambda: partial.write_text(text, encoding="utf-8"))
-        partial.replace(self._folder / "metadata.yaml")
+        contents = {"metadata.yaml": text.encode()}
+        self._guarded(lambda: write_files(self._folder, contents))
 
 
 class _PlainDumper(yaml.SafeDumper):

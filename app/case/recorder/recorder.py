@@ -63,7 +63,7 @@ class Recorder:
 
     def __enter__(self) -> Self:
         if self._path.exists():
-            raise InputError(f"{self._path} is there already: it is not written over")
+            raise InputError(f"{self._path} already exists; refusing to overwrite it")
         try:
             self._file: IO[bytes] = self._partial.open("wb")
         except OSError as error:

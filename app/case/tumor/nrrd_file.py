@@ -19,6 +19,7 @@ import nrrd
 import numpy as np
 from numpy.typing import NDArray
 
+from app.files.bounded_io import open_for_reading
 from app.geometry import FloatArray, InputError
 
 MAX_VOXELS = 1 << 27
@@ -65,14 +66,11 @@ def read_nrrd(path: Path) -> NrrdVolume:
     `InputError` for anything else: other axes than RAS, LAS and LPS, directions that span no
     space, values that are no whole numbers, data in another file, too few or too many of them.
     """
-    try:
-        with path.open("rb") as file:
-            header = _header(file, path)
-            shape = _shape(header, path)
-            ras_from_index, list_axis = _geometry(header, path)
-            content = _content(file, header, path, math.prod(shape))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    with open_for_reading(path) as file:
+        header = _header(file, path)
+        shape = _shape(header, path)
+        ras_from_index, list_axis = _geometry(header, path)
+        content = _content(file, header, path, math.prod(shape))
     values = _values(header, content, path)
     layers = values[None] if list_axis is None else np.moveaxis(values, list_axis, 0)
     layers.flags.writeable = False

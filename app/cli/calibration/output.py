@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 
 from app.cli.calibration.calibration_result import CalibrationResult, as_json, as_text
-from app.files import check_place, check_transform_path, write_small, write_transform
+from app.files import check_output_path, check_transform_path, write_file, write_transform
 from app.geometry import InputError
 
 NOT_ACCEPTED = 1
@@ -24,13 +24,13 @@ def check_outputs(save: Path | None, plot: Path | None, *, clock_offset: bool = 
             raise InputError(
                 f"{save}: wrong file type for a clock offset; expected {' or '.join(_YAML)}"
             )
-        check_place(save)
+        check_output_path(save)
     elif save is not None:
         check_transform_path(save)
     if plot is not None:
         if plot.suffix.lower() != ".png":
             raise InputError(f"{plot}: wrong file type for a plot; expected .png")
-        check_place(plot)
+        check_output_path(plot)
 
 
 def write_outputs(
@@ -65,7 +65,7 @@ def _save(result: CalibrationResult, path: Path) -> None:
     # The form of the `clock` entry of a case.yaml.
     key = "offset_robot_to_tracker_ms"
     text = yaml.safe_dump({"clock": {key: result.numbers[key]}})
-    write_small(path, f"# {note}\n{text}".encode())
+    write_file(path, f"# {note}\n{text}".encode())
 
 
 def _draw(result: CalibrationResult, path: Path) -> None:
@@ -85,4 +85,4 @@ def _draw(result: CalibrationResult, path: Path) -> None:
         labels=residuals.labels,
         outliers=residuals.outliers,
     )
-    write_small(path, picture)
+    write_file(path, picture)

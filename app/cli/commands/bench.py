@@ -44,13 +44,13 @@ def run(options: argparse.Namespace) -> int:
     It runs where the user is, so that paths among its options mean what they say, and finds its
     code in the checkout alone.
     """
-    from app.files import check_place
+    from app.files import check_output_path
     from app.geometry import InputError
 
     if not (CHECKOUT / "benchmarks").is_dir():
         raise InputError("there is no benchmarks folder: they run in a checkout of the project")
     for place in _places(options.options):
-        check_place(place)
+        check_output_path(place)
     code = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
         [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],

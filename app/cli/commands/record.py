@@ -96,7 +96,7 @@ def _wanted(options: argparse.Namespace) -> tuple[list[str], "LiveCase | None"]:
     if not topics:
         topics = [*TOPICS, *(_session_topic(topic, options) for topic in OF_THE_SESSION)]
     if options.output.exists():
-        raise InputError(f"{options.output} is there already: it is not written over")
+        raise InputError(f"{options.output} already exists; refusing to overwrite it")
     if options.config is None:
         return topics, None
     live = open_live(options.config, package_dirs=options.package_dirs)

@@ -98,7 +98,7 @@ def _played(
     with received.ends_at_once():
         from app import __version__
         from app.case import Player, open_case
-        from app.files import write_small
+        from app.files import write_file
         from app.report import all_passed, summarise, write_report
         from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
@@ -137,7 +137,7 @@ def _played(
     if painter is not None:
         for name, path in ((SCENE, options.save_scene), (MOVIE, options.movie)):
             if path is not None:
-                write_small(path, painter.content(name))
+                write_file(path, painter.content(name))
         watch.lap("write scene and movie")
     if options.timing:
         watch.tell()
@@ -148,7 +148,7 @@ def _played(
 def _check(options: argparse.Namespace) -> None:
     """Refuse, before anything is read, what could not be done or not be written in the end."""
     from app.case.frames.player import checked_rate
-    from app.files import check_place
+    from app.files import check_output_path
     from app.geometry import InputError
     from app.report import check_writable
 
@@ -161,7 +161,7 @@ def _check(options: argparse.Namespace) -> None:
         check_writable(options.report)
     for path in (options.save_scene, options.movie):
         if path is not None:
-            check_place(path)
+            check_output_path(path)
 
 
 def _wanted(options: argparse.Namespace) -> tuple[str, ...]:

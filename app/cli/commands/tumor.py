@@ -48,10 +48,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Build or read, check, say, write."""
-    from app.files import check_mesh_place, write_mesh
+    from app.files import check_mesh_path, write_mesh
 
     if options.output is not None:
-        check_mesh_place(options.output)
+        check_mesh_path(options.output)
         _check_not_source(options)
     tumor, reason = _checked(_tumor(options), str(options.source), repair=options.repair)
     found = _described(options.source, tumor, reason)

@@ -1,13 +1,12 @@
-"""AMBF description files (ADF): bodies and joints as they stand in the YAML, checked.
+"""AMBF description files (ADF): the YAML text as checked sections of bodies and joints.
 
-Versions 0.1 (written by the Blender add-on of 2019) to 1.0. A section is named by its key
-(``BODY link1``, spaces and all), which is what a joint's ``parent`` and ``child`` say; what the
-simulator calls the body in ROS is the section's ``name`` without its spaces. Lengths are m, angles
-rad, an orientation is roll, pitch and yaw about the fixed axes x, y, z in that order (as in URDF).
+Versions 0.1 (written by the Blender add-on of 2019) to 1.0. A joint's ``parent`` and ``child`` name
+a body by the key of its section (``BODY link1``, with the space). The body's name in ROS is the
+section's ``name`` without spaces. Lengths are in m and angles in rad. An orientation is roll, pitch
+and yaw about the fixed axes x, y, z in that order, as in URDF.
 """
 
 import math
-import re
 import reprlib
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
@@ -15,27 +14,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
-from app.files.xml_guard import read_file
+from app.files.bounded_io import read_bounded
+from app.files.yaml_file import parse_yaml
 from app.geometry import FloatArray
 from app.robot.errors import AdfError
 
 MAX_BYTES = 2 * 1024 * 1024
 MAX_DEPTH = 24
 
-_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
-_READ_OTHERWISE = re.compile(r"[_:]|^[-+]?0[0-9xb]")
-"""YAML 1.1, which is read here, has 8 for 010 and 90 for 1:30; the simulator's reader has not."""
-
 _SHORT = reprlib.Repr()
-_SHORT.maxlevel = 2  # aliases share a value, and its words would unfold
+_SHORT.maxlevel = 2  # aliases share a value: its full text can be exponentially long
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One mapping of the file with the name of its place, for values and for messages."""
+    """One mapping of the file; ``place`` names it in messages."""
 
     place: str
     values: Mapping[Hashable, Any]
@@ -44,37 +39,39 @@ class Section:
         return self.values.get(key) is not None
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A string, or ``default`` where the key is missing."""
+        """Return the string under ``key``, or ``default`` where the key is missing."""
         value = self.values.get(key, default)
         if not isinstance(value, str) or not value.strip():
-            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(value)}: a text wanted")
+            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(value)}; expected a text")
         return value.strip()
 
     def number(self, key: Hashable, default: float | None = None) -> float:
-        """A finite number, or ``default`` where the key is missing."""
+        """Return the finite number under ``key``, or ``default`` where the key is missing."""
         value = self.values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not _finite(value):
-            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(value)}: a finite number wanted")
+            raise AdfError(
+                f"{self.place}: {key!r} is {_SHORT.repr(value)}; expected a finite number"
+            )
         return float(value)
 
     def numbers(self, keys: Iterable[Hashable]) -> FloatArray:
-        """The numbers under ``keys``, all of them wanted."""
+        """Return the numbers under ``keys`` as (n,); each is required."""
         return np.array([self.number(key) for key in keys])
 
     def inside(self, key: str) -> "Section":
-        """The mapping under ``key``; an empty one where it is missing."""
+        """Return the mapping under ``key``, or an empty one where it is missing."""
         return self._mapping(f"{self.place}: {key}", self.values.get(key))
 
     def entries(self, key: str) -> "list[Section]":
-        """The mappings of the list under ``key``; none where it is missing."""
+        """Return the mappings of the list under ``key``, or none where it is missing."""
         entries = self.values.get(key) or []
         if not isinstance(entries, list):
-            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(entries)}: a list wanted")
+            raise AdfError(f"{self.place}: {key!r} is {_SHORT.repr(entries)}; expected a list")
         place = f"{self.place}: {key}"
         return [self._mapping(f"{place}[{n}]", entry) for n, entry in enumerate(entries)]
 
     def pose(self, key: str) -> FloatArray:
-        """``position`` (m) and ``orientation`` under ``key`` as (4, 4), the identity without."""
+        """Return ``position`` (m) and ``orientation`` under ``key`` as (4, 4)."""
         section, matrix = self.inside(key), np.eye(4)
         if "position" in section:
             matrix[:3, 3] = section.inside("position").numbers("xyz")
@@ -84,7 +81,7 @@ class Section:
         return matrix
 
     def scale(self) -> FloatArray:
-        """``scale`` as (3,): a number, three of them, or x, y and z; 1 where it is missing."""
+        """Return ``scale`` (3,): from a number, a list or x, y and z; 1 where it is missing."""
         value = self.values.get("scale")
         if isinstance(value, Mapping):
             scale = self.inside("scale").numbers("xyz")
@@ -95,21 +92,21 @@ class Section:
             scale = np.full(3, self.number("scale", 1.0))
         if scale.shape != (3,) or (scale == 0.0).any():
             raise AdfError(
-                f"{self.place}: 'scale' is {_SHORT.repr(value)}: "
-                "one or 3 numbers other than 0 wanted"
+                f"{self.place}: 'scale' is {_SHORT.repr(value)}; "
+                "expected 1 or 3 numbers other than 0"
             )
         return scale
 
     @staticmethod
     def _mapping(place: str, value: Any) -> "Section":
         if value is not None and not isinstance(value, Mapping):
-            raise AdfError(f"{place} is {_SHORT.repr(value)}: a mapping wanted")
+            raise AdfError(f"{place} is {_SHORT.repr(value)}; expected a mapping")
         return Section(place, value or {})
 
 
 @dataclass(frozen=True, slots=True)
 class AdfDocument:
-    """The file's own settings, its bodies and its joints, each by its key, in file order."""
+    """Settings of the file, and bodies and joints by key in file order."""
 
     settings: Section
     bodies: Mapping[str, Section]
@@ -117,15 +114,15 @@ class AdfDocument:
 
 
 def read_adf(path: Path) -> AdfDocument:
-    """Read the file; raise `AdfError` for what is no ADF, or names a section that it has not."""
-    data = read_file(path, AdfError, max_bytes=MAX_BYTES)
-    try:
-        values = yaml.load(data, _StrictLoader)
-    except (yaml.YAMLError, ValueError, RecursionError) as problem:
-        reason = " ".join(str(problem).split())
-        raise AdfError(f"{path} is not YAML that can be read: {reason}") from problem
+    """Read the ADF at ``path``.
+
+    Raises `AdfError` for a file that is not an ADF and for a listed section that is missing.
+    """
+    # Bytes, because the simulator's reader also accepts UTF-16.
+    content = read_bounded(path, MAX_BYTES, AdfError)
+    values = parse_yaml(content, path, max_depth=MAX_DEPTH, error=AdfError)
     if not isinstance(values, Mapping) or not values.get("bodies"):
-        raise AdfError(f"{path} is no ADF: a mapping with a list of 'bodies' wanted")
+        raise AdfError(f"{path} is not an ADF; expected a mapping with a list of 'bodies'")
     settings = Section(str(path), values)
     return AdfDocument(settings, _sections(settings, "bodies"), _sections(settings, "joints"))
 
@@ -133,49 +130,22 @@ def read_adf(path: Path) -> AdfDocument:
 def _sections(settings: Section, kind: str) -> dict[str, Section]:
     keys = settings.values.get(kind) or []
     if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
-        raise AdfError(f"{settings.place}: {kind!r} is {_SHORT.repr(keys)}: a list of names wanted")
+        raise AdfError(
+            f"{settings.place}: {kind!r} is {_SHORT.repr(keys)}; expected a list of names"
+        )
     sections = {}
     for key in keys:
         value = settings.values.get(key)
         if not isinstance(value, Mapping):
-            raise AdfError(f"{settings.place} lists {key!r} in {kind!r} and has no such section")
+            raise AdfError(f"{settings.place} lists {key!r} in {kind!r}, but has no such section")
         if key in sections:
             raise AdfError(f"{settings.place} lists {key!r} twice in {kind!r}")
         sections[key] = Section(f"{settings.place}: {key}", value)
     return sections
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """A safe loader without double keys, merges (which can unfold without end) and deep nesting."""
-
-    depth = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise yaml.YAMLError(f"nested deeper than {MAX_DEPTH} levels")
-        node: yaml.Node | None = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        names = [(key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        if len(names) != len(node.value) or len(set(names)) != len(names):
-            line = node.start_mark.line + 1
-            raise yaml.YAMLError(f"the mapping in line {line} has a key twice, or one that is none")
-        if any(tag == "tag:yaml.org,2002:merge" for tag, _ in names):
-            raise yaml.YAMLError(f"a merge key (<<) in line {node.start_mark.line + 1}")
-        return super().construct_mapping(node, deep)
-
-    def construct_scalar(self, node: Any) -> Any:
-        if node.tag in _NUMBERS and _READ_OTHERWISE.search(node.value):
-            line = node.start_mark.line + 1
-            raise yaml.YAMLError(f"{node.value[:60]!r} in line {line} is read in two ways")
-        return super().construct_scalar(node)
-
-
 def _finite(value: float) -> bool:
     try:
         return math.isfinite(value)
-    except OverflowError:  # an integer beyond all floats
+    except OverflowError:  # an integer too large for a float
         return False

@@ -16,10 +16,10 @@ import numpy as np
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
 from app.robot.description.adf import AdfDocument, Section, read_adf
 from app.robot.description.ambf_shapes import BodyShapes
-from app.robot.description.packages import MeshLocator
+from app.robot.description.mesh_locator import MeshLocator
 from app.robot.errors import AdfError, RobotMeshError, UrdfError
 from app.robot.kinematics.joint import MM_PER_M, Joint, JointType
-from app.robot.meshes.mesh_file import read_mesh_file
+from app.robot.meshes.mesh_file import read_robot_mesh
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Shape
 
@@ -97,7 +97,7 @@ def bodies_from_mesh_map(
         if path is None:
             raise RobotMeshError(f"mesh {mesh!r} of body {name!r} not found")
         try:
-            file = read_mesh_file(path)
+            file = read_robot_mesh(path)
             surface = SurfaceMesh(name, file.vertices * MM_PER_M, file.faces.astype(np.int32))
             joints.append(_fixed_in_world(name, np.eye(4)))
         except (FrameError, MeshError) as problem:

@@ -12,13 +12,15 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
+from app.files.mesh_file import FileMesh
+from app.files.packages import split_package_dir
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 from app.robot.description.adf import Section
-from app.robot.description.packages import MeshLocator, split_entry
+from app.robot.description.mesh_locator import MeshLocator
 from app.robot.errors import AdfError, RobotMeshError
 from app.robot.kinematics.joint import MM_PER_M
 from app.robot.meshes import primitives
-from app.robot.meshes.mesh_file import FileMesh, read_mesh_file
+from app.robot.meshes.mesh_file import read_robot_mesh
 from app.robot.shapes import Link, Rgba, Shape
 
 HIGH, LOW = "high resolution path", "low resolution path"
@@ -33,7 +35,7 @@ class BodyShapes:
         self._settings = settings
         folder = adf.parent
         self._bases = (
-            *(split_entry(entry)[1] for entry in package_dirs),
+            *(split_package_dir(entry)[1] for entry in package_dirs),
             folder,
             folder / "meshes",
         )
@@ -74,7 +76,7 @@ class BodyShapes:
     def _mesh(self, name: str, body: Section, file: str, roles: Sequence[str]) -> Shape:
         path, source = self._find(name, body, file, roles)
         if path not in self._files:
-            self._files[path] = read_mesh_file(path)
+            self._files[path] = read_robot_mesh(path)
         mesh, scale = self._files[path], body.scale()
         # A scale that mirrors turns the surface inside out; so does swapping two corners.
         faces = mesh.faces[:, ::-1] if scale.prod() < 0.0 else mesh.faces

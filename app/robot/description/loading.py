@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from app.files.mesh_file import FileMesh
 from app.files.xml_guard import read_xml
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
-from app.robot.description.packages import MeshLocator
+from app.robot.description.mesh_locator import MeshLocator
 from app.robot.description.urdf import MAX_URDF_BYTES, parse_urdf, read_urdf
 from app.robot.errors import RobotMeshError, UrdfError
 from app.robot.kinematics.joint import MM_PER_M, Joint, JointType, Mimic
 from app.robot.meshes import primitives
-from app.robot.meshes.mesh_file import FileMesh, read_mesh_file
+from app.robot.meshes.mesh_file import read_robot_mesh
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Rgba, Shape
 
@@ -32,7 +33,7 @@ def load_robot(
     """Load a robot file: URDF, ``.xacro`` (see `xacro_file`) or AMBF's ADF (``.yaml``).
 
     Every visual and every collision of every link is read. ``package_dirs`` says where
-    ``package://`` names lead (see `packages`; other places are tried too). A mesh that is
+    ``package://`` names lead (see `mesh_locator`; other places are tried too). A mesh that is
     missing or broken raises `RobotMeshError` where it is for collision, and is left out with a
     sentence in `Robot.warnings` where it is for display. A name that leaves its package or needs a
     network is refused in both. Raises `UrdfError` or `AdfError` for a description that is unsafe,
@@ -168,7 +169,7 @@ class _ShapeReader:
         if path is None:
             raise RobotMeshError(f"mesh {name!r} not found")
         if path not in self._files:
-            self._files[path] = read_mesh_file(path)
+            self._files[path] = read_robot_mesh(path)
         file, scale = self._files[path], _scale(geometry.mesh.scale, name)
         # A scale that mirrors turns the surface inside out; so does swapping two corners.
         faces = file.faces[:, ::-1] if scale.prod() < 0.0 else file.faces

@@ -20,7 +20,8 @@ from xml.parsers.expat import ExpatError
 import xacro
 import xacro.substitution_args
 
-from app.files.xml_guard import read_file, read_xml
+from app.files.bounded_io import read_bounded
+from app.files.xml_guard import read_xml
 from app.robot.errors import UrdfError
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
@@ -81,7 +82,7 @@ class _Reader:
         if not path.is_file():  # an optional include may be missing
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
         if path.suffix.lower() in (".yaml", ".yml"):
-            return BytesIO(read_file(path, UrdfError, max_bytes=MAX_FILE_BYTES))
+            return BytesIO(read_bounded(path, MAX_FILE_BYTES, UrdfError))
         return BytesIO(read_xml(path, UrdfError, max_bytes=MAX_FILE_BYTES))
 
     def find(self, package: str) -> str:

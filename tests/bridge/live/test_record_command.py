@@ -134,7 +134,7 @@ def test_nothing_is_written_over(start, tmp_path):
     (tmp_path / "case").mkdir()
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "case"))
     assert recorder.process.wait() == 2
-    assert "is there already: it is not written over" in recorder.log.read_text()
+    assert "already exists; refusing to overwrite it" in recorder.log.read_text()
     assert list((tmp_path / "case").iterdir()) == []
 
 

@@ -53,7 +53,7 @@ def test_every_block_may_be_absent(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("breach: {}", "breach is not known"),
+        ("breach: {}", "breach is unknown"),
         ("frames: 1.5", "frames is 1.5"),
         ("breaches: {tolerance_ms: 1, intervals: []}", "depth_tolerance_mm is missing"),
         ("dropouts: [{frame: a, kind: gone, start_s: 1, end_s: 2}]", r"dropouts\[0\].kind"),

@@ -56,7 +56,7 @@ def test_what_was_flushed_can_be_read_though_nothing_was_closed(tmp_path):
 
 def test_a_bag_is_never_written_over(tmp_path):
     (tmp_path / "bag").mkdir()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="already exists"):
         BagWriter(tmp_path / "bag")
 
 

@@ -78,7 +78,7 @@ def test_nothing_is_left_of_a_recording_that_failed(tmp_path: Path, frames: Fram
 def test_nothing_is_written_over(tmp_path: Path, frames: Frames) -> None:
     path = tmp_path / "x.mcap"
     path.write_text("mine")
-    with pytest.raises(InputError, match="is not written over"):
+    with pytest.raises(InputError, match="refusing to overwrite it"):
         write_recording(path, frames(5))
     assert path.read_text() == "mine"
     with pytest.raises(InputError, match="cannot be written"):

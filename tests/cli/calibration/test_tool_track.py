@@ -47,5 +47,5 @@ def test_tip_may_come_from_a_plus_configuration(tmp_path: Path) -> None:
     tip = read_tip(recorded(2), "stylus", tip_from=path, plus=None)
     assert (tip.target, tip.source) == ("stylus", "stylus_tip")
     np.testing.assert_array_equal(tip.translation_mm, TIP_MM)
-    with pytest.raises(InputError, match="has no NeedleTipToNeedle: StylusTipToStylus given"):
+    with pytest.raises(InputError, match="has no NeedleTipToNeedle; it has StylusTipToStylus"):
         read_tip(recorded(2), "needle", tip_from=path, plus=None)

@@ -1,6 +1,7 @@
 """Scenes of several parts, node transforms, units, broken files."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from trimesh.transformations import translation_matrix
 
 from app.geometry import SurfaceMesh
 from app.robot import RobotMeshError
-from app.robot.meshes.mesh_file import read_mesh_file
+from app.robot.meshes.mesh_file import OPTIONS, read_robot_mesh
 
 
 def box(size=(1.0, 1.0, 1.0), color=None):
@@ -22,7 +23,7 @@ def box(size=(1.0, 1.0, 1.0), color=None):
 
 
 def surface(path):
-    read = read_mesh_file(path)
+    read = read_robot_mesh(path)
     return SurfaceMesh("file", read.vertices, read.faces), read.face_colors
 
 
@@ -139,7 +140,7 @@ def test_a_part_with_a_broken_material_keeps_its_geometry(dae):
 )
 def test_collada_that_cannot_be_read_whole_is_refused(dae, change, message):
     with pytest.raises(RobotMeshError, match=message) as caught:
-        read_mesh_file(dae(change))
+        read_robot_mesh(dae(change))
     assert "\n" not in str(caught.value)
 
 
@@ -157,12 +158,12 @@ def doubled(times):
 
 
 def test_instances_in_instances_are_not_written_out_without_end(dae):
-    assert len(read_mesh_file(dae(doubled(4))).faces) == 12 * 2**4
-    with pytest.raises(RobotMeshError, match=r"stands for \d{15,} bytes with its instances"):
-        read_mesh_file(dae(doubled(40)))
+    assert len(read_robot_mesh(dae(doubled(4))).faces) == 12 * 2**4
+    with pytest.raises(RobotMeshError, match=r"has \d{15,} bytes with its instances"):
+        read_robot_mesh(dae(doubled(40)))
     loop = ('<instance_node url="#n0"/>', '<instance_node url="#n1"/>')
-    with pytest.raises(RobotMeshError, match="a node 'n1' that holds itself"):
-        read_mesh_file(dae(doubled(1), loop))
+    with pytest.raises(RobotMeshError, match="a node 'n1' that contains itself"):
+        read_robot_mesh(dae(doubled(1), loop))
 
 
 def test_one_part_at_more_places_than_anyone_could_hold_is_refused(tmp_path, monkeypatch):
@@ -170,11 +171,11 @@ def test_one_part_at_more_places_than_anyone_could_hold_is_refused(tmp_path, mon
     for place in range(5):
         scene.add_geometry(box(), transform=translation_matrix((place, 0, 0)), geom_name="one")
     scene.export(tmp_path / "five.glb")
-    monkeypatch.setattr("app.robot.meshes.mesh_file.MAX_TRIANGLES", 60)
-    assert len(read_mesh_file(tmp_path / "five.glb").faces) == 60
-    monkeypatch.setattr("app.robot.meshes.mesh_file.MAX_TRIANGLES", 59)
+    monkeypatch.setattr("app.robot.meshes.mesh_file.OPTIONS", replace(OPTIONS, max_triangles=60))
+    assert len(read_robot_mesh(tmp_path / "five.glb").faces) == 60
+    monkeypatch.setattr("app.robot.meshes.mesh_file.OPTIONS", replace(OPTIONS, max_triangles=59))
     with pytest.raises(RobotMeshError, match=r"five\.glb has more than 59 triangles"):
-        read_mesh_file(tmp_path / "five.glb")
+        read_robot_mesh(tmp_path / "five.glb")
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae"])
@@ -185,9 +186,9 @@ def test_vertices_that_are_not_finite_are_refused(tmp_path, suffix):
     vertices[3] = np.nan
     bad = trimesh.Trimesh(vertices, holed.faces, process=False)
     bad.export(tmp_path / f"bad.{suffix}")
-    assert len(read_mesh_file(tmp_path / f"good.{suffix}").faces) == 12
+    assert len(read_robot_mesh(tmp_path / f"good.{suffix}").faces) == 12
     with pytest.raises(RobotMeshError, match="not finite"):
-        read_mesh_file(tmp_path / f"bad.{suffix}")
+        read_robot_mesh(tmp_path / f"bad.{suffix}")
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "dae", "glb", "ply"])
@@ -196,7 +197,7 @@ def test_files_of_rubbish_are_refused_in_one_line(tmp_path, suffix, content):
     path = tmp_path / f"rubbish.{suffix}"
     path.write_bytes(content)
     with pytest.raises(RobotMeshError, match="rubbish") as caught:
-        read_mesh_file(path)
+        read_robot_mesh(path)
     assert "\n" not in str(caught.value)
 
 
@@ -206,7 +207,7 @@ def test_the_picture_of_a_ply_is_not_opened(tmp_path, caplog):
     text = box().export(file_type="ply", encoding="ascii").decode()
     named = text.replace("element vertex", "comment TextureFile picture.png\nelement vertex", 1)
     (tmp_path / "box.ply").write_text(named)
-    assert len(read_mesh_file(tmp_path / "box.ply").faces) == 12
+    assert len(read_robot_mesh(tmp_path / "box.ply").faces) == 12
     assert "image" not in caplog.text
 
 
@@ -214,17 +215,19 @@ def test_a_truncated_stl_is_refused(tmp_path):
     path = tmp_path / "cut.stl"
     path.write_bytes(box().export(file_type="stl")[:-70])
     with pytest.raises(RobotMeshError, match=r"cut.stl"):
-        read_mesh_file(path)
+        read_robot_mesh(path)
 
 
 def test_other_formats_are_refused_by_name(tmp_path):
     path = tmp_path / "model.step"
     path.write_text("x")
-    with pytest.raises(RobotMeshError, match=r"model.step is of no known format: .stl, .obj"):
-        read_mesh_file(path)
+    with pytest.raises(
+        RobotMeshError, match=r"model.step is of an unknown format; expected .stl, .obj"
+    ):
+        read_robot_mesh(path)
 
 
 def test_a_cloud_of_points_is_no_mesh(tmp_path):
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
     with pytest.raises(RobotMeshError, match="no triangles"):
-        read_mesh_file(tmp_path / "points.ply")
+        read_robot_mesh(tmp_path / "points.ply")

@@ -7,7 +7,6 @@ the header, compressed or not; they are never read, and ``ImageStatus`` does not
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -17,6 +16,7 @@ import numpy as np
 from app.case.frames.assembly import agreed_sample
 from app.case.frames.samples import TrackingFrame
 from app.case.readers.recording_format import Note
+from app.files.bounded_io import open_for_reading
 from app.files.numbers import numbers_in
 from app.geometry import (
     FrameError,
@@ -43,14 +43,14 @@ _MAX_LINE_BYTES = 1_000_000
 
 def check_igsio_header(path: Path) -> None:
     """Raise `InputError` unless the header of ``path`` is whole; reads the header's text only."""
-    with _opened(path) as file:
+    with open_for_reading(path) as file:
         for _ in _fields(file, str(path)):
             pass
 
 
 def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
     """Yield the frames of ``path`` in the file's order, clock jumps and all; see `read_header`."""
-    with _opened(path) as file:
+    with open_for_reading(path) as file:
         yield from read_header(file, str(path), FrameNames(note).of, note)
 
 
@@ -210,15 +210,6 @@ def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
             yield line, key, value
     wanted = "the empty line that ends it" if nrrd else "its last field, ElementDataFile"
     raise InputError(f"{path} is cut at line {line}, {last}: the header lacks {wanted}")
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[IO[bytes]]:
-    try:
-        with path.open("rb") as file:
-            yield file
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def _mha_field(text: str) -> tuple[str, str] | None:

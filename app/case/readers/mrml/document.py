@@ -1,13 +1,9 @@
-"""What a recording needs of an MRML scene file: its sequences of transforms, and plain transforms.
-
-Walked by expat itself, which stops at a document type before it has read one declaration: entities,
-which MRML never has, cannot be expanded or fetched.
-"""
+"""Sequences of transforms, and plain transforms, of an MRML scene file."""
 
 from dataclasses import dataclass, field
 from urllib.parse import unquote
-from xml.parsers import expat
 
+from app.files.xml_guard import walk_xml
 from app.geometry import InputError
 
 _TRANSFORM_NODES = ("vtkMRMLLinearTransformNode", "vtkMRMLTransformNode")
@@ -56,13 +52,7 @@ def read_mrml_document(content: bytes, place: str) -> MrmlDocument:
     sequence of transforms that is not over time in seconds or has no file.
     """
     walk = _Walk(place)
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = walk.refuse_doctype
-    parser.StartElementHandler = walk.start
-    try:
-        parser.Parse(content, True)
-    except (expat.ExpatError, ValueError, LookupError) as error:
-        raise InputError(f"{place} is not well-formed XML: {error}") from error
+    walk_xml(content, place, start=walk.start)
     return walk.document()
 
 
@@ -73,9 +63,6 @@ class _Walk:
     storages: dict[str, str] = field(default_factory=dict)
     sequences: list[dict[str, str]] = field(default_factory=list)
     transforms: dict[str, TransformEntry] = field(default_factory=dict)
-
-    def refuse_doctype(self, *_: object) -> None:
-        raise InputError(f"{self.place} has a document type (DOCTYPE): none is allowed")
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         if not self.is_mrml:

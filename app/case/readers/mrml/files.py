@@ -9,6 +9,7 @@ from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import IO, Protocol
 
+from app.files.bounded_io import open_for_reading
 from app.files.paths import resolve_inside
 from app.geometry import InputError, MarginGuardError
 
@@ -58,14 +59,14 @@ class MrmlFiles(Protocol):
 @contextmanager
 def open_mrml(path: Path) -> Iterator[MrmlFiles]:
     """The files of the scene at ``path``; `InputError` for what cannot be read or is damaged."""
-    try:
-        if path.suffix.lower() == ".mrb":
-            with path.open("rb") as file, _Bundle.opened(file, str(path), _Budget()) as bundle:
-                yield bundle
-        else:
-            yield _Folder(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+    if path.suffix.lower() == ".mrb":
+        with (
+            open_for_reading(path) as file,
+            _Bundle.opened(file, str(path), _Budget()) as bundle,
+        ):
+            yield bundle
+    else:
+        yield _Folder(path)
 
 
 def inner_scene(files: MrmlFiles, file: IO[bytes], name: str, place: str) -> bytes:
@@ -86,13 +87,13 @@ class _Folder:
         self._path = path
 
     def scene(self) -> bytes:
-        with self._path.open("rb") as file:
+        with open_for_reading(self._path) as file:
             return self.budget.read(file, self.place)
 
     @contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
         path = resolve_inside(self._path.parent, name, f"{self.place}: the file of a sequence")
-        with path.open("rb") as file:
+        with open_for_reading(path) as file:
             yield file
 
 

@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
+from app.files.bounded_io import open_for_reading
 from app.geometry import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -65,13 +66,10 @@ _Record = Schema | Channel | _Message
 
 def read_mcap_messages(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
     """Yield the messages of ``path``; raises `InputError` when it is no MCAP file at all."""
-    try:
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise InputError(f"{path} is no MCAP file: it does not begin with the MCAP magic")
-            yield from _messages(file, path.name, note)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+    with open_for_reading(path) as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise InputError(f"{path} is no MCAP file: it does not begin with the MCAP magic")
+        yield from _messages(file, path.name, note)
 
 
 def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[RawMessage]:

@@ -2,8 +2,9 @@
 
 import pytest
 
+from app.files.packages import PROJECT_DATA
 from app.robot import RobotMeshError, UrdfError
-from app.robot.description.packages import PROJECT_DATA, MeshLocator
+from app.robot.description.mesh_locator import MeshLocator
 
 NAME = "package://arm/meshes/a.stl"
 

@@ -1,8 +1,8 @@
-"""COLLADA as robots use it: strict about geometry, forgiving about everything else.
+"""COLLADA as robots use it: strict about geometry, tolerant of errors elsewhere.
 
-pycollada can be told to skip what is broken, but a part whose material refers to a missing
-picture then vanishes with its geometry. So a file is read strictly, and when that fails once more
-without anything but geometry and its places.
+pycollada can ignore broken elements, but then drops a part with its geometry when the picture of
+its material is missing. So a file is read strictly first. If that fails, it is read again with
+nothing but geometry and node transforms.
 """
 
 import io
@@ -15,12 +15,12 @@ from collada.common import DaeError
 from lxml import etree
 from trimesh.exchange.dae import load_collada
 
-from app.files.xml_guard import MAX_XML_BYTES, parse_xml, read_xml
-from app.robot.errors import RobotMeshError
+from app.files.xml_guard import parse_xml, read_xml
+from app.geometry import MarginGuardError
 
 _NOT_A_NUMBER = re.compile(r"\S*[^-+.eE0-9\s]\S*")
 _NODE_BYTES = 1000
-"""What a node costs to place, as if it were text."""
+"""Assumed size of a node, added to that of its text."""
 
 _APPEARANCE = (
     *("bind_material", "library_materials", "library_effects", "library_images"),
@@ -29,18 +29,21 @@ _APPEARANCE = (
 )
 
 
-def read_collada(path: Path) -> tuple[dict[str, Any], float]:
-    """Read the scene as trimesh's keywords, and the metres that one unit of it is.
+def read_collada(
+    path: Path, error: type[MarginGuardError], max_bytes: int
+) -> tuple[dict[str, Any], float]:
+    """Read the scene as keywords of `trimesh.load_scene`, with its unit in metres.
 
-    Raises `RobotMeshError` for geometry that cannot be read whole, skinned meshes among it.
+    Raises ``error`` for geometry that cannot be read completely, which includes skinned meshes,
+    and for a file of more than ``max_bytes``, also with its instances written out.
     """
-    data = read_xml(path, RobotMeshError)
-    root = parse_xml(data, path, RobotMeshError)
+    data = read_xml(path, error, max_bytes=max_bytes)
+    root = parse_xml(data, path, error)
     if root.find(".//{*}visual_scene//{*}instance_controller") is not None:
-        raise RobotMeshError(f"mesh {path} has a skinned or morphed part: rigid parts only")
-    _check_positions(root, path)
-    _check_size(root, path)
-    unit = _unit(root, path)
+        raise error(f"mesh {path} has a skinned or morphed part; expected rigid parts")
+    _check_positions(root, path, error)
+    _check_size(root, path, error, max_bytes)
+    unit = _unit(root, path, error)
     try:
         return _read_strictly(data), unit
     except DaeError:
@@ -48,7 +51,7 @@ def read_collada(path: Path) -> tuple[dict[str, Any], float]:
     try:
         return _read_strictly(bare), unit
     except DaeError as problem:
-        raise RobotMeshError(f"mesh {path} cannot be read: {problem.msg}") from problem
+        raise error(f"mesh {path} cannot be read: {problem.msg}") from problem
 
 
 def _read_strictly(data: bytes) -> dict[str, Any]:
@@ -66,24 +69,26 @@ def _without_appearance(root: etree._Element) -> etree._Element:
     return root
 
 
-def _check_positions(root: etree._Element, path: Path) -> None:
-    """Refuse what pycollada reads as 0 (NaN) or stops at (text): both move vertices in silence."""
+def _check_positions(root: etree._Element, path: Path, error: type[MarginGuardError]) -> None:
+    """Refuse what pycollada reads as 0 (NaN) or stops at (text): both move vertices unnoticed."""
     sources = {element.get("id"): element for element in root.iterfind(".//{*}mesh/{*}source")}
     for used in root.iterfind(".//{*}mesh/{*}vertices/{*}input[@semantic='POSITION']"):
         source = sources.get((used.get("source") or "").removeprefix("#"))
         numbers = "" if source is None else source.findtext("{*}float_array") or ""
         foreign = _NOT_A_NUMBER.search(numbers)
         if foreign:
-            raise RobotMeshError(
-                f"mesh {path} has vertices that are not finite numbers: {foreign.group()!r}"
+            raise error(
+                f"mesh {path} has {foreign.group()!r} among its vertices, which is not finite"
             )
 
 
-def _check_size(root: etree._Element, path: Path) -> None:
-    """Refuse a scene that is larger, with all its instances written out, than a file may be.
+def _check_size(
+    root: etree._Element, path: Path, error: type[MarginGuardError], max_bytes: int
+) -> None:
+    """Refuse a scene that would exceed ``max_bytes`` with all its instances written out.
 
-    A node may stand in others by its name, and these in others again: forty lines can stand for a
-    million million triangles.
+    A node may be instanced in others, and these in others again: 40 nodes can describe 10^12
+    triangles.
     """
     named = {f"#{node.get('id')}": node for node in root.iterfind(".//{*}node[@id]")}
     geometries = {f"#{each.get('id')}": each for each in root.iterfind(".//{*}geometry[@id]")}
@@ -93,7 +98,7 @@ def _check_size(root: etree._Element, path: Path) -> None:
         if element is None:
             return 0
         if element in above:
-            raise RobotMeshError(f"mesh {path} has a node {element.get('id')!r} that holds itself")
+            raise error(f"mesh {path} has a node {element.get('id')!r} that contains itself")
         if element not in sizes:
             above |= {element}
             size = _NODE_BYTES + sum(len(each.text or "") for each in element.iterfind(".//{*}p"))
@@ -109,15 +114,15 @@ def _check_size(root: etree._Element, path: Path) -> None:
         return sizes[element]
 
     size = sum(size_of(scene, frozenset()) for scene in root.iterfind(".//{*}visual_scene"))
-    if size > MAX_XML_BYTES:
-        raise RobotMeshError(
-            f"mesh {path} stands for {size} bytes with its instances written out: {MAX_XML_BYTES} "
-            "allowed"
+    if size > max_bytes:
+        raise error(
+            f"mesh {path} has {size} bytes with its instances written out; expected at most "
+            f"{max_bytes}"
         )
 
 
-def _unit(root: etree._Element, path: Path) -> float:
-    """``<unit meter=...>``; 1 where the file does not say, as the format has it."""
+def _unit(root: etree._Element, path: Path, error: type[MarginGuardError]) -> float:
+    """``<unit meter=...>``, by default 1 (COLLADA 1.4.1 specification, element ``unit``)."""
     unit = root.find("{*}asset/{*}unit")
     text = "1" if unit is None else unit.get("meter", "1")
     try:
@@ -125,5 +130,5 @@ def _unit(root: etree._Element, path: Path) -> float:
     except ValueError:
         metres = math.nan
     if not 0.0 < metres < math.inf:
-        raise RobotMeshError(f"mesh {path} has the unit {text!r}: a number of metres wanted")
+        raise error(f"mesh {path} has the unit {text!r}; expected a number of metres")
     return metres

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.files.new_folder import new_folder
+from app.files.atomic_io import new_folder
 from app.geometry import InputError
 
 
@@ -46,7 +46,7 @@ def test_what_is_there_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to("nowhere")
     for name in ("folder", "file", "link"):
-        with pytest.raises(InputError, match=f"{name} is there already"):
+        with pytest.raises(InputError, match=f"{name} already exists; refusing to overwrite it"):
             fill(tmp_path / name)
     with pytest.raises(InputError, match="new cannot be written: Not a directory"):
         fill(tmp_path / "file" / "new")

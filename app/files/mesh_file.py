@@ -1,0 +1,196 @@
+"""The one reader of mesh files: STL, OBJ, DAE, GLB, glTF and PLY to one triangle surface.
+
+A scene of several geometries becomes one surface, each geometry at every place that it has. Numbers
+are taken as they are written, as RViz and MoveIt do: no up-axis is applied (neither COLLADA's
+``up_axis`` nor glTF's y). Node transforms and COLLADA's ``<unit meter=...>`` are applied. Textures
+are not read: a textured part has its material's plain colour.
+
+`app.files.meshes` reads the meshes of a case with it, `app.robot.meshes` those of a robot.
+"""
+
+import re
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trimesh.exchange.load import mesh_loaders
+from trimesh.resolvers import FilePathResolver
+
+from app.files.bounded_io import read_bounded
+from app.geometry import FloatArray, MarginGuardError, MeshError, weld_vertices
+
+_COMMENT_BYTES = 1000
+_SPACE = re.compile(rb"SPACE=(\w+)")
+_SPACE_SIGNS = {"RAS": (1.0, 1.0, 1.0), "LPS": (-1.0, -1.0, 1.0)}
+_GREY = (0.7, 0.7, 0.7, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MeshOptions:
+    """What a caller accepts of mesh files, and how it reads them.
+
+    ``formats``
+        Accepted endings, in lower case, with the dot.
+    ``max_triangles``
+        Limit over all parts at all places: a file may place one part many times.
+    ``linked_files``
+        Whether materials and buffers in files beside the mesh are read.
+    ``slicer_axes``
+        Whether a comment ``SPACE=LPS``, which 3D Slicer writes, turns x and y around.
+    ``error``
+        Type of the error that is raised.
+    """
+
+    formats: tuple[str, ...]
+    max_bytes: int
+    max_triangles: int
+    linked_files: bool = False
+    slicer_axes: bool = False
+    error: type[MarginGuardError] = MeshError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileMesh:
+    """Vertices (n, 3) in the file's unit, in m for COLLADA; faces (m, 3); colours (m, 4) or None.
+
+    ``face_colors`` (0 to 1) is None when the file has no colours. A part without colour is grey
+    when other parts have one. Corners at the same position are one vertex, and faces that lose a
+    corner by that are dropped. Node transforms that mirror keep their normals outward.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    face_colors: FloatArray | None
+
+
+def read_mesh_file(path: Path, options: MeshOptions, *, scale: float = 1.0) -> FileMesh:
+    """Read the mesh file at ``path``; its coordinates are multiplied by ``scale``.
+
+    Raises ``options.error``, in one line, for a file that cannot be read, another format, more
+    bytes or triangles than allowed, no triangles, vertices that are not finite and faces of
+    missing vertices.
+    """
+    ending = path.suffix.lower()
+    if ending not in options.formats:
+        expected = ", ".join(options.formats)
+        raise options.error(f"mesh {path} is of an unknown format; expected {expected}")
+    try:
+        if ending == ".dae":
+            from app.files.collada import read_collada  # slow to load
+
+            keywords, unit = read_collada(path, options.error, options.max_bytes)
+            signs = np.ones(3)
+        else:
+            content = read_bounded(path, options.max_bytes, options.error)
+            keywords, unit = _trimesh_keywords(content, path, options), 1.0
+            signs = _axis_signs(content, path, options)
+        parts = _parts(trimesh.load_scene(_unprocessed(keywords)), path, options)
+    except MarginGuardError:
+        raise
+    except Exception as problem:  # trimesh's loaders raise exceptions of any type
+        reason = " ".join(str(problem).split()) or type(problem).__name__
+        raise options.error(f"mesh {path} cannot be read: {reason}") from problem
+    if not parts:
+        raise options.error(f"mesh {path} holds no triangles")
+    return _joined(parts, unit * scale * signs, path, options)
+
+
+def _trimesh_keywords(content: bytes, path: Path, options: MeshOptions) -> dict[str, Any]:
+    """Keywords of `trimesh.load_scene` for the file; linked files are those beside it."""
+    kind = path.suffix.lower().removeprefix(".")
+    load: Any = mesh_loaders[kind]
+    resolver = FilePathResolver(str(path)) if options.linked_files else None
+    # The loader of PLY would open a picture that the file names, and its colours are in the file.
+    skips = kind == "ply" or not options.linked_files
+    keywords: dict[str, Any] = load(
+        BytesIO(content), file_type=kind, resolver=resolver, skip_materials=skips
+    )
+    return keywords
+
+
+def _axis_signs(content: bytes, path: Path, options: MeshOptions) -> FloatArray:
+    """Signs (3,) from the axes that the file's first bytes name to RAS; 1 where they name none."""
+    match = _SPACE.search(content[:_COMMENT_BYTES]) if options.slicer_axes else None
+    space = match[1].decode("ascii", "replace") if match else "RAS"
+    if space not in _SPACE_SIGNS:
+        raise options.error(f"mesh {path} has SPACE={space}; expected RAS or LPS")
+    return np.array(_SPACE_SIGNS[space])
+
+
+def _unprocessed(keywords: dict[str, Any]) -> dict[str, Any]:
+    """Disable trimesh's processing, which would drop vertices that are not finite unnoticed."""
+    geometries = keywords.get("geometry", {"": keywords})
+    for geometry in geometries.values():
+        geometry["process"] = False
+    return keywords
+
+
+_Part = tuple[FloatArray, NDArray[np.int64], FloatArray | None]
+
+
+def _parts(scene: Any, path: Path, options: MeshOptions) -> list[_Part]:
+    """Vertices, faces and colours of each geometry at each of its places, in the scene's frame."""
+    parts: list[_Part] = []
+    count = 0
+    for node in sorted(scene.graph.nodes_geometry):
+        matrix, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if not isinstance(geometry, trimesh.Trimesh) or len(geometry.faces) == 0:
+            continue
+        count += len(geometry.faces)
+        if count > options.max_triangles:
+            raise options.error(f"mesh {path} has more than {options.max_triangles} triangles")
+        vertices = np.asarray(geometry.vertices, dtype=np.float64)
+        faces = np.asarray(geometry.faces, dtype=np.int64)
+        if not np.array_equal(matrix, np.eye(4)):
+            with np.errstate(invalid="ignore"):  # infinite vertices are refused later
+                vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+            if np.linalg.det(matrix[:3, :3]) < 0.0:
+                faces = faces[:, ::-1]
+        parts.append((vertices, faces, _face_colors(geometry)))
+    return parts
+
+
+def _joined(parts: list[_Part], factors: FloatArray, path: Path, options: MeshOptions) -> FileMesh:
+    """One surface of all ``parts``, with coordinates multiplied by ``factors`` (3,)."""
+    # + 0.0: no negative zeros.
+    vertices = np.concatenate([part[0] for part in parts]) * factors + 0.0
+    offsets = np.cumsum([0, *(len(part[0]) for part in parts)])
+    faces = np.concatenate(
+        [part[1] + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
+    )
+    is_finite = np.isfinite(vertices).all(axis=1)
+    if not is_finite.all():
+        first = int(np.argmin(is_finite))
+        raise options.error(
+            f"mesh {path}: vertex {first} is {vertices[first].tolist()}; expected finite numbers "
+            f"({int((~is_finite).sum())} of {len(vertices)} vertices are not finite)"
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise options.error(f"mesh {path} has faces of vertices that it does not hold")
+    vertices, faces, kept = weld_vertices(vertices, faces)
+    if len(faces) == 0:
+        raise options.error(f"mesh {path} holds no triangles with an area")
+    return FileMesh(vertices, faces, _joined_colors(parts, kept))
+
+
+def _face_colors(geometry: Any) -> FloatArray | None:
+    visual, count = geometry.visual, len(geometry.faces)
+    if not visual.defined:
+        return None
+    if visual.kind == "texture":
+        color = np.asarray(visual.material.main_color, dtype=np.float64) / 255.0
+        return np.tile(color, (count, 1))
+    return np.asarray(visual.face_colors, dtype=np.float64).reshape(count, -1) / 255.0
+
+
+def _joined_colors(parts: list[_Part], kept: NDArray[np.bool_]) -> FloatArray | None:
+    if all(colors is None for _, _, colors in parts):
+        return None
+    colors = [np.tile(_GREY, (len(faces), 1)) if c is None else c for _, faces, c in parts]
+    joined = np.concatenate(colors)[kept]
+    return np.asarray(joined, dtype=np.float64)

@@ -1,0 +1,103 @@
+"""Folders of the packages that ``package://NAME/REST`` names.
+
+The folders of a package, in this order:
+
+1. each entry of ``package_dirs``: ``NAME=FOLDER``, a folder that is the package (it is called NAME
+   or its ``package.xml`` names it), or a folder that contains the package;
+2. the folders ``above`` a file, the nearest first: one that is the package, or contains it;
+3. for ``marginguard`` the project's own ``data`` folder;
+4. ``share/NAME`` under each entry of ``AMENT_PREFIX_PATH``, then ``ROS_PACKAGE_PATH``.
+"""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from app.files.xml_guard import parse_xml, read_xml
+from app.geometry import InputError
+
+PACKAGE_SCHEME = "package://"
+OWN_PACKAGE = "marginguard"
+PROJECT_DATA = Path(__file__).resolve().parents[2] / "data"
+
+
+class PackageFolders:
+    """Finds the folders of packages.
+
+    ``given`` has the entries of ``package_dirs``: a name or None, and the folder with links
+    followed. ``environment`` holds the two ROS path variables. Without it, installed ROS packages
+    are not found.
+    """
+
+    def __init__(
+        self,
+        package_dirs: Sequence[str | Path] = (),
+        *,
+        above: Sequence[Path] = (),
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        pairs = map(split_package_dir, package_dirs)
+        self.given = tuple((name, folder.resolve()) for name, folder in pairs)
+        self._above = tuple(above)
+        self._environment = environment or {}
+
+    def named(self, package: str) -> Iterator[Path]:
+        """Yield the folders of ``package``, the preferred one first."""
+        if package in ("", ".", ".."):
+            return
+        for name, folder in self.given:
+            if name == package:
+                yield folder
+            elif name is None:
+                yield from _as_or_in(folder, package)
+        for folder in self._above:
+            yield from _as_or_in(folder, package)
+        if package == OWN_PACKAGE:
+            yield PROJECT_DATA
+        for prefix in self._path_variable("AMENT_PREFIX_PATH"):
+            if (prefix / "share" / package).is_dir():
+                yield prefix / "share" / package
+        for folder in self._path_variable("ROS_PACKAGE_PATH"):
+            yield from _as_or_in(folder, package)
+
+    def installed(self) -> Iterator[Path]:
+        """Yield the folders that contain the installed ROS packages."""
+        yield from (prefix / "share" for prefix in self._path_variable("AMENT_PREFIX_PATH"))
+        yield from self._path_variable("ROS_PACKAGE_PATH")
+
+    def _path_variable(self, name: str) -> Iterator[Path]:
+        return (Path(part) for part in self._environment.get(name, "").split(os.pathsep) if part)
+
+
+def split_package_name(name: str) -> tuple[str, str]:
+    """``package://NAME/REST`` to NAME and REST."""
+    package, _, rest = name.removeprefix(PACKAGE_SCHEME).partition("/")
+    return package, rest
+
+
+def split_package_dir(entry: str | Path) -> tuple[str | None, Path]:
+    """``NAME=FOLDER`` to both; a folder whose own name contains ``=`` is not split."""
+    text = os.fspath(entry)
+    name, sign, folder = text.partition("=")
+    if sign and "/" not in name and not Path(text).is_dir():
+        return name, Path(folder)
+    return None, Path(text)
+
+
+def _as_or_in(folder: Path, package: str) -> Iterator[Path]:
+    """``folder`` itself where it is the package, and its subfolder of that name."""
+    if folder.name == package or _declared_name(folder) == package:
+        yield folder
+    if (folder / package).is_dir():
+        yield folder / package
+
+
+def _declared_name(folder: Path) -> str | None:
+    manifest = folder / "package.xml"
+    if not manifest.is_file():
+        return None
+    try:
+        root = parse_xml(read_xml(manifest, InputError), manifest, InputError)
+    except InputError:  # a broken manifest, for example of an unrelated folder far above a URDF
+        return None
+    return (root.findtext("name") or "").strip() or None
