@@ -86,7 +86,7 @@ def test_nothing_is_written_over(tmp_path, gantry, occupant):
         folder.mkdir()
         (folder / "mine.txt").write_text("mine")
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(InputError, match="already exists; .* expected a new or an empty folder"):
+    with pytest.raises(InputError, match=r"already exists; .* expected a new or an empty folder"):
         simulate_case(folder, seed=1, arm=gantry)
     assert sorted(tmp_path.rglob("*")) == before
 
