@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 
 from app.fixture import MarginState
 from app.geometry import FloatArray
-from app.report.margin_plot import STATE_STYLES
 from benchmarks.push_simulation import MARGINS
 
 _INK, _STOP = "#1c2733", "#a32a14"
@@ -43,7 +42,7 @@ def write_plot(
     figure.legend(
         handles=[
             *(
-                Line2D([], [], color=STATE_STYLES[state].color, lw=2, label=f"fixture on, {name}")
+                Line2D([], [], color=state.color, lw=2, label=f"fixture on, {name}")
                 for state, name in (
                     (MarginState.NEGATIVE, "NEGATIVE"),
                     (MarginState.WARNING, "WARNING"),
@@ -71,7 +70,7 @@ def _draw(plot: Axes, with_fixture: list[FloatArray], without: list[FloatArray])
             # On to the first point of the next state, so that a line has no gaps.
             shown[1:] |= shown[:-1]
             here = np.where(shown, push[:, 1], np.nan)
-            plot.plot(push[:, 0], here, color=STATE_STYLES[state].color, lw=0.5, alpha=0.45)
+            plot.plot(push[:, 0], here, color=state.color, lw=0.5, alpha=0.8)
     plot.plot(with_fixture[0][:, 0], with_fixture[0][:, 1], color=_INK, lw=1.6)
     if without:
         plot.plot(without[0][:, 0], without[0][:, 1], color=_INK, lw=1.6, ls="--")

@@ -4,7 +4,6 @@ Drawn with matplotlib's objects on an Agg canvas: no pyplot, so no state is shar
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from itertools import groupby
 
@@ -22,30 +21,14 @@ from app.report.rows import ReportRow
 _INK = "#1c2733"
 
 
-@dataclass(frozen=True, slots=True)
-class StateStyle:
-    """How a state looks on paper: a colour that colour-blind eyes tell apart, a hatch, a word."""
-
-    color: str
-    text_color: str
-    hatch: str
-    word: str
-
-
-STATE_STYLES = {
-    MarginState.NEGATIVE: StateStyle("#009e73", "white", "", "NEGATIVE: clear"),
-    MarginState.WARNING: StateStyle("#f0b429", _INK, "", "WARNING: close"),
-    MarginState.POSITIVE: StateStyle("#c8381e", "white", "", "POSITIVE: in the tumour"),
-    MarginState.UNKNOWN: StateStyle("#8c8c8c", "white", "////", "UNKNOWN: not to be trusted"),
-}
-"""Okabe and Ito's hues, a little darker where they carry text."""
-
 _SIZE_INCHES = (13.0, 6.0)
 _DPI = 120
-_WORD_FRACTION = 0.07
-"""A band at least this wide, as a part of the plot, has room for the word of its state."""
+_NAME_FRACTION = 0.07
+"""Fraction of the plot's width from which on a band is labelled with the name of its state."""
 _SHOWN_TIMES_WARN = 5.0
-"""The plot reaches up to this many warning distances: what is further away is of no concern."""
+"""The plot reaches up to this many warning distances."""
+_BAND_ALPHA = 0.16
+_HATCH_COLOR = "#5a5a5a"
 
 
 def margin_png(
@@ -83,21 +66,21 @@ def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: Fl
     spans: dict[MarginState, list[tuple[float, float]]] = {}
     for state, start_s, end_s in state_bands(rows, seconds):
         spans.setdefault(state, []).append((start_s, end_s - start_s))
-        if end_s - start_s > _WORD_FRACTION * whole_s:
+        if end_s - start_s > _NAME_FRACTION * whole_s:
             strip.text(
-                0.5 * (start_s + end_s), 0.5, state.name, transform=strip.get_xaxis_transform(),
-                ha="center", va="center", color=STATE_STYLES[state].text_color, fontsize=9,
-                fontweight="bold",
+                0.5 * (start_s + end_s), 0.5, f"{state.display.symbol} {state.name}",
+                transform=strip.get_xaxis_transform(), ha="center", va="center",
+                color=state.display.text_color, fontsize=9, fontweight="bold",
             )  # fmt: skip
-    # All bands of a state at once: of half an hour there are hundreds.
+    # One collection per state: half an hour has hundreds of bands.
     for state, bands in spans.items():
-        style = STATE_STYLES[state]
+        color = state.display.color
         strip.broken_barh(
-            bands, (0.0, 1.0), transform=strip.get_xaxis_transform(), facecolor=style.color, lw=0
+            bands, (0.0, 1.0), transform=strip.get_xaxis_transform(), facecolor=color, lw=0
         )
         plot.broken_barh(
-            bands, (0.0, 1.0), transform=plot.get_xaxis_transform(), facecolor=style.color,
-            alpha=0.16, lw=0, hatch=style.hatch, edgecolor="#5a5a5a", zorder=0,
+            bands, (0.0, 1.0), transform=plot.get_xaxis_transform(), facecolor=color,
+            alpha=_BAND_ALPHA, lw=0, hatch=state.display.hatch, edgecolor=_HATCH_COLOR, zorder=0,
         )  # fmt: skip
     strip.set_ylim(0.0, 1.0)
     strip.set_yticks([])
@@ -180,7 +163,7 @@ def _draw_breaches(
     plot: Axes, breaches: Sequence[Breach], rows: Sequence[ReportRow], seconds: FloatArray
 ) -> None:
     bottom = plot.get_ylim()[0]
-    color = STATE_STYLES[MarginState.POSITIVE].color
+    color = MarginState.POSITIVE.display.color
     for number, breach in enumerate(breaches, start=1):
         start_s, end_s = float(seconds[breach.first]), float(seconds[breach.last])
         middle_s = 0.5 * (start_s + end_s)
@@ -199,13 +182,16 @@ def _draw_breaches(
 
 def _draw_legend(figure: Figure, strip: Axes, plot: Axes) -> None:
     states = [
-        Patch(facecolor=style.color, hatch=style.hatch, edgecolor="white", lw=0, label=style.word)
-        for style in STATE_STYLES.values()
+        Patch(facecolor=state.color, hatch=state.display.hatch, edgecolor=_HATCH_COLOR, lw=0)
+        for state in MarginState
     ]
-    lines, words = plot.get_legend_handles_labels()
+    names = [
+        f"{state.display.symbol} {state.name}: {state.display.description}" for state in MarginState
+    ]
+    lines, labels = plot.get_legend_handles_labels()
     figure.legend(
         handles=[*states, *lines],
-        labels=[*(style.word for style in STATE_STYLES.values()), *words],
+        labels=[*names, *labels],
         loc="outside lower left",
         ncols=len(states) + len(lines),
         frameon=False,

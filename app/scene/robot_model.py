@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from slicer import vtkMRMLLinearTransformNode, vtkMRMLModelNode, vtkMRMLScene
 
+from app.fixture import MarginState
 from app.geometry import Transform, join_transform_name
 from app.robot import Link, Robot
 from app.scene.errors import SceneError
@@ -12,7 +13,7 @@ from app.scene.frames.poses import PoseNodes
 from app.scene.nodes.batch import Batch
 from app.scene.nodes.models import Rgb, add_model, colored_surface, remove_displayed, remove_node
 
-STALE_COLOR: Rgb = (0.5, 0.5, 0.5)
+STALE_COLOR: Rgb = MarginState.UNKNOWN.color
 _DEFAULT_COLOR: Rgb = (0.78, 0.80, 0.83)
 
 

@@ -54,7 +54,7 @@ class Page:
         said = readout(self._now)
         measured = self._now is not None and self._now.distance_mm is not None
         told = f"{said['distance']} mm" if measured else said["why"]
-        return screenshot(self.area, MarginState[said["state"]], f"{said['word']}: {told}")
+        return screenshot(self.area, MarginState[said["state"]], f"{said['label']}: {told}")
 
     def sent(self, number: int) -> None:
         """Say what picture ``number`` shows."""

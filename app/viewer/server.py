@@ -22,6 +22,7 @@ from app.viewer.drawing.pictures import MakeSchedule, Pictures, Schedule
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.log_filter import expect_pages_to_go
 from app.viewer.page import Page
+from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.replay import ReplayControl
@@ -122,6 +123,7 @@ class Viewer:
 
     def _open(self, app: web.Application, address: Address) -> None:
         Gate(address.token).close(app)
+        app.router.add_get("/marginguard/states.css", _state_css)
         app.router.add_static("/marginguard/", _WEB)
         app.router.add_post("/paraview/", _session)
         app.router.add_get("/screenshot.png", self._screenshot)
@@ -140,6 +142,10 @@ class Viewer:
         return _download(made, "text/html", "report.html")
 
 
+async def _state_css(request: web.Request) -> web.Response:
+    return web.Response(text=state_css(), content_type="text/css")
+
+
 async def _session(request: web.Request) -> web.Response:
     """Where the socket is: trame's page asks a launcher before it looks beside itself.
 
@@ -154,7 +160,7 @@ def _server(title: Title) -> Server:
     server.enable_module(trame_rca.module)
     server.enable_module(
         {
-            "styles": ["marginguard/page.css"],
+            "styles": ["marginguard/states.css", "marginguard/page.css"],
             "module_scripts": ["marginguard/main.js"],
         }
     )
@@ -164,6 +170,7 @@ def _server(title: Title) -> Server:
     state.trame__template_main = (_WEB / "page.html").read_text()
     # What trame shows when the connection is lost; the page's own watch lies over it.
     state.trame__template_error = '<div class="gone"></div>'
+    state.patterns = band_patterns()
     state.title = {
         "case": title.case,
         "live": title.live,

@@ -21,7 +21,6 @@ from slicer.util import VTKObservationMixin
 
 from MarginGuardLib.installation import why_not
 
-GREY = (0.5, 0.5, 0.5)
 SPIN_MS = 20
 
 
@@ -105,7 +104,9 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
                 qt.QApplication.beep()
             self._take_margins()
         except Exception:
-            self._show_banner(GREY, "UNKNOWN: the panel has failed, the log says why")
+            from app.fixture import MarginState
+
+            self._show_banner(MarginState.UNKNOWN, "UNKNOWN: the panel has failed, see the log")
             raise
 
     def on_scene_closes(self, caller=None, event=None):
@@ -221,17 +222,18 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.settings.stop_mm, self.settings.warn_mm = margins.stop_mm, margins.warn_mm
         self._margins = margins
 
-    def _show_banner(self, color, text):
-        red, green, blue = (round(255 * part) for part in color)
-        self.ui.bannerLabel.setText(text)
+    def _show_banner(self, state, text):
+        """Show ``text`` after the symbol of ``state``, on its colour."""
+        display = state.display
+        self.ui.bannerLabel.setText(f"{display.symbol} {text}")
         self.ui.bannerLabel.setStyleSheet(
-            f"background-color: rgb({red}, {green}, {blue}); color: black; "
+            f"background-color: {display.color_hex}; color: {display.text_color_hex}; "
             "font-size: 16px; font-weight: bold; padding: 8px;"
         )
 
     def _show(self, status):
         ui = self.ui
-        self._show_banner(status.state.color, status.banner)
+        self._show_banner(status.state, status.banner)
         ui.reasonsLabel.setText(status.reasons)
         ui.messageLabel.setText(status.message)
         ui.sessionLabel.setText(status.session)
@@ -297,17 +299,22 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
     def test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout(self):
         """The nodes of the recorded case, at three moments of it."""
         import app
+        from app.fixture import MarginState
 
         self.delayDisplay("Replaying the recorded case")
         guard = MarginGuardLogic().guard
         try:
             guard.load_case(Path(app.__file__).parents[1] / "data" / "recorded_case")
             self._until(guard, 0.0)
-            for seconds, color in ((45.9, (1, 0, 0)), (22.3, (0.5, 0.5, 0.5)), (5.0, (0, 1, 0))):
+            for seconds, state in (
+                (45.9, MarginState.POSITIVE),
+                (22.3, MarginState.UNKNOWN),
+                (5.0, MarginState.NEGATIVE),
+            ):
                 guard.seek(seconds)
                 self._until(guard, seconds)
                 tumor = slicer.mrmlScene.GetFirstNodeByName("Tumor")
-                self.assertEqual(tumor.GetDisplayNode().GetColor(), color)
+                self.assertEqual(tumor.GetDisplayNode().GetColor(), state.color)
         finally:
             guard.close()
         self.assertIsNone(slicer.mrmlScene.GetFirstNodeByName("Tumor"))

@@ -15,6 +15,7 @@ from app.bridge import topics
 from app.bridge.publishing.session_publisher import NODE_NAME
 from app.bridge.qos import Topic
 from app.cli.main import build_parser
+from app.fixture import MarginState
 
 PUBLISHED = {
     topic.name.replace("~", f"/{NODE_NAME}"): topic
@@ -106,6 +107,8 @@ def test_the_foxglove_layout_shows_what_is_published(project_root):
         "StateTransitions",
         "DiagnosticSummary",
     }
+    states = ", ".join(f"{state.value} {state.name.lower()}" for state in MarginState)
+    assert panels["StateTransitions!state"]["foxglovePanelTitle"] == f"Margin state: {states}"
     used = [path["value"] for panel in panels.values() for path in panel.get("paths", ())]
     used += [panel["topicPath"] for panel in panels.values() if "topicPath" in panel]
     assert used

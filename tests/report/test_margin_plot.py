@@ -4,13 +4,12 @@ from io import BytesIO
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
 from app.report import ReportRow, find_breaches
-from app.report.margin_plot import STATE_STYLES, margin_png, played_seconds, state_bands
+from app.report.margin_plot import margin_png, played_seconds, state_bands
 
 Rows = Callable[..., tuple[ReportRow, ...]]
 
@@ -22,14 +21,14 @@ def pixels(rows: tuple[ReportRow, ...], margins: MarginParameters) -> FloatArray
     return imread(BytesIO(margin_png(rows, breaches, margins, "a case")))[..., :3]
 
 
-def count(picture: FloatArray, color: str) -> int:
-    return int((np.abs(picture - to_rgb(color)).max(axis=-1) < 0.02).sum())
+def count(picture: FloatArray, color: tuple[float, float, float]) -> int:
+    return int((np.abs(picture - np.array(color)).max(axis=-1) < 0.02).sum())
 
 
 def test_every_state_has_its_part_of_the_strip(rows_of: Rows, margins: MarginParameters) -> None:
     picture = pixels(rows_of(DISTANCES), margins)
     assert picture.shape == (720, 1560, 3)
-    counts = {state: count(picture, style.color) for state, style in STATE_STYLES.items()}
+    counts = {state: count(picture, state.color) for state in MarginState}
     assert min(counts.values()) > 2000
     assert counts[MarginState.NEGATIVE] > 1.5 * counts[MarginState.WARNING]
 
@@ -38,7 +37,7 @@ def test_state_that_did_not_occur_is_in_the_legend_only(
     rows_of: Rows, margins: MarginParameters
 ) -> None:
     picture = pixels(rows_of([9.0] * 50), margins)
-    assert count(picture, STATE_STYLES[MarginState.POSITIVE].color) < 1000
+    assert count(picture, MarginState.POSITIVE.color) < 1000
 
 
 def test_same_rows_same_bytes(rows_of: Rows, margins: MarginParameters) -> None:

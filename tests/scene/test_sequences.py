@@ -146,13 +146,13 @@ def test_the_scene_that_is_loaded_shows_the_moment_and_can_be_played(
     assert browser.GetPlaybackRateFps() == pytest.approx(50.0, abs=1e-3)
     assert browser.GetSelectedItemNumber() == NOW
     for index, color, text, line in (
-        (0, (0, 1, 0), "NEGATIVE: clear", False),
+        (0, MarginState.NEGATIVE.color, "NEGATIVE: clear", False),
         (10, (0.5, 0.5, 0.5), "UNKNOWN: not to be trusted, invalid", False),
         (11, (0.5, 0.5, 0.5), "UNKNOWN: not to be trusted, stale", False),
-        (12, (0, 1, 0), "NEGATIVE: clear", False),
-        (NOW, (1, 0, 0), "POSITIVE: in the tumour, -3.2 mm", True),
-        (NOW + 1, (1, 0, 0), "POSITIVE: in the tumour", False),
-        (COUNT - 1, (0, 1, 0), "NEGATIVE: clear", False),
+        (12, MarginState.NEGATIVE.color, "NEGATIVE: clear", False),
+        (NOW, MarginState.POSITIVE.color, "POSITIVE: in the tumour, -3.2 mm", True),
+        (NOW + 1, MarginState.POSITIVE.color, "POSITIVE: in the tumour", False),
+        (COUNT - 1, MarginState.NEGATIVE.color, "NEGATIVE: clear", False),
     ):
         browser.SetSelectedItemNumber(index)
         assert node("Tumor").GetDisplayNode().GetColor() == color
@@ -220,9 +220,13 @@ def test_what_was_not_judged_and_robots_elsewhere_are_not_shown_as_known(
     load_scene(loaded.scene, tmp_path / "late.mrb")
     found = {name: loaded.scene.GetFirstNodeByName(name) for name in ("Tumor", "upper_model")}
     status = loaded.scene.GetFirstNodeByName("MarginStatus")
-    for index, color in ((NOW, (1, 0, 0)), (0, (0.5, 0.5, 0.5)), (5, (0, 1, 0))):
+    for index, state in (
+        (NOW, MarginState.POSITIVE),
+        (0, MarginState.UNKNOWN),
+        (5, MarginState.NEGATIVE),
+    ):
         loaded.scene.GetFirstNodeByName("MarginGuard").SetSelectedItemNumber(index)
-        assert found["Tumor"].GetDisplayNode().GetColor() == color
+        assert found["Tumor"].GetDisplayNode().GetColor() == state.color
         assert status.GetText().startswith("UNKNOWN") == (index == 0)
         assert found["upper_model"].GetDisplayNode().GetVisibility() == (index == NOW)
 

@@ -42,7 +42,7 @@ def main(path: str) -> None:
     while not widget.ui.acceptButton.isEnabled():
         widget.spin()
     widget.ui.seekSlider.setValue(BREACH_S)
-    while not widget.ui.bannerLabel.text().startswith("POSITIVE"):
+    while not widget.ui.bannerLabel.text().startswith("\N{MULTIPLICATION X} POSITIVE"):
         widget.spin()
     widget.parent.resize(*SIZE)
     gui.processEvents()

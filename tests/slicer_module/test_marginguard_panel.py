@@ -181,8 +181,8 @@ def test_what_the_user_cannot_have_is_one_line_in_a_window(panel, errors):
 
 def test_a_panel_without_a_session_is_grey_and_offers_what_can_be_done(panel):
     panel.spin()
-    assert panel.ui.bannerLabel.text() == "UNKNOWN: nothing was tracked yet"
-    assert "rgb(128, 128, 128)" in panel.ui.bannerLabel.styleSheet()
+    assert panel.ui.bannerLabel.text() == "? UNKNOWN: nothing was tracked yet"
+    assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
     enabled = {name for name in BUTTONS if getattr(panel.ui, name).isEnabled()}
     views = {"anteriorViewButton", "leftViewButton", "superiorViewButton", "bullseyeButton"}
     assert enabled == {"connectButton", "registerButton", "muteButton", "loadButton", *views}
@@ -199,7 +199,7 @@ def test_what_can_become_the_tumour_is_in_the_list(panel, pressed, application, 
 
 @pytest.mark.parametrize("broken", ["spin", "wants_alarm"])
 def test_a_timer_that_fails_leaves_no_banner_as_it_was(panel, monkeypatch, broken):
-    panel._show_banner((0.0, 1.0, 0.0), "NEGATIVE: clear, 9.9 mm")
+    panel._show_banner(MarginState.NEGATIVE, "NEGATIVE: clear, 9.9 mm")
 
     def fail():
         raise ValueError("a bug")
@@ -207,8 +207,8 @@ def test_a_timer_that_fails_leaves_no_banner_as_it_was(panel, monkeypatch, broke
     monkeypatch.setattr(panel.logic.guard, broken, fail)
     with pytest.raises(ValueError, match="a bug"):
         panel.spin()
-    assert panel.ui.bannerLabel.text().startswith("UNKNOWN")
-    assert "rgb(128, 128, 128)" in panel.ui.bannerLabel.styleSheet()
+    assert panel.ui.bannerLabel.text().startswith("? UNKNOWN")
+    assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
 
 
 def test_a_replayed_case_is_shown(panel, desktop, monkeypatch):
@@ -229,9 +229,10 @@ def test_a_replayed_case_is_shown(panel, desktop, monkeypatch):
     assert ui.seekSlider.property("maximum") == pytest.approx(75.38)
     assert (ui.stopSpinBox.value(), ui.warnSpinBox.value()) == (1.0, 5.0)  # the case's
     ui.seekSlider.setValue(45.9)
-    until(lambda: ui.bannerLabel.text().startswith("POSITIVE"))
-    red, green, blue = (round(255 * part) for part in MarginState.POSITIVE.color)
-    assert f"rgb({red}, {green}, {blue})" in ui.bannerLabel.styleSheet()
+    until(lambda: ui.bannerLabel.text().startswith("\N{MULTIPLICATION X} POSITIVE"))
+    assert (
+        f"background-color: {MarginState.POSITIVE.display.color_hex}" in ui.bannerLabel.styleSheet()
+    )
     assert re.search(r", -\d\.\d mm$", ui.bannerLabel.text())
     assert "inside" in ui.reasonsLabel.text()
     assert ui.trackersLabel.text().count("valid") == 3

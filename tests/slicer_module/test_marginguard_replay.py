@@ -22,7 +22,7 @@ from tests.slicer_module.marginguard_module import application as application
 from MarginGuardLib.logic import GuardLogic  # isort: skip
 from MarginGuardLib.run import Run  # isort: skip
 
-GREY, RED = (0.5, 0.5, 0.5), (1.0, 0.0, 0.0)
+GREY, RED = MarginState.UNKNOWN.color, MarginState.POSITIVE.color
 RUN_IN_S = 2.0
 MOMENTS_S = {
     "clear": 5.0,

@@ -12,6 +12,7 @@ PATHS = [
     "/index.html",
     "/vue.global.js",
     "/marginguard/main.js",
+    "/marginguard/states.css",
     "/screenshot.png",
     "/report.html",
     "/paraview/",

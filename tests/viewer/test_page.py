@@ -145,6 +145,9 @@ def test_the_banner_has_the_colour_of_the_state(page):
         expect(banner).to_contain_text(word)
         code = banner.evaluate("element => getComputedStyle(element).backgroundColor")
         colours[word] = [int(part) for part in code[4:-1].split(",")]
+        (state,) = (state for state in MarginState if state.display.label == word)
+        assert colours[word] == [round(255 * part) for part in state.color]
+        expect(banner).to_contain_text(state.display.symbol)
     green, red, grey = colours["CLEAR"], colours["IN TUMOUR"], colours["UNKNOWN"]
     assert green[1] > 2 * max(green[0], green[2])
     assert red[0] > 2 * max(red[1], red[2])

@@ -5,9 +5,10 @@ import signal
 
 from playwright.sync_api import Page, WebSocketRoute, expect
 
+from app.fixture import MarginState
 from tests.viewer.conftest import SIZE, watching
 
-GREY = "rgb(128, 128, 128)"
+GREY = f"rgb({', '.join(str(round(255 * part)) for part in MarginState.UNKNOWN.color)})"
 
 
 def check_lost(page: Page) -> None:

@@ -65,11 +65,11 @@ class Markers:
 
 
 def margin_text(decision: FixtureDecision) -> str:
-    """``+3.2 mm``, ``BREACH -1.4 mm``, or ``UNKNOWN: stale, missing``."""
+    """``CLEAR +9.2 mm``, ``IN TUMOUR -1.4 mm``, or ``UNKNOWN: stale, missing``."""
     if decision.state is MarginState.UNKNOWN or decision.proximity is None:
-        return f"UNKNOWN: {', '.join(str(reason) for reason in decision.reasons)}"
-    distance = f"{decision.proximity.signed_distance_mm:+.1f} mm"
-    return f"BREACH {distance}" if decision.state is MarginState.POSITIVE else distance
+        reasons = ", ".join(str(reason) for reason in decision.reasons)
+        return f"{MarginState.UNKNOWN.display.label}: {reasons}"
+    return f"{decision.state.display.label} {decision.proximity.signed_distance_mm:+.1f} mm"
 
 
 def _marker(

@@ -7,12 +7,6 @@ from app.fixture import Constraint, FixtureDecision, MarginState, Proximity, Rea
 from app.geometry import NS_PER_S
 from app.scene.frames.watchdog import TransformWatchdog
 
-WORDS = {
-    MarginState.NEGATIVE: "clear",
-    MarginState.WARNING: "close to the tumour",
-    MarginState.POSITIVE: "in the tumour",
-    MarginState.UNKNOWN: "not to be trusted",
-}
 _MOST_REASONS = 3
 
 
@@ -61,7 +55,7 @@ def banner(state: MarginState, proximity: Proximity | None, reasons: Iterable[Re
 
     Of an UNKNOWN state also the faults among ``reasons``, worst first, `_MOST_REASONS` at most.
     """
-    text = f"{state.name}: {WORDS[state]}"
+    text = f"{state.name}: {state.display.description}"
     if state is MarginState.UNKNOWN:
         faults = [reason.value.replace("_", " ") for reason in reasons if reason.is_fault]
         return ", ".join([text, *faults[:_MOST_REASONS]])

@@ -12,7 +12,7 @@ from app.scene.pictures.cameras import VIEW_ANGLE_DEG
 from app.scene.pictures.framing import Camera, best_direction, fit
 from app.scene.pictures.moment import Moment, MomentScene
 from app.scene.pictures.picture import content_points, upright
-from app.scene.pictures.pixels import Pixels, text_strip
+from app.scene.pictures.pixels import Pixels, state_strip
 from app.scene.pictures.view import offscreen_view
 
 PICTURE_MS = 80
@@ -55,7 +55,7 @@ def movie_gif(
         def draw(time_s: float, moment: Moment) -> Pixels:
             shown.show(moment)
             text = f"{time_s:.1f} s  {margin.status.GetText()}"
-            banner = text_strip(text, (width, _BANNER_PIXELS), margin.state.color)
+            banner = state_strip(text, (width, _BANNER_PIXELS), margin.state)
             return np.concatenate([banner, view.pixels()])
 
         palette = _palette([draw(*moments[place]) for place in _one_a_state(moments)])

@@ -12,7 +12,7 @@ from app.scene.errors import SceneError
 from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.pictures.cameras import VIEW_ANGLE_DEG
 from app.scene.pictures.framing import best_direction, fit
-from app.scene.pictures.pixels import Pixels, png, text_strip
+from app.scene.pictures.pixels import Pixels, png, state_strip
 from app.scene.pictures.view import OffscreenView, offscreen_view
 from app.scene.scene import MarginGuardScene
 
@@ -45,7 +45,7 @@ def scene_png(
         with _hidden(*_robot_models(scene)):  # what is judged is the tool: a hand would hide it
             close_up = _close_up(view, scene, _along(margin.line))
     gap = np.full((half[1], width - 2 * half[0], 3), 255, dtype=np.uint8)
-    banner = text_strip(margin.status.GetText(), (width, _BANNER_PIXELS), margin.state.color)
+    banner = state_strip(margin.status.GetText(), (width, _BANNER_PIXELS), margin.state)
     return png(np.concatenate([banner, np.concatenate([overview, gap, close_up], axis=1)]))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.fixture import MarginState
-from app.scene.pictures.pixels import png, text_strip
+from app.scene.pictures.pixels import png, state_strip
 from app.viewer.drawing.area import PictureArea
 
 _BANNER_PIXELS = 44
@@ -16,4 +16,4 @@ def screenshot(area: PictureArea, state: MarginState, words: str) -> bytes:
     """
     area.set_fine(True)
     pixels, width, _ = area.img_cols_rows
-    return png(np.concatenate([text_strip(words, (width, _BANNER_PIXELS), state.color), pixels]))
+    return png(np.concatenate([state_strip(words, (width, _BANNER_PIXELS), state), pixels]))

@@ -6,7 +6,7 @@ from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
 from app.scene.frames.watchdog import TransformHealth
 from app.session import StepResult
-from app.viewer.readout.words import STATE_WORDS, distance_digits, why
+from app.viewer.readout.words import distance_digits, why
 from app.viewer.steps.cast import Cast
 from app.viewer.steps.view_state import ViewState
 
@@ -53,7 +53,8 @@ def _values(
 ) -> dict[str, Any]:
     return {
         "state": state.name,
-        "word": STATE_WORDS[state],
+        "symbol": state.display.symbol,
+        "label": state.display.label,
         "why": reason,
         "distance": distance,
         "trend": trend,

@@ -2,13 +2,6 @@
 
 from app.fixture import MarginState, Reason
 
-STATE_WORDS = {
-    MarginState.NEGATIVE: "CLEAR",
-    MarginState.WARNING: "CLOSE",
-    MarginState.POSITIVE: "IN TUMOUR",
-    MarginState.UNKNOWN: "UNKNOWN",
-}
-
 REASON_WORDS = {
     Reason.MESH_MISSING: "the tumour or the tool has no shape",
     Reason.MESH_NOT_CLOSED: "the shape of tumour or tool is not closed",

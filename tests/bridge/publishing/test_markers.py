@@ -23,15 +23,15 @@ def test_the_triangles_are_those_of_the_mesh_in_metres(scene):
 @pytest.mark.parametrize(
     ("state", "rgb"),
     [
-        (MarginState.NEGATIVE, (0.0, 1.0, 0.0)),
-        (MarginState.WARNING, (1.0, 0.75, 0.0)),
-        (MarginState.POSITIVE, (1.0, 0.0, 0.0)),
+        (MarginState.NEGATIVE, (0.25, 1.0, 0.2)),
+        (MarginState.WARNING, (0.88, 0.62, 0.0)),
+        (MarginState.POSITIVE, (0.68, 0.08, 0.08)),
         (MarginState.UNKNOWN, (0.5, 0.5, 0.5)),
     ],
 )
-def test_the_tumour_has_the_colour_of_the_state(scene, state, rgb):
+def test_tumor_marker_has_the_color_of_the_state(scene, state, rgb):
     color = Markers(scene).surfaces(state).markers[0].color
-    assert (color.r, color.g, color.b) == rgb
+    assert (color.r, color.g, color.b) == rgb == state.color
     assert 0.0 < color.a < 1.0
 
 
@@ -48,7 +48,7 @@ def test_without_a_tool_mesh_there_is_only_the_tumour(scene):
 
 def test_the_words_stand_above_the_tumour(scene, make_step):
     (marker,) = Markers(scene).words(make_step(0).decision).markers
-    assert marker.text == "+7.5 mm"
+    assert marker.text == "CLEAR +7.5 mm"
     position = marker.pose.position
     assert (position.x, position.y, position.z) == pytest.approx((0.005, 0.005, 0.02))
 
@@ -58,5 +58,5 @@ def test_a_breach_and_the_unknown_are_said(make_step):
     witnesses = replace(breach.proximity.witnesses, signed_distance_mm=np.array([-1.44]))
     proximity = replace(breach.proximity, witnesses=witnesses, lower_bound_mm=-1.44)
     deep = replace(breach, proximity=proximity)
-    assert margin_text(deep) == "BREACH -1.4 mm"
+    assert margin_text(deep) == "IN TUMOUR -1.4 mm"
     assert margin_text(make_step(0, lost=True).decision) == "UNKNOWN: invalid, latched"

@@ -84,8 +84,9 @@ def test_every_topic_carries_its_values(heard, scene, make_step):
     distances = [message["data"] for message in heard["/marginguard/margin_mm"]]
     assert distances == pytest.approx([7.5, 7.5, float("nan"), 7.5, 7.5], nan_ok=True)
     colors = [(color["r"], color["g"], color["b"]) for color in heard["/marginguard/margin_color"]]
-    green, grey = (0.0, 1.0, 0.0), (0.5, 0.5, 0.5)
-    assert colors == [green, green, grey, green, green]
+    clear, unknown = MarginState.NEGATIVE.color, MarginState.UNKNOWN.color
+    for color, expected in zip(colors, [clear, clear, unknown, clear, clear], strict=True):
+        assert color == pytest.approx(expected, abs=1e-7)  # the message has 32 bits
     assert [ns(message["clock"]) for message in heard["/clock"]] == now_ns
     levels = [message["status"][0]["level"] for message in heard["/diagnostics"]]
     assert levels == [0, 3, 0]

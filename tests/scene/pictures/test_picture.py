@@ -19,7 +19,7 @@ from app.scene import (
     moment_png,
     scene_png,
 )
-from app.scene.pictures.pixels import png, text_strip
+from app.scene.pictures.pixels import png, state_strip
 from tests.scene.conftest import Decide
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
@@ -149,14 +149,21 @@ def test_tool_of_an_earlier_sample_is_where_it_was_judged(
 
 
 def test_strip_has_its_color_and_its_words() -> None:
-    strip = text_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), (1.0, 0.0, 0.0))
+    strip = state_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), MarginState.POSITIVE)
     assert strip.shape == (64, 800, 3)
-    assert (strip[:, :10] == [255, 0, 0]).all()
+    assert (strip[:, :10] == np.round(255.0 * np.array(MarginState.POSITIVE.color))).all()
     white = (strip == 255).all(axis=-1)
     assert 500 < white.sum() < 20000
-    dark = text_strip("NEGATIVE", (800, 64), (0.0, 1.0, 0.0))
+    dark = state_strip("NEGATIVE", (800, 64), MarginState.NEGATIVE)
     assert (dark.max(axis=-1) < 60).any()
-    assert text_strip("x" * 500, (800, 64), (0.5, 0.5, 0.5)).shape == (64, 800, 3)
+    assert state_strip("x" * 500, (800, 64), MarginState.UNKNOWN).shape == (64, 800, 3)
+
+
+def test_strip_has_the_symbol_of_its_state_without_any_text() -> None:
+    drawn = [state_strip("", (200, 64), state) for state in MarginState]
+    inked = [(strip != strip[0, 0]).any(axis=-1) for strip in drawn]
+    assert all(20 < mask.sum() < 1000 for mask in inked)
+    assert len({mask.tobytes() for mask in inked}) == len(MarginState)
 
 
 def test_png_round_trip() -> None:
@@ -172,7 +179,7 @@ def test_banner_of_an_aged_scene_is_grey(
     scene.set_poses(edges, fixed)
     scene.add_tumor(tumor)
     clear = decision(MarginState.NEGATIVE, 9.0)
-    for now_ns, color in ((1, (0.0, 1.0, 0.0)), (12, (0.5, 0.5, 0.5))):
+    for now_ns, state in ((1, MarginState.NEGATIVE), (12, MarginState.UNKNOWN)):
         scene.show(clear, {}, now_ns)
         picture = imread(BytesIO(scene_png(application, scene, (200, 120))))
-        assert np.allclose(picture[2, 2, :3], color, atol=0.01)
+        assert np.allclose(picture[2, 2, :3], state.color, atol=0.01)

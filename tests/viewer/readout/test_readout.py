@@ -11,16 +11,15 @@ from app.geometry import Freshness, Transform
 from app.registration import RegistrationResult, given_registration, register_points
 from app.robot import load_robot
 from app.viewer.readout.readout import readout
-from app.viewer.readout.words import REASON_WORDS, STATE_WORDS, distance_digits, why
+from app.viewer.readout.words import REASON_WORDS, distance_digits, why
 from app.viewer.steps.view_state import ViewState
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 
 def test_every_state_and_every_reason_has_words_of_its_own():
-    assert set(STATE_WORDS) == set(MarginState)
     assert set(REASON_WORDS) == set(Reason)
     assert len(set(REASON_WORDS.values())) == len(Reason)
-    assert len(set(STATE_WORDS.values())) == len(MarginState)
+    assert len({state.display.label for state in MarginState}) == len(MarginState)
 
 
 def test_unknown_tells_every_fault_and_nothing_else():
@@ -55,7 +54,7 @@ def test_digits(mm, digits):
 
 def test_nothing_at_all_is_unknown():
     said = readout(None)
-    assert (said["state"], said["word"], said["distance"]) == ("UNKNOWN", "UNKNOWN", "\N{EN DASH}")
+    assert (said["state"], said["label"], said["distance"]) == ("UNKNOWN", "UNKNOWN", "\N{EN DASH}")
 
 
 def test_each_step_says_its_state_and_a_distance_only_where_it_is_known(parts):
