@@ -104,7 +104,7 @@ def test_every_surface_and_colour_of_the_case_is_in_the_scene(
         found = {tuple(np.round(point, 4)) for point in loaded[name]["points"]}
         assert found == {tuple(np.round(point, 4)) for point in mesh.vertices_mm.tolist()}
         assert len(loaded[name]["triangles"]) == 3 * len(mesh.faces)
-    assert loaded["Tumor"]["display"]["color"] == [1.0, 0.0, 0.0]
+    assert loaded["Tumor"]["display"]["color"] == list(MarginState.POSITIVE.color)
     assert loaded["Tumor"]["display"]["opacity"] == 0.4
     assert loaded["stylus_model"]["display"]["opacity"] == 0.3  # the tool is seen in its grip
     proximity = deepest.decision.proximity

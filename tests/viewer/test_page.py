@@ -68,7 +68,7 @@ def share_of(pixels: np.ndarray, colour: str) -> float:
     """The share of pixels that are clearly red, green, or grey and brighter than the ground."""
     red, green, blue = np.moveaxis(pixels, -1, 0)
     is_colour = {
-        "red": (red > 110) & (red > 2 * green) & (red > 2 * blue),
+        "red": (red > 70) & (red > 1.7 * green) & (red > 1.7 * blue),
         "green": (green > 80) & (green > 1.5 * red) & (green > 1.5 * blue),
         "grey": (np.ptp(pixels, axis=-1) < 18) & (red > 70) & (red < 200),
     }[colour]
