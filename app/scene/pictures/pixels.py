@@ -84,7 +84,7 @@ def _draw_text(
     place = strip[top : top + letters.shape[0], left : left + letters.shape[1]]
     cover = letters[..., 3:] / 255.0
     place[:] = np.round(cover * letters[..., :3] + (1.0 - cover) * place)
-    return left + letters.shape[1]
+    return left + int(letters.shape[1])
 
 
 @cache
