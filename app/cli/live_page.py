@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from app.cli.publishing import bridge_loaded
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from app.bridge import ReplayScene
     from app.bridge.live import LiveNode
     from app.geometry import SurfaceMesh
-    from app.viewer import Cast, LiveFeed, Viewer
+    from app.runtime import SessionContent
+    from app.viewer import LiveFeed, Viewer
 
 CONSTRAINT_HZ = 100.0
 """How often the constraint is repeated: beside a page that draws there is no room for 1 kHz."""
@@ -33,8 +35,17 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
         from app.bridge.latest_value import SWITCH_INTERVAL_S
         from app.bridge.live import guarding
         from app.case import open_live
+        from app.runtime import content_of
         from app.session import setup_from_case, with_repaired_tumor
-        from app.viewer import Cast, LiveFeed, LiveTimeline, SceneView, Title, Viewer, Watcher
+        from app.viewer import (
+            LiveFeed,
+            LiveTimeline,
+            SceneView,
+            Title,
+            Viewer,
+            Watcher,
+            stop_surface,
+        )
 
         bridge_loaded("a live session is ROS")
         config = open_live(options.config, package_dirs=options.package_dirs)
@@ -43,10 +54,12 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
             print(note, file=sys.stderr)
         tip_only: bool = options.tip_only
         setup = setup_from_case(case, tip_only=tip_only)
-        cast = Cast.of(setup, case.tumor_mesh(), None if tip_only else case.tool_mesh())
-        feed = LiveFeed(Watcher(setup, cast), setup.margins.stale_after_ns, time.monotonic_ns)
+        content = content_of(case, setup, tip_only=tip_only)
+        margin_surface = stop_surface(content)
+        watcher = Watcher(setup, content, margin_surface)
+        feed = LiveFeed(watcher, setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(case.manifest.name, live=True)
-        viewer = Viewer(SceneView(cast), feed, LiveTimeline(), title)
+        viewer = Viewer(SceneView(content), feed, LiveTimeline(), title)
         feed.wakes(viewer.look)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
     with guarding(
@@ -57,7 +70,8 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
         constraint_hz=CONSTRAINT_HZ,
         tip_only=tip_only,
     ) as guard:
-        thread = threading.Thread(target=_follow, args=(guard, feed, cast), name="session")
+        follow = partial(_follow, guard, feed, content, margin_surface)
+        thread = threading.Thread(target=follow, name="session")
         thread.start()
         try:
             yield viewer
@@ -66,14 +80,19 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
             thread.join()
 
 
-def _follow(guard: "LiveNode", feed: "LiveFeed", cast: "Cast") -> None:
-    """Hand every step to the feed; where the session fails, the page says so and stays grey."""
+def _follow(
+    guard: "LiveNode",
+    feed: "LiveFeed",
+    content: "SessionContent",
+    margin_surface: "SurfaceMesh | None",
+) -> None:
+    """Put every step into the feed; if the session fails, the page says so and stays grey."""
     why = "the session has ended"
     with ThreadPoolExecutor(max_workers=1) as makers:
-        casting = Casting(cast, guard.changes.scene, makers)
+        contents = LiveContent(content, margin_surface, guard.changes.scene, makers)
         try:
             for step in guard.steps():
-                feed.put(step, casting.of(guard.changes.scene))
+                feed.put(step, *contents.of(guard.changes.scene))
         except Exception as error:
             why = f"the session has failed: {error}"
             raise
@@ -81,36 +100,51 @@ def _follow(guard: "LiveNode", feed: "LiveFeed", cast: "Cast") -> None:
             feed.end(why)
 
 
-class Casting:
-    """The cast of a session that may be given another tumour, margin or registration.
+class LiveContent:
+    """The content of a session that may be given another tumour, margin or registration.
 
-    The surface at the margin takes a second to make: until then there is none, and not an old one.
+    The margin surface takes a second to compute: it is None until then, never that of before.
     """
 
-    def __init__(self, cast: "Cast", scene: "ReplayScene", makers: ThreadPoolExecutor) -> None:
-        self._cast = cast
+    def __init__(
+        self,
+        content: "SessionContent",
+        margin_surface: "SurfaceMesh | None",
+        scene: "ReplayScene",
+        makers: ThreadPoolExecutor,
+    ) -> None:
+        self._content = content
+        self._margin_surface = margin_surface
         self._scene = scene
         self._makers = makers
         self._making: Future[SurfaceMesh | None] | None = None
 
-    def of(self, scene: "ReplayScene") -> "Cast":
-        """That of a step which was taken with ``scene``."""
+    def of(self, scene: "ReplayScene") -> "tuple[SessionContent, SurfaceMesh | None]":
+        """The content and the margin surface of a step that was taken with ``scene``."""
         from app.viewer import stop_surface
 
         if scene is not self._scene:
             self._scene = scene
-            self._cast = replace(
-                self._cast,
-                tumor=scene.tumor,
-                fixed=scene.static_edges,
-                registration=scene.registration,
-                margin=None,
-            )
-            self._making = self._makers.submit(stop_surface, scene.tumor, scene.margins.stop_mm)
+            self._content = _changed(self._content, scene)
+            self._margin_surface = None
+            self._making = self._makers.submit(stop_surface, self._content)
         if self._making is not None and self._making.done():
-            self._cast = replace(self._cast, margin=_made(self._making))
+            self._margin_surface = _made(self._making)
             self._making = None
-        return self._cast
+        return self._content, self._margin_surface
+
+
+def _changed(content: "SessionContent", scene: "ReplayScene") -> "SessionContent":
+    robot = content.robot
+    # The edge from the base to the robot's root link is not part of the content.
+    roots = set() if robot is None else {robot.robot.root_link} - {robot.base_frame}
+    return replace(
+        content,
+        tumor=scene.tumor,
+        margins=scene.margins,
+        static_edges=tuple(edge for edge in scene.static_edges if edge.source not in roots),
+        robot=None if robot is None else replace(robot, registration=scene.registration),
+    )
 
 
 def _made(making: "Future[SurfaceMesh | None]") -> "SurfaceMesh | None":

@@ -14,8 +14,9 @@ from app.cli.signals import SignalState
 if TYPE_CHECKING:
     from app.case import Case
     from app.report import ReplayLog
+    from app.runtime import SessionContent
     from app.session import SessionSetup
-    from app.viewer import Cast, ReplayFeed, ReplayTimeline, Viewer
+    from app.viewer import ReplayFeed, ReplayTimeline, Viewer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +25,7 @@ class ReplayParts:
 
     case: "Case"
     setup: "SessionSetup"
-    cast: "Cast"
+    content: "SessionContent"
     feed: "ReplayFeed"
     timeline: "ReplayTimeline"
     log: "ReplayLog"
@@ -49,7 +50,7 @@ class ReplayParts:
         )
         with ScenePainter() as painter, TemporaryDirectory() as folder:
             if log.deepest is not None:
-                painter.begin(case, setup, log.deepest, with_tool=not self.tip_only)
+                painter.begin(self.content, log.deepest)
             write_report(Path(folder), record, scene_png=painter.picture, version=__version__)
             return (Path(folder) / "report.html").read_bytes()
 
@@ -61,14 +62,16 @@ def replay_parts(
     with received.ends_at_once():
         from app.case import open_case
         from app.report import ReplayLog, find_breaches
+        from app.runtime import content_of
         from app.session import Session, setup_from_case, with_estimated_clock, with_repaired_tumor
-        from app.viewer import Cast, ReplayFeed, ReplayTimeline, Watcher
+        from app.viewer import ReplayFeed, ReplayTimeline, Watcher, stop_surface
 
         opened = open_case(folder, package_dirs=package_dirs)
         case, _ = with_estimated_clock(with_repaired_tumor(opened))
         setup = setup_from_case(case, tip_only=tip_only)
-    cast = Cast.of(setup, case.tumor_mesh(), None if tip_only else case.tool_mesh())
-    session, watcher, log = Session(setup), Watcher(setup, cast), ReplayLog()
+    content = content_of(case, setup, tip_only=tip_only)
+    watcher = Watcher(setup, content, stop_surface(content))
+    session, log = Session(setup), ReplayLog()
     shown = []
     for frame in with_progress(case.frames(), "stepping through frame"):
         if received.number is not None:
@@ -80,7 +83,7 @@ def replay_parts(
     feed = ReplayFeed(shown, time.monotonic_ns)
     breaches = find_breaches(log.rows, setup.margins.stale_after_ns)
     timeline = ReplayTimeline(feed, [(breach.first, breach.last) for breach in breaches])
-    return ReplayParts(case, setup, cast, feed, timeline, log, tip_only)
+    return ReplayParts(case, setup, content, feed, timeline, log, tip_only)
 
 
 def replay_page(parts: ReplayParts) -> "Viewer":
@@ -88,4 +91,4 @@ def replay_page(parts: ReplayParts) -> "Viewer":
     from app.viewer import SceneView, Title, Viewer
 
     title = Title(parts.case.manifest.name, live=False, report=parts.report)
-    return Viewer(SceneView(parts.cast), parts.feed, parts.timeline, title, parts.feed.control)
+    return Viewer(SceneView(parts.content), parts.feed, parts.timeline, title, parts.feed.control)

@@ -20,7 +20,7 @@ class SceneLog:
         """The samples of each acquisition."""
         self.states: list[tuple[int, MarginState, tuple[Reason, ...]]] = []
         """The stamp in ns, what was judged, and why."""
-        self.reel = None if pictures is None else Reel(pictures)
+        self._reel = None if pictures is None else Reel(pictures)
         self.first_ns: int | None = None
 
     def add(self, step: "StepResult") -> None:
@@ -32,5 +32,15 @@ class SceneLog:
                 self.frames.append(step.frame.poses)
             decision = step.decision
             self.states.append((step.frame.stamp.ns, decision.state, decision.reasons))
-        if self.reel is not None:
-            self.reel.add(step)
+        if self._reel is not None:
+            self._reel.add(step)
+
+    def keyframes(self) -> list[tuple[float, "StepResult"]]:
+        """The steps of the movie with their times in s from the first frame."""
+        from app.geometry import NS_PER_S
+
+        if self._reel is None or self.first_ns is None:
+            return []
+        return [
+            ((step.frame.stamp.ns - self.first_ns) / NS_PER_S, step) for step in self._reel.steps()
+        ]

@@ -6,17 +6,37 @@ import subprocess
 import sys
 from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
-    from app.case import Case
     from app.cli.scene_log import SceneLog
-    from app.session import SessionSetup, StepResult
+    from app.fixture import MarginState, Reason
+    from app.geometry import TrackedTransform
+    from app.runtime import SessionContent
+    from app.session import StepResult
 
 PICTURE, SCENE, MOVIE = "picture", "scene", "movie"
-"""What can be asked for."""
+"""The outputs of a `SceneRequest`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneRequest:
+    """What the drawing process gets: a session's content, one of its steps, what to make of them.
+
+    ``frames`` are the samples of each acquisition and ``states`` each stamp in ns with its state
+    and reasons, for a scene's sequences. ``keyframes`` are the steps of a movie with their times in
+    s.
+    """
+
+    content: "SessionContent"
+    step: "StepResult"
+    outputs: tuple[str, ...]
+    frames: "tuple[tuple[TrackedTransform, ...], ...]" = ()
+    states: "tuple[tuple[int, MarginState, tuple[Reason, ...]], ...]" = ()
+    keyframes: "tuple[tuple[float, StepResult], ...]" = ()
 
 
 class ScenePainter:
@@ -54,35 +74,22 @@ class ScenePainter:
 
     def begin(
         self,
-        case: "Case",
-        setup: "SessionSetup",
+        content: "SessionContent",
         step: "StepResult",
         *,
-        with_tool: bool,
-        wanted: Collection[str] = (PICTURE,),
+        outputs: Collection[str] = (PICTURE,),
         log: "SceneLog | None" = None,
     ) -> None:
-        """Have ``step`` drawn, and what else is ``wanted``; ``log`` has the replay for that."""
-        from app.geometry import NS_PER_S
-
-        moment = _moment(case, setup, step, with_tool=with_tool)
-        request: dict[str, Any] = {
-            "moment": moment,
-            "wanted": tuple(wanted),
-            "now_ns": step.frame.stamp.ns,
-        }
-        if log is not None and SCENE in wanted:
-            request["frames"], request["states"] = log.frames, log.states
-        if log is not None and log.reel is not None and log.first_ns is not None:
-            request["moments"] = [
-                (
-                    (one.frame.stamp.ns - log.first_ns) / NS_PER_S,
-                    # The same meshes: pickled once.
-                    moment | _moving(setup, one),
-                )
-                for one in log.reel.steps()
-            ]
-        # From protocol 5 on what was read-only is so again in the process.
+        """Start to draw ``outputs`` of ``step``; ``log`` has what a scene and a movie need."""
+        request = SceneRequest(
+            content=content,
+            step=step,
+            outputs=tuple(outputs),
+            frames=() if log is None else tuple(log.frames),
+            states=() if log is None else tuple(log.states),
+            keyframes=() if log is None else tuple(log.keyframes()),
+        )
+        # Protocol 5 and later restore read-only arrays as read-only.
         sent = pickle.dumps(request, pickle.HIGHEST_PROTOCOL)
         self._answer = self._waiting.submit(self._process.communicate, sent)
 
@@ -126,36 +133,3 @@ def _unpacked(answer: bytes, status: int) -> dict[str, bytes | str]:
     if status != 0:
         print(f"drawing the scene ended with status {status}, after all was drawn", file=sys.stderr)
     return contents
-
-
-def _moment(
-    case: "Case", setup: "SessionSetup", step: "StepResult", *, with_tool: bool
-) -> dict[str, Any]:
-    """The values of `app.scene.Moment`, which cannot be made here without loading the scene."""
-    return {
-        "tumor": case.tumor_mesh(),
-        "tool": case.tool_mesh() if with_tool else None,
-        "tip_frame": case.manifest.tool.tip_frame,
-        "fixed": setup.static_edges,
-        **_moving(setup, step),
-    }
-
-
-def _moving(setup: "SessionSetup", step: "StepResult") -> dict[str, Any]:
-    """The values of a moment that are others at each step."""
-    robot = setup.robot
-    return {
-        "decision": step.decision,
-        "measured": tuple(
-            pose.transform for pose in step.frame.poses if pose.transform is not None
-        ),
-        "tumor_from_tip": step.tumor_from_tip,
-        "robot": {
-            "robot": robot.robot,
-            "base_frame": robot.base_frame,
-            "links": step.links,
-            "tool_link": robot.tool_link,
-        }
-        if robot is not None and step.links
-        else None,
-    }

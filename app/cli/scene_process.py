@@ -11,13 +11,13 @@ import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING
 
 from app.cli.gc_control import GcPause
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE
 
 if TYPE_CHECKING:
-    from app.scene import Moment
+    from app.cli.scene_picture import SceneRequest
 
 SCENE_NAME = "scene.mrb"
 
@@ -43,52 +43,53 @@ def _answered(stream: IO[bytes], memory: GcPause) -> bytes:
     except ImportError as error:
         request = _read(stream)
         reason = f"{error}; 'marginguard doctor' says what to install"
-        return pickle.dumps(dict.fromkeys(request["wanted"], reason)) if request else b""
+        return pickle.dumps(dict.fromkeys(request.outputs, reason)) if request else b""
     request = _read(stream)
     if request is None:
         return b""
-    return pickle.dumps({name: _content(name, request) for name in request["wanted"]})
+    return pickle.dumps({output: _content(output, request) for output in request.outputs})
 
 
 def _load() -> None:
     """Load all that a picture needs, and draw one: the first one in a process takes longest."""
-    from app.cli.render_warmup import rehearsal
-    from app.scene import OffscreenError, moment_png
+    from app.cli.render_warmup import warmup_step
+    from app.scene import OffscreenError, step_png
 
     # Why nothing can be drawn is said when a picture is asked for; a scene file needs none.
     with suppress(OffscreenError):
-        moment_png(rehearsal(), _SMALL)
+        step_png(*warmup_step(), _SMALL)
 
 
-def _read(stream: IO[bytes]) -> dict[str, Any] | None:
+def _read(stream: IO[bytes]) -> "SceneRequest | None":
     try:
-        request: dict[str, Any] = pickle.load(stream)
+        request: SceneRequest = pickle.load(stream)
     except EOFError:
         return None
     return request
 
 
-def _content(name: str, request: dict[str, Any]) -> bytes | str:
+def _content(output: str, request: "SceneRequest") -> bytes | str:
     from app.geometry import MarginGuardError
 
     try:
-        return _MAKERS[name](_moment(request["moment"]), request)
+        return _MAKERS[output](request)
     except MarginGuardError as error:
         return str(error)
 
 
-def _picture(moment: "Moment", _: dict[str, Any]) -> bytes:
-    from app.scene import moment_png
+def _picture(request: "SceneRequest") -> bytes:
+    from app.scene import step_png
 
-    return moment_png(moment)
+    return step_png(request.content, request.step)
 
 
-def _scene(moment: "Moment", request: dict[str, Any]) -> bytes:
-    from app.scene import MomentScene, SceneError, add_sequences, save_scene
+def _scene(request: "SceneRequest") -> bytes:
+    from app.scene import SceneError, StepScene, add_sequences, save_scene
 
-    shown = MomentScene(moment)
+    shown = StepScene(request.content, request.step)
+    now_ns = request.step.frame.stamp.ns
     try:
-        add_sequences(shown.scene, request["frames"], request["states"], request["now_ns"])
+        add_sequences(shown.scene, request.frames, request.states, now_ns)
     except SceneError as error:
         print(f"the scene is saved without the recording: {error}", file=sys.stderr)
     with tempfile.TemporaryDirectory() as folder:
@@ -97,17 +98,10 @@ def _scene(moment: "Moment", request: dict[str, Any]) -> bytes:
         return path.read_bytes()
 
 
-def _movie(moment: "Moment", request: dict[str, Any]) -> bytes:
+def _movie(request: "SceneRequest") -> bytes:
     from app.scene import movie_gif
 
-    return movie_gif(moment, [(time_s, _moment(one)) for time_s, one in request["moments"]])
-
-
-def _moment(values: dict[str, Any]) -> "Moment":
-    from app.scene import Moment, ShownRobot
-
-    robot = values["robot"]
-    return Moment(**values | {"robot": None if robot is None else ShownRobot(**robot)})
+    return movie_gif(request.content, request.step, request.keyframes)
 
 
 _MAKERS = {PICTURE: _picture, SCENE: _scene, MOVIE: _movie}

@@ -10,11 +10,12 @@ from .nodes.batch import Batch
 from .nodes.shapes import mesh_of_model, mesh_of_segment, points_of_markups
 from .pictures.cameras import Preset, bullseye, forward_of, look_through, preset_camera
 from .pictures.framing import Camera
-from .pictures.moment import Moment, MomentScene, ShownRobot, moment_png
 from .pictures.movie import movie_gif
 from .pictures.offscreen import use_offscreen_rendering
 from .pictures.picture import scene_png
+from .pictures.step_scene import StepScene, step_png
 from .pictures.view import OffscreenView, draw_once_an_update, offscreen_view
+from .presenter import ScenePresenter
 from .robot_model import RobotModel
 from .scene import MarginGuardScene
 from .scene_file import load_scene, save_scene
@@ -27,8 +28,6 @@ __all__ = [
     "EditedTransform",
     "FixturePlane",
     "MarginGuardScene",
-    "Moment",
-    "MomentScene",
     "OffscreenError",
     "OffscreenView",
     "PoseNodes",
@@ -36,7 +35,8 @@ __all__ = [
     "RobotModel",
     "SceneApplication",
     "SceneError",
-    "ShownRobot",
+    "ScenePresenter",
+    "StepScene",
     "TransformHealth",
     "TransformTree",
     "TransformWatchdog",
@@ -48,12 +48,12 @@ __all__ = [
     "look_through",
     "mesh_of_model",
     "mesh_of_segment",
-    "moment_png",
     "movie_gif",
     "offscreen_view",
     "points_of_markups",
     "preset_camera",
     "save_scene",
     "scene_png",
+    "step_png",
     "use_offscreen_rendering",
 ]

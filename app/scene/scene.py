@@ -98,9 +98,13 @@ class MarginGuardScene:
         a frame that they do not connect with the reference stays where it is. A fixed edge whose
         target is in the scene neither before nor through an earlier edge raises `SceneError`.
         """
+        self.place(poses_in(self.reference, measured).values(), fixed)
+
+    def place(self, poses: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
+        """Move the frames: ``poses`` are ``root_from_frame``, ``fixed`` edges as in `set_poses`."""
         with self.update():
-            for frame, pose in poses_in(self.reference, measured).items():
-                if frame != self.reference:
+            for pose in poses:
+                if pose.source != self.reference:
                     self.tree.set(pose)
             for edge in fixed:
                 self.tree.set(edge)
@@ -141,9 +145,7 @@ class MarginGuardScene:
             )
         with self._content():
             self.tumor.SetAndObservePolyData(smooth_surface(mesh))
-            if self.margin_surface is not None:
-                remove_displayed(self.scene, self.margin_surface)
-                self.margin_surface = None
+            self.remove_margin_surface()
             self._decision = None
             self.margin.breaches.clear()
             self._show_margin(self.margin, None)
@@ -171,6 +173,13 @@ class MarginGuardScene:
                 self.margin_surface.SetAndObservePolyData(surface)
                 self.margin_surface.SetAndObserveTransformNodeID(pose.GetID())
         return self.margin_surface
+
+    def remove_margin_surface(self) -> None:
+        """Remove the surface at the stop margin, if there is one."""
+        if self.margin_surface is not None:
+            with self._content():
+                remove_displayed(self.scene, self.margin_surface)
+                self.margin_surface = None
 
     def add_tool(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
         """Show the tool in the frame of ``mesh``, its tip's."""

@@ -3,13 +3,12 @@ from .drawing.scene_view import SceneView
 from .errors import ViewerError
 from .readout.timeline import LiveTimeline, ReplayTimeline
 from .server import Title, Viewer
-from .steps.cast import Cast, stop_surface
 from .steps.feeds import LiveFeed, ReplayFeed
+from .steps.margin_surface import stop_surface
 from .steps.view_state import ViewState, Watcher
 
 __all__ = [
     "Address",
-    "Cast",
     "LiveFeed",
     "LiveTimeline",
     "ReplayFeed",

@@ -37,8 +37,8 @@ class StageHands:
         self._tell_parts()
         self._changed()
 
-    def _opacity(self, name: str, strength: float) -> None:
-        self._stage.set_strength(Part[name], float(strength))
+    def _opacity(self, name: str, opacity: float) -> None:
+        self._stage.set_opacity(Part[name], float(opacity))
         self._tell_parts()
         self._changed()
 
@@ -48,7 +48,7 @@ class StageHands:
                 "name": part.name,
                 "label": part.value,
                 "visible": self._stage.visible(part),
-                "opacity": self._stage.strength(part),
+                "opacity": self._stage.opacity(part),
             }
             for part in self._stage.parts
         ]

@@ -64,7 +64,7 @@ def main() -> None:
     parts = replay_parts(options.case, (), SignalState(), tip_only=False)
     shown = ShownFrame(parts.feed)
     viewer = Viewer(
-        SceneView(parts.cast),
+        SceneView(parts.content),
         shown,
         parts.timeline,
         Title(parts.case.manifest.name, live=False),

@@ -1,4 +1,4 @@
-"""The moment that is drawn before there is one that counts shows all that a picture may show."""
+"""The step that warms up the renderer shows everything that a picture may show."""
 
 import pytest
 
@@ -7,10 +7,10 @@ from app.fixture import MarginState
 
 def test_tumour_tool_line_and_plane_are_shown() -> None:
     pytest.importorskip("slicer")
-    from app.cli.render_warmup import rehearsal
-    from app.scene import MomentScene
+    from app.cli.render_warmup import warmup_step
+    from app.scene import StepScene
 
-    scene = MomentScene(rehearsal()).scene
+    scene = StepScene(*warmup_step()).scene
     margin = scene.margin
     assert margin is not None
     assert margin.state is MarginState.NEGATIVE

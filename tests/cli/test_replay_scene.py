@@ -106,7 +106,7 @@ def test_every_surface_and_colour_of_the_case_is_in_the_scene(
         assert len(loaded[name]["triangles"]) == 3 * len(mesh.faces)
     assert loaded["Tumor"]["display"]["color"] == list(MarginState.POSITIVE.color)
     assert loaded["Tumor"]["display"]["opacity"] == 0.4
-    assert loaded["stylus_model"]["display"]["opacity"] == 0.3  # the tool is seen in its grip
+    assert loaded["stylus_model"]["display"]["opacity"] == 0.35  # the tool is seen in its grip
     proximity = deepest.decision.proximity
     assert proximity is not None
     distance = f"{proximity.signed_distance_mm:.1f} mm"

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from app.case import open_case
-from app.cli.scene_picture import MOVIE, SCENE, ScenePainter
+from app.cli.render_warmup import warmup_step
+from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter, SceneRequest
 from app.geometry import InputError
+from app.runtime import content_of
 from app.session import Session, setup_from_case
 from tests.cli.small_case import write_small_case
 
@@ -86,11 +88,12 @@ def test_what_is_handed_over_can_be_written_to_no_more_than_here(
     step = Session(setup).step(next(case.frames()))
     stand_in(tmp_path, monkeypatch, "exit 0")
     with ScenePainter() as painter:
-        painter.begin(case, setup, step, with_tool=False)
+        painter.begin(content_of(case, setup, tip_only=True), step)
         painter.picture()
-    moment = pickle.loads((tmp_path / "request").read_bytes())["moment"]
-    assert not moment["tumor"].vertices_mm.flags.writeable
-    assert not moment["tumor_from_tip"].rotation.flags.writeable
+    request: SceneRequest = pickle.loads((tmp_path / "request").read_bytes())
+    assert not request.content.tumor.vertices_mm.flags.writeable
+    assert request.step.tumor_from_tip is not None
+    assert not request.step.tumor_from_tip.rotation.flags.writeable
 
 
 def test_a_moment_that_was_never_known_gives_no_file() -> None:
@@ -121,7 +124,7 @@ def test_without_slicer_it_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "slicer.py").write_text("raise ImportError('no slicer here')\n")
     found = subprocess.run(
         PROCESS,
-        input=pickle.dumps({"wanted": ("picture",)}),
+        input=pickle.dumps(SceneRequest(*warmup_step(), outputs=(PICTURE,))),
         capture_output=True,
         check=True,
         env={"PYTHONPATH": str(tmp_path)},

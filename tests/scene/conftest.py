@@ -1,20 +1,26 @@
 """A small case for the scene: a ball as tumour, a rod as tool, an arm of two boxes."""
 
 import importlib.metadata
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from app.case import TrackingFrame
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
-from app.geometry import Stamp, SurfaceMesh, Transform
+from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
+from app.registration import DriftBound, given_registration
 from app.robot import Joint, JointType, Link, Robot, Shape
-from app.scene import MarginGuardScene, OffscreenError, ShownRobot, use_offscreen_rendering
+from app.runtime import SessionContent
+from app.scene import MarginGuardScene, OffscreenError, use_offscreen_rendering
+from app.session import RobotSetup, StepResult
+from tests.doubles import PARAMETERS
 
 Decide = Callable[[MarginState, float | None], FixtureDecision]
 Fill = Callable[[MarginGuardScene], MarginGuardScene]
+MakeStep = Callable[..., StepResult]
 
 BOX_FACES = np.array(
     [
@@ -147,22 +153,53 @@ def fill(
 
 
 @pytest.fixture
-def moment_values(
-    edges: tuple[Transform, ...],
-    fixed: tuple[Transform, ...],
-    tumor: SurfaceMesh,
-    tool: SurfaceMesh,
-    arm: Robot,
-) -> dict[str, Any]:
-    """All of a `Moment` of the case but its decision; the arm is stretched out."""
-    return {
-        "tumor": tumor,
-        "tool": tool,
-        "tip_frame": "cautery_tip",
-        "measured": edges,
-        "fixed": fixed,
-        "robot": ShownRobot(arm, "robot_base", arm.forward_kinematics({})),
-    }
+def content(
+    fixed: tuple[Transform, ...], tumor: SurfaceMesh, tool: SurfaceMesh, arm: Robot
+) -> SessionContent:
+    """The content of a session of the case; the arm's forearm holds the tool."""
+    return SessionContent(
+        name="case",
+        tumor=tumor,
+        tool=tool,
+        tip_frame="cautery_tip",
+        static_edges=fixed,
+        margins=PARAMETERS,
+        robot=RobotSetup(
+            arm,
+            "robot_base",
+            "fore_arm",
+            given_registration(fixed[2]),
+            DriftBound(translation_mm=1.0, rotation_rad=0.1),
+        ),
+    )
+
+
+@pytest.fixture
+def make_step(edges: tuple[Transform, ...], arm: Robot) -> MakeStep:
+    """Makes a step of the session; the arm is stretched out unless ``links`` are given."""
+
+    def make(
+        state: MarginState = MarginState.POSITIVE,
+        distance_mm: float | None = -2.0,
+        *,
+        measured: tuple[Transform, ...] = edges,
+        links: Mapping[str, Transform] | None = None,
+        tumor_from_tip: Transform | None = None,
+        stamp_ns: int = 1,
+    ) -> StepResult:
+        stamp = Stamp(stamp_ns)
+        samples = tuple(TrackedTransform(edge, stamp, TrackingStatus.OK) for edge in measured)
+        return StepResult(
+            index=0,
+            frame=TrackingFrame(stamp, samples),
+            decision=replace(build_decision(state, distance_mm), stamp=stamp),
+            tumor_from_tip=tumor_from_tip,
+            virtual_fixture=None,
+            links=arm.forward_kinematics({}) if links is None else links,
+            joints=None,
+        )
+
+    return make
 
 
 def build_decision(state: MarginState, distance_mm: float | None) -> FixtureDecision:

@@ -48,7 +48,7 @@ def test_the_plot_has_its_name_before_its_first_points():
 
 def test_a_screenshot_is_of_the_present_although_nobody_looks_at_a_page(can_draw, parts):
     """Pictures are drawn for pages that are open: the stage still stands as at the last one."""
-    stage, feed = SceneView(parts.cast), FeedDouble()
+    stage, feed = SceneView(parts.content), FeedDouble()
     stage.view.render_window().SetSize(320, 240)
     page = Page(Server().state, stage, PictureArea(stage.view), feed, TimelineDouble())
 

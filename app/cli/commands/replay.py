@@ -100,6 +100,7 @@ def _played(
         from app.case import Player, open_case
         from app.files import write_file
         from app.report import all_passed, summarise, write_report
+        from app.runtime import content_of
         from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
 
         watch.lap("load the program")
@@ -125,8 +126,8 @@ def _played(
         notes = (f"offset of the joints' clock: {clock.reason}", *record.notes)
         record = replace(record, notes=notes)
     if painter is not None and deepest is not None:
-        with_tool = not options.tip_only
-        painter.begin(case, setup, deepest, with_tool=with_tool, wanted=wanted, log=scene_log)
+        content = content_of(case, setup, tip_only=options.tip_only)
+        painter.begin(content, deepest, outputs=wanted, log=scene_log)
     if painter is None or options.report is None:
         summary = summarise(record)
     else:

@@ -53,11 +53,15 @@ class TransformWatchdog:
     """
 
     def __init__(self, stale_after_ns: int) -> None:
+        self.set_stale_after(stale_after_ns)
+        self._edges: dict[tuple[str, str], _Edge] = {}
+
+    def set_stale_after(self, stale_after_ns: int) -> None:
+        """Use another limit from now on. Raises `SceneError` for one that is not above 0."""
         if stale_after_ns <= 0:
-            raise SceneError(f"stale_after_ns {stale_after_ns} of a watchdog: above 0 wanted")
+            raise SceneError(f"watchdog: stale_after_ns is {stale_after_ns}; expected more than 0")
         self.stale_after_ns = stale_after_ns
         self._limits = FreshnessLimits(stale_after_ns)
-        self._edges: dict[tuple[str, str], _Edge] = {}
 
     def expect(self, target: str, source: str) -> None:
         """Watch this edge from now on: it is missing until it is seen."""

@@ -1,4 +1,4 @@
-"""A replay as a short animation (GIF): one scene and one view, moved from picture to picture."""
+"""A replay as a short animation (GIF), drawn step by step in one scene and one view."""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -7,13 +7,15 @@ import numpy as np
 from PIL import Image
 
 from app.fixture import MarginState
+from app.runtime import SessionContent
 from app.scene.errors import SceneError
 from app.scene.pictures.cameras import VIEW_ANGLE_DEG
 from app.scene.pictures.framing import Camera, best_direction, fit
-from app.scene.pictures.moment import Moment, MomentScene
 from app.scene.pictures.picture import content_points, upright
 from app.scene.pictures.pixels import Pixels, state_strip
+from app.scene.pictures.step_scene import StepScene
 from app.scene.pictures.view import offscreen_view
+from app.session import StepResult
 
 PICTURE_MS = 80
 """A GIF counts in hundredths of a second: this is 12.5 pictures a second."""
@@ -24,67 +26,70 @@ _BACKGROUND = (0.93, 0.95, 0.97)
 """Of one colour: a gradient would make the file several times as large."""
 _COLORS = 128
 _SAME_LEVELS = 8
-_SOME_MOMENTS, _SOME_POINTS = 16, 8
+_CAMERA_KEYFRAMES, _POINT_STRIDE = 16, 8
 _SEEN_RADII = 3.6
 """How far around the tumour the picture reaches, in the tumour's radii."""
 
 
 def movie_gif(
-    subject: Moment,
-    moments: Sequence[tuple[float, Moment]],
+    content: SessionContent,
+    subject: StepResult,
+    keyframes: Sequence[tuple[float, StepResult]],
     size: tuple[int, int] = MOVIE_SIZE,
 ) -> bytes:
-    """Draw ``moments`` of one case, each with its time in s, as an animated GIF.
+    """Draw ``keyframes``, steps of one session with their times in s, as an animated GIF.
 
-    The camera stands still, near enough to fill the picture with what is around the tumour in
-    ``subject``. A banner tells time, state and distance. Breaches are marked from where they happen
-    on. ``size`` is width and height in pixels. Raises `OffscreenError` where nothing can be drawn
-    without a screen.
+    The camera does not move. It fills the picture with the surroundings of the tumour in
+    ``subject``. A banner shows time, state and distance. A breach is marked from the keyframe on in
+    which it happens. ``size`` is width and height in pixels. Raises `OffscreenError` where nothing
+    can be drawn without a screen, and `SceneError` if ``subject`` does not place tumour and tool.
     """
-    shown = MomentScene(subject)
+    shown = StepScene(content, subject)
     margin = shown.scene.margin
     if margin is None:
-        raise SceneError("a movie needs a tumour in the scene, there is none")
+        raise SceneError("movie: the scene has no tumour; expected one")
     margin.line.GetDisplayNode().SetPointLabelsVisibility(False)  # the banner has the distance
     width, height = size
     view_size = (width, height - _BANNER_PIXELS)
     with offscreen_view(shown.application, "MarginGuardMovie", view_size) as view:
         view.fill(_BACKGROUND)
-        view.look(_camera(shown, [moment for _, moment in moments], view.aspect))
+        view.look(_camera(shown, [step for _, step in keyframes], view.aspect))
 
-        def draw(time_s: float, moment: Moment) -> Pixels:
-            shown.show(moment)
+        def draw(time_s: float, step: StepResult) -> Pixels:
+            shown.presenter.show(step)
             text = f"{time_s:.1f} s  {margin.status.GetText()}"
             banner = state_strip(text, (width, _BANNER_PIXELS), margin.state)
             return np.concatenate([banner, view.pixels()])
 
-        palette = _palette([draw(*moments[place]) for place in _one_a_state(moments)])
-        margin.breaches.clear()
-        pictures = [_indexed(draw(*moment), palette) for moment in moments]
+        palette = _palette([draw(*keyframe) for keyframe in _first_of_each_state(keyframes)])
+        shown.presenter.clear_breaches()
+        pictures = [_indexed(draw(*keyframe), palette) for keyframe in keyframes]
     return _gif(pictures)
 
 
-def _camera(shown: MomentScene, moments: Sequence[Moment], aspect: float) -> Camera:
+def _camera(shown: StepScene, steps: Sequence[StepResult], aspect: float) -> Camera:
     tumor, others = content_points(shown.scene)
     center = tumor.mean(axis=0)
     reach = _SEEN_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
     near = others[np.linalg.norm(others - center, axis=1) < reach]
-    # From where robot and tool hide the tumour least, all along.
-    passing = [others[::_SOME_POINTS]]
-    for moment in moments[:: max(1, len(moments) // _SOME_MOMENTS)]:
-        shown.show(moment)
-        passing.append(content_points(shown.scene)[1][::_SOME_POINTS])
+    # From where robot and tool hide the tumour least during the whole movie.
+    passing = [others[::_POINT_STRIDE]]
+    for step in steps[:: max(1, len(steps) // _CAMERA_KEYFRAMES)]:
+        shown.presenter.show(step)
+        passing.append(content_points(shown.scene)[1][::_POINT_STRIDE])
     up = upright(shown.scene)
     towards = best_direction(tumor, np.concatenate(passing), up)
     points = np.concatenate([tumor, near])
     return fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=aspect)
 
 
-def _one_a_state(moments: Sequence[tuple[float, Moment]]) -> list[int]:
-    """The places of the first moment of each state: together they have all colours."""
-    first: dict[object, int] = {}
-    for place, (_, moment) in enumerate(moments):
-        first.setdefault(moment.decision.state, place)
+def _first_of_each_state(
+    keyframes: Sequence[tuple[float, StepResult]],
+) -> list[tuple[float, StepResult]]:
+    """The first keyframe of each state: together they have all colours."""
+    first: dict[MarginState, tuple[float, StepResult]] = {}
+    for time_s, step in keyframes:
+        first.setdefault(step.decision.state, (time_s, step))
     return list(first.values())
 
 

@@ -43,7 +43,7 @@ class CameraController:
     def take(self, look: CameraPreset) -> None:
         """Look from there from the next picture on."""
         self.look, self._placed, self._up = look, False, None
-        self._stage.look_along(look is CameraPreset.BULLSEYE)
+        self._stage.look_along_tool(look is CameraPreset.BULLSEYE)
 
     def let_go(self) -> None:
         """Somebody moves the camera by hand: stay where they put it."""
@@ -55,7 +55,7 @@ class CameraController:
 
     def follow(self) -> None:
         """Place the camera for the picture that comes now."""
-        scene, tool = self._stage.scene, self._stage.cast.tool
+        scene, tool = self._stage.scene, self._stage.content.tool
         if scene is None or self.look is None:
             return
         if self.look is CameraPreset.BULLSEYE and tool is not None:
@@ -71,7 +71,7 @@ class CameraController:
     def _along(self, scene: MarginGuardScene, tool: SurfaceMesh) -> Camera:
         pose = world_matrix(scene.tree.node(tool.frame))
         tip = Transform.from_matrix(pose, target="ras", source=tool.frame)
-        distance_mm = _BULLSEYE_RADII * _radius_mm(self._stage.cast.tumor.vertices_mm)
+        distance_mm = _BULLSEYE_RADII * _radius_mm(self._stage.content.tumor.vertices_mm)
         camera = bullseye(tip, forward_of(tool), distance_mm=distance_mm, previous_up=self._up)
         self._up = camera.up
         return camera

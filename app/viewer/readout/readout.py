@@ -4,10 +4,10 @@ from typing import Any
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
+from app.runtime import SessionContent
 from app.scene.frames.watchdog import TransformHealth
 from app.session import StepResult
 from app.viewer.readout.words import distance_digits, why
-from app.viewer.steps.cast import Cast
 from app.viewer.steps.view_state import ViewState
 
 
@@ -23,8 +23,8 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
         breaches=shown.breaches,
-        **_margins(decision, shown.cast),
-        registration=_registration(shown.cast),
+        **_margins(decision, shown.content),
+        registration=_registration(shown.content),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
     )
 
@@ -68,7 +68,7 @@ def _values(
     }
 
 
-def _margins(decision: FixtureDecision, cast: Cast) -> dict[str, str]:
+def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, str]:
     """The margins that are applied to a distance, where there is one."""
     margin = decision.margin
     if margin is None or decision.state is MarginState.UNKNOWN:
@@ -76,23 +76,23 @@ def _margins(decision: FixtureDecision, cast: Cast) -> dict[str, str]:
     return {
         "stop": f"{margin.total_mm:.1f}",
         "warn": f"{margin.warn_total_mm:.1f}",
-        "tre": _tre(margin.tre_mm, cast),
+        "tre": _tre(margin.tre_mm, content),
     }
 
 
-def _tre(tre_mm: float, cast: Cast) -> str:
+def _tre(tre_mm: float, content: SessionContent) -> str:
     """What the registration adds to the margins: 0 mm is said of an uncertainty that is known."""
-    if cast.registration is None:
+    if content.registration is None:
         return ""
-    if cast.registration.covariance is None:
+    if content.registration.covariance is None:
         return "adds nothing to the margins"
     return f"k\N{MIDDLE DOT}TRE at the tip {tre_mm:.2f} mm"
 
 
-def _registration(cast: Cast) -> dict[str, str | bool]:
+def _registration(content: SessionContent) -> dict[str, str | bool]:
     """The verdict in a word, and what its numbers are."""
-    result = cast.registration
-    if cast.robot is None:
+    result = content.registration
+    if content.robot is None:
         return {"ok": True, "word": "no robot", "numbers": ""}
     if result is None:
         return {"ok": False, "word": "missing", "numbers": ""}

@@ -10,11 +10,12 @@ from app.geometry import (
     NS_PER_S,
     Freshness,
     FreshnessLimits,
+    SurfaceMesh,
     freshness_of,
     stale_in_ns,
 )
+from app.runtime import SessionContent
 from app.session import StepResult
-from app.viewer.steps.cast import Cast
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.steps.view_state import ViewState, Watcher
 
@@ -66,9 +67,11 @@ class LiveFeed:
         """Call ``wake`` at each step that comes, in the thread of the session."""
         self._wake = wake
 
-    def put(self, step: StepResult, cast: Cast) -> None:
-        """Take the next step, of ``cast``; every one is looked at, the newest is shown."""
-        self._watcher.cast = cast
+    def put(
+        self, step: StepResult, content: SessionContent, margin_surface: SurfaceMesh | None
+    ) -> None:
+        """Take the next step, taken with ``content``; `now` returns the newest one."""
+        self._watcher.use(content, margin_surface)
         shown = self._watcher.see(step)
         with self._lock:
             self._newest, self._came_ns = shown, self._clock_ns()

@@ -5,26 +5,28 @@ from dataclasses import dataclass, replace
 
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
-from app.geometry import FloatArray, Freshness, Transform
+from app.geometry import FloatArray, Freshness, SurfaceMesh, Transform
+from app.runtime import SessionContent
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
-from app.viewer.steps.cast import Cast
 from app.viewer.steps.trend import Trend, TrendMeter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewState:
-    """What one step found, and what the steps before it leave to be shown.
+    """One step, and what the steps before it leave to be shown.
 
-    ``cast``: whom the step is of. ``measured``: the last good sample of every edge so far.
-    ``breaches``: how often the state has become POSITIVE so far, so that a page that leaves steps
-    out misses none. ``marks``: where the tool was in the tumour, in the tumour's frame, the first
-    ``marked`` of them up to this step. ``silent``: why the step is not of the present, in words,
-    empty while it is.
+    ``content``: the session's content at this step. ``margin_surface``: the surface at its stop
+    margin; None while it is not computed, and for a margin of 0. ``measured``: the last good sample
+    of every edge so far. ``breaches``: how often the state has become POSITIVE so far, so that a
+    page that leaves steps out misses none. ``marks``: where the tool was in the tumour, in the
+    tumour's frame, the first ``marked`` of them up to this step. ``silent``: why the step is not of
+    the present, empty while it is.
     """
 
     step: StepResult
-    cast: Cast
+    content: SessionContent
+    margin_surface: SurfaceMesh | None
     measured: tuple[Transform, ...]
     lamps: tuple[TransformHealth, ...]
     trend: Trend
@@ -63,11 +65,17 @@ def known_distance_mm(step: StepResult) -> float | None:
 class Watcher:
     """Looks at every step of a session in turn, and says what there is to show of it.
 
-    Whoever changes the session sets ``cast`` before the first step after it.
+    `use` comes before the first step of a changed session.
     """
 
-    def __init__(self, setup: SessionSetup, cast: Cast) -> None:
-        self.cast = cast
+    def __init__(
+        self,
+        setup: SessionSetup,
+        content: SessionContent,
+        margin_surface: SurfaceMesh | None = None,
+    ) -> None:
+        self._content = content
+        self._margin_surface = margin_surface
         self._wanted = tuple(_wanted_frames(setup))
         self._named: set[str] = set()
         self._watchdog = TransformWatchdog(setup.margins.stale_after_ns)
@@ -77,6 +85,12 @@ class Watcher:
         self._breaches = 0
         self._marks: list[FloatArray] = []
         self._inside = False
+
+    def use(self, content: SessionContent, margin_surface: SurfaceMesh | None) -> None:
+        """Attach these to the next steps. The breach marks of another tumour are dropped."""
+        if content.tumor is not self._content.tumor:
+            self._marks = []
+        self._content, self._margin_surface = content, margin_surface
 
     def see(self, step: StepResult) -> ViewState:
         """What is to be shown of ``step``, which follows the one before."""
@@ -92,7 +106,8 @@ class Watcher:
             self._marks.append(proximity.on_tool_mm)
         return ViewState(
             step=step,
-            cast=self.cast,
+            content=self._content,
+            margin_surface=self._margin_surface,
             measured=self._measured,
             lamps=self._lamps(step.frame),
             trend=self._trend.see(step.frame.stamp.ns, distance_mm),

@@ -5,8 +5,10 @@ from collections.abc import Callable
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene, vtkMRMLTransformNode
 
 from app.bridge.control import SessionChanges
+from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, InputError
+from app.runtime import SessionContent
 from app.scene import TransformHealth
 
 from .display import NOTHING_YET, SessionDisplay
@@ -39,6 +41,7 @@ class ShownSession:
         self._logic = logic
         self._clock_ns = clock_ns
         self._last: Delivered | None = None
+        self._content: tuple[ReplayScene, SessionContent] | None = None
 
     def begin(self, steps: Steps, opened: OpenedCase | None = None) -> None:
         """End what there is, and run ``steps``, of the case ``opened`` when they are a replay."""
@@ -88,11 +91,11 @@ class ShownSession:
     def _show(self, run: Run, delivered: Delivered | None) -> None:
         changes = run.steps.changes
         if delivered is not None and changes is not None:
+            content = self._content_of(changes)
             if self.display is None:
                 self.display = SessionDisplay(
                     self._mrml_scene,
-                    changes.scene,
-                    changes.setup,
+                    content,
                     opacity=self.opacity,
                     patient_to_ras=self.patient_to_ras,
                     logic=self._logic,
@@ -100,12 +103,27 @@ class ShownSession:
             elif self._last is None or self._last.run is not run:
                 self.display.restart()
             self._last = delivered
-            self.health = self.display.show(
-                delivered.step, changes.scene, run.present_ns(delivered)
-            )
+            self.health = self.display.show(delivered.step, content, run.present_ns(delivered))
             self.failure = ""
         elif self._last is not None and self.display is not None:
             self.health = self.display.check(run.present_ns(self._last))
+
+    def _content_of(self, changes: SessionChanges) -> SessionContent:
+        """The content that ``changes`` holds now, the same object until it is changed."""
+        scene = changes.scene
+        if self._content is None or self._content[0] is not scene:
+            setup = changes.setup
+            content = SessionContent(
+                name="",
+                tumor=scene.tumor,
+                tool=scene.tool,
+                tip_frame=setup.tool_from_tip.source,
+                static_edges=setup.static_edges,
+                margins=scene.margins,
+                robot=setup.robot,
+            )
+            self._content = scene, content
+        return self._content[1]
 
     def rearm(self) -> None:
         """End the hold of an earlier fault, for an operator who sees what is shown now.
@@ -118,7 +136,8 @@ class ShownSession:
             raise InputError("the margin that is shown is UNKNOWN: its cause must end first")
         seq = shown.step.decision.seq
         with run.steps.between_steps() as session:
-            if shown.run is not run or self.display.shown is not changes.scene:
+            is_newest = self._content is not None and self._content[0] is changes.scene
+            if shown.run is not run or not is_newest:
                 raise InputError("what was changed is not shown yet: look at the margin again")
             if seq < run.fault_seq:
                 raise InputError(

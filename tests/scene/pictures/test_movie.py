@@ -1,6 +1,5 @@
 from collections.abc import Callable
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,24 +8,14 @@ from PIL import Image
 from app.cli.commands.replay import PICTURES_PER_S
 from app.fixture import MarginState
 from app.geometry import Transform
-from app.scene import Moment, MomentScene, movie_gif
+from app.runtime import SessionContent
+from app.scene import StepScene, movie_gif
 from app.scene.nodes.convert import world_matrix
 from app.scene.pictures.movie import PICTURE_MS
-from tests.scene.conftest import Decide
+from tests.scene.conftest import MakeStep
 
 SIZE = (320, 200)
 BANNER = 40
-Make = Callable[..., Moment]
-
-
-@pytest.fixture
-def moment(moment_values: dict[str, Any], decision: Decide) -> Make:
-    def make(state: MarginState, distance_mm: float | None = -2.0, **changes: object) -> Moment:
-        judged = {"decision": decision(state, distance_mm)}
-        return Moment(**{**moment_values, **judged, **changes})
-
-    return make
-
 
 # The tumour is translucent and lit: red, green and blue by how they differ.
 SEEN_AS: dict[MarginState, Callable[..., np.ndarray]] = {
@@ -58,7 +47,7 @@ def pictures(gif: bytes) -> list[np.ndarray]:
 
 @pytest.mark.usefixtures("can_draw")
 def test_each_picture_has_the_colour_of_its_state_and_what_moves_moves(
-    moment: Make, edges: tuple[Transform, ...]
+    content: SessionContent, make_step: MakeStep, edges: tuple[Transform, ...]
 ) -> None:
     states = [
         MarginState.NEGATIVE,
@@ -67,11 +56,11 @@ def test_each_picture_has_the_colour_of_its_state_and_what_moves_moves(
         MarginState.UNKNOWN,
         MarginState.NEGATIVE,
     ]
-    moments = [
-        (0.5 * place, moment(state, measured=moved(edges, 6.0 * place)))
+    keyframes = [
+        (0.5 * place, make_step(state, measured=moved(edges, 6.0 * place)))
         for place, state in enumerate(states)
     ]
-    found = pictures(movie_gif(moment(MarginState.POSITIVE), moments, SIZE))
+    found = pictures(movie_gif(content, make_step(MarginState.POSITIVE), keyframes, SIZE))
     assert [picture.shape for picture in found] == [(SIZE[1], SIZE[0], 3)] * len(states)
     for picture, state in zip(found, states, strict=True):
         np.testing.assert_array_equal(picture[2, -2], np.round(255 * np.array(state.color)))
@@ -88,20 +77,19 @@ def test_the_command_counts_pictures_as_they_are_shown() -> None:
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_a_movie_is_the_same_at_every_run(moment: Make) -> None:
-    moments = [(0.0, moment(MarginState.NEGATIVE)), (1.0, moment(MarginState.POSITIVE))]
-    once = movie_gif(moments[1][1], moments, SIZE)
-    assert (
-        pictures(once)[0].tolist() == pictures(movie_gif(moments[1][1], moments, SIZE))[0].tolist()
-    )
+def test_a_movie_is_the_same_at_every_run(content: SessionContent, make_step: MakeStep) -> None:
+    steps = make_step(MarginState.NEGATIVE), make_step(MarginState.POSITIVE)
+    keyframes = list(enumerate(steps))
+    once, again = (pictures(movie_gif(content, steps[1], keyframes, SIZE)) for _ in range(2))
+    assert once[0].tolist() == again[0].tolist()
 
 
-def test_a_moment_that_lost_the_reference_keeps_the_tool_where_it_is_to_the_tumour(
-    moment: Make, edges: tuple[Transform, ...], fixed: tuple[Transform, ...]
+def test_step_without_the_reference_keeps_the_tool_where_it_is_to_the_tumour(
+    content: SessionContent, make_step: MakeStep, edges: tuple[Transform, ...]
 ) -> None:
-    shown = MomentScene(moment(MarginState.POSITIVE))
+    shown = StepScene(content, make_step(MarginState.POSITIVE))
     later = moved(edges, 25.0)[1:]  # the chest's sensor is not seen, the other two are
-    shown.show(moment(MarginState.NEGATIVE, measured=later, robot=None))
+    shown.presenter.show(make_step(MarginState.NEGATIVE, measured=later, links={}))
     needle, cautery = (world_matrix(shown.scene.tree.node(name)) for name in ("needle", "cautery"))
     tracker_from_needle, tracker_from_cautery = later
     np.testing.assert_allclose(

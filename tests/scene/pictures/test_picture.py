@@ -1,4 +1,5 @@
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -10,17 +11,10 @@ from slicer import vtkMRMLScene
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.robot import Robot
-from app.scene import (
-    MarginGuardScene,
-    Moment,
-    SceneApplication,
-    SceneError,
-    ShownRobot,
-    moment_png,
-    scene_png,
-)
+from app.runtime import SessionContent
+from app.scene import MarginGuardScene, SceneApplication, SceneError, scene_png, step_png
 from app.scene.pictures.pixels import png, state_strip
-from tests.scene.conftest import Decide
+from tests.scene.conftest import Decide, MakeStep
 
 SIZE = (640, 450)  # small: a machine without a graphics card draws these
 pytestmark = pytest.mark.usefixtures("can_draw")
@@ -28,17 +22,19 @@ Draw = Callable[..., np.ndarray]
 
 
 @pytest.fixture
-def draw(moment_values: dict[str, Any], arm: Robot, decision: Decide) -> Draw:
+def draw(content: SessionContent, arm: Robot, make_step: MakeStep) -> Draw:
     """Draws the case in a state; returns the picture without the banner, values from 0 to 1."""
 
-    def build(state: MarginState = MarginState.POSITIVE, **changes: object) -> np.ndarray:
-        links = arm.forward_kinematics({"shoulder": 0.9, "elbow": 0.6})
-        judged = {
-            "decision": decision(state, -2.0),
-            "robot": ShownRobot(arm, "robot_base", links),
-        }
-        moment = Moment(**{**moment_values, **judged, **changes})
-        picture = imread(BytesIO(moment_png(moment, SIZE)))
+    bent = arm.forward_kinematics({"shoulder": 0.9, "elbow": 0.6})
+
+    def build(
+        state: MarginState = MarginState.POSITIVE,
+        content: SessionContent = content,
+        links: Mapping[str, Transform] = bent,
+        **changes: Any,
+    ) -> np.ndarray:
+        step = make_step(state, -2.0, links=links, **changes)
+        picture = imread(BytesIO(step_png(content, step, SIZE)))
         assert picture.shape[:2] == SIZE[::-1]
         return picture[64:, :, :3]
 
@@ -87,29 +83,31 @@ def test_tool_and_robot_are_seen_in_the_overview(draw: Draw) -> None:
     assert amount(overview, is_blue) > 400
 
 
-def test_tool_is_seen_in_the_grip_and_alone_in_the_close_up(draw: Draw, arm: Robot) -> None:
+def test_tool_is_seen_in_the_grip_and_alone_in_the_close_up(
+    draw: Draw, arm: Robot, content: SessionContent
+) -> None:
     # The forearm reaches to where the tool is: the tool of 60 mm is put wholly inside of it.
     links = arm.forward_kinematics({})
     base_from_tip = links["fore_arm"].renamed(target="robot_base") @ Transform(
         "fore_arm", "cautery_tip", np.eye(3), np.array([0.0, 0.0, 64.0])
     )
     base = Transform.identity("reference", "robot_base")
-    poses: dict[str, object] = {
-        "measured": (
-            (base @ base_from_tip).renamed(source="cautery"),
-            (base @ base_from_tip).renamed(source="needle"),
-        ),
-        "fixed": (
-            Transform.identity("cautery", "cautery_tip"),
-            Transform("needle", "tumor", np.eye(3), np.array([0.0, 0.0, 14.0])),
-            base,
-        ),
-    }
+    measured = (
+        (base @ base_from_tip).renamed(source="cautery"),
+        (base @ base_from_tip).renamed(source="needle"),
+    )
+    static_edges = (
+        Transform.identity("cautery", "cautery_tip"),
+        Transform("needle", "tumor", np.eye(3), np.array([0.0, 0.0, 14.0])),
+        base,
+    )
     half = SIZE[0] // 2
-    for tool_link, least, most in ((None, 0, 20), ("fore_arm", 40, 10**6)):
-        shown = ShownRobot(arm, "robot_base", links, tool_link)
-        picture = draw(robot=shown, **poses)
-        assert least <= amount(picture[:, :half], is_yellowish) <= most
+    for tool_link, lowest, highest in (("upper", 0, 20), ("fore_arm", 40, 10**6)):
+        held = replace(
+            content, static_edges=static_edges, robot=replace(content.robot, tool_link=tool_link)
+        )
+        picture = draw(content=held, links=links, measured=measured)
+        assert lowest <= amount(picture[:, :half], is_yellowish) <= highest
         assert amount(picture[:, half:], is_yellow) > 100
         assert amount(picture[:, half:], is_blue) == 0
 
@@ -118,10 +116,14 @@ def test_picture_is_the_same_each_time(draw: Draw) -> None:
     assert np.array_equal(draw(), draw())
 
 
-def test_tip_without_a_mesh_and_without_a_robot(draw: Draw) -> None:
-    picture = draw(tool=None, robot=None)
+def test_tip_without_a_mesh_and_without_a_robot(draw: Draw, content: SessionContent) -> None:
+    picture = draw(content=replace(content, tool=None, robot=None), links={})
     assert amount(picture, is_blue) == 0
     assert amount(picture, is_red) > 1000
+
+
+def test_robot_whose_links_are_unknown_is_left_out(draw: Draw) -> None:
+    assert amount(draw(links={}), is_blue) == 0
 
 
 def test_unknown_is_grey(draw: Draw) -> None:
@@ -144,8 +146,10 @@ def test_tool_of_an_earlier_sample_is_where_it_was_judged(
     tumor_from_tip = (needle @ fixed[1]).inverse() @ cautery @ fixed[0]
     without_tool = draw(measured=(reference, needle), tumor_from_tip=tumor_from_tip)
     assert np.abs(without_tool - draw()).max() < 0.02
-    with pytest.raises(SceneError, match="'cautery_tip' has no pose"):
+    with pytest.raises(SceneError, match="step 0: frame 'cautery_tip' has no pose"):
         draw(measured=(reference, needle))
+    with pytest.raises(SceneError, match="step 0: frame 'tumor' has no pose"):
+        draw(measured=(reference, cautery))
 
 
 def test_strip_has_its_color_and_its_words() -> None:

@@ -7,8 +7,11 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import Transform
+from app.registration import DriftBound, given_registration
 from app.robot import Link, Robot, Shape
 from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.presenter import GRIP_OPACITY
+from app.session import RobotSetup
 from app.viewer import SceneView
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part
@@ -18,7 +21,7 @@ from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 @pytest.fixture(scope="module")
 def shown_stage(can_draw, parts):
-    return SceneView(parts.cast)
+    return SceneView(parts.content)
 
 
 @pytest.fixture
@@ -36,7 +39,7 @@ def test_every_frame_has_the_tool_where_it_was_judged(stage, parts):
     for frame in (0, BREACH_FRAME, 39, 3):
         shown = parts.feed.shown[frame]
         stage.show(shown)
-        found = tumor_from_tip(stage, parts.cast.tip_frame)
+        found = tumor_from_tip(stage, parts.content.tip_frame)
         assert np.allclose(found, shown.step.tumor_from_tip.matrix, atol=1e-9)
 
 
@@ -73,31 +76,34 @@ def test_the_marks_are_those_of_the_breaches_up_to_the_frame(stage, parts):
 
 def test_a_robot_comes_when_its_base_is_known_although_it_was_not_at_first(can_draw, parts):
     """A session may begin while the sensor on the chest is out of sight."""
-    block = replace(parts.cast.tumor, frame="base")
-    cast = replace(
-        parts.cast,
-        robot=Robot("block", (Link("base", (Shape(block, None, "block"),)),), ()),
-        base_frame="robot_base",
-        fixed=(*parts.cast.fixed, Transform.identity("reference", "robot_base")),
+    block = replace(parts.content.tumor, frame="base")
+    base = Transform.identity("reference", "robot_base")
+    robot = RobotSetup(
+        Robot("block", (Link("base", (Shape(block, None, "block"),)),), ()),
+        "robot_base",
+        "base",
+        given_registration(base),
+        DriftBound(translation_mm=1.0, rotation_rad=0.1),
     )
-    first, second = (replace(shown, cast=cast) for shown in parts.feed.shown[:2])
-    stage = SceneView(cast)
+    content = replace(parts.content, robot=robot, static_edges=(*parts.content.static_edges, base))
+    first, second = (replace(shown, content=content) for shown in parts.feed.shown[:2])
+    stage = SceneView(content)
     stage.show(first)
     assert not stage.scene.robots
-    stage.set_strength(Part.ROBOT, 0.5)
+    stage.set_opacity(Part.ROBOT, 0.5)
     chest = Transform.identity("tracker", "reference")
     links = {"base": Transform.identity("base", "base")}
     seen = replace(second, measured=(*second.measured, chest))
     stage.show(replace(seen, step=replace(seen.step, links=links)))
     (model,) = stage.scene.robots["block"].models.values()
-    assert model.GetDisplayNode().GetOpacity() == pytest.approx(0.5)
+    assert model.GetDisplayNode().GetOpacity() == pytest.approx(0.5 * GRIP_OPACITY)
     assert model.GetDisplayNode().GetColor() != MarginState.UNKNOWN.color
     stage.show(replace(seen, step=replace(seen.step, links={})))
     assert model.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
 
 
 def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
-    stage = SceneView(parts.cast)
+    stage = SceneView(parts.content)
     first = parts.feed.shown[0]
     stage.show(replace(first, step=replace(first.step, tumor_from_tip=None)))
     assert stage.scene is None
@@ -106,13 +112,13 @@ def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
 
 
 def test_another_tumour_takes_the_place_of_the_first(can_draw, parts):
-    stage = SceneView(parts.cast)
+    stage = SceneView(parts.content)
     stage.show(parts.feed.shown[0])
-    small = parts.cast.tumor
+    small = parts.content.tumor
     small = type(small)(small.frame, 0.5 * small.vertices_mm, small.faces)
-    other = replace(parts.cast, tumor=small, margin=None)
+    other = replace(parts.content, tumor=small)
     nodes = stage.application.scene.GetNumberOfNodes()
-    stage.show(replace(parts.feed.shown[1], cast=other))
+    stage.show(replace(parts.feed.shown[1], content=other, margin_surface=None))
     size = np.ptp(world_points(stage.scene.tumor), axis=0)
     assert np.allclose(size, np.ptp(small.vertices_mm, axis=0), atol=1e-3)
     assert stage.scene.margin_surface is None
@@ -124,16 +130,16 @@ def test_parts_are_hidden_and_faded_by_themselves(stage):
     assert stage.parts == (Part.TUMOR, Part.MARGIN, Part.TOOL)
     display = stage.scene.tumor.GetDisplayNode()
     own = display.GetOpacity()
-    stage.set_strength(Part.TUMOR, 0.5)
+    stage.set_opacity(Part.TUMOR, 0.5)
     assert display.GetOpacity() == pytest.approx(0.5 * own)
     stage.set_visible(Part.TUMOR, False)
     assert not display.GetVisibility()
     assert stage.scene.tool.GetDisplayNode().GetVisibility()
     stage.set_visible(Part.TUMOR, True)
-    stage.set_strength(Part.TUMOR, 1.0)
+    stage.set_opacity(Part.TUMOR, 1.0)
     assert display.GetOpacity() == pytest.approx(own)
-    with pytest.raises(ViewerError, match="0 to 1 wanted"):
-        stage.set_strength(Part.TUMOR, 1.5)
+    with pytest.raises(ViewerError, match=r"opacity of tumour is 1\.5; expected 0 to 1"):
+        stage.set_opacity(Part.TUMOR, 1.5)
 
 
 def test_the_bullseye_rides_on_the_tool_and_the_others_stay(stage, parts):
@@ -152,7 +158,7 @@ def test_the_bullseye_rides_on_the_tool_and_the_others_stay(stage, parts):
             man.follow()
             places.append(np.array(camera.GetFocalPoint()))
             if rides:
-                tip = world_matrix(stage.scene.tree.node(parts.cast.tip_frame))[:3, 3]
+                tip = world_matrix(stage.scene.tree.node(parts.content.tip_frame))[:3, 3]
                 assert np.allclose(places[-1], tip)
         assert np.allclose(*places) != rides
     man.take(CameraPreset.BULLSEYE)

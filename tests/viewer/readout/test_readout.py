@@ -8,8 +8,14 @@ import pytest
 from app.cli.touch_arm import TOUCH_URDF
 from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
-from app.registration import RegistrationResult, given_registration, register_points
+from app.registration import (
+    DriftBound,
+    RegistrationResult,
+    given_registration,
+    register_points,
+)
 from app.robot import load_robot
+from app.session import RobotSetup
 from app.viewer.readout.readout import readout
 from app.viewer.readout.words import REASON_WORDS, distance_digits, why
 from app.viewer.steps.view_state import ViewState
@@ -91,10 +97,20 @@ def test_the_registration_is_told_where_there_is_a_robot(parts):
 
 def registered(shown: ViewState, registration: RegistrationResult, tre_mm: float) -> ViewState:
     """The same step of a session with a robot, whose registration adds ``tre_mm``."""
-    cast = replace(shown.cast, robot=load_robot(TOUCH_URDF), registration=registration)
+    robot = RobotSetup(
+        load_robot(TOUCH_URDF),
+        "robot_base",
+        "stylus",
+        registration,
+        DriftBound(translation_mm=1.0, rotation_rad=0.1),
+    )
     decision = shown.step.decision
     decision = replace(decision, margin=replace(decision.margin, tre_mm=tre_mm))
-    return replace(shown, cast=cast, step=replace(shown.step, decision=decision))
+    return replace(
+        shown,
+        content=replace(shown.content, robot=robot),
+        step=replace(shown.step, decision=decision),
+    )
 
 
 def test_a_registration_that_was_given_adds_nothing(parts):

@@ -22,7 +22,7 @@ def clock():
 
 @pytest.fixture
 def live(parts, clock):
-    return LiveFeed(Watcher(parts.setup, parts.cast), STALE_NS, clock)
+    return LiveFeed(Watcher(parts.setup, parts.content), STALE_NS, clock)
 
 
 def steps(parts):
@@ -42,12 +42,12 @@ def test_before_the_first_step_there_is_nothing(live):
 
 def test_the_newest_step_wins(parts, live):
     for step in steps(parts)[:3]:
-        live.put(step, parts.cast)
+        live.put(step, parts.content, None)
     assert live.now().step is steps(parts)[2]
 
 
 def test_a_step_is_unknown_as_soon_as_it_is_older_than_poses_may_be(parts, live, clock):
-    live.put(steps(parts)[0], parts.cast)
+    live.put(steps(parts)[0], parts.content, None)
     assert live.now().step.decision.state is MarginState.NEGATIVE
     clock.ns = STALE_NS
     assert live.now().step.decision.state is MarginState.NEGATIVE
@@ -56,13 +56,13 @@ def test_a_step_is_unknown_as_soon_as_it_is_older_than_poses_may_be(parts, live,
     assert late.step.decision.state is MarginState.UNKNOWN
     assert late.distance_mm is None
     assert late.silent == "the session has said nothing for more than 200 ms"
-    live.put(steps(parts)[1], parts.cast)
+    live.put(steps(parts)[1], parts.content, None)
     assert live.now().silent == ""
 
 
 def test_the_links_of_a_robot_are_not_known_where_the_session_is_silent(parts, live, clock):
     arm = {"arm": Transform.identity("base", "arm")}
-    live.put(replace(steps(parts)[0], links=arm), parts.cast)
+    live.put(replace(steps(parts)[0], links=arm), parts.content, None)
     assert live.now().step.links == arm
     clock.ns = STALE_NS + 1
     assert live.now().step.links == {}
@@ -71,7 +71,7 @@ def test_the_links_of_a_robot_are_not_known_where_the_session_is_silent(parts, l
 def test_the_age_that_poses_have_when_their_step_comes_counts_too(parts, live, clock):
     step = steps(parts)[0]
     stamp = Stamp(step.frame.stamp.ns - 150 * MS, step.frame.stamp.clock)
-    live.put(replace(step, decision=replace(step.decision, stamp=stamp)), parts.cast)
+    live.put(replace(step, decision=replace(step.decision, stamp=stamp)), parts.content, None)
     clock.ns = 50 * MS
     assert live.now().step.decision.state is MarginState.NEGATIVE
     clock.ns = 50 * MS + 1
@@ -79,8 +79,8 @@ def test_the_age_that_poses_have_when_their_step_comes_counts_too(parts, live, c
 
 
 def test_an_unknown_step_keeps_its_own_reason_while_the_session_ticks(parts, live, clock):
-    live.put(steps(parts)[0], parts.cast)
-    live.put(steps(parts)[LOST[0]], parts.cast)
+    live.put(steps(parts)[0], parts.content, None)
+    live.put(steps(parts)[LOST[0]], parts.content, None)
     clock.ns = 900 * MS
     assert live.now().silent == ""
     clock.ns = 1001 * MS
@@ -88,7 +88,7 @@ def test_an_unknown_step_keeps_its_own_reason_while_the_session_ticks(parts, liv
 
 
 def test_a_session_that_ended_is_unknown_at_once(parts, live):
-    live.put(steps(parts)[0], parts.cast)
+    live.put(steps(parts)[0], parts.content, None)
     live.end("the session has failed: no more tracker")
     assert live.now().step.decision.state is MarginState.UNKNOWN
     assert "no more tracker" in live.now().silent
@@ -97,7 +97,7 @@ def test_a_session_that_ended_is_unknown_at_once(parts, live):
 def test_a_breach_that_nobody_looked_at_is_counted(parts, live):
     counts = []
     for step in steps(parts):
-        live.put(step, parts.cast)
+        live.put(step, parts.content, None)
         counts.append(live.now().breaches)
     assert (counts[BREACH_FRAME - 5], counts[-1]) == (0, 1)
     assert sorted(counts) == counts
@@ -107,7 +107,7 @@ def test_whoever_waits_is_woken_in_the_thread_of_the_session(parts, live):
     woken = []
     live.wakes(lambda: woken.append(threading.current_thread().name))
     thread = threading.Thread(
-        target=lambda: live.put(steps(parts)[0], parts.cast), name="the session's"
+        target=lambda: live.put(steps(parts)[0], parts.content, None), name="the session's"
     )
     thread.start()
     thread.join()

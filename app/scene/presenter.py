@@ -1,0 +1,253 @@
+"""From a session's content and its steps to MRML nodes."""
+
+from collections.abc import Iterable, Sequence
+
+from slicer import vtkMRMLApplicationLogic, vtkMRMLScene
+
+from app.geometry import FloatArray, SurfaceMesh, Transform
+from app.runtime import SessionContent
+from app.scene.errors import SceneError
+from app.scene.frames.frame_graph import poses_in
+from app.scene.frames.watchdog import TransformHealth
+from app.scene.scene import MarginGuardScene
+from app.session import REFERENCE, StepResult
+
+GRIP_OPACITY = 0.35
+"""Opacity of the robot link that holds the tool: the tool is seen inside it."""
+
+
+class ScenePresenter:
+    """Shows steps of a session in ``mrml_scene``. Call it in the thread that owns the scene.
+
+    The web page, the panel in Slicer, pictures, movies and saved scenes all use it.
+
+    ``scene`` is None until a step places the tumour's tracked frame relative to another frame. The
+    root frame is then the reference, or the tumour's tracked frame if the reference is not
+    connected with it. A part is added at the first step that places it: the tumour and the tool (a
+    ball at the tip without a mesh) when their frames are known, the robot when its base and its
+    links are known. A frame that a later step does not place stays where it was.
+
+    ``is_live``: data older than ``content.margins.stale_after_ns`` are shown as unknown, and `show`
+    takes the present. ``logic`` is the application's, whose views draw once per step.
+    ``adopt_nodes``: reuse the nodes that an earlier presenter left in a scene that was saved and
+    loaded again.
+    """
+
+    def __init__(
+        self,
+        mrml_scene: vtkMRMLScene,
+        content: SessionContent,
+        *,
+        is_live: bool = False,
+        logic: vtkMRMLApplicationLogic | None = None,
+        adopt_nodes: bool = False,
+    ) -> None:
+        self.content = content
+        self.scene: MarginGuardScene | None = None
+        self._mrml_scene = mrml_scene
+        self._is_live = is_live
+        self._logic = logic
+        self._adopt_nodes = adopt_nodes
+        self._margin_surface: SurfaceMesh | None = None
+        self._measured: dict[tuple[str, str], Transform] = {}
+        self._breach_count = 0
+
+    def set_content(self, content: SessionContent) -> None:
+        """Use ``content`` from the next step on.
+
+        Another tumour, tool or robot: everything is removed from the scene, and the next step adds
+        the new parts. Another registration or other margins change the nodes that exist. The margin
+        surface is removed if the tumour or the stop margin changed.
+        """
+        if content is self.content:
+            return
+        before, self.content = self.content, content
+        if content.tumor is not before.tumor or content.margins.stop_mm != before.margins.stop_mm:
+            self.set_margin_surface(None)
+        if not _has_same_parts(before, content):
+            self.clear()
+        elif self.scene is not None and self.scene.watchdog is not None:
+            self.scene.watchdog.set_stale_after(content.margins.stale_after_ns)
+
+    def set_margin_surface(self, mesh: SurfaceMesh | None) -> None:
+        """Show ``mesh``, the surface at the stop margin around the tumour; None removes it.
+
+        It is not part of the content because it takes about a second to compute.
+        """
+        if mesh is self._margin_surface:
+            return
+        self._margin_surface = mesh
+        if self.scene is None or self.scene.tumor is None:
+            return
+        if mesh is None:
+            self.scene.remove_margin_surface()
+        else:
+            self.scene.add_margin_surface(mesh)
+
+    def show(
+        self,
+        step: StepResult,
+        *,
+        now_ns: int | None = None,
+        measured: Iterable[Transform] | None = None,
+        breach_points_mm: Sequence[FloatArray] | None = None,
+    ) -> None:
+        """Move the frames to where ``step`` has them and show its decision.
+
+        ``now_ns``: the present on the clock of the step's stamps, for a live scene; else None.
+        Steps that are not shown in their order need what the steps before ``step`` have left:
+        ``measured``, the last good sample of each measured edge, and ``breach_points_mm``, where
+        the tool was inside the tumour, each (3,) in the tumour's frame, in the order of the steps.
+        None: what the steps shown so far have left.
+        """
+        self._measured |= {
+            (sample.target, sample.source): sample.transform
+            for sample in step.frame.poses
+            if sample.transform is not None
+        }
+        edges = tuple(self._measured.values() if measured is None else measured)
+        scene = self.scene or self._begin(step, edges)
+        if scene is None:
+            return
+        with scene.update():
+            if scene.watchdog is not None:
+                for sample in step.frame.poses:
+                    scene.watchdog.saw(sample)
+            poses = self._poses(scene, step, edges)
+            scene.place(poses.values(), self._placed_static_edges(poses))
+            self._add_parts(scene, step)
+            if breach_points_mm is not None:
+                self._show_breaches(scene, breach_points_mm)
+            if scene.tumor is not None:
+                scene.show(step.decision, dict.fromkeys(scene.robots, step.links), now_ns)
+
+    def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
+        """Show data that are too old at ``now_ns`` as unknown; return each transform's health."""
+        return () if self.scene is None else self.scene.check(now_ns)
+
+    def health(self, now_ns: int) -> tuple[TransformHealth, ...]:
+        """Freshness of each measured transform of a live scene at ``now_ns``."""
+        if self.scene is None or self.scene.watchdog is None:
+            return ()
+        return self.scene.watchdog.check(now_ns)
+
+    def restart(self) -> None:
+        """Accept a next step from an earlier time, as after a seek. Breach marks are removed."""
+        if self.scene is not None and self.scene.watchdog is not None:
+            self.scene.watchdog.restart()
+        self.clear_breaches()
+
+    def clear_breaches(self) -> None:
+        """Remove the breach marks."""
+        self._breach_count = 0
+        if self.scene is not None and self.scene.margin is not None:
+            self.scene.margin.breaches.clear()
+
+    def clear(self) -> None:
+        """Remove all nodes of this presenter; the next step adds them again."""
+        self._breach_count = 0
+        if self.scene is not None:
+            self.scene.clear()
+        self.scene = None
+
+    def _begin(self, step: StepResult, edges: Sequence[Transform]) -> MarginGuardScene | None:
+        """The new scene, None while nothing places the frame that the tumour moves with."""
+        holder = self._static_edge(self.content.tumor.frame).target
+        connected = poses_in(holder, edges)
+        if len(connected) == 1 and step.tumor_from_tip is None:
+            return None
+        self.scene = MarginGuardScene(
+            self._mrml_scene,
+            REFERENCE if REFERENCE in connected else holder,
+            stale_after_ns=self.content.margins.stale_after_ns if self._is_live else None,
+            logic=self._logic,
+            go_on=self._adopt_nodes,
+        )
+        if self.scene.watchdog is not None:
+            for target, source in self._measured:
+                self.scene.watchdog.expect(target, source)
+        return self.scene
+
+    def _poses(
+        self, scene: MarginGuardScene, step: StepResult, edges: Sequence[Transform]
+    ) -> dict[str, Transform]:
+        """``root_from_frame`` of every measured frame.
+
+        The tool is placed relative to the tumour as the step judged it: a tracker that reports
+        tools at different times leaves the tool out of some frames, and the step then uses an
+        earlier sample.
+        """
+        poses = poses_in(scene.reference, edges)
+        frame_from_tumor = self._static_edge(self.content.tumor.frame)
+        if step.tumor_from_tip is not None and frame_from_tumor.target in poses:
+            tool_from_tip = self._static_edge(self.content.tip_frame)
+            frame_from_tool = frame_from_tumor @ step.tumor_from_tip @ tool_from_tip.inverse()
+            poses[tool_from_tip.target] = poses[frame_from_tumor.target] @ frame_from_tool
+        return poses
+
+    def _placed_static_edges(self, poses: dict[str, Transform]) -> list[Transform]:
+        """The static edges that hang, directly or not, from a frame in ``poses``, parents first."""
+        placed: list[Transform] = []
+        known = set(poses)
+        for edge in self.content.static_edges:
+            if edge.target in known:
+                placed.append(edge)
+                known.add(edge.source)
+        return placed
+
+    def _add_parts(self, scene: MarginGuardScene, step: StepResult) -> None:
+        content = self.content
+        if scene.tumor is None and scene.tree.node(content.tumor.frame) is not None:
+            scene.add_tumor(content.tumor)
+            if self._margin_surface is not None:
+                scene.add_margin_surface(self._margin_surface)
+        if scene.tool is None and scene.tree.node(content.tip_frame) is not None:
+            if content.tool is None:
+                scene.add_tip(content.tip_frame)
+            else:
+                scene.add_tool(content.tool)
+        robot = content.robot
+        if (
+            robot is not None
+            and step.links
+            and not scene.robots
+            and scene.tree.node(robot.base_frame) is not None
+        ):
+            model = scene.add_robot(robot.robot.name, robot.robot, robot.base_frame)
+            if robot.tool_link in model.models:
+                model.models[robot.tool_link].GetDisplayNode().SetOpacity(GRIP_OPACITY)
+
+    def _show_breaches(self, scene: MarginGuardScene, points_mm: Sequence[FloatArray]) -> None:
+        if scene.margin is None:
+            return
+        if len(points_mm) < self._breach_count:
+            self.clear_breaches()
+        for point in points_mm[self._breach_count :]:
+            scene.margin.breaches.add(point)
+        self._breach_count = len(points_mm)
+
+    def _static_edge(self, frame: str) -> Transform:
+        for edge in self.content.static_edges:
+            if edge.source == frame:
+                return edge
+        children = ", ".join(edge.source for edge in self.content.static_edges) or "none"
+        raise SceneError(
+            f"static transforms: no edge places frame {frame!r}; expected one among {children}"
+        )
+
+
+def _has_same_parts(first: SessionContent, second: SessionContent) -> bool:
+    """True if both show the same surfaces and the same robot."""
+    if (
+        first.tumor is not second.tumor
+        or first.tool is not second.tool
+        or first.tip_frame != second.tip_frame
+    ):
+        return False
+    if first.robot is None or second.robot is None:
+        return first.robot is second.robot
+    return (
+        first.robot.robot is second.robot.robot
+        and first.robot.base_frame == second.robot.base_frame
+        and first.robot.tool_link == second.robot.tool_link
+    )

@@ -1,0 +1,274 @@
+"""What is in the scene of a session, against the values of its content and of its steps."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from slicer import vtkMRMLScene
+
+from app.fixture import MarginState
+from app.geometry import SurfaceMesh, Transform
+from app.registration import given_registration
+from app.runtime import SessionContent
+from app.scene import SceneApplication, ScenePresenter
+from app.scene.nodes.convert import world_matrix, world_points
+from app.scene.presenter import GRIP_OPACITY
+from tests.scene.conftest import MakeStep
+
+Present = Callable[..., ScenePresenter]
+
+
+@pytest.fixture
+def application() -> SceneApplication:
+    return SceneApplication(vtkMRMLScene())
+
+
+@pytest.fixture
+def present(application: SceneApplication, content: SessionContent) -> Present:
+    def make(content: SessionContent = content, *, is_live: bool = False) -> ScenePresenter:
+        return ScenePresenter(application.scene, content, is_live=is_live)
+
+    return make
+
+
+def names(application: SceneApplication, class_name: str) -> list[str]:
+    found = application.scene.GetNodesByClass(class_name)
+    return [found.GetItemAsObject(n).GetName() for n in range(found.GetNumberOfItems())]
+
+
+def world(presenter: ScenePresenter, frame: str) -> np.ndarray:
+    assert presenter.scene is not None
+    return world_matrix(presenter.scene.tree.node(frame))
+
+
+def tumor_from_tip(edges: tuple[Transform, ...], fixed: tuple[Transform, ...]) -> Transform:
+    _, needle, cautery = edges
+    return (needle @ fixed[1]).inverse() @ cautery @ fixed[0]
+
+
+def test_each_frame_has_one_node(
+    application: SceneApplication, present: Present, make_step: MakeStep
+) -> None:
+    present().show(make_step())
+    assert sorted(names(application, "vtkMRMLLinearTransformNode")) == sorted(
+        [
+            "ReferenceToRas",
+            "TrackerToReference",
+            "NeedleToReference",
+            "CauteryToReference",
+            "TumorToNeedle",
+            "CauteryTipToCautery",
+            "RobotBaseToReference",
+            "BaseToRobotBase",
+            "UpperToBase",
+            "ForeArmToBase",
+        ]
+    )
+
+
+def test_nothing_is_shown_before_the_tumour_is_placed(
+    application: SceneApplication,
+    present: Present,
+    make_step: MakeStep,
+    edges: tuple[Transform, ...],
+) -> None:
+    presenter = present()
+    presenter.show(make_step(measured=(edges[0], edges[2])))
+    assert presenter.scene is None
+    assert names(application, "vtkMRMLModelNode") == []
+    presenter.show(make_step(measured=edges[1:2]))
+    assert presenter.scene is not None
+    assert presenter.scene.reference == "reference"
+
+
+def test_tool_is_added_when_it_is_placed(
+    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
+) -> None:
+    presenter = present()
+    presenter.show(make_step(MarginState.UNKNOWN, None, measured=edges[:2]))
+    assert presenter.scene is not None
+    assert presenter.scene.tumor is not None
+    assert presenter.scene.tool is None
+    presenter.show(make_step(measured=edges))
+    assert presenter.scene.tool is not None
+
+
+def test_tumour_frame_is_the_root_without_the_reference(
+    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
+) -> None:
+    presenter = present()
+    presenter.show(make_step(measured=edges[1:]))
+    assert presenter.scene is not None
+    assert presenter.scene.reference == "needle"
+    assert not presenter.scene.robots
+
+
+def test_robot_is_added_when_its_base_and_its_links_are_known(
+    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
+) -> None:
+    presenter = present()
+    presenter.show(make_step(measured=edges[1:]))
+    presenter.show(make_step(links={}))
+    assert presenter.scene is not None
+    assert not presenter.scene.robots
+    presenter.show(make_step())
+    assert list(presenter.scene.robots) == ["arm"]
+    fore_arm = presenter.scene.robots["arm"].models["fore_arm"].GetDisplayNode()
+    upper = presenter.scene.robots["arm"].models["upper"].GetDisplayNode()
+    assert (fore_arm.GetOpacity(), upper.GetOpacity()) == (GRIP_OPACITY, 1.0)
+    assert fore_arm.GetScalarVisibility()
+    presenter.show(make_step(links={}))
+    assert not fore_arm.GetScalarVisibility()
+
+
+def test_tool_is_placed_relative_to_the_tumour_as_the_step_judged_it(
+    present: Present,
+    make_step: MakeStep,
+    edges: tuple[Transform, ...],
+    fixed: tuple[Transform, ...],
+) -> None:
+    presenter = present()
+    presenter.show(make_step())
+    earlier = Transform.from_rotation_vector(
+        [0.0, 0.1, 0.0], [1.0, 2.0, 3.0], target="cautery", source="cautery"
+    )
+    judged = tumor_from_tip((edges[0], edges[1], edges[2] @ earlier), fixed)
+    presenter.show(make_step(measured=edges[:2], tumor_from_tip=judged))
+    found = np.linalg.inv(world(presenter, "tumor")) @ world(presenter, "cautery_tip")
+    np.testing.assert_allclose(found, judged.matrix, atol=1e-9)
+
+
+def test_given_edges_replace_those_of_the_steps_shown_before(
+    present: Present, make_step: MakeStep, edges: tuple[Transform, ...]
+) -> None:
+    presenter = present()
+    moved = edges[2] @ Transform("cautery", "cautery", np.eye(3), np.array([9.0, 0.0, 0.0]))
+    presenter.show(make_step(measured=(*edges[:2], moved)))
+    later = world(presenter, "cautery")
+    presenter.show(make_step(measured=edges[:2]), measured=edges)
+    expected = edges[0].inverse() @ edges[2]
+    np.testing.assert_allclose(world(presenter, "cautery"), expected.matrix, atol=1e-9)
+    assert np.abs(later - expected.matrix).max() > 5.0
+
+
+def test_another_registration_moves_the_base_and_keeps_the_rest(
+    present: Present, make_step: MakeStep, content: SessionContent, fixed: tuple[Transform, ...]
+) -> None:
+    presenter = present()
+    presenter.show(make_step())
+    assert presenter.scene is not None
+    assert content.robot is not None
+    tumor = presenter.scene.tumor
+    base = Transform("reference", "robot_base", np.eye(3), np.array([5.0, 6.0, 7.0]))
+    registered = replace(content.robot, registration=given_registration(base))
+    presenter.set_content(replace(content, robot=registered, static_edges=(*fixed[:2], base)))
+    presenter.show(make_step())
+    assert presenter.scene.tumor is tumor
+    np.testing.assert_allclose(world(presenter, "robot_base"), base.matrix, atol=1e-9)
+
+
+def test_registration_that_is_found_later_adds_the_robot(
+    present: Present, make_step: MakeStep, content: SessionContent
+) -> None:
+    assert content.robot is not None
+    unregistered = replace(
+        content,
+        robot=replace(content.robot, registration=None),
+        static_edges=content.static_edges[:2],
+    )
+    presenter = present(unregistered)
+    presenter.show(make_step())
+    assert presenter.scene is not None
+    assert not presenter.scene.robots
+    presenter.set_content(content)
+    presenter.show(make_step())
+    assert list(presenter.scene.robots) == ["arm"]
+
+
+def test_another_tumour_replaces_all_of_the_old_one(
+    application: SceneApplication, present: Present, make_step: MakeStep, content: SessionContent
+) -> None:
+    presenter = present()
+    presenter.show(make_step())
+    presenter.set_margin_surface(content.tumor)
+    assert presenter.scene is not None and presenter.scene.margin is not None
+    assert len(presenter.scene.margin.breaches) == 1
+    count = application.scene.GetNumberOfNodes()
+    half = SurfaceMesh("tumor", 0.5 * content.tumor.vertices_mm, content.tumor.faces)
+    presenter.set_content(replace(content, tumor=half))
+    presenter.show(make_step(MarginState.NEGATIVE, 9.0))
+    assert presenter.scene is not None and presenter.scene.margin is not None
+    size_mm = np.ptp(world_points(presenter.scene.tumor), axis=0)
+    np.testing.assert_allclose(size_mm, 12.0, atol=0.5)
+    assert presenter.scene.margin_surface is None
+    assert len(presenter.scene.margin.breaches) == 0
+    assert names(application, "vtkMRMLModelNode").count("Tumor") == 1
+    presenter.set_margin_surface(content.tumor)
+    assert application.scene.GetNumberOfNodes() == count
+
+
+def test_margin_surface_is_removed_when_the_stop_margin_changes(
+    present: Present, make_step: MakeStep, content: SessionContent
+) -> None:
+    presenter = present()
+    presenter.set_margin_surface(content.tumor)
+    presenter.show(make_step())
+    assert presenter.scene is not None
+    assert presenter.scene.margin_surface is not None
+    presenter.set_content(replace(content, margins=content.margins.replaced(stop_mm=2.0)))
+    assert presenter.scene.margin_surface is None
+    presenter.set_margin_surface(content.tumor)
+    assert presenter.scene.margin_surface is not None
+    assert presenter.scene.tumor is not None
+
+
+def test_breach_marks_are_those_up_to_the_step(present: Present, make_step: MakeStep) -> None:
+    points = [np.array([2.0 * place, 0.0, 0.0]) for place in range(4)]
+    presenter = present()
+    clear = make_step(MarginState.NEGATIVE, 9.0)
+    for count in (0, 3, 4, 1):
+        presenter.show(clear, breach_points_mm=points[:count])
+        assert presenter.scene is not None and presenter.scene.margin is not None
+        assert len(presenter.scene.margin.breaches) == count
+
+
+def test_live_scene_becomes_unknown_after_the_stale_limit_of_the_content(
+    present: Present, make_step: MakeStep, content: SessionContent
+) -> None:
+    limit_ns = content.margins.stale_after_ns
+    presenter = present(is_live=True)
+    assert presenter.check(0) == ()
+    presenter.show(make_step(MarginState.NEGATIVE, 9.0, stamp_ns=100), now_ns=100)
+    assert presenter.scene is not None and presenter.scene.margin is not None
+    for now_ns, state in (
+        (100 + limit_ns, MarginState.NEGATIVE),
+        (101 + limit_ns, MarginState.UNKNOWN),
+    ):
+        health = presenter.check(now_ns)
+        assert presenter.scene.margin.state is state
+    assert {each.name for each in health} == {
+        "ReferenceToTracker",
+        "NeedleToTracker",
+        "CauteryToTracker",
+    }
+    shorter = replace(content, margins=content.margins.replaced(stale_after_ns=limit_ns // 2))
+    presenter.set_content(shorter)
+    presenter.show(make_step(MarginState.NEGATIVE, 9.0, stamp_ns=100), now_ns=100)
+    presenter.check(101 + limit_ns // 2)
+    assert presenter.scene.margin.state is MarginState.UNKNOWN
+
+
+def test_restart_accepts_earlier_samples_and_removes_the_breach_marks(
+    present: Present, make_step: MakeStep
+) -> None:
+    presenter = present(is_live=True)
+    late_ns = 10**10
+    presenter.show(make_step(stamp_ns=late_ns), now_ns=late_ns)
+    assert presenter.scene is not None and presenter.scene.margin is not None
+    assert len(presenter.scene.margin.breaches) == 1
+    presenter.restart()
+    assert len(presenter.scene.margin.breaches) == 0
+    presenter.show(make_step(MarginState.NEGATIVE, 9.0, stamp_ns=5), now_ns=5)
+    assert {each.age_ns for each in presenter.health(5)} == {0}
+    assert presenter.scene.margin.state is MarginState.NEGATIVE
