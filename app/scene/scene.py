@@ -144,8 +144,8 @@ class MarginGuardScene:
                 f"{self.margin.frame!r}, wanted"
             )
         with self._content():
-            self.tumor.SetAndObservePolyData(smooth_surface(mesh))
             self.remove_margin_surface()
+            self.tumor.SetAndObservePolyData(smooth_surface(mesh))
             self._decision = None
             self.margin.breaches.clear()
             self._show_margin(self.margin, None)

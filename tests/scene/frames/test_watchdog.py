@@ -123,5 +123,7 @@ def test_one_stamp_from_the_future_does_not_hide_what_comes_after_it() -> None:
 
 @pytest.mark.parametrize("stale_after_ns", [0, -1])
 def test_a_bound_that_bounds_nothing_is_refused(stale_after_ns: int) -> None:
-    with pytest.raises(SceneError, match=f"stale_after_ns is {stale_after_ns}; expected more than 0"):
+    with pytest.raises(
+        SceneError, match=f"stale_after_ns is {stale_after_ns}; expected more than 0"
+    ):
         TransformWatchdog(stale_after_ns)
