@@ -1,9 +1,9 @@
-"""What remains of a replay: numbers, a table, pictures and a page.
+"""Report of a replay: JSON summary, CSV table, plots and an HTML page.
 
-The plots, which load matplotlib, are imported from their own files where they are drawn.
+The plots load matplotlib; import them from their own modules where they are drawn.
 """
 
 import lazy_loader
 
-# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+# Import each name of `__init__.pyi` on first access: unused modules are not loaded.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

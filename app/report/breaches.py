@@ -1,4 +1,4 @@
-"""Breaches: the stretches of time that the tool spent in the tumour."""
+"""Breaches: the time intervals in which the tool is in the tumour."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from app.report.rows import ReportRow, seconds_since
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """One maximal run of inside frames; times in seconds from the first frame of the replay.
+    """A maximal run of inside frames; times in seconds from the first frame of the replay.
 
     ``start_s`` is the first inside frame, ``end_s`` the last one; ``deepest`` is the index of the
     row with ``min_signed_distance_mm`` (negative: a depth), ``frames`` the number of inside frames;
@@ -31,12 +31,12 @@ class Breach:
 
 
 def find_breaches(rows: Sequence[ReportRow], stale_after_ns: int) -> tuple[Breach, ...]:
-    """The breaches among ``rows``, in the order of time.
+    """Find the breaches among ``rows``, in the order of time.
 
-    They come from the raw signed distance and not from the state, so that hysteresis neither
-    lengthens nor joins them. A frame without a distance says nothing: it neither begins nor ends
-    a breach. But when two inside frames are more than ``stale_after_ns`` apart (or time ran
-    backwards), nobody knows what happened between them, and they are two breaches.
+    They are computed from the raw signed distance and not from the state, so that hysteresis
+    neither lengthens nor joins them. A frame without a distance neither begins nor ends a breach.
+    Two inside frames that are more than ``stale_after_ns`` apart, or whose stamps run backwards,
+    belong to two breaches.
     """
     limits = FreshnessLimits(stale_after_ns)
     runs: list[list[int]] = []

@@ -1,4 +1,4 @@
-"""What the case says a correct replay must show, against what this one showed."""
+"""Comparison of a replay with the expected results of its case."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -17,13 +17,13 @@ from app.registration import RegistrationResult
 from app.report.breaches import Breach
 from app.report.rows import ReportRow, seconds_since
 
-# Expected times are decimals of a file: a tolerance that is met exactly must not fail by one bit.
+# Expected times are decimals in a file: rounding must not fail a tolerance that is met exactly.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One expectation: whether it held, and the numbers that say so."""
+    """One expectation, whether it holds, and the numbers behind the verdict."""
 
     name: str
     passed: bool
@@ -42,7 +42,7 @@ def check_expected(
     registration: RegistrationResult | None,
     stale_after_ns: int,
 ) -> tuple[Check, ...]:
-    """One `Check` for everything that ``expected`` states, in a fixed order."""
+    """Return one `Check` per entry of ``expected``, in a fixed order."""
     checks: list[Check] = []
     if expected.frames is not None:
         checks.append(_check_frames(expected.frames, len(rows)))
@@ -55,8 +55,8 @@ def check_expected(
     return tuple(checks)
 
 
-def _check_frames(wanted: int, found: int) -> Check:
-    return Check("frames", found == wanted, f"{found} frames, {wanted} expected")
+def _check_frames(expected: int, found: int) -> Check:
+    return Check("frames", found == expected, f"{found} frames, {expected} expected")
 
 
 def _check_registration(
@@ -81,26 +81,28 @@ def _check_registration(
 def _check_breaches(expected: ExpectedBreaches, found: Sequence[Breach]) -> Iterator[Check]:
     tolerance_s = expected.tolerance_ms / 1000.0 + _ROUNDING
     unmatched = list(found)
-    for number, wanted in enumerate(expected.intervals, start=1):
-        part = " by the shaft" if wanted.shaft_only else ""
-        span = f"{wanted.start_s:.3f} s to {wanted.end_s:.3f} s{part}"
-        match = next((b for b in unmatched if _offset_s(wanted, b) <= tolerance_s), None)
+    for number, interval in enumerate(expected.intervals, start=1):
+        part = " by the shaft" if interval.shaft_only else ""
+        span = f"{interval.start_s:.3f} s to {interval.end_s:.3f} s{part}"
+        match = next((b for b in unmatched if _offset_s(interval, b) <= tolerance_s), None)
         if match is None:
-            yield Check(f"breach {number}", False, f"{span} was not found{_nearest(wanted, found)}")
+            yield Check(
+                f"breach {number}", False, f"{span} was not found{_nearest(interval, found)}"
+            )
             continue
         unmatched.remove(match)
-        off_ms = 1000.0 * _offset_s(wanted, match)
+        off_ms = 1000.0 * _offset_s(interval, match)
         yield Check(
             f"breach {number}",
             True,
             f"{span}: found {match.start_s:.3f} s to {match.end_s:.3f} s, "
             f"{off_ms:.1f} ms off, {expected.tolerance_ms:g} ms allowed",
         )
-        off_mm = abs(match.min_signed_distance_mm - wanted.min_signed_distance_mm)
+        off_mm = abs(match.min_signed_distance_mm - interval.min_signed_distance_mm)
         yield Check(
             f"depth of breach {number}",
             off_mm <= expected.depth_tolerance_mm + _ROUNDING,
-            f"{match.min_signed_distance_mm:.3f} mm, {wanted.min_signed_distance_mm:.3f} mm "
+            f"{match.min_signed_distance_mm:.3f} mm, {interval.min_signed_distance_mm:.3f} mm "
             f"expected, {expected.depth_tolerance_mm:g} mm allowed",
         )
     listed = ", ".join(f"{b.start_s:.3f} s to {b.end_s:.3f} s" for b in unmatched)
@@ -109,14 +111,15 @@ def _check_breaches(expected: ExpectedBreaches, found: Sequence[Breach]) -> Iter
     )
 
 
-def _offset_s(wanted: ExpectedBreach, found: Breach) -> float:
-    return max(abs(found.start_s - wanted.start_s), abs(found.end_s - wanted.end_s))
+def _offset_s(expected: ExpectedBreach, found: Breach) -> float:
+    """The larger of the differences of begin and end."""
+    return max(abs(found.start_s - expected.start_s), abs(found.end_s - expected.end_s))
 
 
-def _nearest(wanted: ExpectedBreach, found: Sequence[Breach]) -> str:
+def _nearest(expected: ExpectedBreach, found: Sequence[Breach]) -> str:
     if not found:
         return ", nor any other"
-    nearest = min(found, key=lambda breach: _offset_s(wanted, breach))
+    nearest = min(found, key=lambda breach: _offset_s(expected, breach))
     return f"; nearest is {nearest.start_s:.3f} s to {nearest.end_s:.3f} s"
 
 
@@ -124,8 +127,8 @@ def _check_dropout(
     number: int, dropout: ExpectedDropout, rows: Sequence[ReportRow], stale_after_ns: int
 ) -> Check:
     start_ns, end_ns = round(dropout.start_s * NS_PER_S), round(dropout.end_s * NS_PER_S)
-    # A pose that is called invalid is known to be lost at once; one that does not come is only
-    # missed when the last good one, of start_s at the earliest, is older than stale_after_ns.
+    # An invalid pose makes the state UNKNOWN at once. A missing one does so only when the last
+    # good pose, of start_s at the earliest, is older than stale_after_ns.
     if dropout.kind == "missing":
         start_ns += stale_after_ns + 1
     name = f"UNKNOWN in dropout {number}"
@@ -148,7 +151,7 @@ def _check_dropout(
 
 
 def _rows_between(rows: Sequence[ReportRow], start_ns: int, end_ns: int) -> list[ReportRow]:
-    """The rows of the interval; when the source was silent throughout, the one that held then."""
+    """The rows of the interval; if it has none, the last row before it, whose state still holds."""
     before: list[ReportRow] = []
     within: list[ReportRow] = []
     for row in rows:

@@ -1,7 +1,7 @@
-"""What can go wrong while a report is made."""
+"""Errors of the report."""
 
 from app.geometry import MarginGuardError
 
 
 class ReportError(MarginGuardError):
-    """A report that cannot be made: a folder that cannot be written, or a row without sense."""
+    """The report cannot be made: its folder is not writable, or a row has an invalid value."""

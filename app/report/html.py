@@ -1,4 +1,4 @@
-"""``report.html``: the report as one file that opens without a network."""
+"""``report.html``: the report as one file without external resources."""
 
 import base64
 from collections.abc import Iterable, Sequence
@@ -53,7 +53,7 @@ def report_html(
     scene_png: bytes | None,
     version: str,
 ) -> str:
-    """The page: values escaped, pictures inside, no script and nothing fetched."""
+    """Return the page: values are escaped, pictures embedded; it has no script and no links."""
     case = str(summary["case"])
     sections = (
         _head(case, summary),
@@ -86,7 +86,7 @@ def _head(case: str, summary: dict[str, Any]) -> str:
         (_length(summary["min_signed_distance_mm"]), "smallest signed distance"),
         (_time(summary["duration_s"]), f"replayed, {frames} frames"),
         (f"{100.0 * valid / frames:.1f} %", f"of the frames valid ({valid})"),
-        (_verdict(summary["expected"]), "what the case expects"),
+        (_verdict(summary["expected"]), "expected results of the case"),
     )
     measured = "the tip alone (--tip-only)" if summary["tip_only"] else "the whole mesh of the tool"
     return (
@@ -108,19 +108,17 @@ def _foot(version: str) -> str:
 
 def _deepest(summary: dict[str, Any], scene_png: bytes) -> str:
     distance = _length(summary["min_signed_distance_mm"])
-    return _picture(f"The deepest moment ({distance})", scene_png, "Tumour, tool and robot")
+    return _picture(f"Deepest point ({distance})", scene_png, "Tumour, tool and robot")
 
 
-def _picture(title: str, png: bytes, words: str) -> str:
+def _picture(title: str, png: bytes, alt: str) -> str:
     data = base64.b64encode(png).decode("ascii")
-    return (
-        f'<h2>{escape(title)}</h2>\n<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
-    )
+    return f'<h2>{escape(title)}</h2>\n<img alt="{escape(alt)}" src="data:image/png;base64,{data}">'
 
 
 def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
     if not breaches:
-        return '<h2>Breaches</h2>\n<p class="note">The tool was never found in the tumour.</p>'
+        return '<h2>Breaches</h2>\n<p class="note">The tool was never in the tumour.</p>'
     rows = [
         (
             number,
@@ -144,7 +142,7 @@ def _expected(checks: Sequence[dict[str, str]] | None) -> str:
         for check in checks
     )
     return (
-        "<h2>What the case expects</h2>\n"
+        "<h2>Expected results</h2>\n"
         f"<table><tr><th>check</th><th>result</th><th>found</th></tr>{body}</table>"
     )
 
@@ -190,13 +188,13 @@ def _notes(notes: Sequence[str]) -> str:
     if not notes:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return f"<h2>What the reader said</h2>\n<ul>{items}</ul>"
+    return f"<h2>Notes of the reader</h2>\n<ul>{items}</ul>"
 
 
 def _table(
     title: str, header: Sequence[str], rows: Iterable[Sequence[_Cell]], *, numbers: bool = True
 ) -> str:
-    """A table under its title; all columns but the first hold numbers, unless said otherwise."""
+    """A table under its title; with ``numbers`` all columns but the first are right-aligned."""
 
     def cells(tag: str, values: Sequence[_Cell]) -> str:
         return "".join(
@@ -212,9 +210,9 @@ def _table(
 
 def _verdict(checks: Sequence[dict[str, str]] | None) -> str:
     if checks is None:
-        return "not stated"
+        return "none given"
     passed = sum(check["result"] == "pass" for check in checks)
-    return f"{passed} of {len(checks)} hold"
+    return f"{passed} of {len(checks)} pass"
 
 
 def _length(value_mm: float | None) -> str:

@@ -1,4 +1,4 @@
-"""``margin.csv``: a row a frame, in digits that do not depend on the machine or the rate."""
+"""``margin.csv``: one row per frame; its bytes do not depend on the machine or the replay rate."""
 
 from collections.abc import Sequence
 
@@ -18,10 +18,10 @@ COLUMNS = (
 
 
 def margin_csv(rows: Sequence[ReportRow]) -> str:
-    """The text of ``margin.csv``: header, then one line a row; a line feed ends every line.
+    """Return the text of ``margin.csv``: a header and one line per row, each ended by a line feed.
 
-    Times and lengths have 6 decimals, an unknown is an empty cell, reasons are joined by ``;``.
-    No cell needs quotes: states and reasons are words of our own.
+    Times and lengths have 6 decimals, an unknown value is an empty cell, reasons are joined by
+    ``;``. No cell needs quotes: the names of states and reasons have no commas.
     """
     lines = [",".join(COLUMNS)]
     lines.extend(",".join(_cells(row, rows[0].stamp_ns)) for row in rows)
@@ -47,5 +47,5 @@ def _number(value: float | None) -> str:
     if value is None:
         return ""
     text = f"{value:.6f}"
-    # The sign of a zero is noise of the last bit: without it two machines write the same file.
+    # The sign of a rounded zero depends on the last bit, which differs between machines.
     return text[1:] if text == "-0.000000" else text

@@ -1,6 +1,6 @@
-"""``margin.png``: the distance over time, the states behind it, the breaches marked.
+"""``margin.png``: signed distance over time, with states as background and breaches marked.
 
-Drawn with matplotlib's objects on an Agg canvas: no pyplot, so no state is shared with a caller.
+Uses matplotlib's objects on an Agg canvas instead of pyplot, which would change global state.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,13 +34,13 @@ _HATCH_COLOR = "#5a5a5a"
 def margin_png(
     rows: Sequence[ReportRow], breaches: Sequence[Breach], margins: MarginParameters, title: str
 ) -> bytes:
-    """The plot as PNG, 1560 x 720."""
+    """Draw the plot; return it as PNG, 1560 x 720 pixels."""
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI, layout="constrained")
     strip, plot = figure.subplots(2, 1, sharex=True, height_ratios=(1, 16))
     figure.suptitle(
         title, x=0.012, ha="left", color=_INK, fontsize=14, fontweight="bold", parse_math=False
     )
-    # A clock that jumps back would fold the plot over itself: time is drawn as it was played.
+    # A clock that jumps back would fold the plot over itself.
     seconds = played_seconds(rows)
     _draw_states(strip, plot, rows, seconds)
     _draw_distance(plot, rows, seconds)
@@ -50,13 +50,13 @@ def margin_png(
     _draw_legend(figure, strip, plot)
     FigureCanvasAgg(figure)
     picture = BytesIO()
-    # No software name and version inside: equal rows give equal bytes on one machine.
+    # Without the version of matplotlib equal rows give equal bytes on one machine.
     figure.savefig(picture, format="png", metadata={"Software": None})
     return picture.getvalue()
 
 
 def played_seconds(rows: Sequence[ReportRow]) -> FloatArray:
-    """Seconds from the first row, (n,), that never fall: a jump back takes no time."""
+    """Seconds since the first row (n,), non-decreasing: a jump back of the clock counts as 0 s."""
     steps_ns = np.diff(np.array([row.stamp_ns for row in rows], dtype=np.int64))
     return np.concatenate([[0], np.cumsum(np.maximum(steps_ns, 0))]) / NS_PER_S
 
@@ -93,7 +93,7 @@ def _draw_states(strip: Axes, plot: Axes, rows: Sequence[ReportRow], seconds: Fl
 def state_bands(
     rows: Sequence[ReportRow], seconds: FloatArray
 ) -> Iterator[tuple[MarginState, float, float]]:
-    """Runs of one state with their start and end in seconds; a state holds until the next row."""
+    """Yield runs of one state with start and end in seconds; a state holds until the next row."""
     for state, run in groupby(range(len(rows)), key=lambda index: rows[index].state):
         indices = list(run)
         after = min(indices[-1] + 1, len(rows) - 1)
@@ -101,7 +101,7 @@ def state_bands(
 
 
 def _draw_distance(plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -> None:
-    # NaN breaks the line: no distance is drawn where none was measured.
+    # NaN interrupts the line where no distance was measured.
     lower = _column([row.lower_bound_mm for row in rows])
     distance = _column([row.signed_distance_mm for row in rows])
     plot.plot(seconds, lower, color=_INK, lw=0.7, alpha=0.35, label="lower bound")
@@ -116,19 +116,19 @@ def _draw_distance(plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray) -
 def _draw_margins(
     plot: Axes, rows: Sequence[ReportRow], seconds: FloatArray, margins: MarginParameters
 ) -> None:
-    # While the state is UNKNOWN the margin grows with the age of the data: nothing to draw.
+    # While the state is UNKNOWN the margin grows with the age of the data: it is not drawn.
     known = np.array([row.state is not MarginState.UNKNOWN for row in rows])
     warn_total, stop_total = (
         np.where(known, _column(totals), np.nan)
         for totals in ([row.warn_total_mm for row in rows], [row.stop_total_mm for row in rows])
     )
-    for word, nominal_mm, applied, color in (
+    for name, nominal_mm, applied, color in (
         ("warn", margins.warn_mm, warn_total, "#8a6100"),
         ("stop", margins.stop_mm, stop_total, "#a32a14"),
     ):
         plot.axhline(nominal_mm, color=color, lw=1.2, ls=(0, (6, 4)), zorder=3)
-        plot.plot(seconds, applied, color=color, lw=0.9, ls=":", zorder=3, label=f"applied {word}")
-        _label_right(plot, nominal_mm, f"{word} {nominal_mm:g}", color, "bottom")
+        plot.plot(seconds, applied, color=color, lw=0.9, ls=":", zorder=3, label=f"applied {name}")
+        _label_right(plot, nominal_mm, f"{name} {nominal_mm:g}", color, "bottom")
     plot.axhline(0.0, color=_INK, lw=1.0, zorder=3)
     _label_right(plot, 0.0, "surface", _INK, "top")
 

@@ -1,4 +1,4 @@
-"""How often each reason was given."""
+"""Counts of the reasons of a replay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class ReasonCount:
 
 
 def count_reasons(rows: Sequence[ReportRow]) -> tuple[ReasonCount, ...]:
-    """Every reason that was given, the most frequent first."""
+    """Count every reason that occurs, the most frequent first."""
     counts: dict[str, int] = {}
     first_s: dict[str, float] = {}
     for row in rows:

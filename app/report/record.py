@@ -1,4 +1,4 @@
-"""What a replay leaves behind for its report."""
+"""Input of a report: the results of a replay."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,9 +12,9 @@ from app.session import StepResult
 
 @dataclass(slots=True)
 class ReplayLog:
-    """Filled step by step while the replay runs.
+    """Collects the steps of a replay while it runs.
 
-    Of every step only a `ReportRow` is kept, and of the deepest one everything, for the picture.
+    Keeps a `ReportRow` of every step, and the `StepResult` of the deepest one for its picture.
     """
 
     rows: list[ReportRow] = field(default_factory=list)
@@ -23,7 +23,7 @@ class ReplayLog:
     _deepest_mm: float | None = None
 
     def add(self, step: StepResult, duration_ns: int) -> None:
-        """Keep ``step``, which took ``duration_ns`` to compute."""
+        """Add ``step``, which took ``duration_ns`` to compute."""
         row = ReportRow.from_step(step)
         self.rows.append(row)
         self.durations_ns.append(duration_ns)
@@ -34,11 +34,11 @@ class ReplayLog:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayRecord:
-    """Everything that a report tells.
+    """All input of a report.
 
-    ``provenance`` is the case's own account of where it comes from; ``notes`` is what the reader
-    had to say (a truncated file, skipped samples); ``registration`` is None for a case without a
-    robot, ``expected`` for a case that states nothing.
+    ``provenance`` is the origin that the case states; ``notes`` are remarks of the reader (a
+    truncated file, skipped samples). ``registration`` is None for a case without a robot,
+    ``expected`` is None for a case without expected results.
     """
 
     case: str

@@ -1,4 +1,4 @@
-"""A picture of the residuals of a registration or a calibration: each of them, and their RMS."""
+"""Bar plot of the residuals of a registration or calibration, with their RMS."""
 
 from collections.abc import Sequence
 from io import BytesIO
@@ -27,14 +27,14 @@ def residual_png(
     labels: Sequence[str] = (),
     outliers: Sequence[int] = (),
 ) -> bytes:
-    """The plot as PNG, 1200 x 540: a bar for each of ``values`` (n,) in ``unit``.
+    """Draw a bar for each of ``values`` (n,) in ``unit``; return a PNG of 1200 x 540 pixels.
 
-    ``across`` says what there is a bar for each of; ``labels`` names them, else they are numbered
-    from 1; ``outliers`` are indices that were dropped: hatched, and not in the RMS. No value raises
-    `ReportError`.
+    ``across`` is the label of the x axis. ``labels`` names the bars; without it they are numbered
+    from 1. ``outliers`` are the indices of dropped values: hatched, and not in the RMS. Raises
+    `ReportError` without values.
     """
     if not len(values):
-        raise ReportError("0 residuals to draw: at least 1 wanted")
+        raise ReportError("residuals: 0 values; expected at least 1")
     dropped = np.isin(np.arange(len(values)), np.asarray(outliers, dtype=int))
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI, layout="constrained")
     plot = figure.subplots()
@@ -55,7 +55,7 @@ def residual_png(
         plot.xaxis.set_major_locator(MaxNLocator(integer=True))
     plot.set_xlabel(across, color=_INK, fontsize=9)
     plot.set_ylabel(f"{what} [{unit}]", color=_INK, fontsize=9)
-    plot.margins(y=0.16)  # above the bars, for the legend
+    plot.margins(y=0.16)  # space for the legend above the bars
     plot.set_ylim(bottom=0.0)
     plot.grid(axis="y", color=_INK, alpha=0.10, lw=0.6)
     plot.set_axisbelow(True)

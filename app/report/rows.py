@@ -1,4 +1,4 @@
-"""What the report keeps of one step: plain numbers, so that a long replay stays small in memory."""
+"""One row of the report per step: plain numbers, to keep a long replay small in memory."""
 
 import math
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 class ReportRow:
     """One frame of the replay.
 
-    ``signed_distance_mm`` and ``lower_bound_mm`` are None where the step could not evaluate them;
+    ``signed_distance_mm`` and ``lower_bound_mm`` are None where the step did not evaluate them;
     ``tip_mm`` is the tool's tip in tumour coordinates, None where it is not known;
     ``stop_total_mm`` and ``warn_total_mm`` are the margins that the step applied, None where it
-    applied none. A number that is not finite raises `ReportError`: an unknown is None, never NaN.
+    applied none. Raises `ReportError` for a number that is not finite: an unknown value is None.
     """
 
     stamp_ns: int
@@ -43,19 +43,19 @@ class ReportRow:
         for number in numbers:
             if number is not None and not math.isfinite(number):
                 raise ReportError(
-                    f"row at {self.stamp_ns} ns holds {number}: finite numbers or None wanted"
+                    f"row at {self.stamp_ns} ns: {number}; expected finite numbers or None"
                 )
 
     @classmethod
     def from_step(cls, step: "StepResult") -> Self:
-        """The row of one step of the session."""
+        """Build the row of one step of the session."""
         decision = step.decision
         proximity, margin = decision.proximity, decision.margin
         tip = step.tumor_from_tip
         return cls(
             stamp_ns=step.frame.stamp.ns,
             state=decision.state,
-            reasons=_words(decision.reasons),
+            reasons=_texts(decision.reasons),
             signed_distance_mm=_finite(proximity.signed_distance_mm) if proximity else None,
             lower_bound_mm=_finite(proximity.lower_bound_mm) if proximity else None,
             tip_mm=None if tip is None else _point(tip.translation_mm.tolist()),
@@ -65,7 +65,7 @@ class ReportRow:
 
     @property
     def inside(self) -> bool:
-        """Whether this frame was evaluated and found the tool in the tumour."""
+        """True if this frame has a distance and the tool is in the tumour."""
         return self.signed_distance_mm is not None and self.signed_distance_mm < 0.0
 
 
@@ -74,13 +74,13 @@ def seconds_since(first_ns: int, stamp_ns: int) -> float:
     return (stamp_ns - first_ns) / NS_PER_S
 
 
-@lru_cache(maxsize=256)  # a replay has few sets of reasons: its rows share their words
-def _words(reasons: tuple[Reason, ...]) -> tuple[str, ...]:
+@lru_cache(maxsize=256)  # a replay has few sets of reasons, which its rows share
+def _texts(reasons: tuple[Reason, ...]) -> tuple[str, ...]:
     return tuple(str(reason) for reason in reasons)
 
 
 def _finite(number: float) -> float | None:
-    # A proximity that is not finite makes the state UNKNOWN: its row then has no distance.
+    # A proximity that is not finite makes the state UNKNOWN; its row has no distance.
     return float(number) if math.isfinite(number) else None
 
 

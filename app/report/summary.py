@@ -1,4 +1,4 @@
-"""``summary.json``: the replay in numbers, for people and programs."""
+"""``summary.json``: the results of a replay, for people and programs."""
 
 import math
 from collections.abc import Sequence
@@ -18,10 +18,9 @@ _DECIMALS = 6
 
 
 def summarise(record: ReplayRecord) -> dict[str, Any]:
-    """The content of ``summary.json``: only what JSON knows, None for what is not known.
+    """Return the content of ``summary.json``: JSON types only, None for unknown values.
 
-    Seconds count from the first frame. Nothing in it depends on the rate of the replay, except
-    ``timing``.
+    Seconds count from the first frame. Only ``timing`` depends on the rate of the replay.
     """
     rows = record.rows
     breaches = find_breaches(rows, record.margins.stale_after_ns)
@@ -51,10 +50,9 @@ def summarise(record: ReplayRecord) -> dict[str, Any]:
 
 
 def state_durations_ns(rows: Sequence[ReportRow]) -> dict[MarginState, int]:
-    """How long each state held: a frame's state holds until the next frame.
+    """Duration of each state in ns: the state of a frame holds until the next frame.
 
-    The last frame holds for no time, and a clock that jumps back adds none, so that the values
-    sum to `duration_ns`.
+    The last frame and a jump back of the clock add 0, so that the values sum to `duration_ns`.
     """
     held = dict.fromkeys(MarginState, 0)
     for row, following in pairwise(rows):
@@ -63,12 +61,12 @@ def state_durations_ns(rows: Sequence[ReportRow]) -> dict[MarginState, int]:
 
 
 def duration_ns(rows: Sequence[ReportRow]) -> int:
-    """The time that passed in the replay: last less first stamp when the clock only goes on."""
+    """Duration of the replay in ns, without jumps back of its clock."""
     return sum(max(after.stamp_ns - row.stamp_ns, 0) for row, after in pairwise(rows))
 
 
 def all_passed(summary: dict[str, Any]) -> bool:
-    """Whether every check of ``expected`` passed; true for a case that states nothing."""
+    """True if every check of ``expected`` passed, or the case has none."""
     return all(check["result"] == "pass" for check in summary["expected"] or ())
 
 

@@ -1,4 +1,4 @@
-"""How long the steps of a replay took."""
+"""Computing time of the steps of a replay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class StepTiming:
 
     @classmethod
     def from_durations(cls, durations_ns: Sequence[int]) -> Self | None:
-        """From one duration a step, in ns; None when there was no step."""
+        """Compute from one duration per step, in ns; None without a step."""
         if len(durations_ns) == 0:
             return None
         in_us = np.asarray(durations_ns, dtype=np.float64) / _NS_PER_US

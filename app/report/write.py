@@ -1,4 +1,4 @@
-"""Writes the report's files: all of them or none."""
+"""Writing of the report's files: all of them or none."""
 
 import json
 import tempfile
@@ -19,20 +19,22 @@ REPORT_FILES = ("summary.json", "margin.csv", "margin.png", "scene.png", "report
 
 
 def check_writable(folder: Path) -> None:
-    """Raise `ReportError` when no report can be written into ``folder``; leaves nothing behind.
+    """Raise `ReportError` if no report can be written into ``folder``; leaves no files behind.
 
-    Ask before the replay, so that its work is not lost. The folder need not exist yet.
+    Call it before the replay, so that its work is not lost. The folder need not exist yet.
     """
     existing = folder
     while not existing.exists():
         if existing.is_symlink():
-            raise ReportError(f"report folder {folder}: {existing} is a link that leads nowhere")
+            raise ReportError(
+                f"report folder {folder}: {existing} is a broken link; expected a folder"
+            )
         existing = existing.parent
     if not existing.is_dir():
-        raise ReportError(f"report folder {folder}: {existing} is a file, a folder wanted")
+        raise ReportError(f"report folder {folder}: {existing} is a file; expected a folder")
     for name in REPORT_FILES:
         if (folder / name).is_dir():
-            raise ReportError(f"report folder {folder}: {name} in it is a folder, a file wanted")
+            raise ReportError(f"report folder {folder}: {name} in it is a folder; expected a file")
     try:
         with tempfile.TemporaryFile(dir=existing):
             pass
@@ -45,14 +47,14 @@ def write_report(
 ) -> dict[str, Any]:
     """Write the files of `REPORT_FILES` into ``folder`` and return the summary.
 
-    ``scene_png`` gives the picture of the deepest moment, and is asked when all else is ready, as
-    it may still be drawn; None where it cannot be: then there is no ``scene.png``, and one of an
-    earlier replay is removed. Earlier report files are replaced once every new one is whole; other
-    files in the folder are left alone. A folder that cannot be written and a replay without frames
-    raise `ReportError`.
+    ``scene_png`` returns the picture of the deepest point. It is called last, because another
+    process may still draw it. If it returns None, no ``scene.png`` is written and an earlier one is
+    removed. Earlier report files are replaced after all new ones are complete; other files in the
+    folder are kept. Raises `ReportError` for a folder that cannot be written and for a replay
+    without frames.
     """
     if not record.rows:
-        raise ReportError(f"case {record.case!r} gave no frame: at least 1 wanted for a report")
+        raise ReportError(f"case {record.case!r}: 0 frames; expected at least 1 for a report")
     check_writable(folder)
     summary, contents = _contents(record, scene_png, version)
     try:
@@ -67,7 +69,7 @@ def write_report(
 def _contents(
     record: ReplayRecord, scene_png: Callable[[], bytes | None], version: str
 ) -> tuple[dict[str, Any], dict[str, bytes]]:
-    # Matplotlib takes its time to load: now, while scene.png may still be drawn elsewhere.
+    # Loading matplotlib is slow: do it while another process draws scene.png.
     from app.report.margin_plot import margin_png
 
     summary = summarise(record)

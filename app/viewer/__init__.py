@@ -1,10 +1,10 @@
-"""The page that a surgeon watches: one scene, drawn here, sent to a browser on this machine.
+"""Web page that shows a session: renders a scene on the server and streams it to a browser.
 
-Most of it imports slicer, vtk and trame, which takes some seconds. Knows neither ROS nor files: the
-command hands it the steps of a session, recorded or live.
+Most modules import slicer, vtk and trame, which takes some seconds. The package imports neither ROS
+nor files: the caller passes the steps of a recorded or live session.
 """
 
 import lazy_loader
 
-# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+# Import each name of `__init__.pyi` on first access: unused modules are not loaded.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Where the page is served, and what opens it."""
+"""Host, port and token of the page."""
 
 import asyncio
 import os
@@ -12,15 +12,15 @@ _LAST_PORT = 65_535
 
 
 def new_token() -> str:
-    """A token that nobody guesses."""
+    """Return a random token of 24 bytes."""
     return secrets.token_urlsafe(24)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Address:
-    """Where to serve: ``port`` 0 takes one that is free; ``token`` opens the gate.
+    """Where to serve; ``port`` 0 selects a free one, ``token`` admits a browser.
 
-    Raises `ViewerError` for a port that there is not, and for no host at all, which would be all
+    Raises `ViewerError` for a port out of range and for an empty host, which would mean all
     addresses of this machine.
     """
 
@@ -30,26 +30,28 @@ class Address:
 
     def __post_init__(self) -> None:
         if not self.host:
-            raise ViewerError("the host is empty: 127.0.0.1 is this machine alone, 0.0.0.0 all")
+            raise ViewerError(
+                "host: empty; expected an address, e.g. 127.0.0.1 (local) or 0.0.0.0 (all)"
+            )
         if not 0 <= self.port <= _LAST_PORT:
-            raise ViewerError(f"port {self.port}: 0 (one that is free) to {_LAST_PORT} wanted")
+            raise ViewerError(f"port: {self.port}; expected 0 (a free one) to {_LAST_PORT}")
 
     def url(self, port: int) -> str:
-        """What opens the page, token and all, where ``port`` is the one that was taken."""
+        """Return the URL of the page with its token; ``port`` is the bound port."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{port}/?token={quote(self.token, safe='')}"
 
     def check(self) -> None:
-        """Raise `ViewerError` where nobody can serve now: to be asked before there is a page."""
+        """Raise `ViewerError` if the address cannot be bound. Call it before the page is built."""
         asyncio.run(self._listen_once())
 
     def refused(self, error: BaseException | None) -> ViewerError:
-        """That the page cannot be served here, and why."""
-        why: object = error or "it ended"
+        """Return the error for a page that cannot be served here, with the cause."""
+        cause: object = error or "the server ended"
         if isinstance(error, OSError) and error.errno is not None:
-            # asyncio's words repeat the address; a name that is not found has a number below 0.
-            why = os.strerror(error.errno) if error.errno > 0 else error.strerror
-        return ViewerError(f"the page cannot be served at {self.host} port {self.port}: {why}")
+            # asyncio's message repeats the address. A name that is not found has a number below 0.
+            cause = os.strerror(error.errno) if error.errno > 0 else error.strerror
+        return ViewerError(f"the page cannot be served at {self.host} port {self.port}: {cause}")
 
     async def _listen_once(self) -> None:
         try:

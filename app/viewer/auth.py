@@ -1,4 +1,4 @@
-"""Who may see the page: whoever knows the token, and nobody else sees a single byte."""
+"""Access to the page: only requests with the token are answered with content."""
 
 import hmac
 import secrets
@@ -13,11 +13,11 @@ from app.viewer.address import new_token
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 _HEADERS = {
-    # The browser itself refuses whatever would leave this machine.
+    # The browser refuses requests to other hosts.
     "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; "
     "style-src 'self' 'unsafe-inline'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "frame-ancestors 'none'; base-uri 'self'; form-action 'none'",
-    # Cookies are shared by the ports of a host: no other server's page may show what is here.
+    # Cookies are shared by all ports of a host: pages of other servers must not embed content.
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
@@ -26,25 +26,25 @@ _HEADERS = {
 
 
 class Gate:
-    """Lets requests pass that carry ``token``: in the address once, then a cookie for it.
+    """Admits requests that carry ``token``: once in the URL, then as a cookie.
 
-    Pages, static files and the websocket alike; anything else is answered with 403 and no word.
-    A request that another site's page sends has no business here either, cookie or not.
+    Applies to pages, static files and the websocket. All other requests, and requests from pages of
+    other origins, are answered with status 403 and an empty body.
     """
 
     def __init__(self, token: str) -> None:
         self._token = token
-        # Cookies are shared by the ports of a host: two viewers keep apart by the name, and what
-        # other servers are sent is not the token.
+        # Cookies are shared by all ports of a host: a random name keeps two viewers apart, and
+        # a random value keeps the token from other servers.
         self._cookie, self._pass = f"marginguard_{secrets.token_hex(4)}", new_token()
 
-    def close(self, app: web.Application) -> None:
-        """Put the gate before everything that ``app`` serves."""
+    def protect(self, app: web.Application) -> None:
+        """Check every request to ``app``."""
         app.middlewares.append(self._middleware())
 
     def _middleware(self) -> Middleware:
         @web.middleware
-        async def gate(request: web.Request, handler: Handler) -> web.StreamResponse:
+        async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
             origin = request.headers.get("Origin")
             if origin is not None and urlsplit(origin).netloc != request.host:
                 return web.Response(status=403)
@@ -57,10 +57,10 @@ class Gate:
                 response.headers.update(_HEADERS)
             return response
 
-        return gate
+        return check
 
     def _admitted(self, request: web.Request) -> web.Response:
-        """To the page, without the token: an address is kept in places where no token belongs."""
+        """Redirect to the page without the token: browsers keep URLs in their history."""
         response = web.Response(status=303, headers={"Location": "index.html", **_HEADERS})
         response.set_cookie(self._cookie, self._pass, httponly=True, samesite="Strict", path="/")
         return response

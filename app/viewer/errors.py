@@ -1,7 +1,7 @@
-"""What can go wrong in the viewer."""
+"""Errors of the viewer."""
 
 from app.geometry import MarginGuardError
 
 
 class ViewerError(MarginGuardError):
-    """Something that the page cannot do: a port that is taken, a control out of its range."""
+    """The page cannot do a request: the port is in use, or a control value is out of range."""

@@ -1,4 +1,4 @@
-"""A page that is closed while it is being answered is no error, though three libraries log it."""
+"""Log filter for closed connections: three libraries log them as errors."""
 
 import logging
 import sys
@@ -6,12 +6,12 @@ import sys
 _LOGGERS = ("wslink.protocol", "aiohttp.server", "asyncio")
 
 
-def expect_pages_to_go() -> None:
-    """Keep what is said of lost connections out of the log; everything else stays in it."""
+def ignore_closed_connections() -> None:
+    """Drop log records of connections that a browser closed; keep all others."""
     for name in _LOGGERS:
-        logging.getLogger(name).addFilter(_is_news)
+        logging.getLogger(name).addFilter(_is_other_record)
 
 
-def _is_news(record: logging.LogRecord) -> bool:
+def _is_other_record(record: logging.LogRecord) -> bool:
     error = record.exc_info[1] if record.exc_info else sys.exc_info()[1]
     return not isinstance(error, ConnectionResetError)

@@ -1,4 +1,4 @@
-"""The page in the server: what the stage shows, and what is said beside the picture."""
+"""Server side of the page: the scene view and the values beside the picture."""
 
 from trame_server.state import State
 
@@ -14,9 +14,9 @@ from app.viewer.steps.view_state import ViewState
 
 
 class Page:
-    """Brings the stage to what ``feed`` says, and says the same in words with the same picture.
+    """Updates the scene view from ``feed``, and the values of the page together with its picture.
 
-    ``state`` is trame's, which every open page sees. All calls are those of the page's thread.
+    ``state`` is trame's, which all open pages share. All calls come from the page's thread.
     """
 
     def __init__(
@@ -30,36 +30,36 @@ class Page:
         self._timeline = timeline
         self._now: ViewState | None = None
         self._drawn: object = None
-        state.now = {**readout(None), **timeline.at(None), "number": 0}
+        state.now = {**readout(None), **timeline.values(None), "number": 0}
         state.look = ""
-        state.plot = None  # a name that comes later is never drawn by a page that is open
+        state.plot = None  # an open page does not draw names that are added later
 
     def prepare(self) -> bool:
-        """Bring the scene to the present; whether that changed anything."""
+        """Update the scene to the present; return True if anything changed."""
         now = self._now = self._feed.now()
         if self.area.was_grabbed():
             self.cameraman.let_go()
         if self.area.was_resized():
             self.cameraman.place_anew()
         moment = None if now is None else (now.step.index, now.silent)
-        drawn, self._drawn = self._drawn, (moment, self._timeline.mark())
+        drawn, self._drawn = self._drawn, (moment, self._timeline.revision())
         if now is not None and drawn != self._drawn:
             self.stage.show(now)
         self.cameraman.follow()
         return drawn != self._drawn
 
     def screenshot(self) -> bytes:
-        """The present as PNG, also where no page is open and nothing is drawn."""
+        """Render the present as PNG, also while no page is open."""
         self.prepare()
-        said = readout(self._now)
+        values = readout(self._now)
         measured = self._now is not None and self._now.distance_mm is not None
-        told = f"{said['distance']} mm" if measured else said["why"]
-        return screenshot(self.area, MarginState[said["state"]], f"{said['label']}: {told}")
+        text = f"{values['distance']} mm" if measured else values["why"]
+        return screenshot(self.area, MarginState[values["state"]], f"{values['label']}: {text}")
 
     def sent(self, number: int) -> None:
-        """Say what picture ``number`` shows."""
+        """Publish the values that belong to picture ``number``."""
         look = self.cameraman.look
         with self._state as state:
-            state.now = {**readout(self._now), **self._timeline.at(self._now), "number": number}
+            state.now = {**readout(self._now), **self._timeline.values(self._now), "number": number}
             state.look = "" if look is None else look.value
-            state.update(self._timeline.news())
+            state.update(self._timeline.new_plot())

@@ -20,7 +20,7 @@ from app.viewer.controls import ReplayHands, StageHands
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import MakeSchedule, Pictures, Schedule
 from app.viewer.drawing.scene_view import SceneView
-from app.viewer.log_filter import expect_pages_to_go
+from app.viewer.log_filter import ignore_closed_connections
 from app.viewer.page import Page
 from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
@@ -102,7 +102,7 @@ class Viewer:
         server = self._server
         server.add_protocol_to_configure(lambda protocol: protocol.registerLinkProtocol(link))
         server.controller.on_server_bind.add(lambda bound: self._open(bound.app, address))
-        expect_pages_to_go()
+        ignore_closed_connections()
         serving = asyncio.ensure_future(_start(server, address))
         ready = asyncio.ensure_future(server.ready)
         await asyncio.wait({serving, ready}, return_when=asyncio.FIRST_COMPLETED)
@@ -122,7 +122,7 @@ class Viewer:
             drawing.result()
 
     def _open(self, app: web.Application, address: Address) -> None:
-        Gate(address.token).close(app)
+        Gate(address.token).protect(app)
         app.router.add_get("/marginguard/states.css", _state_css)
         app.router.add_static("/marginguard/", _WEB)
         app.router.add_post("/paraview/", _session)

@@ -1,4 +1,4 @@
-"""What page and server say to each other beside trame's state: signs of life, and receipts."""
+"""Heartbeat and picture acknowledgements between server and page, beside trame's state."""
 
 from collections.abc import Callable
 
@@ -6,21 +6,21 @@ from wslink import register
 from wslink.websocket import LinkProtocol
 
 BEAT = "marginguard.beat"
-"""Topic of the heartbeat: a page that does not hear it turns grey."""
+"""Topic of the heartbeat: a page that does not receive it turns grey."""
 
 
 class PageLink(LinkProtocol):  # type: ignore[misc]  # wslink has no types
-    """``on_seen(page, number)`` is told when a page has a picture."""
+    """Calls ``on_ack(page, number)`` when a page has received picture ``number``."""
 
-    def __init__(self, on_seen: Callable[[str, int], None]) -> None:
+    def __init__(self, on_ack: Callable[[str, int], None]) -> None:
         super().__init__()
-        self._on_seen = on_seen
+        self._on_ack = on_ack
 
     def beat(self, number: int) -> None:
-        """Tell every page that the server lives, and which picture was the last."""
+        """Send the heartbeat with the number of the last picture to every page."""
         self.publish(BEAT, {"number": number})
 
     @register("marginguard.seen")  # type: ignore[untyped-decorator]
-    def seen(self, page: str, number: int) -> None:
-        """A page has picture ``number``."""
-        self._on_seen(str(page), int(number))
+    def acknowledge(self, page: str, number: int) -> None:
+        """Record that ``page`` has picture ``number``."""
+        self._on_ack(str(page), int(number))

@@ -55,7 +55,7 @@ def test_a_case_that_is_none_is_refused_in_one_line(tmp_path, capsys):
     ("address", "named"),
     [
         (["--port", "65536"], "port 65536"),
-        (["--host", ""], "host is empty"),
+        (["--host", ""], "host: empty; expected"),
         (["--host", "192.0.2.1"], "192.0.2.1 port 0: Cannot assign"),
     ],
 )

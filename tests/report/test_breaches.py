@@ -51,7 +51,7 @@ def test_clock_that_jumps_back_splits() -> None:
     assert len(find_breaches(rows, STALE_NS)) == 2
 
 
-def test_state_does_not_matter() -> None:
+def test_breaches_do_not_depend_on_the_state() -> None:
     rows = [
         ReportRow(0, MarginState.UNKNOWN, ("starting",), -1.0),
         ReportRow(1, MarginState.POSITIVE, ("releasing",), 2.0),
@@ -61,7 +61,7 @@ def test_state_does_not_matter() -> None:
 
 
 @given(st.lists(st.sampled_from([-2.0, -1.0, 0.0, 3.0, None]), max_size=60))
-def test_breaches_hold_every_inside_frame_once(distances: list[float | None]) -> None:
+def test_every_inside_frame_is_in_one_breach(distances: list[float | None]) -> None:
     rows = [
         ReportRow(index * 20_000_000, MarginState.UNKNOWN, (), distance)
         for index, distance in enumerate(distances)

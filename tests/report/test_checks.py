@@ -39,7 +39,7 @@ def results(checks: dict[str, Check]) -> dict[str, str]:
     return {name: check.result for name, check in checks.items()}
 
 
-def test_nothing_stated_nothing_checked(rows_of: Rows) -> None:
+def test_nothing_expected_gives_no_checks(rows_of: Rows) -> None:
     assert run(Expected(), rows_of([1.0])) == {}
 
 
@@ -91,7 +91,7 @@ def test_registration_within_and_beyond(rows_of: Rows) -> None:
     off = Transform.from_rotation_vector(
         np.radians([0.4, 0.0, 0.0]), [0.9, 0.0, 0.0], target="reference", source="reference"
     )
-    # Moved about the base's own origin, so that the origin moves by 0.9 mm only.
+    # A rotation about the base's own origin: the origin moves by 0.9 mm only.
     at_origin = Transform.identity("reference", "reference")
     centered = replace(at_origin, translation_mm=truth.translation_mm)
     found = centered @ off @ centered.inverse() @ truth
@@ -140,8 +140,8 @@ def test_missing_dropout_is_unknown_once_stale(rows_of: Rows) -> None:
     assert "1 of 4 frames are not UNKNOWN, the first is NEGATIVE at 0.220 s" in check.detail
 
 
-def test_silent_source_is_judged_by_the_state_that_held(rows_of: Rows) -> None:
-    # One watchdog frame 160 ms into the silence says UNKNOWN, then nothing comes until 600 ms.
+def test_silent_source_is_checked_by_the_last_state_before(rows_of: Rows) -> None:
+    # A watchdog frame is UNKNOWN 160 ms into the silence; the next frame is at 600 ms.
     good, lost, back = rows_of([6.0, None, 6.0], period_ns=0)
     rows = (
         good,
@@ -153,7 +153,7 @@ def test_silent_source_is_judged_by_the_state_that_held(rows_of: Rows) -> None:
     assert not run(silence, (good, rows[2]))["UNKNOWN in dropout 1"].passed
 
 
-def test_dropout_without_a_frame_shows_nothing(rows_of: Rows) -> None:
+def test_dropout_without_a_frame_fails(rows_of: Rows) -> None:
     check = run(dropout("invalid", -2.0, -1.0), rows_of([6.0] * 20))["UNKNOWN in dropout 1"]
     assert not check.passed
     assert "no frame" in check.detail

@@ -1,4 +1,4 @@
-"""``docs/report.md`` names everything that a report says."""
+"""``docs/report.md`` names all files, columns, keys and reasons of a report."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,5 +13,5 @@ def test_every_file_column_key_and_reason_is_explained(
     project_root: Path, record_of: Callable[..., ReplayRecord]
 ) -> None:
     page = (project_root / "docs/report.md").read_text(encoding="utf-8")
-    words = {*REPORT_FILES, *COLUMNS, *map(str, Reason), *summarise(record_of([8.0, -1.0]))}
-    assert {word for word in words if f"`{word}`" not in page} == set()
+    names = {*REPORT_FILES, *COLUMNS, *map(str, Reason), *summarise(record_of([8.0, -1.0]))}
+    assert {name for name in names if f"`{name}`" not in page} == set()

@@ -54,7 +54,7 @@ def page_of(record: ReplayRecord, scene: bytes | None = SCENE) -> str:
     return report_html(summarise(record), count_reasons(record.rows), PLOT, scene, "1.2.3")
 
 
-def test_nothing_is_fetched_and_nothing_runs(record_of: Record) -> None:
+def test_page_has_no_script_and_no_external_resource(record_of: Record) -> None:
     text = page_of(record_of([6.0, -1.0]))
     page = Page(text)
     assert not {"script", "link", "iframe", "object", "base"} & set(page.tags)
@@ -64,7 +64,7 @@ def test_nothing_is_fetched_and_nothing_runs(record_of: Record) -> None:
     assert not re.search(r"https?:|//[a-z]|url\(|@import", text)
 
 
-def test_pictures_are_inside(record_of: Record) -> None:
+def test_pictures_are_embedded(record_of: Record) -> None:
     sources = [v for name, v in Page(page_of(record_of([6.0, -1.0]))).attributes if name == "src"]
     assert [base64.b64decode(source.partition(",")[2]) for source in sources] == [PLOT, SCENE]
     sources = [v for n, v in Page(page_of(record_of([6.0]), scene=None)).attributes if n == "src"]
@@ -79,15 +79,15 @@ def test_tables_hold_the_numbers(record_of: Record) -> None:
     assert ["frames", "fail", "5 frames, 6 expected"] in page.rows
     assert ["stale", "1", "0.060 s"] in page.rows
     assert ["stale_after_ms", "200"] in page.rows
-    assert "0 of 1 hold" in page.text
+    assert "0 of 1 pass" in page.text
 
 
-def test_says_what_it_is_and_whence(record_of: Record) -> None:
+def test_page_states_disclaimer_provenance_and_version(record_of: Record) -> None:
     text = Page(page_of(record_of([6.0]))).text
     assert NOT_A_DEVICE in text
     assert "kind: simulated; source: a test" in text
     assert "1.2.3" in text
-    assert "never found in the tumour" in text
+    assert "never in the tumour" in text
 
 
 @pytest.mark.parametrize("evil", ["<script>alert(1)</script>", '"><img src=http://x>', "a & b"])

@@ -25,7 +25,7 @@ def count(picture: FloatArray, color: tuple[float, float, float]) -> int:
     return int((np.abs(picture - np.array(color)).max(axis=-1) < 0.02).sum())
 
 
-def test_every_state_has_its_part_of_the_strip(rows_of: Rows, margins: MarginParameters) -> None:
+def test_every_state_has_a_part_of_the_strip(rows_of: Rows, margins: MarginParameters) -> None:
     picture = pixels(rows_of(DISTANCES), margins)
     assert picture.shape == (720, 1560, 3)
     counts = {state: count(picture, state.color) for state in MarginState}
@@ -46,11 +46,11 @@ def test_same_rows_same_bytes(rows_of: Rows, margins: MarginParameters) -> None:
     assert first == second
 
 
-def test_one_frame_and_no_distance_are_drawn(rows_of: Rows, margins: MarginParameters) -> None:
+def test_one_frame_without_distance_is_drawn(rows_of: Rows, margins: MarginParameters) -> None:
     assert margin_png(rows_of([None]), (), margins, "a case").startswith(b"\x89PNG")
 
 
-def test_callers_matplotlib_is_left_alone(rows_of: Rows, margins: MarginParameters) -> None:
+def test_settings_of_matplotlib_stay(rows_of: Rows, margins: MarginParameters) -> None:
     before = dict(mpl.rcParams)
     margin_png(rows_of([1.0, 2.0]), (), margins, "a case")
     assert dict(mpl.rcParams) == before
@@ -66,14 +66,12 @@ def test_bands_cover_the_time_without_gap(rows_of: Rows) -> None:
     ]
 
 
-def test_title_is_text_and_no_formula(rows_of: Rows, margins: MarginParameters) -> None:
+def test_title_is_not_parsed_as_math(rows_of: Rows, margins: MarginParameters) -> None:
     title = r"costs $5 \frac{ and $6"
     assert margin_png(rows_of([1.0]), (), margins, title).startswith(b"\x89PNG")
 
 
-def test_a_clock_that_jumps_back_is_drawn_as_it_was_played(
-    rows_of: Rows, margins: MarginParameters
-) -> None:
+def test_clock_that_jumps_back_is_drawn_as_played(rows_of: Rows, margins: MarginParameters) -> None:
     rows = rows_of(DISTANCES)
     jumped = (*rows, *(replace(row, stamp_ns=row.stamp_ns - 10**12) for row in rows))
     seconds = played_seconds(jumped)

@@ -28,13 +28,13 @@ def test_dropped_points_look_different() -> None:
     assert count(one_dropped, (0xC8, 0x38, 0x1E)) > count(all_used, (0xC8, 0x38, 0x1E))
 
 
-def test_labels_are_drawn_as_they_are() -> None:
-    """A lone dollar sign would break mathematical text."""
+def test_labels_are_not_parsed_as_math() -> None:
+    """A single dollar sign would make math text invalid."""
     assert np.any(picture(labels=["#1", "$2", "C_3", "D"]) != picture())
 
 
 @pytest.mark.parametrize("labels", [(), ("1", "2", "3", "4")])
-def test_both_axes_say_what_they_are_of(labels: tuple[str, ...]) -> None:
+def test_both_axes_are_labelled(labels: tuple[str, ...]) -> None:
     changed = np.any(picture("pair", labels=labels) != picture("riap", labels=labels), axis=-1)
     rows, columns = np.nonzero(changed)
     assert len(rows)
@@ -47,6 +47,6 @@ def test_the_same_values_give_the_same_bytes() -> None:
     np.testing.assert_array_equal(picture(), picture())
 
 
-def test_nothing_to_draw_is_refused() -> None:
-    with pytest.raises(ReportError, match="0 residuals"):
+def test_empty_values_are_refused() -> None:
+    with pytest.raises(ReportError, match="residuals: 0 values; expected"):
         residual_png(np.empty(0), title="t", what="distance", unit="mm", across="pair")

@@ -43,21 +43,21 @@ def test_row_of_a_step_keeps_its_numbers() -> None:
     assert row.inside
 
 
-def test_row_of_a_step_without_proximity_knows_nothing() -> None:
+def test_row_of_a_step_without_proximity_has_no_numbers() -> None:
     row = ReportRow.from_step(step(None, tip=False))
     assert row == ReportRow(5, MarginState.UNKNOWN, ("invalid",))
     assert not row.inside
 
 
-def test_distance_that_is_no_number_is_unknown() -> None:
+def test_distance_that_is_not_finite_is_none() -> None:
     row = ReportRow.from_step(step(math.nan))
     assert row.signed_distance_mm is None
     assert row.lower_bound_mm is None
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_row_refuses_what_is_not_finite(value: float) -> None:
-    with pytest.raises(ReportError, match=r"row at 7 ns holds (nan|inf)"):
+def test_row_refuses_numbers_that_are_not_finite(value: float) -> None:
+    with pytest.raises(ReportError, match=r"row at 7 ns: (nan|inf); expected finite numbers"):
         ReportRow(7, MarginState.NEGATIVE, (), value)
 
 

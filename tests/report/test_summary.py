@@ -16,7 +16,7 @@ from app.report.summary import duration_ns, state_durations_ns
 Record = Callable[..., ReplayRecord]
 
 
-def test_hand_computed(record_of: Record) -> None:
+def test_summary_of_hand_computed_rows(record_of: Record) -> None:
     summary = summarise(
         record_of([8.0, 3.0, -1.0, -2.5, None, 7.0], durations_ns=(1000, 2000, 3000, 1000, 1, 1))
     )
@@ -25,7 +25,7 @@ def test_hand_computed(record_of: Record) -> None:
     assert summary["duration_s"] == 0.1
     assert summary["state_counts"] == {"NEGATIVE": 2, "WARNING": 1, "POSITIVE": 2, "UNKNOWN": 1}
     assert summary["state_seconds"] == {
-        "NEGATIVE": 0.02,  # the first frame; the last one holds for no time
+        "NEGATIVE": 0.02,  # the first frame; the last one adds 0
         "WARNING": 0.02,
         "POSITIVE": 0.04,
         "UNKNOWN": 0.02,
@@ -42,7 +42,7 @@ def test_hand_computed(record_of: Record) -> None:
     assert all_passed(summary)
 
 
-def test_only_what_json_knows(record_of: Record) -> None:
+def test_summary_has_json_types_only(record_of: Record) -> None:
     pose = Transform("reference", "robot_base", np.eye(3), np.array([1.0, 2.0, 3.0]))
     record = record_of([None, None], registration=given_registration(pose), expected=Expected())
     summary = summarise(record)
@@ -66,7 +66,7 @@ def test_computed_registration(record_of: Record) -> None:
     assert told["residuals_mm"] == pytest.approx(result.residuals_mm.tolist(), abs=1e-6)
 
 
-def test_failed_expectation_shows(record_of: Record) -> None:
+def test_failed_expectation_is_reported(record_of: Record) -> None:
     summary = summarise(record_of([1.0, 1.0], expected=Expected(frames=3)))
     assert summary["expected"] == [
         {"check": "frames", "result": "fail", "detail": "2 frames, 3 expected"}
@@ -89,7 +89,7 @@ def test_state_seconds_sum_to_the_duration(
     assert duration_ns(rows) == rows[-1].stamp_ns - rows[0].stamp_ns
 
 
-def test_clock_that_jumps_back_takes_no_time_away() -> None:
+def test_clock_that_jumps_back_adds_no_time() -> None:
     rows = [ReportRow(ns, MarginState.UNKNOWN) for ns in (0, 100, 40, 70)]
     assert duration_ns(rows) == 130
     assert sum(state_durations_ns(rows).values()) == 130

@@ -26,9 +26,7 @@ def test_writes_every_file(tmp_path: Path, record_of: Record) -> None:
     assert len((folder / "margin.csv").read_text().splitlines()) == 3
 
 
-def test_timing_changes_nothing_but_the_summary_and_the_page(
-    tmp_path: Path, record_of: Record
-) -> None:
+def test_timing_changes_only_the_summary_and_the_page(tmp_path: Path, record_of: Record) -> None:
     for name, durations in (("slow", (9000, 9000)), ("fast", (1, 2))):
         record = record_of([6.0, -1.0], durations_ns=durations)
         write_report(tmp_path / name, record, scene_png=lambda: None, version="1")
@@ -45,7 +43,7 @@ def test_replaces_its_own_files_and_leaves_others(tmp_path: Path, record_of: Rec
     (tmp_path / "notes.txt").write_text("mine")
     write_report(tmp_path, record_of([6.0]), scene_png=lambda: SCENE, version="1")
     write_report(tmp_path, record_of([6.0, 7.0]), scene_png=lambda: None, version="1")
-    # The picture of the first replay does not stay beside the numbers of the second.
+    # The second replay has no picture: the one of the first is removed.
     assert names(tmp_path) == {"notes.txt", *REPORT_FILES} - {"scene.png"}
     assert json.loads((tmp_path / "summary.json").read_text())["frames"] == 2
     assert (tmp_path / "notes.txt").read_text() == "mine"
@@ -69,8 +67,8 @@ def test_failure_leaves_the_earlier_report(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_no_frames_are_no_report(tmp_path: Path, record_of: Record) -> None:
-    with pytest.raises(ReportError, match="'three frames' gave no frame"):
+def test_replay_without_frames_is_refused(tmp_path: Path, record_of: Record) -> None:
+    with pytest.raises(ReportError, match="'three frames': 0 frames; expected at least 1"):
         write_report(tmp_path / "report", record_of([]), scene_png=lambda: None, version="1")
     assert names(tmp_path) == set()
 
@@ -87,21 +85,21 @@ def test_relative_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert names(tmp_path) == set()
 
 
-def test_file_in_the_way(tmp_path: Path) -> None:
+def test_file_with_the_name_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "report"):
-        with pytest.raises(ReportError, match="file is a file, a folder wanted") as caught:
+        with pytest.raises(ReportError, match="file is a file; expected a folder") as caught:
             check_writable(folder)
         assert "\n" not in str(caught.value)
 
 
-def test_link_that_leads_nowhere(tmp_path: Path) -> None:
+def test_broken_link_is_refused(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "gone")
-    with pytest.raises(ReportError, match="link that leads nowhere"):
+    with pytest.raises(ReportError, match="broken link; expected a folder"):
         check_writable(tmp_path / "link")
 
 
-def test_folder_in_the_place_of_a_file(tmp_path: Path) -> None:
+def test_folder_with_the_name_of_a_report_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "summary.json").mkdir()
     with pytest.raises(ReportError, match=r"summary\.json in it is a folder"):
         check_writable(tmp_path)

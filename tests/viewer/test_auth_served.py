@@ -77,7 +77,7 @@ def test_the_right_cookie_opens_the_page_which_may_ask_nobody_else(server):
 
 
 @pytest.mark.parametrize(
-    ("cookie", "origin", "wanted"),
+    ("cookie", "origin", "expected"),
     [
         (False, None, 403),
         (False, "own", 403),
@@ -86,7 +86,7 @@ def test_the_right_cookie_opens_the_page_which_may_ask_nobody_else(server):
         (True, "own", 101),
     ],
 )
-def test_the_socket_opens_for_the_page_alone(server, cookie, origin, wanted):
+def test_the_socket_opens_for_the_page_alone(server, cookie, origin, expected):
     cookies = entry(server) if cookie else {}
     headers = {}
     if origin is not None:
@@ -100,7 +100,7 @@ def test_the_socket_opens_for_the_page_alone(server, cookie, origin, wanted):
             except aiohttp.WSServerHandshakeError as error:
                 return error.status
 
-    assert asyncio.run(connect()) == wanted
+    assert asyncio.run(connect()) == expected
 
 
 def test_it_listens_on_this_machine_alone(server):

@@ -137,9 +137,9 @@ def test_the_tumour_is_red_in_a_breach_green_when_clear_and_grey_in_a_dropout(pa
 
 
 def test_the_banner_has_the_colour_of_the_state(page):
-    wanted = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[0]: "UNKNOWN"}
+    expected = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[0]: "UNKNOWN"}
     colours = {}
-    for frame, word in wanted.items():
+    for frame, word in expected.items():
         go_to(page, frame)
         banner = page.get_by_role("status")
         expect(banner).to_contain_text(word)
@@ -296,9 +296,9 @@ def test_the_screenshot_tells_the_state_of_its_moment(page):
         banner, _ = saved_picture(page)
         pixels = np.asarray(banner.convert("RGB")).reshape(-1, 3)
         colors, counts = np.unique(pixels, axis=0, return_counts=True)
-        wanted = np.round(255.0 * np.array(MarginState[state].color))
-        assert np.abs(colors[counts.argmax()] - wanted).max() <= 1
-        letters = np.abs(pixels - wanted).max(axis=1) > 60
+        expected = np.round(255.0 * np.array(MarginState[state].color))
+        assert np.abs(colors[counts.argmax()] - expected).max() <= 1
+        letters = np.abs(pixels - expected).max(axis=1) > 60
         assert letters.mean() > 0.005  # and words on it
         seen.add(letters.tobytes())
     assert len(seen) == 3

@@ -1,4 +1,4 @@
-"""The page in the server, without a browser."""
+"""The server side of the page, without a browser."""
 
 import io
 from typing import cast
@@ -16,7 +16,7 @@ from app.viewer.steps.view_state import ViewState
 
 
 class FeedDouble:
-    """A test double: a feed that shows what it is told to, nothing at first."""
+    """A test double: a feed whose state the test sets; None at first."""
 
     shown: ViewState | None = None
 
@@ -27,27 +27,27 @@ class FeedDouble:
 class TimelineDouble:
     """A test double: a timeline with a new plot at every picture."""
 
-    def at(self, shown: ViewState | None) -> dict[str, int]:
+    def values(self, shown: ViewState | None) -> dict[str, int]:
         return {"cursor": 0}
 
-    def news(self) -> dict[str, list[int]]:
+    def new_plot(self) -> dict[str, list[int]]:
         return {"plot": [1, 2, 3]}
 
-    def mark(self) -> object:
+    def revision(self) -> object:
         return None
 
 
-def test_the_plot_has_its_name_before_its_first_points():
+def test_plot_is_in_the_state_before_its_first_points():
     state = Server().state  # trame's own
-    nothing = cast(SceneView, None), cast(PictureArea, None)  # neither is asked for anything here
+    nothing = cast(SceneView, None), cast(PictureArea, None)  # not used here
     page = Page(state, *nothing, FeedDouble(), TimelineDouble())
     assert state.has("plot")
     page.sent(1)
     assert state.plot == [1, 2, 3]
 
 
-def test_a_screenshot_is_of_the_present_although_nobody_looks_at_a_page(can_draw, parts):
-    """Pictures are drawn for pages that are open: the stage still stands as at the last one."""
+def test_screenshot_shows_the_present_without_an_open_page(can_draw, parts):
+    """Pictures are drawn for open pages only: the scene view is still at the last picture."""
     stage, feed = SceneView(parts.content), FeedDouble()
     stage.view.render_window().SetSize(320, 240)
     page = Page(Server().state, stage, PictureArea(stage.view), feed, TimelineDouble())

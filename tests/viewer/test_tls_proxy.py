@@ -23,9 +23,9 @@ def certificate(tmp_path_factory) -> Path:
         pytest.skip("openssl is not there: apt-get install openssl")
     path = tmp_path_factory.mktemp("tls") / "both.pem"
     key = path.with_name("key.pem")
-    wanted = ["-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=127.0.0.1"]
+    options = ["-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=127.0.0.1"]
     places = ["-keyout", str(key), "-out", str(path)]
-    subprocess.run([openssl, "req", *wanted, *places], check=True, capture_output=True)
+    subprocess.run([openssl, "req", *options, *places], check=True, capture_output=True)
     path.write_text(key.read_text() + path.read_text())
     return path
 

@@ -1,1 +1,1 @@
-"""What the page says beside the picture: words, numbers, the distance over time."""
+"""Values of the page beside the picture: state, reasons, numbers, the distance over time."""

@@ -1,4 +1,4 @@
-"""The distance over time as the shapes of an SVG, whose picture is 1000 wide and 100 high."""
+"""The distance over time as shapes of an SVG of 1000 x 100 units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,16 +11,17 @@ from app.fixture import MarginState
 from app.geometry import FloatArray
 
 WIDTH, HEIGHT = 1000.0, 100.0
-_LONGEST = 1500
-"""Columns that a curve is reduced to, each with its lowest and its highest point."""
-_HIGHEST_MM = 30.0
-"""Further away than this the distance is of no interest, and the curve leaves the picture."""
-_LOWEST_MM = -2.0
+_MAX_COLUMNS = 1500
+"""Columns to which a long curve is reduced, each with its lowest and its highest point."""
+_MAX_MM = 30.0
+"""Upper end of the scale; the curve leaves the picture above it."""
+_MAX_LOWER_END_MM = -2.0
+"""The scale begins at this distance or below."""
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A step on the plot; ``distance_mm`` is None where it is UNKNOWN."""
+    """A step on the plot; ``distance_mm`` is None while the state is UNKNOWN."""
 
     time_ns: int
     state: MarginState
@@ -30,17 +31,18 @@ class Point:
 def plot(
     points: Sequence[Point], breaches: Sequence[tuple[int, int]], begin_ns: int, end_ns: int
 ) -> dict[str, Any]:
-    """Curve, bands of the states, marks of the breaches (begin and end) and lines of the scale.
+    """Compute the curve, the bands of the states, the marks of the breaches and the scale lines.
 
-    ``points``, one or more, are in the order of time from ``begin_ns`` to ``end_ns``.
+    ``points`` has one or more entries in the order of time from ``begin_ns`` to ``end_ns``;
+    ``breaches`` holds begin and end of each breach in ns.
     """
     span_ns = max(end_ns - begin_ns, 1)
     per_ns = WIDTH / span_ns
     x = np.array([per_ns * (point.time_ns - begin_ns) for point in points])
     mm = np.array([np.nan if p.distance_mm is None else p.distance_mm for p in points], dtype=float)
     known = mm[np.isfinite(mm)]
-    low = float(min(known.min(initial=0.0) - 1.0, _LOWEST_MM))
-    high = float(min(max(known.max(initial=0.0) + 1.0, 10.0), _HIGHEST_MM))
+    low = float(min(known.min(initial=0.0) - 1.0, _MAX_LOWER_END_MM))
+    high = float(min(max(known.max(initial=0.0) + 1.0, 10.0), _MAX_MM))
     scale = HEIGHT / (high - low)
     y = (high - mm) * scale
     return {
@@ -59,9 +61,11 @@ def plot(
 
 
 def _curve(x: FloatArray, y: FloatArray) -> str:
-    """The path of an SVG, with a gap where nothing is known."""
+    """SVG path of the curve, with gaps where the distance is unknown."""
     path: list[str] = []
-    columns = np.floor(x * (_LONGEST / WIDTH)).astype(int) if len(x) > 2 * _LONGEST else None
+    columns = (
+        np.floor(x * (_MAX_COLUMNS / WIDTH)).astype(int) if len(x) > 2 * _MAX_COLUMNS else None
+    )
     drawing = False
     for index in range(len(x)) if columns is None else _extremes(columns, y):
         if not np.isfinite(y[index]):
@@ -73,7 +77,7 @@ def _curve(x: FloatArray, y: FloatArray) -> str:
 
 
 def _extremes(columns: FloatArray, y: FloatArray) -> list[int]:
-    """The indices of the lowest, the highest and an unknown point of each column, in order."""
+    """Indices of the lowest, the highest and one unknown point of each column, ascending."""
     kept: set[int] = set()
     begin = 0
     for _, group in groupby(columns.tolist()):
@@ -89,7 +93,7 @@ def _extremes(columns: FloatArray, y: FloatArray) -> list[int]:
 
 
 def _bands(x: FloatArray, names: list[str]) -> list[dict[str, Any]]:
-    """From each change of the state to the next."""
+    """One band from each change of the state to the next."""
     bands: list[dict[str, Any]] = []
     for index, name in enumerate(names):
         if bands and bands[-1]["state"] == name:

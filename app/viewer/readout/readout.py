@@ -1,4 +1,4 @@
-"""What the page says beside the picture, as plain values."""
+"""Values of the page beside the picture."""
 
 from typing import Any
 
@@ -7,19 +7,19 @@ from app.geometry import NS_PER_MS, Freshness
 from app.runtime import SessionContent
 from app.scene.frames.watchdog import TransformHealth
 from app.session import StepResult
-from app.viewer.readout.words import distance_digits, why
+from app.viewer.readout.reason_text import distance_text, reason_text
 from app.viewer.steps.view_state import ViewState
 
 
 def readout(shown: ViewState | None) -> dict[str, Any]:
-    """State in a word, its reason, distance, trend, hold, breaches so far, lamps."""
+    """Return label, reasons, distance, trend, hold, number of breaches, margins and lamps."""
     if shown is None:
         return _values(MarginState.UNKNOWN, "nothing has been measured yet")
     decision = shown.step.decision
     return _values(
         decision.state,
-        shown.silent or _why(shown.step),
-        distance=distance_digits(shown.distance_mm),
+        shown.silent or _reasons(shown.step),
+        distance=distance_text(shown.distance_mm),
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
         breaches=shown.breaches,
@@ -29,19 +29,19 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
     )
 
 
-def _why(step: StepResult) -> str:
-    """The reasons of ``step``, and the frames that are at fault where the margin is not known."""
+def _reasons(step: StepResult) -> str:
+    """The reasons of ``step``; while the state is UNKNOWN with the frames that cause it."""
     decision = step.decision
-    told = why(decision.state, decision.reasons)
+    text = reason_text(decision.state, decision.reasons)
     is_unknown = decision.state is MarginState.UNKNOWN
-    return f"{told} ({step.frames_problem})" if is_unknown and step.frames_problem else told
+    return f"{text} ({step.frames_problem})" if is_unknown and step.frames_problem else text
 
 
 def _values(
     state: MarginState,
     reason: str,
     *,
-    distance: str = distance_digits(None),
+    distance: str = distance_text(None),
     trend: str = "",
     hold: bool = False,
     breaches: int = 0,
@@ -69,7 +69,7 @@ def _values(
 
 
 def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, str]:
-    """The margins that are applied to a distance, where there is one."""
+    """The applied margins; empty while there is no distance."""
     margin = decision.margin
     if margin is None or decision.state is MarginState.UNKNOWN:
         return {}
@@ -81,7 +81,7 @@ def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, st
 
 
 def _tre(tre_mm: float, content: SessionContent) -> str:
-    """What the registration adds to the margins: 0 mm is said of an uncertainty that is known."""
+    """What the registration adds to the margins; a number only for a known uncertainty."""
     if content.registration is None:
         return ""
     if content.registration.covariance is None:
@@ -90,7 +90,7 @@ def _tre(tre_mm: float, content: SessionContent) -> str:
 
 
 def _registration(content: SessionContent) -> dict[str, str | bool]:
-    """The verdict in a word, and what its numbers are."""
+    """The verdict on the registration, and its numbers."""
     result = content.registration
     if content.robot is None:
         return {"ok": True, "word": "no robot", "numbers": ""}
@@ -104,7 +104,7 @@ def _registration(content: SessionContent) -> dict[str, str | bool]:
 
 
 def _lamp(lamp: TransformHealth, *, silent: bool) -> dict[str, str]:
-    # Where nothing comes any more, ages have stopped: no lamp may say "valid".
+    # Without new data the ages do not advance: no lamp may stay "valid".
     stopped = silent and lamp.freshness is Freshness.VALID
     light = Freshness.STALE if stopped else lamp.freshness
     age = "" if silent else _age(lamp.age_ns)

@@ -1,4 +1,4 @@
-"""The distance over time below the picture: of a whole recording, or of the last seconds."""
+"""The distance over time below the picture: of a whole recording, or of the last 30 seconds."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -14,20 +14,20 @@ _LIVE_STEP_NS = 200 * NS_PER_MS
 
 
 class Timeline(Protocol):
-    """What the page draws and says of time, as values of trame's state."""
+    """The page's values about time, as entries of trame's state."""
 
-    def at(self, shown: ViewState | None) -> dict[str, Any]:
-        """Of the moment that is shown."""
+    def values(self, shown: ViewState | None) -> dict[str, Any]:
+        """Return the values of the moment that is shown."""
 
-    def news(self) -> dict[str, Any]:
-        """What has changed since the last call beside the moment."""
+    def new_plot(self) -> dict[str, Any]:
+        """Return the plot if it changed since the last call, else an empty dictionary."""
 
-    def mark(self) -> object:
-        """Something that changes when the page has to be told, although no step came."""
+    def revision(self) -> object:
+        """Return a value that changes when the page needs an update without a new step."""
 
 
 class ReplayTimeline:
-    """All of a recording, with its ``breaches``: first and last frame of each."""
+    """Timeline of a whole recording; ``breaches`` holds the first and last frame of each."""
 
     def __init__(self, feed: ReplayFeed, breaches: Sequence[tuple[int, int]]) -> None:
         self._control = control = feed.control
@@ -39,8 +39,8 @@ class ReplayTimeline:
         self._drawn: dict[str, Any] | None = plot(points, marks, 0, control.duration_ns)
         self._first_ns = feed.shown[0].step.frame.stamp.ns
 
-    def at(self, shown: ViewState | None) -> dict[str, Any]:
-        """Where the replay stands: frame, seconds, whether it plays and how fast."""
+    def values(self, shown: ViewState | None) -> dict[str, Any]:
+        """Return position, duration, whether the replay plays, and its rate."""
         control = self._control
         frame = 0 if shown is None else shown.step.index
         share = control.time_ns(frame) / max(control.duration_ns, 1)
@@ -54,40 +54,40 @@ class ReplayTimeline:
             "rate": control.rate,
         }
 
-    def news(self) -> dict[str, Any]:
-        """The plot, once."""
+    def new_plot(self) -> dict[str, Any]:
+        """Return the plot at the first call."""
         drawn, self._drawn = self._drawn, None
         return {} if drawn is None else {"plot": drawn}
 
-    def mark(self) -> object:
-        """Whether it plays, and how fast."""
+    def revision(self) -> object:
+        """Return whether the replay plays, and its rate."""
         return self._control.playing, self._control.rate
 
 
 class LiveTimeline:
-    """The last half minute of the steps that were shown, drawn anew five times a second."""
+    """Timeline of the last 30 s of the steps that were shown, redrawn five times a second."""
 
     def __init__(self) -> None:
         self._points: deque[Point] = deque()
         self._drawn_ns = 0
 
-    def at(self, shown: ViewState | None) -> dict[str, Any]:
-        """Take in the moment that is shown; the cursor is at the right end.
+    def values(self, shown: ViewState | None) -> dict[str, Any]:
+        """Add the moment that is shown; the cursor is at the right end.
 
-        Whose session is silent has stopped: its right end is not now any more.
+        ``stopped`` is True while the session delivers nothing: the right end is not the present.
         """
         if shown is not None:
             now_ns = shown.step.frame.stamp.ns
             points = self._points
             if points and not points[-1].time_ns <= now_ns <= points[-1].time_ns + _LIVE_SPAN_NS:
-                points.clear()  # the source has another clock now
+                points.clear()  # the source changed its clock
             points.append(Point(now_ns, shown.step.decision.state, shown.distance_mm))
             while now_ns - points[0].time_ns > _LIVE_SPAN_NS:
                 points.popleft()
         return {"cursor": WIDTH, "stopped": shown is not None and bool(shown.silent)}
 
-    def news(self) -> dict[str, Any]:
-        """The plot, when the last one is old enough."""
+    def new_plot(self) -> dict[str, Any]:
+        """Return the plot if the last one is 200 ms old."""
         if not self._points:
             return {}
         end_ns = self._points[-1].time_ns
@@ -96,6 +96,6 @@ class LiveTimeline:
         self._drawn_ns = end_ns
         return {"plot": plot(list(self._points), (), end_ns - _LIVE_SPAN_NS, end_ns)}
 
-    def mark(self) -> object:
-        """Nothing but steps changes it."""
+    def revision(self) -> object:
+        """Return None: only steps change this timeline."""
         return None

@@ -1,5 +1,5 @@
-// The alarm: two high tones again and again while the tool is in the tumour, and once for a breach
-// between two pictures. A low tone, more slowly, while what was known is known no more.
+// The alarm: two high tones, repeated while the tool is in the tumour, and once for a breach that lies
+// between two pictures. A low tone, repeated more slowly, after a known state has become UNKNOWN.
 
 const TONE_S = 0.18;
 const ALARMS = {
@@ -15,14 +15,14 @@ export function soundAlarm(trame) {
   let breaches = 0;
   let timer = null;
 
-  // For whoever tests it: a tone cannot be read back.
+  // Counters for tests, which cannot record a tone.
   function count(name) {
     document.body.dataset[name] = String(Number(document.body.dataset[name] ?? 0) + 1);
   }
 
   function show() {
-    const word = muted ? "muted" : context.state === "running" ? "on" : "blocked";
-    document.body.dataset.sound = word;
+    const setting = muted ? "muted" : context.state === "running" ? "on" : "blocked";
+    document.body.dataset.sound = setting;
     document.getElementById("sound")?.setAttribute("aria-pressed", String(muted));
   }
 
@@ -45,19 +45,19 @@ export function soundAlarm(trame) {
     ALARMS[name].hertz.forEach((hertz, n) => tone(hertz, n * TONE_S));
   }
 
-  // What is the matter now; a page on which nothing was known yet has lost nothing.
-  function wanted(now) {
+  // The alarm for this state. Before the first known state there is none.
+  function alarmFor(now) {
     const isKnown = now.state !== "UNKNOWN" && !document.body.dataset.lost;
     known ||= isKnown;
     if (!isKnown) return known ? "unknown" : "";
     return now.state === "POSITIVE" ? "inside" : "";
   }
 
-  function listen() {
+  function update() {
     const now = trame.state.get("now");
     const missed = now.breaches > breaches;
     breaches = now.breaches;
-    const next = wanted(now);
+    const next = alarmFor(now);
     if (next !== alarm) {
       clearInterval(timer);
       alarm = next;
@@ -69,7 +69,7 @@ export function soundAlarm(trame) {
     if (missed && alarm !== "inside") ring("inside");
   }
 
-  async function allow() {
+  async function resume() {
     if (context.state !== "running") await context.resume().catch(() => {});
     show();
   }
@@ -83,16 +83,16 @@ export function soundAlarm(trame) {
   document.addEventListener("click", (event) => {
     const button = event.target.closest?.("#sound");
     const wasBlocked = document.body.dataset.sound === "blocked";
-    allow();
+    resume();
     if (button && !wasBlocked) window.marginguard.mute();
   });
-  document.addEventListener("keydown", allow);
+  document.addEventListener("keydown", resume);
   context.addEventListener("statechange", show);
   breaches = trame.state.get("now").breaches;
   trame.state.addListener(({ type, keys }) => {
-    if (type === "dirty-state" && keys.includes("now")) listen();
+    if (type === "dirty-state" && keys.includes("now")) update();
   });
   show();
-  listen();
-  return listen;
+  update();
+  return update;
 }

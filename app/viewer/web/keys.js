@@ -3,7 +3,7 @@
 export function listenToKeys(trame) {
   const replay = !trame.state.get("title").live;
 
-  function act(event) {
+  function handle(event) {
     const looks = trame.state.get("looks");
     if (event.key >= "1" && event.key <= String(looks.length)) {
       return trame.trigger("look", [looks[Number(event.key) - 1]]);
@@ -22,11 +22,11 @@ export function listenToKeys(trame) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const at = event.target;
-    // Sliders, lists and buttons have keys of their own.
+    // Sliders, lists and buttons handle these keys themselves.
     if (at.matches?.("input[type=range], select")) return;
     if (event.key === " " && at.matches?.("button, a, input")) return;
     if (event.key === " " || event.key.startsWith("Arrow")) event.preventDefault();
-    // Held down, only a step is meant again.
-    if (!event.repeat || event.key.startsWith("Arrow")) act(event);
+    // A key that is held down repeats steps only.
+    if (!event.repeat || event.key.startsWith("Arrow")) handle(event);
   });
 }

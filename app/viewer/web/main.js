@@ -1,8 +1,8 @@
-// Everything of the page that is no template. Loaded before the page is mounted.
+// The page's scripts. Loaded before the template is mounted.
 import { watchServer } from "./watch.js";
 import { soundAlarm } from "./alarm.js";
 import { listenToKeys } from "./keys.js";
 
-const listen = soundAlarm(window.trame);
-watchServer(window.trame, listen);
+const updateAlarm = soundAlarm(window.trame);
+watchServer(window.trame, updateAlarm);
 listenToKeys(window.trame);

@@ -1,21 +1,21 @@
-// The page's own watch over the server. A picture that stands still after the server has died looks
-// like a tool that is held still: when no heartbeat comes, the page itself turns grey and says so.
+// Watchdog of the page. After the server has stopped, the last picture looks like a tool that is held
+// still: without a heartbeat the page covers itself in grey with a message.
 
-const PATIENCE_MS = 1000;
-// A question and its answer pass through all that is queued both ways: what comes here is no older
-// than the last question that was answered. Drawing may hold an answer up for a while.
-const ANSWER_MS = 2000;
+const HEARTBEAT_TIMEOUT_MS = 1000;
+// A request and its reply pass through both queues: what arrives is no older than the last request
+// that was answered. Drawing may delay a reply.
+const REPLY_TIMEOUT_MS = 2000;
 const AREA = "stage";
 
 export function watchServer(trame, onChange) {
-  // Not randomUUID: a page that came by plain http from another machine does not have it.
+  // Not randomUUID: browsers do not offer it to pages loaded by plain http from another machine.
   const page = crypto.getRandomValues(new Uint32Array(4)).join("-");
   const session = trame.client.getConnection().getSession();
   const began = performance.now();
   let heard = began; // the last heartbeat
-  let answered = began; // when the last question that has an answer was asked
-  let complete = began; // the last time that no picture was missing
-  let last = 0; // the number of the last picture here
+  let answered = began; // when the last answered request was sent
+  let complete = began; // the last time at which no picture was missing
+  let last = 0; // the number of the last picture received
   let connected = true;
 
   const cover = document.createElement("div");
@@ -25,60 +25,60 @@ export function watchServer(trame, onChange) {
   cover.querySelector("button").addEventListener("click", () => window.location.reload());
   document.body.append(cover);
 
-  function say(words, more) {
-    if ((document.body.dataset.lost ?? "") === words) return;
-    if (words) {
-      cover.querySelector("strong").textContent = words;
-      cover.querySelector("span").textContent = more;
-      document.body.dataset.lost = words;
+  function showCover(title, detail) {
+    if ((document.body.dataset.lost ?? "") === title) return;
+    if (title) {
+      cover.querySelector("strong").textContent = title;
+      cover.querySelector("span").textContent = detail;
+      document.body.dataset.lost = title;
     } else {
       delete document.body.dataset.lost;
     }
     onChange();
   }
 
-  function judge() {
+  function check() {
     const now = performance.now();
-    if (!connected) say("CONNECTION LOST", "Nothing here is live any more.");
-    else if (last === 0) say("CONNECTING", "Waiting for the first picture.");
-    else if (now - heard > PATIENCE_MS) say("CONNECTION LOST", "The server does not answer.");
-    else if (now - answered > ANSWER_MS) say("PICTURE LATE", "What arrives here is old.");
-    else if (now - complete > PATIENCE_MS) say("PICTURE LATE", "Pictures do not arrive in time.");
-    else say("", "");
+    if (!connected) showCover("CONNECTION LOST", "This page is no longer live.");
+    else if (last === 0) showCover("CONNECTING", "Waiting for the first picture.");
+    else if (now - heard > HEARTBEAT_TIMEOUT_MS) showCover("CONNECTION LOST", "The server does not answer.");
+    else if (now - answered > REPLY_TIMEOUT_MS) showCover("PICTURE LATE", "The data that arrive are old.");
+    else if (now - complete > HEARTBEAT_TIMEOUT_MS) showCover("PICTURE LATE", "Pictures do not arrive in time.");
+    else showCover("", "");
   }
 
-  function tell() {
+  function acknowledge() {
     if (!connected) return;
-    const asked = performance.now();
-    const note = () => {
-      answered = Math.max(answered, asked);
+    const sentAt = performance.now();
+    const onReply = () => {
+      answered = Math.max(answered, sentAt);
     };
-    // Without an answer `judge` speaks.
-    session.call("marginguard.seen", [page, last]).then(note, () => {});
+    // `check` reports a missing reply.
+    session.call("marginguard.seen", [page, last]).then(onReply, () => {});
   }
 
   session.subscribe("marginguard.beat", ([beat]) => {
     heard = performance.now();
     if (last >= beat.number) complete = heard;
-    tell();
-    judge();
+    acknowledge();
+    check();
   });
   session.subscribe("trame.rca.topic.stream", ([picture]) => {
     if (picture.name !== AREA) return;
     last = picture.meta.number;
     document.body.dataset.picture = last;
     complete = performance.now();
-    tell();
-    judge();
+    acknowledge();
+    check();
   });
-  const lose = () => {
+  const onLost = () => {
     connected = false;
-    judge();
+    check();
   };
-  trame.client.onConnectionClose(lose);
-  trame.client.onConnectionError(lose);
-  setInterval(judge, 100);
-  document.addEventListener("visibilitychange", judge);
-  judge();
-  document.body.dataset.watched = ""; // until here the style sheet covers the page
+  trame.client.onConnectionClose(onLost);
+  trame.client.onConnectionError(onLost);
+  setInterval(check, 100);
+  document.addEventListener("visibilitychange", check);
+  check();
+  document.body.dataset.watched = ""; // until then the style sheet covers the page
 }

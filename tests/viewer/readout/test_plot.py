@@ -1,4 +1,4 @@
-"""The shapes of the plot, read back from their SVG."""
+"""The shapes of the plot, parsed from their SVG."""
 
 import re
 
@@ -28,23 +28,23 @@ def heights_of(drawn):
     return lines["0"], lines["5"]
 
 
-def test_a_distance_is_where_its_scale_says():
+def test_curve_agrees_with_its_scale():
     points = [Point(n * S, CLEAR, mm) for n, mm in enumerate([5.0, 0.0, -1.5, 2.5])]
     drawn = plot(points, [], 0, 3 * S)
     zero, five = heights_of(drawn)
     (stroke,) = strokes(drawn["curve"])
     assert stroke[:, 0] == pytest.approx([0.0, WIDTH / 3, 2 * WIDTH / 3, WIDTH], abs=0.01)
-    wanted = [zero + (five - zero) * mm / 5.0 for mm in (5.0, 0.0, -1.5, 2.5)]
-    assert stroke[:, 1] == pytest.approx(wanted, abs=0.03)
+    expected = [zero + (five - zero) * mm / 5.0 for mm in (5.0, 0.0, -1.5, 2.5)]
+    assert stroke[:, 1] == pytest.approx(expected, abs=0.03)
 
 
-def test_what_is_far_away_leaves_the_picture_and_does_not_run_along_its_edge():
+def test_large_distance_leaves_the_picture():
     points = [Point(0, CLEAR, 5.0), Point(S, CLEAR, 60.0)]
     (stroke,) = strokes(plot(points, [], 0, S)["curve"])
     assert stroke[0, 1] > 0.0 > stroke[1, 1]
 
 
-def test_the_curve_has_a_gap_where_nothing_is_known():
+def test_curve_has_a_gap_while_the_distance_is_unknown():
     points = [Point(n * S, CLEAR, 3.0) for n in range(3)]
     points += [Point(3 * S, UNKNOWN, None)]
     points += [Point(n * S, CLEAR, 3.0) for n in range(4, 6)]
@@ -62,13 +62,13 @@ def test_the_bands_cover_the_time_without_a_gap():
     assert ends == pytest.approx([*(band["x"] for band in bands[1:]), WIDTH], abs=0.02)
 
 
-def test_breaches_are_marked_where_they_were():
+def test_breaches_are_marked_at_their_times():
     points = [Point(n * S, CLEAR, 1.0) for n in range(11)]
     drawn = plot(points, [(2 * S, 4 * S), (9 * S, 9 * S)], 0, 10 * S)
     assert drawn["breaches"] == [{"x": 200.0, "w": 200.0}, {"x": 900.0, "w": 0.0}]
 
 
-def test_nothing_known_and_a_single_frame_are_drawn_as_well():
+def test_single_unknown_frame_is_drawn():
     drawn = plot([Point(5, UNKNOWN, None)], [], 5, 5)
     assert drawn["curve"] == ""
     assert [band["state"] for band in drawn["bands"]] == ["UNKNOWN"]
@@ -91,6 +91,6 @@ def test_a_long_recording_keeps_its_extremes(seed, unknown_share):
         return
     zero, five = heights_of(drawn)
     known = mm[~unknown]
-    wanted = zero + (five - zero) * np.array([known.max(), known.min()]) / 5.0
-    assert [y.min(), y.max()] == pytest.approx(wanted, abs=0.1)
+    expected = zero + (five - zero) * np.array([known.max(), known.min()]) / 5.0
+    assert [y.min(), y.max()] == pytest.approx(expected, abs=0.1)
     assert len(y) <= 3 * 1500

@@ -1,8 +1,8 @@
-"""States, reasons and trends in the words of a person."""
+"""Reasons and distances as text for the page."""
 
 from app.fixture import MarginState, Reason
 
-REASON_WORDS = {
+REASON_TEXTS = {
     Reason.MESH_MISSING: "the tumour or the tool has no shape",
     Reason.MESH_NOT_CLOSED: "the shape of tumour or tool is not closed",
     Reason.REGISTRATION_MISSING: "the robot is not registered",
@@ -28,15 +28,18 @@ REASON_WORDS = {
 }
 
 
-def why(state: MarginState, reasons: tuple[Reason, ...]) -> str:
-    """The worst reason for ``state``, and for UNKNOWN every fault; a hold is told elsewhere."""
-    told = [reason for reason in reasons if reason is not Reason.LATCHED]
-    told = [r for r in told if r.is_fault] if state is MarginState.UNKNOWN else told[:1]
-    return "; ".join(REASON_WORDS[reason] for reason in told)
+def reason_text(state: MarginState, reasons: tuple[Reason, ...]) -> str:
+    """Text of the worst reason for ``state``; of all faults while it is UNKNOWN.
+
+    `Reason.LATCHED` is left out: the page shows the hold separately.
+    """
+    listed = [reason for reason in reasons if reason is not Reason.LATCHED]
+    listed = [r for r in listed if r.is_fault] if state is MarginState.UNKNOWN else listed[:1]
+    return "; ".join(REASON_TEXTS[reason] for reason in listed)
 
 
-def distance_digits(signed_distance_mm: float | None) -> str:
-    """The distance with 0.1 mm and a true minus sign; a dash where it is not known."""
+def distance_text(signed_distance_mm: float | None) -> str:
+    """The distance in mm with one decimal and a minus sign; a dash for None."""
     if signed_distance_mm is None:
         return "\N{EN DASH}"
     return f"{signed_distance_mm:.1f}".replace("-", "\N{MINUS SIGN}")
