@@ -1,11 +1,10 @@
-"""One pure step, from a tracker frame to a decision: where the rooms meet.
+"""One pure step from a tracker frame to a decision.
 
-Registration, robot, case and fixture do not know each other; the session joins them.
-
-Reads no clock and knows neither ROS nor VTK.
+Joins registration, robot, case and fixture, which do not import each other. Reads no clock and
+depends neither on ROS nor on VTK.
 """
 
 import lazy_loader
 
-# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+# Names are loaded on first use, as listed in `__init__.pyi`.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

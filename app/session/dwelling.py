@@ -1,4 +1,4 @@
-"""The tool at rest on landmarks: where the tracker and where the robot has it, dwell by dwell."""
+"""Mean poses of the tool at rest on landmarks, by the tracker and by the robot."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -11,19 +11,19 @@ from app.session.pose_tree import PoseTree, is_sampled
 from app.session.setup import REFERENCE, RobotSetup
 
 MIN_SAMPLES = 5
-"""Tracker frames and joint samples that a dwell needs, so that its mean says something."""
+"""Fewest tracker frames and joint samples of a dwell whose mean is used."""
 
 MAX_MOTION_MM = 1.0
-"""RMS distance of the tip by the robot from its mean that still counts as dwelling."""
+"""Largest RMS distance of the robot's tip from its mean during a dwell."""
 
-MAX_SEEN_MOTION_MM = 2.0
-"""The same of the tip by the tracker: twice the noise of EM. It is more where the reference moves,
-which the robot does not stand on (a chest that breathes)."""
+MAX_TRACKED_MOTION_MM = 2.0
+"""The same for the tracked tip: twice the noise of EM tracking. It is larger than the robot's,
+because the reference moves (breathing) and the robot's base does not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DwellPose:
-    """One dwell: the means of the tracked tool and of the robot's tool link."""
+    """Mean poses of one dwell: the tracked tool and the robot's tool link."""
 
     reference_from_tool: Transform
     base_from_link: Transform
@@ -43,11 +43,11 @@ def dwell_poses(
     tool_from_tip: Transform,
     robot: RobotSetup,
 ) -> tuple[DwellPose, ...]:
-    """One `DwellPose` a dwell.
+    """Mean poses, one `DwellPose` per dwell.
 
     ``frames`` are read up to the end of the last dwell and no further; ``poses`` is an empty tree
-    with the staleness bounds to keep. Raises `InputError` for a dwell with too few good samples
-    or with a tip that moved.
+    with the freshness limits to apply. Raises `InputError` for a dwell with too few good samples
+    or with a moving tip.
     """
     tool_frame = tool_from_tip.target
     found = [_Samples() for _ in dwells]
@@ -59,7 +59,7 @@ def dwell_poses(
             break
         poses.insert(frame)
         tool = poses.pose(REFERENCE, tool_frame).transform
-        # A pose that stands from an earlier frame is no sample more.
+        # A pose that is only repeated from an earlier frame is not counted again.
         if tool is not None and is_sampled(tool_frame, frame):
             for index in _dwells_at(dwells, frame.stamp.ns - start_ns):
                 found[index].tool.append(tool)
@@ -87,19 +87,19 @@ def _dwell_pose(samples: _Samples, number: int, tool_from_tip: Transform) -> Dwe
     for transforms, what in ((samples.tool, tracked), (samples.link, "the robot's joints")):
         if len(transforms) < MIN_SAMPLES:
             raise InputError(
-                f"registration: dwell {number} has {len(transforms)} good samples of {what}, "
-                f"at least {MIN_SAMPLES} wanted"
+                f"registration: dwell {number} has {len(transforms)} good samples of {what}; "
+                f"expected at least {MIN_SAMPLES}"
             )
-    seen = [transform @ tool_from_tip for transform in samples.tool]
-    for tips, what, most_mm in (
+    tracked_tips = [transform @ tool_from_tip for transform in samples.tool]
+    for tips, what, max_mm in (
         (samples.link, "the robot's tip", MAX_MOTION_MM),
-        (seen, f"the tip of {tracked}", MAX_SEEN_MOTION_MM),
+        (tracked_tips, f"the tip of {tracked}", MAX_TRACKED_MOTION_MM),
     ):
         motion_mm = _motion_mm(tips)
-        if motion_mm > most_mm:
+        if motion_mm > max_mm:
             raise InputError(
-                f"registration: {what} moved by {motion_mm:.2f} mm RMS in dwell {number}, "
-                f"at most {most_mm} allowed"
+                f"registration: {what} moved by {motion_mm:.2f} mm RMS in dwell {number}; "
+                f"expected at most {max_mm}"
             )
     return DwellPose(mean_transform(samples.tool), mean_transform(samples.link))
 

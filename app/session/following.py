@@ -1,4 +1,4 @@
-"""A robot whose joints were not recorded follows the recorded tool by inverse kinematics."""
+"""Inverse kinematics that makes a robot without recorded joints follow the recorded tool."""
 
 import math
 from collections.abc import Mapping
@@ -8,18 +8,18 @@ from app.robot import IkOptions, UnreachableError
 from app.session.setup import RobotSetup
 
 OPTIONS = IkOptions(tolerance_mm=1e-3, tolerance_rad=1e-5, max_iterations=30, restarts=0)
-"""Fine enough to be shown. A tool that moves steadily leaves the robot on its branch."""
+"""Accuracy for display. Seeds of the last frame keep the solution on its branch."""
 
 OUT_OF_REACH = "the tool is out of the robot's reach"
 
 
 class IkFollower:
-    """Finds joints that bring the robot's tool link to the tool, frame after frame.
+    """Solves for joint positions that bring the robot's tool link to the tool, frame by frame.
 
-    ``robot.registration`` says where its base is. Where ``robot.link_from_tip`` is not known, the
-    link is turned as the tip is. A frame is tried from the last solution; after two that failed one
-    is tried from another start, and so on in turns, so that a robot that has lost the tool finds
-    it again, and does not leave its branch for one bad frame.
+    ``robot.registration`` places the base. If ``robot.link_from_tip`` is None, the link takes the
+    orientation of the tip. Each search starts at the last solution; every third failure in a row
+    is followed by one search from another start, so that a lost tool is found again and a single
+    bad frame does not change the branch.
     """
 
     def __init__(self, robot: RobotSetup) -> None:
@@ -28,19 +28,19 @@ class IkFollower:
         self._failures = 0
 
     def links(self, reference_from_tip: Transform) -> Mapping[str, Transform]:
-        """``root_from_link`` of every link; `UnreachableError` with how near the robot comes."""
+        """``root_from_link`` of every link; raises `UnreachableError`."""
         setup = self._robot
         if setup.registration is None:
             raise UnreachableError(f"robot {setup.robot.name!r} is not registered")
         base_from_tip = setup.registration.transform.inverse() @ reference_from_tip
         if setup.link_from_tip is not None:
             base_from_tip = base_from_tip @ setup.link_from_tip.inverse()
-        wanted = base_from_tip.renamed(target=setup.robot.root_link, source=setup.tool_link)
-        # In turns, so that a frame costs one search whether or not the tool is in reach.
+        root_from_link = base_from_tip.renamed(target=setup.robot.root_link, source=setup.tool_link)
+        # One search per frame bounds the cost when the tool is out of reach.
         start = self._other_start() if self._failures % 3 == 2 else self._seed
         try:
             self._seed = setup.robot.inverse_kinematics(
-                setup.tool_link, wanted, seed=start, options=OPTIONS
+                setup.tool_link, root_from_link, seed=start, options=OPTIONS
             )
         except UnreachableError:
             self._failures += 1
@@ -49,9 +49,9 @@ class IkFollower:
         return setup.robot.forward_kinematics(self._seed)
 
     def _other_start(self) -> dict[str, float]:
-        """Positions spread evenly over the joints' ranges, the next ones at each failure.
+        """Low-discrepancy joint positions, one new set per failure.
 
-        Multiples of square roots of primes, modulo 1 (Richtmyer 1951).
+        Multiples of square roots of primes modulo 1, scaled to the joint ranges (Richtmyer 1951).
         """
         robot, start = self._robot.robot, {}
         joints = [joint for joint in robot.joints if joint.name in robot.actuated_joint_names]

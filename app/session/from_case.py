@@ -1,4 +1,4 @@
-"""A session for a recorded case: manifest, meshes and robot put together, the base registered."""
+"""Setup of a session from a case: manifest, meshes and the registered robot."""
 
 from dataclasses import replace
 
@@ -12,10 +12,10 @@ from app.session.setup import ProximityModel, RobotSetup, SessionSetup
 
 
 def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
-    """What a session needs for ``case``; with ``tip_only`` the tool is its tip and nothing else.
+    """Setup of a session for ``case``; with ``tip_only`` the tool is reduced to its tip.
 
-    Reads the recording up to its last landmark dwell where the registration needs that. Raises
-    `FrameError` for a recording in which nothing leads from the tool to the tumour.
+    Reads the recording up to its last landmark dwell if the registration needs it. Raises
+    `FrameError` for a recording that does not connect the tool to the tumour.
     """
     check_frames(case)
     manifest = case.manifest
@@ -34,7 +34,7 @@ def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
 
 
 def robot_from_case(case: Case) -> RobotSetup | None:
-    """The registered robot of ``case`` alone, whose recording need not know the tumour.
+    """The registered robot of ``case``; the recording need not contain the tumour's frame.
 
     None for a case without a robot. Reads the recording as `setup_from_case` does.
     """
@@ -43,7 +43,7 @@ def robot_from_case(case: Case) -> RobotSetup | None:
 
 
 def margin_parameters(case: Case) -> MarginParameters:
-    """The margins of the manifest, in the form that the monitor checks and uses."""
+    """The manifest's margins as checked `MarginParameters`."""
     entry = case.manifest.margins
     return MarginParameters(
         stop_mm=entry.stop_mm,

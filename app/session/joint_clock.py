@@ -1,4 +1,4 @@
-"""The offset between the robot's clock and the tracker's, from the motion that both recorded."""
+"""Offset between the robot's clock and the tracker's, estimated from motion that both recorded."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -19,14 +19,14 @@ ROBOT_CLOCK = "robot"
 
 
 def with_estimated_clock(case: Case) -> tuple[Case, "TimeOffset | None"]:
-    """``case`` with the offset of its joints' clock, estimated where its manifest asks for that.
+    """``case`` with the offset of its joints' clock estimated, if its manifest requests it.
 
-    Reads the whole recording then. Raises `InputError` when the motion does not tell the offset
-    well enough to be used.
+    Reads the whole recording then. Raises `InputError` if the motion does not determine the offset
+    accurately enough.
     """
     if not (case.manifest.clock.estimate and case.has_joints):
         return case, None
-    from app.registration import estimate_time_offset  # its splines take their time to load
+    from app.registration import estimate_time_offset  # imports scipy's splines, which is slow
 
     by_robot, by_tracker = tip_signals(case, case.with_joint_offset(0).frames())
     offset = estimate_time_offset(by_robot, by_tracker)
@@ -36,14 +36,14 @@ def with_estimated_clock(case: Case) -> tuple[Case, "TimeOffset | None"]:
 
 
 def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSignal, TimedSignal]:
-    """Where the tip was, (n, 3) in mm: by the joints on the robot's clock, and by the tracker.
+    """Tip positions (n, 3) in mm: by the joints on the robot's clock, and by the tracker.
 
-    ``frames`` are those of ``case``, or a part of them; the stamps of their joints are read as the
-    robot's own. Raises `InputError` for a case without joints.
+    ``frames`` are those of ``case``, or a part of them, with joints stamped by the robot's clock.
+    Raises `InputError` for a case without joints and for frames without usable samples.
     """
     manifest = case.manifest
     if manifest.robot is None or not case.has_joints:
-        raise InputError(f"{case.folder} has no joints: a case with robot.joint_states wanted")
+        raise InputError(f"{case.folder} has no joints; expected a case with robot.joint_states")
     margins, tool, tool_link = manifest.margins, manifest.tool, manifest.robot.tool_link
     limits = FreshnessLimits(margins.stale_after_ns, margins.frozen_after_ns)
     poses = PoseTree(limits, (tool.frame,))
@@ -58,14 +58,14 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
             joint_times.append(joints.stamp.ns)
             joint_tips.append(link.translation_mm)
         poses.insert(frame)
-        seen = poses.pose(REFERENCE, tool.frame).transform
-        if seen is not None and is_sampled(tool.frame, frame):
+        reference_from_tool = poses.pose(REFERENCE, tool.frame).transform
+        if reference_from_tool is not None and is_sampled(tool.frame, frame):
             times.append(frame.stamp.ns)
-            tips.append(seen.apply(tool.tool_from_tip.translation_mm))
+            tips.append(reference_from_tool.apply(tool.tool_from_tip.translation_mm))
     if not (joint_times and times):
         raise InputError(
             f"clock.estimate: {len(joint_times)} joint samples and {len(times)} poses of "
-            f"{tool.frame!r} in {REFERENCE!r}: some of both wanted"
+            f"{tool.frame!r} in {REFERENCE!r}; expected some of both"
         )
     return (
         TimedSignal(np.array(joint_times), np.array(joint_tips), ROBOT_CLOCK),

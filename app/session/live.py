@@ -1,4 +1,4 @@
-"""A session that follows a live source: one step a frame, and one whenever a pose becomes stale."""
+"""Session of a live source: one step per frame, and one whenever a pose becomes stale."""
 
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -13,19 +13,18 @@ from app.session.pose_tree import Edge
 from app.session.session import Session, StepResult
 
 TICK_NS = 100 * NS_PER_MS
-"""How often a session steps while its source is silent."""
+"""Period of the steps while the source is silent."""
 
 Wait = Callable[[threading.Condition, float], object]
-"""Waits on a condition that is held, at most so many seconds."""
+"""Waits on a held condition for at most a number of seconds."""
 
 
 class LiveSession:
-    """``for step in live.steps(): publish(step)``, while other threads `add` what arrives.
+    """``for step in live.steps(): publish(step)``, while other threads `add` samples.
 
-    A frame is stepped as soon as it is ready, not at a rate. When the oldest pose that the last
-    decision rests on becomes stale, a frame without poses follows at once, and others every
-    `TICK_NS`: the margin is never better than what is known now. ``host_ns`` reads the host's
-    clock, ``wait`` waits on it.
+    Each frame is stepped as soon as it is ready. When the oldest pose of the last decision becomes
+    stale, the session steps at once with a frame without poses, and again every `TICK_NS`: an old
+    margin is never left standing. ``host_ns`` reads the host's clock, ``wait`` waits on it.
     """
 
     def __init__(
@@ -49,26 +48,26 @@ class LiveSession:
 
     @property
     def edges(self) -> tuple[Edge, ...]:
-        """The edges (parent, child) that lead from the tumour to the tool, as far as known."""
+        """Edges (parent, child) known so far that connect the tumour to the tool."""
         with self._changed:
             return self._frames.edges
 
     def left_out(self) -> dict[str, int]:
-        """How many samples were not used, by reason."""
+        """Number of samples that were not used, by reason."""
         with self._changed:
             return dict(self._frames.left_out)
 
     def add(self, samples: Sequence[TrackedTransform]) -> None:
-        """Take samples that have just arrived."""
+        """Add samples that have just arrived."""
         with self._changed:
             self._frames.add(samples, self._host_ns())
             self._changed.notify()
 
     def add_joints(self, sample: JointSample, *, of_host: bool) -> None:
-        """Take joints, stamped by the source's clock or, ``of_host``, by the host's.
+        """Add joints, stamped by the source's clock or, with ``of_host``, by the host's.
 
-        Those of the host before the source's time is known are of no use. They make no step of
-        their own: the margin is measured by the tracker.
+        Joints of the host are dropped until the source's time is known. Joints trigger no step,
+        because the margin depends on the tracker.
         """
         with self._changed:
             offset_ns = self._clock.offset_ns(self._host_ns()) if of_host else 0
@@ -77,50 +76,50 @@ class LiveSession:
                 self._frames.add_joints(JointSample(sample.names, sample.positions, stamp))
 
     def spent_ns(self) -> int:
-        """How long ago the frame of the last step was taken: by so much its data are older now."""
+        """Time in ns since the frame of the last step was taken; its data are older by it now."""
         return max(0, self._host_ns() - self._taken_ns)
 
     def hold(self) -> None:
-        """Latch ``hold`` from the next step on; for whoever takes `steps`, while it has one."""
+        """Latch ``hold`` from the next step on. Call it while consuming a step of `steps`."""
         self._session.hold()
 
     @contextmanager
     def between_steps(self) -> Iterator[Session]:
-        """The session itself, to be changed after a step was dealt with and before the next.
+        """The session, locked between two steps so that it can be changed.
 
-        Waits for a step that is being taken, and for what the caller of `steps` does with it.
+        Waits until the consumer of `steps` has processed the current step.
         """
         with self._stepping:
             yield self._session
 
     def stop(self) -> None:
-        """End `steps`, also while it waits."""
+        """End `steps`, even while it waits. Thread-safe."""
         with self._changed:
             self._stopped = True
             self._changed.notify()
 
     def resume(self) -> None:
-        """Undo `stop`, so that `steps` can be asked for again."""
+        """Undo `stop`, so that `steps` can be called again."""
         with self._changed:
             self._stopped = False
 
     def steps(self) -> Generator[StepResult]:
-        """Yield the steps as they happen, for ever; ends with `stop`."""
+        """Yield the steps as they happen, until `stop`."""
         while self._is_due():
             with self._stepping:
-                # Only now: the lock may have been waited for, and a frame is stamped when taken.
-                step = self._named(self._session.step(self._take()))
+                # Taken under the lock: a frame is stamped when it is taken.
+                step = self._with_missing_frames(self._session.step(self._take()))
                 self._watch_ns = self._next_watch_ns(step)
                 yield step
 
     def _is_due(self) -> bool:
-        """Wait for a frame that is ready or for the watch; False once stopped."""
+        """Wait for a ready frame or for the next watchdog step; False once stopped."""
         with self._changed:
             while not self._stopped:
                 host_ns = self._host_ns()
                 remaining_ns = self._watch_ns - host_ns
                 ready_ns = self._frames.ready_in_ns(host_ns)
-                # Too long a wait: the host's clock was set back.
+                # A longer wait than possible means that the host's clock was set back.
                 if ready_ns == 0 or not 0 < remaining_ns <= self._longest_wait_ns():
                     return True
                 if ready_ns is not None:
@@ -129,21 +128,23 @@ class LiveSession:
         return False
 
     def _take(self) -> TrackingFrame:
-        """What is ready, or a frame without poses; stamped with the present."""
+        """The ready frame, or one without poses; stamped with the present."""
         with self._changed:
             host_ns = self._taken_ns = self._host_ns()
             frame = self._frames.take(host_ns)
-            # Without a sample the source's time is not known: it is before all others.
+            # Before the first sample the source's time is unknown; 0 is before all stamps.
             return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
 
-    def _named(self, step: StepResult) -> StepResult:
-        """``step``, which tells what frames never came, where it has nothing worse to tell."""
+    def _with_missing_frames(self, step: StepResult) -> StepResult:
+        """``step`` with a report on frames that never came, unless it has a ``frames_problem``."""
         with self._changed:
-            lacks = self._frames.not_sent(self._host_ns())
-        return replace(step, frames_problem=lacks) if lacks and not step.frames_problem else step
+            problem = self._frames.missing_frames_problem(self._host_ns())
+        if not problem or step.frames_problem:
+            return step
+        return replace(step, frames_problem=problem)
 
     def _next_watch_ns(self, step: StepResult) -> int:
-        """When the oldest pose of ``step`` will be stale, or a tick from now if it is already."""
+        """Host time at which the oldest pose of ``step`` becomes stale; one tick ahead if it is."""
         host_ns = self._host_ns()
         oldest, now = step.decision.stamp, self._clock.now(host_ns)
         if oldest is not None and now is not None:
@@ -154,6 +155,6 @@ class LiveSession:
         return host_ns + TICK_NS
 
     def _longest_wait_ns(self) -> int:
-        """No pose that is known lasts longer, whatever its stamp says."""
+        """Upper bound in ns of the time until a known pose is stale, whatever its stamp."""
         stale_after_ns = self._session.setup.margins.stale_after_ns
         return max(self._clock.host_time_for(stale_after_ns + 1), TICK_NS)

@@ -1,4 +1,4 @@
-"""How a live session limits twists, guides the hand and follows the tumour, by ``live.yaml``."""
+"""Parameters of the twist limiter, the guidance force and the tumour's motion in ``live.yaml``."""
 
 from app.case import LiveCase
 from app.fixture import GuidanceParameters, LimiterParameters, TumorMotionParameters
@@ -6,7 +6,7 @@ from app.geometry import InputError, MarginGuardError
 
 
 def guidance_parameters(live: LiveCase) -> GuidanceParameters | None:
-    """Those of ``guidance``, None without it; `InputError` for a force that is not passive."""
+    """Parameters of ``guidance``, None without it; raises `InputError` if not passive."""
     if live.guidance is None:
         return None
     try:
@@ -16,7 +16,7 @@ def guidance_parameters(live: LiveCase) -> GuidanceParameters | None:
 
 
 def limiter_parameters(live: LiveCase) -> LimiterParameters:
-    """Those of ``limiter``, with what is not given as it is otherwise."""
+    """Parameters of ``limiter``; values that are not given keep their defaults."""
     try:
         return LimiterParameters(**live.limiter)
     except MarginGuardError as error:
@@ -24,7 +24,7 @@ def limiter_parameters(live: LiveCase) -> LimiterParameters:
 
 
 def tumor_motion_parameters(live: LiveCase) -> TumorMotionParameters | None:
-    """Those of ``tumor_motion``, None without it."""
+    """Parameters of ``tumor_motion``, None without it."""
     if live.tumor_motion is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""The frames that a case names, looked for among those that its tracker measures."""
+"""Checks that the frames named in a case are among those that its tracker measures."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
@@ -11,37 +11,37 @@ _TOOL = "tool.frame"
 _TUMOR = "tumor.frame"
 _REGISTERED = "the frame of a robot's registration"
 
-_MOST_SHOWN = 20
-_MOST_LETTERS = 40
-"""Of what strangers name, in one line."""
+_MAX_SHOWN = 20
+_MAX_CHARS = 40
+"""Limits of one message line with names received from the network."""
 
 
 def check_frames(case: Case, *, with_tumor: bool = True) -> None:
-    """Raise `FrameError` where the recording never leads from the tool to a frame that is needed.
+    """Raise `FrameError` if the recording does not connect the tool to every required frame.
 
-    That is the tumour's, ``with_tumor``, and with a robot the reference. A robot's base that is
-    placed without the robot, as the recording measures it, is refused too: the registration would
-    place it a second time. Read is up to the frame from which all is known: the first, as a rule,
-    and the last where nothing leads there; what comes later is the session's to see. A live case
-    passes, since its frames are still to come.
+    Required are the tumour's frame (``with_tumor``) and, with a robot, the reference. A robot's
+    base that the recording itself measures is rejected too, because the registration would place
+    it a second time. Reads the recording up to the frame from which all are connected: usually the
+    first, and all of it if they never are. Later errors are reported by the session. A live case
+    always passes, because it has no frames yet.
     """
     manifest = case.manifest
     tool, robot = manifest.tool.frame, manifest.robot
-    wanted = {_TUMOR: manifest.tumor.frame} if with_tumor else {}
+    required = {_TUMOR: manifest.tumor.frame} if with_tumor else {}
     if robot is not None:
-        wanted[_REGISTERED] = REFERENCE
-    if case.recording_path is None or not wanted:
+        required[_REGISTERED] = REFERENCE
+    if case.recording_path is None or not required:
         return
-    edges = _edges_leading(case, tool, tuple(wanted.values()))
-    if places := _unnamed({_TOOL: tool, **wanted}, edges):
+    edges = _edges_leading(case, tool, tuple(required.values()))
+    if places := _unknown_frames({_TOOL: tool, **required}, edges):
         raise FrameError(
-            f"{manifest.file}: {places}: no such frame is in the recording, which has "
+            f"{manifest.file}: {places}: no such frame is in the recording; expected one of "
             f"{', '.join(_names(edges)) or 'none'}"
         )
-    if places := _apart(tool, wanted, edges):
+    if places := _disconnected(tool, required, edges):
         raise FrameError(
-            f"{manifest.file}: {places}: nothing in the recording leads there from "
-            f"{_TOOL} {tool!r}, it has {_shown(edges)}"
+            f"{manifest.file}: {places}: not connected to {_TOOL} {tool!r} in the recording, "
+            f"which has {_shown(edges)}"
         )
     placed = (
         *edges,
@@ -50,72 +50,71 @@ def check_frames(case: Case, *, with_tumor: bool = True) -> None:
     )
     if robot is not None and shortest_path(placed, REFERENCE, robot.base_frame) is not None:
         raise FrameError(
-            f"{manifest.file}: robot.base_frame is {robot.base_frame!r}: a name of its own wanted, "
-            f"placed without the robot are {_shown(placed)}"
+            f"{manifest.file}: robot.base_frame is {robot.base_frame!r}; expected a name of its "
+            f"own, not one that is placed without the robot: {_shown(placed)}"
         )
 
 
-def not_sent(
+def missing_frames_problem(
     setup: SessionSetup, edges: tuple[Edge, ...], named: Collection[Edge] = frozenset()
 ) -> str:
-    """What a live tracker that has sent ``edges`` so far lacks, in one line; empty for nothing.
+    """One line on the frames missing from the ``edges`` that a live tracker has sent; else empty.
 
-    With ``named`` those alone are used.
+    With ``named`` only these edges are used.
     """
     if named:
         if missing := sorted(set(named).difference(edges)):
             return (
-                f"source.tf.edges has {_few(_arrows(missing))}: not sent by the tracker so far, it "
-                f"sends {_few(_arrows(edges))}"
+                f"source.tf.edges has {_shortened(_arrows(missing))}: not sent by the tracker so "
+                f"far; it sends {_shortened(_arrows(edges))}"
             )
         edges, sent = tuple(sorted(named)), "source.tf.edges has"
     else:
         sent = "the tracker sends so far"
-    tool, wanted = setup.tool_from_tip.target, {_TUMOR: setup.frame_from_tumor.target}
+    tool, required = setup.tool_from_tip.target, {_TUMOR: setup.frame_from_tumor.target}
     if setup.robot is not None:
-        wanted[_REGISTERED] = REFERENCE
-    if places := _unnamed({_TOOL: tool, **wanted}, edges):
-        return f"{places}: not among what {sent}, {_few(_names(edges))}"
-    if places := _apart(tool, wanted, edges):
+        required[_REGISTERED] = REFERENCE
+    if places := _unknown_frames({_TOOL: tool, **required}, edges):
+        return f"{places}: not among what {sent}, {_shortened(_names(edges))}"
+    if places := _disconnected(tool, required, edges):
         return (
-            f"{places}: nothing leads there from {_TOOL} {tool!r}, of what {sent}, "
-            f"{_few(_arrows(edges))}"
+            f"{places}: not connected to {_TOOL} {tool!r} by what {sent}, "
+            f"{_shortened(_arrows(edges))}"
         )
     return ""
 
 
-def way_to_base(setup: SessionSetup, edges: tuple[Edge, ...]) -> tuple[Edge, ...]:
-    """Those of ``edges`` by which the robot's base is placed without its registration.
+def path_to_base(setup: SessionSetup, edges: tuple[Edge, ...]) -> tuple[Edge, ...]:
+    """Those of ``edges`` that place the robot's base without its registration; empty if none.
 
-    Empty when it is placed by that alone. Tip and tumour, which stay where they are in measured
-    frames, count as placed.
+    The fixed edges of tip and tumour count as measured.
     """
     robot = setup.robot
     if robot is None or not any(robot.base_frame in edge for edge in edges):
         return ()
     fixed = (setup.tool_from_tip, setup.frame_from_tumor)
     placed = (*edges, *((edge.target, edge.source) for edge in fixed))
-    way = shortest_path(placed, REFERENCE, robot.base_frame) or ()
-    return tuple(edge for edge in way if edge in edges)
+    path = shortest_path(placed, REFERENCE, robot.base_frame) or ()
+    return tuple(edge for edge in path if edge in edges)
 
 
-def placed_twice(setup: SessionSetup, edges: tuple[Edge, ...]) -> str:
-    """What is wrong where ``edges`` measure a base that is registered, in one line; empty if not.
+def base_measured_problem(setup: SessionSetup, edges: tuple[Edge, ...]) -> str:
+    """One line on ``edges`` that measure a registered robot base; empty if there are none.
 
-    Two places of one frame are a loop of frames: tf believes now the one and now the other.
+    Two parents of one frame are a loop: tf alternates between them.
     """
     robot = setup.robot
-    way = way_to_base(setup, edges)
-    if robot is None or robot.registration is None or not way:
+    path = path_to_base(setup, edges)
+    if robot is None or robot.registration is None or not path:
         return ""
     return (
-        f"robot.base_frame is {robot.base_frame!r}: a name of its own wanted, the tracker measures "
-        f"it by {_few(_arrows(way))}"
+        f"robot.base_frame is {robot.base_frame!r}; expected a name of its own: the tracker "
+        f"measures it by {_shortened(_arrows(path))}"
     )
 
 
-def _edges_leading(case: Case, tool: str, wanted: tuple[str, ...]) -> tuple[Edge, ...]:
-    """What the recording measures, up to where it leads from the tool to all that is wanted."""
+def _edges_leading(case: Case, tool: str, required: tuple[str, ...]) -> tuple[Edge, ...]:
+    """Edges of the recording up to the frame that connects the tool to all ``required``."""
     edges: dict[Edge, None] = {}
     for frame in case.recorded_frames():
         new = {(sample.target, sample.source): None for sample in frame.poses}
@@ -123,21 +122,25 @@ def _edges_leading(case: Case, tool: str, wanted: tuple[str, ...]) -> tuple[Edge
             continue
         edges |= new
         known = tuple(edges)
-        if all(shortest_path(known, tool, name) is not None for name in wanted):
+        if all(shortest_path(known, tool, name) is not None for name in required):
             break
     return tuple(edges)
 
 
-def _unnamed(wanted: Mapping[str, str], edges: Iterable[Edge]) -> str:
-    """Which frames no edge names: ``tumor.frame is 'needel'``; empty when all are named."""
+def _unknown_frames(required: Mapping[str, str], edges: Iterable[Edge]) -> str:
+    """Frames that no edge touches: ``tumor.frame is 'needel'``; empty if there are none."""
     names = _names(edges)
-    return _places({place: name for place, name in wanted.items() if name not in names})
+    return _places({place: name for place, name in required.items() if name not in names})
 
 
-def _apart(tool: str, wanted: Mapping[str, str], edges: tuple[Edge, ...]) -> str:
-    """Which frames no way leads to from ``tool``, in the same words."""
+def _disconnected(tool: str, required: Mapping[str, str], edges: tuple[Edge, ...]) -> str:
+    """Frames without a path from ``tool``, in the same form."""
     return _places(
-        {place: name for place, name in wanted.items() if shortest_path(edges, tool, name) is None}
+        {
+            place: name
+            for place, name in required.items()
+            if shortest_path(edges, tool, name) is None
+        }
     )
 
 
@@ -157,11 +160,11 @@ def _shown(edges: Iterable[Edge]) -> str:
     return ", ".join(_arrows(edges))
 
 
-def _few(words: Sequence[str]) -> str:
-    """The first of ``words``, each cut where it is long, and how many more there are."""
+def _shortened(words: Sequence[str]) -> str:
+    """The first of ``words``, each cut to `_MAX_CHARS`, and the number of the others."""
     few = [
-        word if len(word) <= _MOST_LETTERS else f"{word[:_MOST_LETTERS]}..."
-        for word in words[:_MOST_SHOWN]
+        word if len(word) <= _MAX_CHARS else f"{word[:_MAX_CHARS]}..."
+        for word in words[:_MAX_SHOWN]
     ]
     more = len(words) - len(few)
     return ", ".join([*few, *([f"{more} more"] if more else [])])

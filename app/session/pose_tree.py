@@ -1,4 +1,4 @@
-"""The latest sample of every measured edge, and the pose between any two frames that they give."""
+"""Latest sample of every measured edge, and the pose between any two frames computed from them."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -15,9 +15,9 @@ from app.geometry import (
     freshness_of,
 )
 
-FARTHEST_MM = 10_000.0
-"""No tracker of an operating room measures beyond 10 m: such numbers are a driver's way of saying
-that it has none (NDI's is -3.7e28), whatever the status says."""
+MAX_TRANSLATION_MM = 10_000.0
+"""No tracker of an operating room measures beyond 10 m. Drivers send larger numbers for a missing
+pose (NDI: -3.7e28), whatever the status is."""
 
 Edge = tuple[str, str]
 """Target and source of a measured transform: (tf parent, tf child)."""
@@ -41,10 +41,10 @@ _JUMPED = frozenset({Reason.CLOCK_JUMPED_BACK})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPose:
-    """``transform`` from the latest samples on the way, or the reasons why there is none.
+    """``transform`` from the latest samples along the path, or the reasons why there is none.
 
     ``oldest`` is the earliest acquisition stamp of those samples, None when there are none.
-    ``unchanged_ns`` tells for how long the least lively of them has repeated itself.
+    ``unchanged_ns`` is the longest time for which one of them has repeated the same values.
     """
 
     transform: Transform | None
@@ -60,24 +60,24 @@ _UNKNOWN = MeasuredPose(None, None, 0, frozenset({Reason.MISSING}))
 class _EdgeState:
     latest: TrackedTransform
     latest_at: Stamp
-    """The latest sample's stamp, or when it came if that was earlier."""
+    """The latest sample's stamp, or its time of arrival if that was earlier."""
     latest_good: Transform | None = None
     unchanged_since: Stamp | None = None
     bad: frozenset[Reason] = _NOTHING
-    """What is wrong with the latest sample, whatever the time is."""
+    """Problems of the latest sample that do not depend on its age."""
 
-    def take(self, sample: TrackedTransform, now: Stamp) -> bool:
-        """Make ``sample`` the latest; tell whether the pose has changed by it.
+    def update(self, sample: TrackedTransform, now: Stamp) -> bool:
+        """Make ``sample`` the latest; return True if the pose has changed.
 
-        Lost samples in between do not thaw a frozen pose. A stamp from the future counts
-        as ``now``: nothing was seen later than that.
+        Lost samples in between do not end a frozen run. A stamp from the future counts as
+        ``now``, because no sample can have been acquired later.
         """
         self.latest = sample
         self.latest_at = sample.stamp if sample.stamp.ns <= now.ns else now
         if sample.transform is None:
             self.bad = frozenset({REASON_OF_STATUS[sample.status]})
             return False
-        if max(map(abs, sample.transform.translation_mm.tolist())) > FARTHEST_MM:
+        if max(map(abs, sample.transform.translation_mm.tolist())) > MAX_TRANSLATION_MM:
             self.bad = _TOO_FAR
             return False
         self.bad = _NOTHING
@@ -88,21 +88,20 @@ class _EdgeState:
         return known is not None
 
     def unchanged_ns(self) -> int:
-        """For how long the good samples up to the latest have repeated the same digits."""
+        """Time in ns for which the good samples up to the latest have repeated the same values."""
         return 0 if self.unchanged_since is None else self.latest_at.ns - self.unchanged_since.ns
 
 
 @dataclass(slots=True)
 class PoseTree:
-    """Holds the latest sample an edge; everything is dropped when the source's clock jumps back.
+    """Holds the latest sample of each edge; drops all samples when the source's clock jumps back.
 
-    The latest is the one that was acquired last: a sample that arrives after a newer one says
-    nothing of the present and is not taken in.
+    The latest sample is the one acquired last: a sample that arrives after a newer one is ignored.
 
-    A pose that repeats itself digit for digit for longer than ``frozen_after_ns`` is frozen: a
-    sensor that measures never does that. An edge that has *never* changed, not before a jump of
-    the clock either, is taken for a fixed transform (recordings carry calibrations among the
-    measured ones), except the edges by which ``moving_frames`` are reached: each has a sensor.
+    A pose that repeats the same values for longer than ``limits.frozen_after_ns`` is frozen. An
+    edge that has *never* changed, including before a jump of the clock, is treated as a fixed
+    transform (recordings carry calibrations among the measured ones), except the edges that touch
+    ``moving_frames``: each of these has a sensor.
     """
 
     limits: FreshnessLimits
@@ -113,10 +112,10 @@ class PoseTree:
     _now: Stamp | None = None
 
     def insert(self, frame: TrackingFrame) -> frozenset[Reason]:
-        """Take the samples of ``frame`` in; its stamp is the present from here on.
+        """Store the samples of ``frame`` and make its stamp the present.
 
-        Returns `Reason.CLOCK_JUMPED_BACK` when the present went back: what was known before
-        belongs to another time and is forgotten.
+        Returns `Reason.CLOCK_JUMPED_BACK` when the present went back; all earlier samples are
+        then dropped.
         """
         jumped = self._now is not None and frame.stamp < self._now
         if jumped:
@@ -128,7 +127,7 @@ class PoseTree:
         return _JUMPED if jumped else _NOTHING
 
     def pose(self, target: str, source: str) -> MeasuredPose:
-        """The pose of ``source`` in ``target`` along the shortest way over measured edges."""
+        """``target_from_source`` along the shortest path over measured edges."""
         path = self._path(target, source)
         if path is None or self._now is None:
             return _UNKNOWN
@@ -150,21 +149,21 @@ class PoseTree:
         return MeasuredPose(transform, oldest, unchanged_ns, problems)
 
     def never_changed(self) -> tuple[Edge, ...]:
-        """The edges that are taken for fixed transforms so far."""
+        """Edges (target, source) that are treated as fixed transforms so far."""
         return tuple(edge for edge in self._edges if not self._has_to_move(edge))
 
     @property
     def edges(self) -> tuple[Edge, ...]:
-        """Every edge that has been measured, in the order in which they came."""
+        """All measured edges, in the order of their first sample."""
         return tuple(self._edges)
 
     def known_frames(self) -> tuple[str, ...]:
-        """Every frame that a measured edge has named, in alphabetical order."""
+        """Names of all frames of measured edges, in alphabetical order."""
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
     def _insert_sample(self, sample: TrackedTransform, now: Stamp) -> None:
         stamp = sample.stamp
-        stamp.age_ns(now)  # raises for another clock: below, numbers are compared
+        stamp.age_ns(now)  # raises for another clock; below, only numbers are compared
         edge = (sample.target, sample.source)
         state = self._edges.get(edge)
         if state is None:
@@ -172,7 +171,7 @@ class PoseTree:
             self._paths.clear()
         elif stamp.ns < state.latest.stamp.ns <= now.ns:
             return
-        if state.take(sample, now):
+        if state.update(sample, now):
             self._changed.add(edge)
 
     def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
@@ -193,19 +192,19 @@ class PoseTree:
         return problems | _FROZEN if self.limits.is_frozen(unchanged_ns) else problems
 
     def _path(self, target: str, source: str) -> tuple[Edge, ...] | None:
-        wanted = (target, source)
-        if wanted not in self._paths:
-            self._paths[wanted] = shortest_path(tuple(self._edges), target, source)
-        return self._paths[wanted]
+        ends = (target, source)
+        if ends not in self._paths:
+            self._paths[ends] = shortest_path(tuple(self._edges), target, source)
+        return self._paths[ends]
 
 
 def is_sampled(name: str, frame: TrackingFrame) -> bool:
-    """Whether ``frame`` brings a sample, good or not, of an edge to the frame ``name``."""
+    """True if ``frame`` holds a sample, good or lost, of an edge to or from ``name``."""
     return any(name in (sample.target, sample.source) for sample in frame.poses)
 
 
 def shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge, ...] | None:
-    """The edges from ``start`` to ``goal``, walked either way; None when nothing leads there."""
+    """Edges from ``start`` to ``goal``, in either direction; None if they are not connected."""
     paths: dict[str, tuple[Edge, ...]] = {start: ()}
     queue = deque([start])
     while queue:
@@ -222,7 +221,7 @@ def shortest_path(edges: tuple[Edge, ...], start: str, goal: str) -> tuple[Edge,
 
 
 def _along(start: str, samples: list[TrackedTransform]) -> Transform:
-    """The product of good samples from ``start`` on, each turned the way that the walk goes."""
+    """Product of good samples from ``start`` on, each inverted if its edge is walked backwards."""
     product: Transform | None = None
     for sample in samples:
         pose = sample.transform
@@ -234,7 +233,7 @@ def _along(start: str, samples: list[TrackedTransform]) -> Transform:
 
 
 def _same_numbers(first: Transform, second: Transform) -> bool:
-    # The positions alone tell it nearly always, and as lists they are compared fastest.
+    # Positions differ in nearly all cases, and lists of floats compare fastest.
     return bool(
         first.translation_mm.tolist() == second.translation_mm.tolist()
         and first.rotation.tolist() == second.rotation.tolist()

@@ -1,4 +1,4 @@
-"""Registration of a case's robot, as its manifest asks for."""
+"""Registration of a case's robot by the method that its manifest names."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -22,14 +22,17 @@ from app.session.setup import REFERENCE, RobotSetup
 def register_robot(
     case: Case, robot: RobotSetup, margins: MarginParameters
 ) -> tuple[RegistrationResult, Transform | None]:
-    """``reference_from_<base_frame>``, and ``link_from_tip`` where the data show it.
+    """``reference_from_<base_frame>``, and ``link_from_tip`` if the data determine it.
 
-    Reads the recording up to its last dwell where the method needs dwells. ``link_from_tip`` is
-    how the tool is mounted on the robot's link: its origin is the link's, by definition.
+    Reads the recording up to its last dwell if the method needs dwells. ``link_from_tip`` is the
+    mount of the tool on the robot's link; its translation is zero by definition. Raises
+    `InputError` for a case without a registration entry.
     """
     entry = case.manifest.registration
     if entry is None:
-        raise InputError(f"case {case.manifest.name!r} has a robot: a registration is wanted")
+        raise InputError(
+            f"case {case.manifest.name!r} has a robot but no registration; expected one"
+        )
     if entry.reference_from_base is not None:
         return given_registration(entry.reference_from_base), None
     if entry.fixed_mm:
@@ -70,9 +73,9 @@ def _register_dwells(
 
 
 def _tumor_mm(case: Case, poses: PoseTree) -> FloatArray | None:
-    """The corners of the box around the tumour, (8, 3) in ``reference``: where it has to be right.
+    """Corners (8, 3) of the tumour's bounding box in ``reference``: where accuracy is needed.
 
-    None while the tumour is not tracked; the registration is then judged where its points lie.
+    None while the tumour is not tracked; the registration's own points are then the targets.
     """
     tumor = case.manifest.tumor
     reference_from_frame = poses.pose(REFERENCE, tumor.frame).transform
@@ -85,7 +88,7 @@ def _tumor_mm(case: Case, poses: PoseTree) -> FloatArray | None:
 def _mount(
     dwells: Sequence[DwellPose], reference_from_base: Transform, tool_from_tip: Transform
 ) -> Transform:
-    seen = mean_transform(
+    link_from_tip = mean_transform(
         [
             (reference_from_base @ dwell.base_from_link).inverse()
             @ dwell.reference_from_tool
@@ -93,4 +96,6 @@ def _mount(
             for dwell in dwells
         ]
     )
-    return Transform(seen.target, seen.source, seen.rotation, np.zeros(3))
+    return Transform(
+        link_from_tip.target, link_from_tip.source, link_from_tip.rotation, np.zeros(3)
+    )

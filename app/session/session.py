@@ -1,4 +1,4 @@
-"""One pure step: a tracker frame in, a decision with its constraint out."""
+"""Session: one pure step from a tracker frame to a decision with its constraint."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from app.geometry import (
 from app.registration import RegistrationDrift, check_drift, tre_at
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
-from app.session.named_frames import placed_twice
+from app.session.named_frames import base_measured_problem
 from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.tumor_velocity import TumorVelocity
@@ -32,14 +32,14 @@ from app.session.tumor_velocity import TumorVelocity
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResult:
-    """What one step found.
+    """Result of one step.
 
-    ``tumor_from_tip`` is None when the tool or the tumour is not known; ``links`` holds
-    ``root_from_link`` for every link of the robot; where it is empty although there is a robot,
-    ``robot_problem`` says why. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without
-    a constraint. ``drift`` compares where the registration puts the tool with where it is seen,
-    None where one of the two is not known. ``frames_problem`` tells in words what is wrong with the
-    frames that the tracker names, empty when nothing is.
+    ``tumor_from_tip`` is None when the tool or the tumour is not known. ``links`` holds
+    ``root_from_link`` for every link of the robot; ``robot_problem`` is the reason if it is empty
+    although there is a robot. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without a
+    constraint. ``drift`` is the difference between the tracked tool and the tool predicted from
+    joints and registration, None if one of them is not known. ``frames_problem`` describes an
+    error in the frames that the tracker measures, empty if there is none.
     """
 
     index: int
@@ -55,8 +55,8 @@ class StepResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Place:
-    """Where the tool was at ``stamp``, and how near it was there."""
+class _LastPose:
+    """Pose and proximity of the tool at ``stamp``."""
 
     stamp: Stamp
     tumor_from_tip: Transform
@@ -64,7 +64,7 @@ class _Place:
 
 
 class Session:
-    """Joins tracking, registration, robot and fixture. Reads no clock: time is in the frames."""
+    """Joins tracking, registration, robot and fixture. Reads no clock: frames carry the time."""
 
     def __init__(self, setup: SessionSetup) -> None:
         self.setup = setup
@@ -80,40 +80,42 @@ class Session:
         self._velocity = _velocity(setup)
         self._joints: JointSample | None = None
         self._drifted = False
-        self._looked_at: tuple[Edge, ...] = ()
+        self._checked_edges: tuple[Edge, ...] = ()
         self._frames_problem = ""
-        self._last: _Place | None = None
+        self._last: _LastPose | None = None
         self._virtual_fixture: Transform | None = None
         self._index = -1
 
     def step(self, frame: TrackingFrame) -> StepResult:
-        """Take ``frame`` as the present and decide on the margin.
+        """Make ``frame`` the present and decide on the margin.
 
-        Never raises for what a tracker or a robot can say: bad samples make the margin UNKNOWN
-        and are named in the decision's reasons. A tool that went through the tumour since the last
-        frame is in it now, for one frame. Stamps of another clock than the frame's are a mistake
-        of the caller and raise `StampError`.
+        Never raises for bad data from a tracker or a robot: bad samples make the margin UNKNOWN
+        and are named in the decision's reasons. If the tool passed through the tumour since the
+        last frame, this frame counts as inside. Raises `StampError` for stamps of another clock
+        than the frame's, a mistake of the caller.
         """
         self._index += 1
         problems = self._poses.insert(frame)
-        if problems:  # the clock went back: where the tool was before says nothing of its way
+        if problems:  # the clock went back: no sweep from the pose before the jump
             self._last = None
         tool = self._poses.pose(self.setup.frame_from_tumor.target, self.setup.tool_from_tip.target)
         tumor_from_tip = None
         if tool.transform is not None:
             tumor_from_tip = self._tumor_from_frame @ tool.transform @ self.setup.tool_from_tip
         in_reference = self._poses.pose(REFERENCE, self.setup.tool_from_tip.target)
-        seen = None
+        reference_from_tip = None
         if in_reference.transform is not None:
-            seen = in_reference.transform @ self.setup.tool_from_tip
-        links, robot_problem = self._links(frame, seen)
-        sigma_tre_mm, registration_problems = self._registration_at_tip(seen, in_reference.problems)
-        drift = self._drift(links, seen)
+            reference_from_tip = in_reference.transform @ self.setup.tool_from_tip
+        links, robot_problem = self._links(frame, reference_from_tip)
+        sigma_tre_mm, registration_problems = self._registration_at_tip(
+            reference_from_tip, in_reference.problems
+        )
+        drift = self._drift(links, reference_from_tip)
         if drift is not None:
             self._drifted = not drift.accepted
-        if self._is_placed_twice():
+        if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}
-        # A drift that was seen is not over because the robot has fallen silent.
+        # A drift does not end when the joint states stop.
         if self._drifted:
             problems |= {Reason.REGISTRATION_DRIFT}
         # The constraint reaches the robot through the reference frame.
@@ -147,24 +149,24 @@ class Session:
         )
 
     def hold(self) -> None:
-        """Latch ``hold`` from the next step on, for a fault that the steps do not tell."""
+        """Latch ``hold`` from the next step on, for a fault that is not visible in the frames."""
         self._monitor.hold()
 
     def rearm(self) -> None:
-        """End the hold of an earlier fault; `NotRearmableError` while the state is UNKNOWN."""
+        """Release the hold of an earlier fault; raises `NotRearmableError` while UNKNOWN."""
         self._monitor.rearm()
 
     def use(self, setup: SessionSetup) -> None:
-        """Go on with ``setup`` from the next step on; not to be called during a step.
+        """Replace the setup from the next step on. Not to be called during a step.
 
-        With another tumour, tool, registration or place of one of them nothing is known of the
-        margin any more: the state is UNKNOWN up to the next full evaluation, and ``hold`` is
-        latched until `rearm` if the margin was known before. Raises `FrameError` for a tumour in
-        another frame, since that is what the constraint is given in.
+        If the tumour, the tool, the registration or a pose of one of them changes, the state is
+        UNKNOWN up to the next full evaluation, and ``hold`` is latched until `rearm` if the margin
+        was known before. Raises `FrameError` for a tumour in another frame, because the constraint
+        is expressed in it.
         """
         tumor, known = setup.frame_from_tumor.source, self.setup.frame_from_tumor.source
         if tumor != known:
-            raise FrameError(f"the tumour's frame is {tumor!r}: {known!r} wanted, as before")
+            raise FrameError(f"the tumour's frame is {tumor!r}; expected {known!r}, as before")
         before, self.setup = self.setup, setup
         self._poses.limits = setup.margins.freshness_limits
         self._poses.moving_frames = _moving_frames(setup)
@@ -175,7 +177,7 @@ class Session:
             self._drifted = False
             self._reference_from_root = _reference_from_root(setup.robot)
             self._follower = _follower(setup.robot)
-            self._looked_at, self._frames_problem = (), ""
+            self._checked_edges, self._frames_problem = (), ""
             self._monitor.restart()
         if (setup.proximity, setup.tool_from_tip, setup.frame_from_tumor) != (
             before.proximity,
@@ -191,28 +193,28 @@ class Session:
 
     @property
     def never_changed(self) -> tuple[tuple[str, str], ...]:
-        """Measured edges (target, source) that have repeated one pose from the first frame on."""
+        """Measured edges (target, source) whose pose has not changed since the first frame."""
         return self._poses.never_changed()
 
     @property
     def known_frames(self) -> tuple[str, ...]:
-        """Every frame that the tracker has named so far."""
+        """Names of all frames that the tracker has measured so far."""
         return self._poses.known_frames()
 
     @property
     def frames_problem(self) -> str:
-        """What is wrong with the frames that the tracker has named so far; empty when nothing."""
+        """Error in the frames that the tracker has measured so far; empty if there is none."""
         return self._frames_problem
 
-    def _is_placed_twice(self) -> bool:
-        """Whether the tracker measures the robot's base, which the registration places.
+    def _is_base_measured(self) -> bool:
+        """True if the tracker measures the robot's base, which the registration places.
 
-        It may begin to at any frame; then it is so for as long as its edges are known.
+        The first such edge may come with any frame; the result then stays True.
         """
         edges = self._poses.edges
-        if edges != self._looked_at:
-            self._looked_at = edges
-            self._frames_problem = placed_twice(self.setup, edges)
+        if edges != self._checked_edges:
+            self._checked_edges = edges
+            self._frames_problem = base_measured_problem(self.setup, edges)
         return bool(self._frames_problem)
 
     def _is_fresh(self, stamp: Stamp, now: Stamp) -> bool:
@@ -221,26 +223,27 @@ class Session:
     def _tumor_twist(self, now: Stamp) -> FloatArray | None:
         if self._velocity is None:
             return None
-        seen = self._poses.pose(REFERENCE, self.setup.frame_from_tumor.target)
-        return self._velocity.twist(seen, now, self._poses.limits)
+        reference_from_frame = self._poses.pose(REFERENCE, self.setup.frame_from_tumor.target)
+        return self._velocity.twist(reference_from_frame, now, self._poses.limits)
 
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
     ) -> tuple[Proximity | None, Proximity | None]:
-        """Of the tool where it is, and of where it went through the tumour to get there, if so.
+        """Proximity of the tool now, and of its deepest pose if it passed through the tumour.
 
-        The way is that from where it was last known, frames in which it was lost left out.
+        The second is None without a breach on the path from the last known pose. Frames in which
+        the tool was lost are skipped.
         """
         if tumor_from_tip is None or stamp is None:
             return None, None
         model = self.setup.proximity
         here = self._recent.joined(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
-        last, self._last = self._last, _Place(now, tumor_from_tip, here)
+        last, self._last = self._last, _LastPose(now, tumor_from_tip, here)
         if last is None or not self._is_fresh(last.stamp, now):
             return here, None
         before = last.proximity
         outside = min(before.signed_distance_mm, here.signed_distance_mm) > 0.0
-        # To touch the tumour on the way, a point has to come there and to go as far as it is now.
+        # To touch the tumour, a point of the tool travels at least both distances.
         way_mm = path_mm(last.tumor_from_tip, tumor_from_tip, model.radius_mm)
         if not outside or way_mm < before.lower_bound_mm + here.lower_bound_mm:
             return here, None
@@ -250,12 +253,11 @@ class Session:
     def _registration_at_tip(
         self, tip: Transform | None, problems: frozenset[Reason]
     ) -> tuple[float, frozenset[Reason]]:
-        """The standard deviation in mm of the registration at the tip, and what is wrong with it.
+        """Standard deviation in mm of the registration at the tip, and the registration's problems.
 
-        Without a robot nothing is registered and nothing is added. With one, the tip has to be
-        known in the reference frame, since the constraint reaches the robot through it. A
-        registration that was given states no uncertainty, and adds none. ``tip`` is
-        ``reference_from_tip``, or ``problems`` say why it is not known.
+        Without a robot both are empty. With one, the tip must be known in the reference frame,
+        because the constraint reaches the robot through it. A given registration has no covariance
+        and adds nothing. ``tip`` is ``reference_from_tip``; if it is None, ``problems`` holds why.
         """
         robot = self.setup.robot
         if robot is None:
@@ -270,11 +272,11 @@ class Session:
         return tre_at(registration, tip.translation_mm), problems
 
     def _drift(
-        self, links: Mapping[str, Transform], seen: Transform | None
+        self, links: Mapping[str, Transform], reference_from_tip: Transform | None
     ) -> RegistrationDrift | None:
-        """How far the tip is from where the robot's joints and the registration put it.
+        """Distance of the tracked tip from its prediction by joints and registration.
 
-        ``seen`` is ``reference_from_tip``.
+        ``reference_from_tip`` is tracked. None if the prediction is not possible.
         """
         robot = self.setup.robot
         if (
@@ -282,24 +284,29 @@ class Session:
             or robot.follows_tool
             or self._reference_from_root is None
             or not links
-            or seen is None
+            or reference_from_tip is None
         ):
             return None
         link = self._reference_from_root @ links[robot.tool_link]
-        # Without a known mount the link only tells where the tip is, not how it is turned.
+        # Without a known mount the link gives the tip's position, not its orientation.
         predicted = (
-            Transform.unchecked(link.target, seen.source, seen.rotation, link.translation_mm)
+            Transform.unchecked(
+                link.target,
+                reference_from_tip.source,
+                reference_from_tip.rotation,
+                link.translation_mm,
+            )
             if robot.link_from_tip is None
             else link @ robot.link_from_tip
         )
-        return check_drift(predicted, seen, robot.max_drift)
+        return check_drift(predicted, reference_from_tip, robot.max_drift)
 
     def _links(
-        self, frame: TrackingFrame, seen: Transform | None
+        self, frame: TrackingFrame, reference_from_tip: Transform | None
     ) -> tuple[Mapping[str, Transform], str]:
-        """``root_from_link`` from the latest joints, or nothing and what is wrong with them.
+        """``root_from_link`` of all links from the latest joints, or none and the problem.
 
-        Without recorded joints: from the tip where it is ``seen`` in the reference frame.
+        Without recorded joints: by inverse kinematics of the tracked ``reference_from_tip``.
         """
         if frame.joints:
             self._joints = frame.joints[-1]
@@ -307,7 +314,7 @@ class Session:
         if robot is None:
             return {}, ""
         if robot.follows_tool:
-            return self._followed(seen)
+            return self._followed(reference_from_tip)
         if self._joints is None:
             return {}, "no joint positions yet"
         if not self._is_fresh(self._joints.stamp, frame.stamp):
@@ -318,11 +325,13 @@ class Session:
         except JointError as error:
             return {}, str(error)
 
-    def _followed(self, seen: Transform | None) -> tuple[Mapping[str, Transform], str]:
-        if self._follower is None or seen is None:
+    def _followed(
+        self, reference_from_tip: Transform | None
+    ) -> tuple[Mapping[str, Transform], str]:
+        if self._follower is None or reference_from_tip is None:
             return {}, "the tool is not seen in the reference frame: the robot cannot follow it"
         try:
-            return self._follower.links(seen), ""
+            return self._follower.links(reference_from_tip), ""
         except UnreachableError as error:
             return {}, f"{OUT_OF_REACH}: {error}"
 
@@ -333,7 +342,7 @@ def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
 
 
 def _reference_from_root(robot: RobotSetup | None) -> Transform | None:
-    """The registration, to the robot's own root, which is the base by another name."""
+    """The registration with the base renamed to the robot's root link: they are one frame."""
     if robot is None or robot.registration is None:
         return None
     return robot.registration.transform.renamed(source=robot.robot.root_link)

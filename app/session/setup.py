@@ -1,4 +1,4 @@
-"""What a session needs to know before its first step."""
+"""Setup of a session: everything that is fixed before its first step."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +13,7 @@ REFERENCE = "reference"
 
 
 class ProximityModel(Protocol):
-    """Anything that measures a tool against a tumour: the whole mesh, or its tip alone.
+    """Measures the distance of a tool from a tumour: the whole mesh, or its tip alone.
 
     No part of the tool is further than ``radius_mm`` from its origin.
     """
@@ -22,26 +22,27 @@ class ProximityModel(Protocol):
 
     @property
     def frames(self) -> tuple[str, str | None]:
-        """The frames of the tumour and of the tool; None for a tool that may be given in any."""
+        """Frames of the tumour and of the tool; None for a tool that is valid in any frame."""
 
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
-        """The signed distance in mm of the tool at this pose, negative inside the tumour."""
+        """Signed distance in mm of the tool at this pose, negative inside the tumour."""
 
     def sweep(
         self, previous: Transform, current: Transform, stamp: Stamp | None = None
     ) -> SweptProximity:
-        """The lowest signed distance on the way from one pose to the next."""
+        """Lowest signed distance in mm on the path from one pose to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotSetup:
     """A robot whose base frame ``base_frame`` is the root link of ``robot``.
 
-    The tip of the tool is the origin of ``tool_link``. ``registration`` gives
-    ``reference_from_<base_frame>``; None says that it has not been found yet. ``link_from_tip``
-    tells how the tool is turned in the link; None where only its position is known. ``max_drift``:
-    how far the tool may be from where the registration puts it. ``follows_tool``: no joints were
-    recorded, and the robot is shown where inverse kinematics puts it.
+    The tip of the tool is the origin of ``tool_link``. ``registration`` is
+    ``reference_from_<base_frame>``, None while it is not registered. ``link_from_tip`` holds the
+    orientation of the tool in the link, None if only the position is known. ``max_drift``: largest
+    allowed distance of the tracked tool from its prediction. ``follows_tool``: no joints were
+    recorded, and the robot is posed by inverse kinematics. Raises `FrameError` for an unknown
+    ``tool_link`` and for a registration of other frames.
     """
 
     robot: Robot
@@ -56,17 +57,17 @@ class RobotSetup:
         links = {link.name for link in self.robot.links}
         if self.tool_link not in links:
             raise FrameError(
-                f"robot.tool_link {self.tool_link!r} is not a link of {self.robot.name!r}: "
-                f"{', '.join(sorted(links))} are"
+                f"robot.tool_link {self.tool_link!r} is not a link of {self.robot.name!r}; "
+                f"expected one of {', '.join(sorted(links))}"
             )
         if self.registration is not None:
             transform = self.registration.transform
             if (transform.target, transform.source) != (REFERENCE, self.base_frame):
                 raise FrameError(
-                    f"registration is {transform.target}_from_{transform.source}: "
-                    f"{REFERENCE}_from_{self.base_frame} wanted"
+                    f"registration is {transform.target}_from_{transform.source}; "
+                    f"expected {REFERENCE}_from_{self.base_frame}"
                 )
-        # Once, so that the first step does not wait for the compiler.
+        # Compiles the kinematics, so that the first step does not wait for it.
         self.robot.forward_kinematics({})
 
 
@@ -74,14 +75,14 @@ class RobotSetup:
 class SessionSetup:
     """The fixed part of a session.
 
-    ``tool_from_tip``: the tip in the tool's tracked frame; ``frame_from_tumor``: the tumour in
-    the tracked frame that it moves with; ``proximity``: measures the tool, given in the tip's
-    frame, against the tumour; ``robot``: None where the tool is held by hand; ``tumor_motion``: how
-    the tumour is expected to move, for a constraint that tells its velocity, None where it is taken
-    to be still. Raises `FrameError` for shapes in other frames than those of the two transforms and
-    for a robot's base with the name of one of them or of the reference, which would be a loop of
-    frames, and `InputError` for a moving tumour without a robot, whose base tells against what it
-    moves.
+    ``tool_from_tip``: the tip in the tool's tracked frame. ``frame_from_tumor``: the tumour in the
+    tracked frame that it moves with. ``proximity``: distance model of the tool, given in the tip's
+    frame, and the tumour. ``robot``: None for a hand-held tool. ``tumor_motion``: parameters of
+    the tumour's motion, for a constraint that contains its velocity; None for a still tumour.
+
+    Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
+    robot's base with the name of another frame, which would be a loop. Raises `InputError` for a
+    moving tumour without a robot: nothing would use the velocity.
     """
 
     tool_from_tip: Transform
@@ -101,20 +102,20 @@ class SessionSetup:
         ):
             if frame is not None and frame != edge.source:
                 raise FrameError(
-                    f"the {what}'s shape is in {frame!r}: {edge.source!r} wanted, which is placed "
-                    f"in {edge.target!r}"
+                    f"the {what}'s shape is in {frame!r}; expected {edge.source!r}, which is "
+                    f"placed in {edge.target!r}"
                 )
         edges = (self.tool_from_tip, self.frame_from_tumor)
         others = {REFERENCE, *(name for edge in edges for name in (edge.target, edge.source))}
         if self.robot is not None and self.robot.base_frame in others:
             raise FrameError(
-                f"robot.base_frame is {self.robot.base_frame!r}: a name of its own wanted, "
-                f"{', '.join(sorted(others))} are other frames"
+                f"robot.base_frame is {self.robot.base_frame!r}; expected a name of its own, "
+                f"not one of the other frames {', '.join(sorted(others))}"
             )
 
     @property
     def static_edges(self) -> tuple[Transform, ...]:
-        """The transforms that do not change during the session, as tf would hold them."""
+        """Transforms that do not change during the session, as static tf edges."""
         registered = (
             (self.robot.registration.transform,)
             if self.robot is not None and self.robot.registration is not None

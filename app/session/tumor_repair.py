@@ -1,16 +1,16 @@
-"""The tumour's mesh of a case, repaired where the case asks for that, and said."""
+"""Repair of a case's tumour mesh, if its manifest requests it."""
 
 from app.case import Case, MeshEntry
 from app.fixture import repaired
 
 
 def with_repaired_tumor(case: Case) -> Case:
-    """``case`` with a tumour's mesh that bounds a solid, where its manifest has it repaired.
+    """``case`` with a closed tumour mesh if its manifest requests a repair, else ``case`` itself.
 
-    What was done is among the case's notes. Raises `MeshError` for a mesh without a safe repair.
+    The case's notes list the changes. Raises `MeshError` for a mesh without a safe repair.
     """
     shape = case.manifest.tumor.shape
-    # Never without being asked: a surgeon's tumour is not altered in silence.
+    # A tumour is never altered without an explicit request.
     if not (isinstance(shape, MeshEntry) and shape.repair):
         return case
     mesh, notes = repaired(case.faulty_tumor_mesh(), f"the tumour's mesh {shape.path}")

@@ -1,4 +1,4 @@
-"""How fast the tumour moves in the reference frame, for the constraint: seen, not assumed."""
+"""Velocity of the tumour in the reference frame, estimated from its tracked poses."""
 
 from app.fixture import TumorMotionFilter, TumorMotionParameters
 from app.geometry import (
@@ -13,7 +13,7 @@ from app.session.pose_tree import MeasuredPose
 
 
 class TumorVelocity:
-    """Follows the tumour with a `TumorMotionFilter`, step by step.
+    """Feeds the tumour's poses to a `TumorMotionFilter`, step by step.
 
     ``frame_from_tumor`` is the tumour in the tracked frame that it moves with.
     """
@@ -28,16 +28,16 @@ class TumorVelocity:
     def twist(
         self, reference_from_frame: MeasuredPose, now: Stamp, limits: FreshnessLimits
     ) -> FloatArray | None:
-        """The tumour's twist (6,) at ``now`` in mm/s and rad/s, along its own axes.
+        """Twist (6,) of the tumour at ``now`` in mm/s and rad/s, along its own axes.
 
-        None where no sample that was believed is young enough: the tumour is then taken to be
-        still. Everything is forgotten when ``now`` goes back.
+        None if no sample that the filter accepted is fresh; the tumour then counts as still. The
+        filter is reset when ``now`` goes back.
         """
         if self._now is not None and now < self._now:
             self._filter, self._newest = TumorMotionFilter(self._parameters), None
         self._now = now
         pose, stamp = reference_from_frame.transform, reference_from_frame.oldest
-        # A pose with problems, or from the future, has no transform.
+        # `MeasuredPose.transform` is None for a stale, lost or future pose.
         if (
             pose is not None
             and stamp is not None

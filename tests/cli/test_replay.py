@@ -176,7 +176,7 @@ def test_a_frame_that_the_recording_does_not_have_is_refused(tmp_path, capsys):
     assert replay(case, "--report", str(tmp_path / "out")) == 2
     assert capsys.readouterr().err == (
         "marginguard: error: case.yaml: tool.frame is 'scalpel': no such frame is in the "
-        "recording, which has needle, rod, tracker\n"
+        "recording; expected one of needle, rod, tracker\n"
     )
     assert not (tmp_path / "out").exists()
 
@@ -208,7 +208,7 @@ def test_a_base_that_is_measured_late_is_told_in_the_notes(tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert summary["valid_frames"] == 5
     assert (
-        "robot.base_frame is 'robot_base': a name of its own wanted, the tracker measures it by "
+        "robot.base_frame is 'robot_base'; expected a name of its own: the tracker measures it by "
         "tracker -> reference, tracker -> robot_base" in summary["notes"]
     )
 
@@ -239,7 +239,7 @@ def test_an_empty_report_folder_is_a_mistake(case, capsys):
     assert "empty" in capsys.readouterr().err
 
 
-def test_a_tumour_that_is_crossed_between_two_frames_is_a_breach(tmp_path, capsys):
+def test_crossing_between_two_frames_is_a_breach(tmp_path, capsys):
     case = write_small_case(tmp_path / "crossed")
     recording = (case / "tracking.igs.mha").read_text()
     lines = []

@@ -1,4 +1,4 @@
-"""The benchmark of a step: what it feeds, what it counts, and that a step leaves nothing behind."""
+"""Benchmark of a session step: its input, its figures, and that a step leaks no memory."""
 
 import tracemalloc
 from dataclasses import replace
@@ -20,7 +20,7 @@ RATE_HZ = 1000
 
 @pytest.fixture(scope="module")
 def recorded():
-    """A second at 50 Hz: the tool comes near; one sample is lost."""
+    """One second at 50 Hz: the tool approaches; one sample is lost."""
     frames = []
     for k in range(51):
         at_ms = 20.0 * k
@@ -57,7 +57,7 @@ def setup(project_root):
     )
 
 
-def test_the_recording_is_interpolated_and_the_lost_sample_left_out(recorded):
+def test_recording_is_interpolated_without_lost_samples(recorded):
     frames = list(Trajectory(recorded, RATE_HZ).frames(1001))
     assert [made.stamp.ns for made in frames] == [k * 1_000_000 for k in range(1001)]
     for at_ms, x_mm in ((0, 40.0), (30, 39.25), (200, 35.0), (1000, 15.0)):
@@ -67,7 +67,7 @@ def test_the_recording_is_interpolated_and_the_lost_sample_left_out(recorded):
         assert frames[at_ms].joints[0].positions == pytest.approx(np.array([5e-4, -1e-3]) * at_ms)
 
 
-def test_at_its_end_it_turns_and_time_goes_on(recorded):
+def test_trajectory_reverses_at_its_end_while_time_goes_on(recorded):
     frames = list(Trajectory(recorded, RATE_HZ).frames(2500))
     assert frames[1101].poses[0].transform.translation_mm == pytest.approx(
         frames[900].poses[0].transform.translation_mm
@@ -75,7 +75,7 @@ def test_at_its_end_it_turns_and_time_goes_on(recorded):
     assert frames[2499].stamp == Stamp(2_499_000_000)
 
 
-def test_turns_are_along_the_shortest_arc():
+def test_rotations_follow_the_shortest_arc():
     turned = Transform.from_rotation_vector(
         [0.0, 0.0, 0.4], [0.0, 0.0, 0.0], target="tracker", source="cautery"
     )
@@ -97,7 +97,7 @@ def test_every_step_is_counted_and_timed(recorded, setup):
     assert figures.memory.start_mb > 10.0
 
 
-def test_a_slow_step_and_a_growing_memory_are_named(recorded, setup):
+def test_slow_steps_and_growing_memory_are_failures(recorded, setup):
     figures = measure(setup, Trajectory(recorded, RATE_HZ), 2)
     still = replace(figures.memory, warm_mb=100.0, end_mb=100.0)
     good = replace(figures, step_cpu=replace(figures.step_cpu, p99_ms=0.9), memory=still)
@@ -108,14 +108,14 @@ def test_a_slow_step_and_a_growing_memory_are_named(recorded, setup):
     assert failures(grown) == ["memory grew by 3.50 MB, 2.0 MB allowed"]
 
 
-def test_thousands_of_steps_leave_nothing_behind(recorded, setup):
+def test_thousands_of_steps_leak_no_memory(recorded, setup):
     session = Session(setup)
     frames = Trajectory(recorded, RATE_HZ).frames(4500)
     for _ in range(500):
         session.step(next(frames))
     tracemalloc.start()
     try:
-        # Python keeps up to 2000 tuples of each length for later: those are no growth of ours.
+        # Python keeps up to 2000 free tuples of each length; they are no leak.
         for _ in range(2000):
             session.step(next(frames))
         before, _ = tracemalloc.get_traced_memory()

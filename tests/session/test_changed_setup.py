@@ -1,4 +1,4 @@
-"""A session that goes on with another setup: nothing known of the old one is taken for the new."""
+"""Change of a session's setup: no knowledge of the old setup is used with the new one."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def moved(mesh, by_mm):
     return SurfaceMesh(mesh.frame, mesh.vertices_mm + by_mm, mesh.faces)
 
 
-def test_new_margins_act_from_the_next_step_on(setup, frames):
+def test_new_margins_apply_from_the_next_step_on(setup, frames):
     session = Session(setup)
     before = [session.step(frame) for frame in frames[:10]][-1]
     wider = setup.margins.replaced(stop_mm=20.0, warn_mm=100.0)
@@ -44,7 +44,7 @@ def test_new_margins_act_from_the_next_step_on(setup, frames):
     assert after.decision.margin.warn_mm == 100.0
 
 
-def test_a_shorter_life_of_poses_holds_for_the_poses_too(setup, frames):
+def test_shorter_stale_limit_applies_to_stored_poses(setup, frames):
     session = Session(setup)
     for frame in frames[:10]:
         session.step(frame)
@@ -53,7 +53,7 @@ def test_a_shorter_life_of_poses_holds_for_the_poses_too(setup, frames):
     assert Reason.STALE in session.step(silent).decision.reasons
 
 
-def test_with_another_tumor_it_is_as_if_it_had_just_started(case, setup, frames):
+def test_session_with_another_tumor_equals_a_new_session(case, setup, frames):
     other = replace(setup, proximity=TipProximity(moved(case.tumor_mesh(), 3.0)))
     session, fresh = Session(setup), Session(other)
     for frame in frames[:10]:
@@ -66,7 +66,7 @@ def test_with_another_tumor_it_is_as_if_it_had_just_started(case, setup, frames)
         assert ours.constraint.offsets_mm.tolist() == theirs.constraint.offsets_mm.tolist()
 
 
-def test_before_an_evaluation_of_the_new_tumor_the_state_is_unknown(case, setup, frames):
+def test_state_is_unknown_until_the_new_tumor_is_evaluated(case, setup, frames):
     session = Session(setup)
     for frame in frames[:10]:
         session.step(frame)
@@ -90,7 +90,7 @@ def changed(case, setup, what):
 
 
 @pytest.mark.parametrize("what", ["tumour", "tool", "registration"])
-def test_after_a_change_the_robot_is_held_until_someone_re_arms(case, setup, frames, what):
+def test_change_of_setup_latches_hold_until_rearm(case, setup, frames, what):
     session = Session(setup)
     for frame in frames[:10]:
         assert not session.step(frame).decision.hold
@@ -106,7 +106,7 @@ def test_after_a_change_the_robot_is_held_until_someone_re_arms(case, setup, fra
     assert not session.step(frames[15]).decision.hold
 
 
-def test_another_tool_that_is_stuck_from_the_first_frame_on_is_frozen():
+def test_new_tool_that_never_moves_is_frozen():
     identity, sphere = Transform.identity, AnalyticSphere(10.0)
     with_cautery = SessionSetup(
         identity("cautery", "tip"), identity("needle", "tumor"), sphere, PARAMETERS, None
@@ -120,7 +120,7 @@ def test_another_tool_that_is_stuck_from_the_first_frame_on_is_frozen():
     assert Reason.FROZEN in reasons
 
 
-def test_new_margins_hold_nothing(setup, frames):
+def test_new_margins_do_not_latch_hold(setup, frames):
     session = Session(setup)
     for frame in frames[:10]:
         session.step(frame)
@@ -128,7 +128,7 @@ def test_new_margins_hold_nothing(setup, frames):
     assert not session.step(frames[10]).decision.hold
 
 
-def test_a_latched_hold_outlives_a_change_of_the_tumor(case, setup, frames):
+def test_latched_hold_survives_a_change_of_tumor(case, setup, frames):
     session = Session(setup)
     for frame in frames[:5]:
         session.step(frame)

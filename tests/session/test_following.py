@@ -1,4 +1,4 @@
-"""A robot without joints follows its tool: beside the joints that were recorded all the same."""
+"""A robot without joints follows its tool; compared with recorded joints."""
 
 from dataclasses import replace
 from itertools import islice
@@ -38,7 +38,7 @@ def robot_setup(touch, **more):
     return RobotSetup(touch, "robot_base", "stylus", registration, bound, follows_tool=True, **more)
 
 
-def test_the_robot_comes_to_where_its_joints_were_recorded(case, recorded):
+def test_inverse_kinematics_reproduces_recorded_links(case, recorded):
     following = replace(recorded, robot=replace(recorded.robot, follows_tool=True))
     by_joints, by_tool = Session(recorded), Session(following)
     compared = 0
@@ -50,13 +50,13 @@ def test_the_robot_comes_to_where_its_joints_were_recorded(case, recorded):
             continue
         compared += 1
         there, here = measured.links["stylus"], followed.links["stylus"]
-        # Apart by the tracker's noise and the registration's error, a millimetre or so.
+        # The tracker's noise and the registration's error are about a millimetre.
         assert here.distance_mm_to(there) < 4.0
         assert here.angle_to(there) < np.radians(3.0)
     assert compared > 150
 
 
-def test_the_tool_is_met_exactly_with_a_mount_and_without(touch):
+def test_tool_link_reaches_the_tool_with_and_without_a_mount(touch):
     rng = np.random.default_rng(5)
     mount = Transform.from_rotation_vector(
         [0.2, -0.5, 0.1], [0.0, 0.0, 0.0], target="stylus", source="cautery_tip"
@@ -74,7 +74,7 @@ def test_the_tool_is_met_exactly_with_a_mount_and_without(touch):
             assert links["stylus"].distance_mm_to(link.renamed(target="touch_base")) < 1e-3
 
 
-def test_poses_out_of_reach_are_named_and_what_comes_after_is_followed(touch):
+def test_robot_follows_again_after_poses_out_of_reach(touch):
     follower = IkFollower(robot_setup(touch))
     reference_from_base = robot_setup(touch).registration.transform
     near = touch.forward_kinematics(dict.fromkeys(touch.actuated_joint_names, 0.2))["stylus"]
@@ -87,7 +87,7 @@ def test_poses_out_of_reach_are_named_and_what_comes_after_is_followed(touch):
     assert follower.links(reachable)["stylus"].distance_mm_to(near) < 1e-3
 
 
-def test_a_session_names_what_is_out_of_reach(case, recorded):
+def test_session_reports_a_tool_out_of_reach(case, recorded):
     away = given_registration(Transform("reference", "robot_base", np.eye(3), [3000.0, 0.0, 0.0]))
     robot = replace(recorded.robot, follows_tool=True, registration=away)
     session = Session(replace(recorded, robot=robot))
@@ -97,8 +97,8 @@ def test_a_session_names_what_is_out_of_reach(case, recorded):
     assert any(problem.startswith(f"{OUT_OF_REACH}: link 'stylus'") for problem in problems)
 
 
-def test_a_case_without_joint_states_is_followed(recorded, tmp_path, project_root):
-    """Its manifest alone says so; the registration is given, since dwells need joints."""
+def test_robot_of_a_case_without_joint_states_follows_the_tool(recorded, tmp_path, project_root):
+    """The manifest has no joint states; the registration is given, because dwells need joints."""
     source = project_root / "data" / "recorded_case"
     found = recorded.robot.registration.transform
     manifest = yaml.safe_load((source / "case.yaml").read_text())
@@ -118,8 +118,8 @@ def test_a_case_without_joint_states_is_followed(recorded, tmp_path, project_roo
     assert {step.joints for step in steps} == {None}
 
 
-def test_a_pose_on_another_branch_is_found_within_a_few_frames(touch):
-    """The seed's own branch ends at a limit: the solution is one of the other starts'."""
+def test_pose_on_another_branch_is_found_within_a_few_frames(touch):
+    """The seed's own branch ends at a joint limit; another start finds the solution."""
     rng = np.random.default_rng(11)
     low = np.array([joint.lower for joint in touch.joints if joint.moves])
     high = np.array([joint.upper for joint in touch.joints if joint.moves])

@@ -1,4 +1,4 @@
-"""Sessions for the recorded case, registered and timed in every way that a manifest can ask for."""
+"""Sessions for the recorded case with every registration method and clock setting."""
 
 import shutil
 from dataclasses import replace
@@ -43,7 +43,7 @@ def error_of(case, setup):
 
 
 @pytest.mark.parametrize("method", ["paired_points", "robot_world"])
-def test_the_base_is_found_at_the_dwells(recorded, method):
+def test_base_is_registered_from_dwells(recorded, method):
     manifest = yaml.safe_load((recorded().folder / "case.yaml").read_text())
     dwells = manifest["registration"]["dwells"][:7]
     case = recorded(registration={"method": method, "dwells": dwells})
@@ -51,7 +51,7 @@ def test_the_base_is_found_at_the_dwells(recorded, method):
     distance_mm, angle_deg = error_of(case, setup)
     assert setup.robot.registration.accepted
     assert setup.robot.registration.method == method
-    # It is judged where it has to be right: at the corners of the box around the tumour.
+    # Accuracy matters at the corners of the box around the tumour.
     assert len(dwells) == 7
     assert "at the worst of 8 targets" in setup.robot.registration.reason
     assert distance_mm < 1.0
@@ -60,14 +60,14 @@ def test_the_base_is_found_at_the_dwells(recorded, method):
     assert np.degrees(np.arccos((np.trace(setup.robot.link_from_tip.rotation) - 1) / 2)) < 1.0
 
 
-def test_a_dwell_in_which_the_robot_moved_is_refused(recorded):
+def test_dwell_with_a_moving_robot_is_rejected(recorded):
     case = recorded(registration=at_dwells((0.05, 2.0)))
     with pytest.raises(InputError, match=r"moved by .* in dwell 1"):
         setup_from_case(case, tip_only=True)
 
 
-def test_a_pose_that_stands_while_others_come_is_one_sample_of_a_dwell(recorded):
-    """The tool seen once in 150 ms, in which its pose stays fresh, and the reference at 50 Hz."""
+def test_repeated_pose_counts_once_in_a_dwell(recorded):
+    """The tool every 150 ms, within its stale limit, and the reference at 50 Hz."""
     case = recorded()
     setup = setup_from_case(case, tip_only=True)
     held = next(iter(case.frames())).joints[0]
@@ -91,8 +91,8 @@ def test_a_pose_that_stands_while_others_come_is_one_sample_of_a_dwell(recorded)
         )
 
 
-def test_a_dwell_in_which_the_reference_moved_is_refused(recorded):
-    """The robot stands still on the floor, and the chest that the reference is on does not."""
+def test_dwell_with_a_moving_reference_is_rejected(recorded):
+    """The robot stands still while the chest with the reference moves."""
     case = recorded()
     setup = setup_from_case(case, tip_only=True)
     tool_from_tip = case.manifest.tool.tool_from_tip
@@ -120,7 +120,7 @@ def risen(pose, shift_mm):
     return replace(pose, transform=shift @ here)
 
 
-def test_a_pose_that_stands_while_others_come_is_one_sample_of_the_clocks_motion(recorded):
+def test_repeated_pose_counts_once_in_the_motion_for_the_clock(recorded):
     case = recorded()
     frames = list(islice(case.frames(), 200))
     sparse = [
@@ -131,24 +131,24 @@ def test_a_pose_that_stands_while_others_come_is_one_sample_of_the_clocks_motion
     assert len(seen.times_ns) == pytest.approx(len(all_of_it.times_ns) / 4, abs=1)
 
 
-def test_a_dwell_after_the_end_of_the_recording_is_refused(recorded):
+def test_dwell_after_the_end_of_the_recording_is_rejected(recorded):
     case = recorded(registration=at_dwells((500.0, 501.0)))
     with pytest.raises(InputError, match="dwell 1 has 0 good samples of 'cautery' in"):
         setup_from_case(case, tip_only=True)
 
 
-def test_too_few_dwells_are_refused(recorded):
+def test_too_few_dwells_are_rejected(recorded):
     with pytest.raises(TooFewError, match="at least 3"):
         setup_from_case(recorded(registration=at_dwells((0.05, 1.25), (2.35, 3.55))), tip_only=True)
 
 
-def test_a_clock_that_is_given_is_not_estimated(recorded):
+def test_given_clock_offset_is_not_estimated(recorded):
     case, offset = with_estimated_clock(recorded())
     assert offset is None
     assert case.manifest.clock.offset_robot_to_tracker_ns == 37_400_000
 
 
-def test_the_clock_of_the_joints_is_found_from_the_motion(recorded):
+def test_clock_offset_of_the_joints_is_estimated_from_motion(recorded):
     found, offset = with_estimated_clock(recorded(clock={"estimate": True}))
     assert offset.offset_ns == pytest.approx(37_400_000, abs=1_000_000)
     assert found.manifest.clock.offset_robot_to_tracker_ns == offset.offset_ns
@@ -156,7 +156,7 @@ def test_the_clock_of_the_joints_is_found_from_the_motion(recorded):
     assert low <= 37_400_000 <= high
 
 
-def test_a_wrong_registration_is_seen_as_drift(recorded):
+def test_wrong_registration_is_reported_as_drift(recorded):
     matrix = recorded().expected().registration.reference_from_base.matrix
     matrix[0, 3] += 8.0
     case = recorded(registration={"method": "given", "matrix": matrix.ravel().tolist()})

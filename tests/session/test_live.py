@@ -1,4 +1,4 @@
-"""A live session in simulated time: when it steps, and that it is never green on old poses."""
+"""Live session in simulated time: when it steps, and that it is never green on old poses."""
 
 from functools import partial
 
@@ -17,11 +17,11 @@ from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS
 HOST_MS = 5_000_000
-"""What the host's clock reads when the tracker's reads 0."""
+"""Time of the host's clock when the tracker's is 0."""
 
 
 class World:
-    """A host's clock, and what happens at which of its times (ms); waiting makes time pass."""
+    """Simulated host: a clock and events at its times (ms); `wait` advances the clock."""
 
     def __init__(self, stamps_of_host: bool = False, robot=None, edges=()) -> None:
         self.ns = HOST_MS * NS_PER_MS
@@ -77,13 +77,13 @@ def cautery(at_ms, distance_mm=20.0):
 
 
 def track(world, start_ms, end_ms, period_ms=20, delay_ms=3.0):
-    """Needle and cautery one after the other, as a topic of single transforms brings them."""
+    """Needle and cautery in separate messages, as on a topic of single transforms."""
     for at_ms in range(start_ms, end_ms, period_ms):
         world.arrive(at_ms + delay_ms, needle(at_ms))
         world.arrive(at_ms + delay_ms + 0.2, cautery(at_ms))
 
 
-def test_before_anything_comes_it_says_that_nothing_is_known():
+def test_state_is_unknown_before_the_first_sample():
     steps = World().run(350)
     assert [at for at, _ in steps] == pytest.approx([0.0, 100.0, 200.0, 300.0])
     for _, step in steps:
@@ -92,20 +92,20 @@ def test_before_anything_comes_it_says_that_nothing_is_known():
         assert step.frame.stamp == Stamp(0)
 
 
-def test_a_frame_is_stepped_when_its_last_sample_is_there():
+def test_frame_is_stepped_on_arrival_of_its_last_sample():
     world = World()
     track(world, 0, 200)
     frames = [(at, step) for at, step in world.run(195) if step.frame.poses]
-    # The first frames teach which samples belong together; from then on there is no waiting.
-    taught = [(at, step) for at, step in frames if at > 60]
-    assert [at for at, _ in taught] == pytest.approx([63.2 + 20 * index for index in range(7)])
-    for _, step in taught:
+    # The first frames determine which samples form a group; later ones do not wait.
+    grouped = [(at, step) for at, step in frames if at > 60]
+    assert [at for at, _ in grouped] == pytest.approx([63.2 + 20 * index for index in range(7)])
+    for _, step in grouped:
         assert len(step.frame.poses) == 2
         assert step.decision.state is MarginState.NEGATIVE
         assert step.decision.proximity.signed_distance_mm == pytest.approx(20.0)
 
 
-def test_silence_is_stale_at_the_moment_at_which_it_becomes_so_and_stays_held():
+def test_silent_source_is_stale_at_once_and_stays_held():
     world = World()
     track(world, 0, 200)
     track(world, 800, 1200)
@@ -113,7 +113,7 @@ def test_silence_is_stale_at_the_moment_at_which_it_becomes_so_and_stays_held():
     last_ms = 180
     known = [(at, step) for at, step in steps if step.decision.state is not MarginState.UNKNOWN]
     silent = [(at, step) for at, step in steps if last_ms + 10 < at < 800]
-    # The offset of the clocks is taken to be that of the fastest sample, 3 ms on its way.
+    # The estimated offset of the clocks contains the latency of the fastest sample, 3 ms.
     assert silent[0][0] == pytest.approx(last_ms + STALE_MS + 3, abs=0.2)
     for _, step in silent:
         assert step.decision.state is MarginState.UNKNOWN
@@ -125,7 +125,7 @@ def test_silence_is_stale_at_the_moment_at_which_it_becomes_so_and_stays_held():
     assert all(step.decision.hold for step in back)
 
 
-def test_of_a_clock_that_is_the_hosts_own_silence_is_stale_to_the_nanosecond():
+def test_silent_source_with_host_clock_is_stale_to_the_nanosecond():
     world = World(stamps_of_host=True)
     for at_ms in range(0, 200, 20):
         world.arrive(at_ms + 3, needle(HOST_MS + at_ms), cautery(HOST_MS + at_ms))
@@ -135,8 +135,8 @@ def test_of_a_clock_that_is_the_hosts_own_silence_is_stale_to_the_nanosecond():
     assert stale.decision.stamp.age_ns(stale.frame.stamp) == PARAMETERS.stale_after_ns + 1
 
 
-def test_what_we_publish_ourselves_is_no_way_to_the_tool():
-    """The tumour in the needle, as it comes back to us, and a node that takes the tool from it."""
+def test_own_published_edges_are_not_used():
+    """Our own edge of the tumour, returned on /tf, and a node that measures the tool in it."""
     world = World()
     world.arrive(0, sample("needle", "tumor", (9.0, 9.0, 9.0), 0))
     world.arrive(0, sample("tumor", "cautery", (9.0, 9.0, 9.0), 0))
@@ -145,7 +145,7 @@ def test_what_we_publish_ourselves_is_no_way_to_the_tool():
     assert world.live.edges == (("tracker", "cautery"), ("tracker", "needle"))
 
 
-def test_rearming_is_refused_while_unknown_and_ends_the_hold_after_it():
+def test_rearm_is_refused_while_unknown_and_releases_hold_afterwards():
     world = World()
     track(world, 0, 200)
     track(world, 800, 1400)
@@ -165,7 +165,7 @@ def test_rearming_is_refused_while_unknown_and_ends_the_hold_after_it():
     assert {hold for at, hold in held.items() if at > 1001} == {False}
 
 
-def test_a_session_slower_than_its_source_stays_in_the_present():
+def test_session_slower_than_its_source_steps_the_newest_samples():
     world = World()
     track(world, 0, 1000, period_ms=1)  # 1 kHz
     world.at(1005, world.live.stop)
@@ -184,7 +184,7 @@ def test_a_session_slower_than_its_source_stays_in_the_present():
     assert world.live.left_out()["samples that a newer one replaced"] > 1000
 
 
-def test_a_lost_tool_is_unknown_with_the_trackers_word():
+def test_lost_tool_is_unknown_with_the_trackers_reason():
     world = World()
     track(world, 0, 100)
     world.arrive(103, needle(100), lost("tracker", "cautery", 100, TrackingStatus.OUT_OF_VIEW))
@@ -194,7 +194,7 @@ def test_a_lost_tool_is_unknown_with_the_trackers_word():
 
 
 class SlowLock:
-    """Test double of a lock that others hold for ``wait_ms`` once, at its ``entry``-th taking."""
+    """Test double of a lock that others hold for ``wait_ms`` at its ``entry``-th use."""
 
     def __init__(self, world, wait_ms, entry):
         self.world, self.wait_ms, self.left = world, wait_ms, entry
@@ -208,7 +208,7 @@ class SlowLock:
         pass
 
 
-def test_a_frame_that_waited_for_a_change_of_the_session_is_as_old_as_it_is():
+def test_frame_delayed_by_a_change_of_the_session_keeps_its_true_age():
     world = World()
     track(world, 0, 400)
     world.live._stepping = SlowLock(world, wait_ms=1500, entry=9)
@@ -220,7 +220,7 @@ def test_a_frame_that_waited_for_a_change_of_the_session_is_as_old_as_it_is():
     assert Reason.STALE in late.reasons
 
 
-def test_a_clock_that_is_started_again_is_seen_and_followed():
+def test_restarted_source_clock_is_detected_and_followed():
     world = World()
     for start_ms, tracker_ms in ((0, 50_000), (1000, 100)):
         for at_ms in range(0, 600, 20):
@@ -235,7 +235,7 @@ def test_a_clock_that_is_started_again_is_seen_and_followed():
 
 @pytest.mark.parametrize("stamps_of_host", [True, False])
 @pytest.mark.parametrize("ahead_ms", [300, 3_600_000])
-def test_one_stamp_from_the_future_is_one_fault(stamps_of_host, ahead_ms):
+def test_one_future_stamp_is_one_fault(stamps_of_host, ahead_ms):
     world = World(stamps_of_host)
     zero_ms = HOST_MS if stamps_of_host else 0
     for at_ms in range(0, 2000, 20):
@@ -255,7 +255,7 @@ def test_one_stamp_from_the_future_is_one_fault(stamps_of_host, ahead_ms):
     assert last.decision.stamp.age_ns(last.frame.stamp) < 30 * NS_PER_MS
 
 
-def test_it_can_be_stopped_and_goes_on():
+def test_live_session_can_be_stopped_and_resumed():
     world = World()
     track(world, 0, 600)
     assert world.run(290)
@@ -265,7 +265,7 @@ def test_it_can_be_stopped_and_goes_on():
     assert len(again) >= 14
 
 
-def test_a_host_clock_set_back_does_not_put_the_watch_to_sleep():
+def test_host_clock_set_back_does_not_delay_the_watchdog_step():
     world = World()
     track(world, 0, 200)
 
@@ -282,7 +282,7 @@ def test_a_host_clock_set_back_does_not_put_the_watch_to_sleep():
     assert seen[-1].decision.state is MarginState.UNKNOWN
 
 
-def test_strangers_cannot_make_it_keep_ever_more_frames():
+def test_number_of_kept_edges_is_bounded():
     world = World()
     for index in range(400):
         world.arrive(index, sample(f"frame{index}", f"child{index}", (1.0, 2.0, 3.0), index))
@@ -295,15 +295,15 @@ def test_strangers_cannot_make_it_keep_ever_more_frames():
 
 
 def problems_of(steps):
-    """What the steps tell of frames, one after the other, and when each was told first."""
-    told = {}
+    """Distinct ``frames_problem`` texts in order, with the time in ms of the first step of each."""
+    problems = {}
     for at, step in steps:
-        told.setdefault(step.frames_problem, at)
-    return told
+        problems.setdefault(step.frames_problem, at)
+    return problems
 
 
 @pytest.mark.parametrize(
-    ("sent", "words"),
+    ("sent", "message"),
     [
         (
             [("tracker", "cautary"), ("tracker", "needle")],
@@ -317,22 +317,22 @@ def problems_of(steps):
         ),
         (
             [("tracker", "cautery"), ("camera", "needle")],
-            "tumor.frame is 'needle': nothing leads there from tool.frame 'cautery', of what the "
+            "tumor.frame is 'needle': not connected to tool.frame 'cautery' by what the "
             "tracker sends so far, tracker -> cautery, camera -> needle",
         ),
     ],
 )
-def test_a_frame_that_never_comes_is_named_with_those_that_do(sent, words):
+def test_missing_frame_is_reported_with_the_received_ones(sent, message):
     world = World()
     for at_ms in range(0, 4000, 20):
         poses = [sample(*edge, (1.0, 2.0, 0.001 * at_ms), at_ms) for edge in sent]
         world.arrive(at_ms, *poses)
     steps = world.run(3500)
-    assert problems_of(steps) == {"": 0.0, words: pytest.approx(2000.0, abs=100.0)}
+    assert problems_of(steps) == {"": 0.0, message: pytest.approx(2000.0, abs=100.0)}
     assert {step.decision.state for _, step in steps} == {MarginState.UNKNOWN}
 
 
-def test_a_frame_that_comes_late_is_named_until_it_comes():
+def test_late_frame_is_reported_missing_until_it_arrives():
     world = World()
     for at_ms in range(0, 5000, 20):
         tool = [cautery(at_ms)] if at_ms >= 3000 else []
@@ -344,52 +344,54 @@ def test_a_frame_that_comes_late_is_named_until_it_comes():
     assert steps[-1][1].decision.state is MarginState.NEGATIVE
 
 
-def test_nothing_is_named_of_a_source_that_is_silent_or_in_order():
+def test_silent_or_complete_source_has_no_missing_frames():
     world = World()
     track(world, 3000, 6000)
     assert set(problems_of(world.run(5900))) == {""}
 
 
-def test_an_edge_that_is_named_and_never_comes_is_told():
+def test_named_edge_that_never_arrives_is_reported():
     world = World(edges=[("tracker", "needle"), ("tracker", "cautary")])
     track(world, 0, 3000)
-    words = (
-        "source.tf.edges has tracker -> cautary: not sent by the tracker so far, it sends "
+    message = (
+        "source.tf.edges has tracker -> cautary: not sent by the tracker so far; it sends "
         "tracker -> needle, tracker -> cautery"
     )
-    assert list(problems_of(world.run(2900))) == ["", words]
+    assert list(problems_of(world.run(2900))) == ["", message]
     assert world.live.edges == (("tracker", "needle"),)
 
 
-def test_edges_that_are_named_and_do_not_lead_to_the_tool_are_told():
+def test_named_edges_that_do_not_connect_the_tool_are_reported():
     world = World(edges=[("tracker", "needle")])
     track(world, 0, 3000)
-    words = "tool.frame is 'cautery': not among what source.tf.edges has, needle, tracker"
-    assert list(problems_of(world.run(2900))) == ["", words]
+    message = "tool.frame is 'cautery': not among what source.tf.edges has, needle, tracker"
+    assert list(problems_of(world.run(2900))) == ["", message]
 
 
-def test_what_strangers_name_is_told_in_a_line_of_bounded_length():
+def test_report_on_received_frame_names_has_bounded_length():
     world = World()
     for index in range(400):
         name = f"{index:03}" + "x" * 250
         world.arrive(index, sample(f"a{name}", f"b{name}", (1.0, 2.0, 3.0), index))
     world.at(2500, lambda: None)
-    ((_, words),) = [told for told in [list(problems_of(world.run(2600)))] if len(told) == 2]
-    assert words.startswith("tool.frame is 'cautery' and tumor.frame is 'needle': not among")
-    assert words.endswith(", 492 more")
-    assert len(words) < 1200
+    ((_, message),) = [
+        problems for problems in [list(problems_of(world.run(2600)))] if len(problems) == 2
+    ]
+    assert message.startswith("tool.frame is 'cautery' and tumor.frame is 'needle': not among")
+    assert message.endswith(", 492 more")
+    assert len(message) < 1200
 
 
 @pytest.mark.parametrize("measured", [("tracker", "robot_base"), ("robot_base", "tracker")])
-def test_a_base_that_the_tracker_measures_from_some_moment_on_is_unknown_and_named(measured):
-    """Its registration would place it a second time: tf believes now the one, now the other."""
+def test_measured_robot_base_makes_margin_unknown_and_is_reported(measured):
+    """The registration would place the base a second time, and tf would alternate."""
     given = given_registration(Transform.identity("reference", "robot_base"))
     robot = RobotSetup(load_robot(TOUCH_URDF), "robot_base", "stylus", given, DriftBound(5.0, 0.05))
     world = World(robot=robot)
     track(world, 0, 1000)
     for at_ms in range(0, 1000, 20):
         world.arrive(at_ms + 3.1, sample("tracker", "reference", (0.0, 0.0, 1e-3 * at_ms), at_ms))
-        ours = sample("reference", "robot_base", (0.0, 0.0, 0.0), at_ms)  # as it comes back to us
+        ours = sample("reference", "robot_base", (0.0, 0.0, 0.0), at_ms)  # our own edge, returned
         world.arrive(at_ms + 3.1, ours, sample("robot_base", "link", (0.0, 0.0, 9.0), at_ms))
         if at_ms >= 500:
             world.arrive(at_ms + 3.2, sample(*measured, (9.0, 0.0, 1e-3 * at_ms), at_ms))
@@ -402,13 +404,13 @@ def test_a_base_that_the_tracker_measures_from_some_moment_on_is_unknown_and_nam
         assert step.decision.state is MarginState.UNKNOWN
         assert step.decision.hold
         assert step.decision.reasons[0] is Reason.REGISTRATION_REFUSED
-        assert step.frames_problem.startswith("robot.base_frame is 'robot_base': ")
+        assert step.frames_problem.startswith("robot.base_frame is 'robot_base'; ")
         assert f"{measured[0]} -> {measured[1]}" in step.frames_problem
     assert len(after) > 20
 
 
 @pytest.mark.parametrize(("of_host", "robot_ms"), [(True, HOST_MS), (False, 0)])
-def test_joints_are_brought_to_the_clock_of_an_estimated_source_once(of_host, robot_ms):
+def test_joints_are_converted_to_the_source_clock_once(of_host, robot_ms):
     world = World()
     track(world, 0, 200, delay_ms=0.0)
     for at_ms in range(1, 200, 10):
@@ -430,7 +432,7 @@ def test_joints_are_brought_to_the_clock_of_an_estimated_source_once(of_host, ro
     ),
     st.booleans(),
 )
-def test_whatever_comes_a_known_state_rests_on_fresh_poses(arrivals, stamps_of_host):
+def test_known_state_always_rests_on_fresh_poses(arrivals, stamps_of_host):
     world = World(stamps_of_host)
     zero_ms = HOST_MS if stamps_of_host else 10_000
     at_ms = 0.0
@@ -451,14 +453,14 @@ def test_whatever_comes_a_known_state_rests_on_fresh_poses(arrivals, stamps_of_h
         if step.decision.state is not MarginState.UNKNOWN:
             age_ns = step.decision.stamp.age_ns(step.frame.stamp)
             assert 0 <= age_ns <= PARAMETERS.stale_after_ns
-    # Nothing has come for a second: no known state is left standing.
+    # After a second without samples no step may have a known state.
     assert steps[-1][1].decision.state is MarginState.UNKNOWN
     gaps = np.diff([at for at, _ in steps])
     assert gaps.max(initial=0.0) <= STALE_MS + 1.0
     assert set(world.live.edges) <= {("tracker", "needle"), ("tracker", "cautery")}
 
 
-def test_it_is_told_how_old_the_last_step_is_by_now():
+def test_spent_ns_is_the_age_of_the_last_step():
     world = World()
     track(world, 0, 100)
     world.at(90, world.live.stop)

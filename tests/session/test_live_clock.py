@@ -7,29 +7,29 @@ from app.session.live_clock import (
     CONFIRMED_BY,
     CONFIRMED_WITHIN_NS,
     DRIFT,
-    MOST_AHEAD,
-    REMEMBERED_NS,
+    MAX_UNCONFIRMED,
     SourceClock,
 )
+from tests.oracles.source_clock import exhaustive_offsets
 
 HOURS_NS = 3600 * NS_PER_S
 
 
-def test_a_clock_of_the_host_is_the_hosts():
+def test_host_clock_needs_no_estimate():
     clock = SourceClock(stamps_of_host=True)
-    clock.arrived(5, 1000)
+    clock.observe(5, 1000)
     clock.restart()
     assert clock.now(1234) == Stamp(1234)
     assert clock.host_time_for(7) == 7
 
 
-def test_before_three_samples_agree_the_time_is_not_known():
+def test_time_is_unknown_until_three_samples_agree():
     clock = SourceClock(stamps_of_host=False)
     assert clock.now(1000) is None
-    for ns in (5, 5, 6):  # two edges of one stamp are one word
-        clock.arrived(ns, ns + 1000)
+    for ns in (5, 5, 6):  # two edges with one stamp count once
+        clock.observe(ns, ns + 1000)
         assert clock.now(2000) is None
-    clock.arrived(7, 1007)
+    clock.observe(7, 1007)
     assert clock.now(1008) == Stamp(8)
     clock.restart()
     assert clock.now(1008) is None
@@ -40,67 +40,39 @@ def test_before_three_samples_agree_the_time_is_not_known():
     st.integers(-HOURS_NS, HOURS_NS),
     st.floats(-0.9 * DRIFT, 0.9 * DRIFT),
 )
-def test_ages_are_short_by_the_fastest_way_that_is_believed_at_most(samples, offset_ns, skew):
-    """A source whose clock runs wrong by no more than crystals do; each sample has its own way."""
+def test_ages_are_too_short_by_the_lowest_latency_at_most(samples, offset_ns, skew):
+    """The source's clock drifts within the bound; each sample has its own latency."""
 
     def source_ns(at_ns):
         return round(at_ns * (1.0 + skew)) + offset_ns
 
     clock, host_ns, fastest_ns = SourceClock(stamps_of_host=False), 0, NS_PER_S
-    for _ in range(CONFIRMED_BY):  # the first tell the time; they took as long as any
+    for _ in range(CONFIRMED_BY):  # the first samples confirm the offset, with the longest latency
         host_ns += NS_PER_MS
-        clock.arrived(source_ns(host_ns - NS_PER_S), host_ns)
-    for period_ns, way_ns in samples:
+        clock.observe(source_ns(host_ns - NS_PER_S), host_ns)
+    for period_ns, latency_ns in samples:
         host_ns += period_ns
-        stamp_ns = source_ns(host_ns - way_ns)
-        clock.arrived(stamp_ns, host_ns)
+        stamp_ns = source_ns(host_ns - latency_ns)
+        clock.observe(stamp_ns, host_ns)
         age_ns = clock.now(host_ns).ns - stamp_ns
         if age_ns < -CONFIRMED_WITHIN_NS:
-            continue  # from the future: nothing is allowed by it, until others agree
+            continue  # from the future: not accepted until others agree
         assert age_ns >= 0
-        fastest_ns = min(fastest_ns, way_ns)
-        # The true age, less what no clock on one side can see, and less the drift allowed for.
+        fastest_ns = min(fastest_ns, latency_ns)
+        # The true age minus the lowest latency, which cannot be observed, and the allowed drift.
         slack_ns = 2 * DRIFT * host_ns + 10
-        assert age_ns >= way_ns * (1.0 - DRIFT) - fastest_ns - slack_ns
-        assert age_ns <= way_ns * (1.0 + DRIFT) + slack_ns
+        assert age_ns >= latency_ns * (1.0 - DRIFT) - fastest_ns - slack_ns
+        assert age_ns <= latency_ns * (1.0 + DRIFT) + slack_ns
 
 
-def test_a_way_that_becomes_longer_is_age_and_not_offset():
+def test_growing_latency_appears_as_age_and_not_as_offset():
     clock = SourceClock(stamps_of_host=False)
     for second in range(60):
-        clock.arrived(second * NS_PER_S, second * NS_PER_S + 1_000_000)
+        clock.observe(second * NS_PER_S, second * NS_PER_S + 1_000_000)
     late_ns = 60 * NS_PER_S + 101_000_000
-    clock.arrived(60 * NS_PER_S, late_ns)
+    clock.observe(60 * NS_PER_S, late_ns)
     age_ns = clock.now(late_ns).ns - 60 * NS_PER_S
     assert age_ns == pytest.approx(100_000_000, abs=2 * DRIFT * NS_PER_S)
-
-
-def brute_force(arrivals):
-    """The level after each of the arrivals, from all of those before, as the rules say it.
-
-    Host times are small here, so that the drift allowed for is a matter of whole ns.
-    """
-    level = None
-    for count in range(1, len(arrivals) + 1):
-        host_ns = arrivals[count - 1][1]
-        waiting = {}
-        for ns, at_ns in arrivals[:count]:
-            if host_ns - at_ns <= REMEMBERED_NS:
-                found = at_ns - ns - at_ns // 5000
-                waiting[ns] = min(found, waiting.get(ns, found))
-        levels = sorted(waiting.values())
-        while True:
-            believed = [
-                one
-                for one in levels
-                if sum(one <= other <= one + CONFIRMED_WITHIN_NS for other in levels)
-                >= CONFIRMED_BY
-                or (level is not None and one >= level - CONFIRMED_WITHIN_NS)
-            ]
-            if not believed or (level is not None and min(believed) >= level):
-                break
-            level = min(believed)
-        yield None if level is None else level + host_ns // 5000
 
 
 @given(
@@ -110,50 +82,52 @@ def brute_force(arrivals):
             st.sampled_from([0, 5, 15, 25, 300, 310, 340, -100, -500])
             | st.integers(-1000, 1000),  # how far ahead its stamp is, ms
         ),
-        max_size=MOST_AHEAD,
+        max_size=MAX_UNCONFIRMED,
     )
 )
-def test_it_believes_what_a_search_through_all_samples_believes(samples):
+def test_estimate_equals_exhaustive_search_over_all_samples(samples):
     clock, host_ns, arrivals, found = SourceClock(stamps_of_host=False), 0, [], []
     for wait_ns, ahead_ms in samples:
         host_ns += wait_ns
         arrivals.append((host_ns + ahead_ms * NS_PER_MS, host_ns))
-        clock.arrived(*arrivals[-1])
+        clock.observe(*arrivals[-1])
         found.append(clock.offset_ns(host_ns))
-    assert found == list(brute_force(arrivals))
+    assert found == list(exhaustive_offsets(arrivals))
 
 
-def tracked(clock, start_ms, end_ms, way_ms=3.0, skew=0.0):
-    """50 Hz, each sample on its way for ``way_ms``; the source's clock gains ``skew``."""
+def tracked(clock, start_ms, end_ms, latency_ms=3.0, skew=0.0):
+    """50 Hz, each sample with a latency of ``latency_ms``; the source's clock gains ``skew``."""
     for at_ms in range(start_ms, end_ms, 20):
-        clock.arrived(round(at_ms * (1.0 + skew) * NS_PER_MS), round((at_ms + way_ms) * NS_PER_MS))
+        clock.observe(
+            round(at_ms * (1.0 + skew) * NS_PER_MS), round((at_ms + latency_ms) * NS_PER_MS)
+        )
 
 
 @pytest.mark.parametrize("error_ms", [300, 100, -300, 10_000_000])
-def test_a_wrong_stamp_now_and_then_makes_no_other_look_old(error_ms):
+def test_occasional_wrong_stamp_does_not_age_other_samples(error_ms):
     clock = SourceClock(stamps_of_host=False)
     for minute in range(10):
         tracked(clock, 60_000 * minute, 60_000 * minute + 1000)
         host_ns = (60_000 * minute + 1010) * NS_PER_MS
-        clock.arrived(host_ns + error_ms * NS_PER_MS, host_ns)
-        clock.arrived(host_ns + (error_ms + 1) * NS_PER_MS, host_ns)
+        clock.observe(host_ns + error_ms * NS_PER_MS, host_ns)
+        clock.observe(host_ns + (error_ms + 1) * NS_PER_MS, host_ns)
         age_ms = (clock.now(host_ns).ns - (host_ns - 10 * NS_PER_MS)) / NS_PER_MS
         assert age_ms == pytest.approx(10.0 - 3.0, abs=0.4 + 60.0 * 0.2)
 
 
-def test_a_clock_that_is_set_forward_is_followed_by_its_third_sample():
+def test_clock_set_forward_is_followed_at_its_third_sample():
     clock = SourceClock(stamps_of_host=False)
     tracked(clock, 0, 1000)
     times = []
     for index in range(4):
         host_ns = (1000 + 20 * index) * NS_PER_MS
-        clock.arrived(host_ns + 3_600_000 * NS_PER_MS, host_ns)
+        clock.observe(host_ns + 3_600_000 * NS_PER_MS, host_ns)
         times.append(clock.now(host_ns).ns - host_ns > 3_599_000 * NS_PER_MS)
     assert times == [False, False, True, True]
 
 
 @pytest.mark.parametrize("skew", [-1e-4, 1e-4])
-def test_a_clock_that_drifts_is_followed_for_hours(skew):
+def test_drifting_clock_is_followed_for_hours(skew):
     clock = SourceClock(stamps_of_host=False)
     for hour in range(3):
         tracked(clock, 3_600_000 * hour, 3_600_000 * hour + 60_000, skew=skew)
@@ -163,19 +137,19 @@ def test_a_clock_that_drifts_is_followed_for_hours(skew):
 
 
 @given(st.lists(st.tuples(st.integers(0, NS_PER_S), st.integers(-NS_PER_S, NS_PER_S))))
-def test_the_present_never_goes_back(samples):
+def test_present_never_goes_back(samples):
     clock, host_ns, before = SourceClock(stamps_of_host=False), 0, None
     for wait_ns, ahead_ns in samples:
         host_ns += wait_ns
-        clock.arrived(host_ns + ahead_ns, host_ns)
+        clock.observe(host_ns + ahead_ns, host_ns)
         now = clock.now(host_ns)
         assert before is None or before <= now
         before = now
 
 
-def test_ever_more_stamps_ahead_are_not_kept():
+def test_number_of_unconfirmed_stamps_is_bounded():
     clock = SourceClock(stamps_of_host=False)
     tracked(clock, 0, 100)
     for index in range(1000):
-        clock.arrived(NS_PER_S * (100 + index), 100 * NS_PER_MS + index)
-    assert len(clock._ahead) == MOST_AHEAD
+        clock.observe(NS_PER_S * (100 + index), 100 * NS_PER_MS + index)
+    assert len(clock._unconfirmed) == MAX_UNCONFIRMED

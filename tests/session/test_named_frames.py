@@ -1,4 +1,4 @@
-"""Frames that a case names and its recording does not have, or has already."""
+"""Frames of a case that its recording does not contain, or measures a second time."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -50,37 +50,41 @@ BOTH = "NeedleToTracker RodToTracker"
 ALL = f"ReferenceToTracker {BOTH}"
 
 
-def test_frames_that_come_late_or_by_turns_are_found(recorded):
+def test_frames_that_come_late_or_alternate_are_found(recorded):
     check_frames(recorded("NeedleToTracker", "NeedleToTracker", "RodToNeedle"))
 
 
 @pytest.mark.parametrize(
-    ("frames", "blocks", "words"),
+    ("frames", "blocks", "message"),
     [
-        (["NeedleToTracker"] * 3, {}, r"tool\.frame is 'rod': .* has needle, tracker$"),
-        (["RodToTracker"] * 3, {}, r"tumor\.frame is 'needle': .* has rod, tracker$"),
-        ([""], {}, r"tool\.frame is 'rod' and tumor\.frame is 'needle': .* has none$"),
+        (["NeedleToTracker"] * 3, {}, r"tool\.frame is 'rod': .* expected one of needle, tracker$"),
+        (["RodToTracker"] * 3, {}, r"tumor\.frame is 'needle': .* expected one of rod, tracker$"),
+        ([""], {}, r"tool\.frame is 'rod' and tumor\.frame is 'needle': .* expected one of none$"),
         (
             ["NeedleToTracker RodToCamera"],
             {},
-            r"tumor\.frame is 'needle': nothing .* leads there from tool\.frame 'rod', it has "
+            r"tumor\.frame is 'needle': not connected to tool\.frame 'rod' .*, which has "
             "tracker -> needle, camera -> rod$",
         ),
-        ([BOTH] * 3, robot("robot_base"), "a robot's registration is 'reference': .* has needle,"),
-        ([ALL], robot("rod_tip"), r"robot\.base_frame is 'rod_tip': .* rod -> rod_tip"),
-        ([ALL], robot("tracker"), r"robot\.base_frame is 'tracker': .* tracker -> reference"),
+        (
+            [BOTH] * 3,
+            robot("robot_base"),
+            "a robot's registration is 'reference': .* expected one of needle,",
+        ),
+        ([ALL], robot("rod_tip"), r"robot\.base_frame is 'rod_tip'; .* rod -> rod_tip"),
+        ([ALL], robot("tracker"), r"robot\.base_frame is 'tracker'; .* tracker -> reference"),
         ([f"{ALL} RobotBaseToTracker"], robot("robot_base"), r"robot\.base_frame is 'robot_base'"),
     ],
 )
-def test_what_does_not_fit_the_recording_is_refused_by_name(recorded, frames, blocks, words):
+def test_frame_that_the_recording_does_not_connect_is_named(recorded, frames, blocks, message):
     case = recorded(*frames, **blocks)
-    with pytest.raises(FrameError, match=rf"^case\.yaml: .*{words}"):
+    with pytest.raises(FrameError, match=rf"^case\.yaml: .*{message}"):
         setup_from_case(case, tip_only=True)
 
 
 @pytest.mark.parametrize("late", ["RobotBaseToTracker", "TrackerToRobotBase", "RobotBaseToRodTip"])
-def test_a_base_that_is_measured_late_is_unknown_from_then_on(recorded, late):
-    """The first frame has all that is needed, so that nobody has read so far before."""
+def test_base_that_is_measured_late_makes_margin_unknown_from_then_on(recorded, late):
+    """The first frame connects all required frames, so `check_frames` stops before the error."""
     case = recorded(*[ALL] * 5, *[f"{ALL} {late}"] * 2, *[ALL] * 3, **robot("robot_base"))
     session = Session(setup_from_case(case, tip_only=True))
     steps = [session.step(frame) for frame in case.recorded_frames()]
@@ -95,14 +99,14 @@ def test_a_base_that_is_measured_late_is_unknown_from_then_on(recorded, late):
     assert session.frames_problem == steps[-1].frames_problem
 
 
-def test_a_base_whose_links_are_recorded_is_the_robots_own(recorded):
+def test_recorded_link_below_the_base_is_no_error(recorded):
     case = recorded(f"{ALL} StylusToRobotBase", **robot("robot_base"))
     check_frames(case)
     session = Session(setup_from_case(case, tip_only=True))
     assert session.step(next(case.recorded_frames())).frames_problem == ""
 
 
-def test_a_robot_is_registered_without_a_tracked_tumour(recorded):
+def test_robot_is_registered_without_a_tracked_tumour(recorded):
     case = recorded("ReferenceToTracker RodToTracker", **robot("robot_base"))
     found = robot_from_case(case)
     assert found.registration.transform.source == "robot_base"
@@ -110,12 +114,12 @@ def test_a_robot_is_registered_without_a_tracked_tumour(recorded):
         setup_from_case(case, tip_only=True)
 
 
-def test_without_a_robot_there_is_none_to_register(recorded):
+def test_case_without_robot_gives_no_robot_setup(recorded):
     assert robot_from_case(recorded("NeedleToTracker", BOTH)) is None
 
 
-def test_no_more_is_read_than_is_needed(recorded):
-    """A recording that is cut behind its first frames raises for whoever reads on."""
+def test_reading_stops_at_the_frame_that_connects_all(recorded):
+    """The recording is cut after its first frames: reading on raises."""
     case = recorded(*[BOTH] * 40)
     text = case.recording_path.read_text()
     case.recording_path.write_text(text[: text.index("Seq_Frame0005")])
@@ -124,5 +128,5 @@ def test_no_more_is_read_than_is_needed(recorded):
         list(case.recorded_frames())
 
 
-def test_the_frames_of_a_live_case_are_still_to_come(project_root):
+def test_live_case_passes_the_check(project_root):
     check_frames(open_live(project_root / "data" / "live_example" / "live.yaml").case)

@@ -40,7 +40,7 @@ def chains(draw):
 
 
 @given(chains())
-def test_a_pose_is_the_product_of_the_matrices_on_the_way(chain):
+def test_pose_is_the_product_of_the_matrices_along_the_path(chain):
     tree = PoseTree(FreshnessLimits(10**9, 10**9), ())
     product = np.eye(4)
     for step, turned in chain:
@@ -53,7 +53,7 @@ def test_a_pose_is_the_product_of_the_matrices_on_the_way(chain):
     assert (found.transform.target, found.transform.source) == ("f0", f"f{len(chain)}")
 
 
-def test_the_shortest_way_is_taken(tree):
+def test_shortest_path_is_used(tree):
     tree.insert(
         frame(
             0,
@@ -67,7 +67,7 @@ def test_the_shortest_way_is_taken(tree):
     )
 
 
-def test_what_was_never_measured_is_missing(tree):
+def test_frame_that_was_never_measured_is_missing(tree):
     assert tree.pose("tracker", "cautery").problems == {Reason.MISSING}
     tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
     found = tree.pose("needle", "cautery")
@@ -75,7 +75,7 @@ def test_what_was_never_measured_is_missing(tree):
 
 
 @pytest.mark.parametrize("status", [status for status in TrackingStatus if status])
-def test_a_lost_sample_is_a_problem_at_once(tree, status):
+def test_lost_sample_is_a_problem_at_once(tree, status):
     tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
     tree.insert(frame(20, lost("tracker", "cautery", 20, status)))
     found = tree.pose("tracker", "cautery")
@@ -83,7 +83,7 @@ def test_a_lost_sample_is_a_problem_at_once(tree, status):
     assert found.problems == {REASON_OF_STATUS[status]}
 
 
-def test_every_edge_on_the_way_is_asked_and_every_reason_kept(tree):
+def test_reasons_of_all_edges_on_the_path_are_collected(tree):
     tree.insert(
         frame(
             0,
@@ -96,7 +96,7 @@ def test_every_edge_on_the_way_is_asked_and_every_reason_kept(tree):
     assert tree.pose("needle", "tracker").problems == {Reason.STALE}
 
 
-def test_a_pose_is_stale_just_after_its_bound_and_its_stamp_is_the_oldest(tree):
+def test_pose_is_stale_just_after_its_limit_and_has_the_oldest_stamp(tree):
     tree.insert(
         frame(
             0,
@@ -112,13 +112,13 @@ def test_a_pose_is_stale_just_after_its_bound_and_its_stamp_is_the_oldest(tree):
     assert tree.pose("needle", "cautery").problems == {Reason.STALE}
 
 
-def test_a_watchdog_frame_makes_everything_stale(tree):
+def test_watchdog_frame_makes_all_poses_stale(tree):
     tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
     tree.insert(frame(201))
     assert tree.pose("tracker", "cautery").problems == {Reason.STALE}
 
 
-def test_a_sample_from_the_future_is_not_used(tree):
+def test_sample_from_the_future_is_not_used(tree):
     tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 1)))
     assert tree.pose("tracker", "cautery").problems == {Reason.FUTURE_STAMP}
 
@@ -131,7 +131,7 @@ def frozen_run(tree, edge, end_ms, *, moved_first):
 
 
 @pytest.mark.parametrize("moving", ["cautery", "needle"])
-def test_tool_and_tumour_that_repeat_themselves_are_frozen_from_the_first_frame_on(tree, moving):
+def test_moving_frames_that_repeat_are_frozen_from_the_first_frame_on(tree, moving):
     edge = ("tracker", moving)
     assert frozen_run(tree, edge, 1000, moved_first=False).problems == set()
     tree.insert(frame(1050, sample(*edge, (0, 0, 0), 1050)))
@@ -140,14 +140,14 @@ def test_tool_and_tumour_that_repeat_themselves_are_frozen_from_the_first_frame_
     assert tree.pose(*edge).problems == set()
 
 
-def test_a_tumour_that_is_stuck_while_the_tool_moves_is_frozen(tree):
+def test_stuck_tumour_is_frozen_while_the_tool_moves(tree):
     for at_ms in range(0, 1101, 50):
         stuck = sample("tracker", "needle", (0, 0, 0), at_ms)
         tree.insert(frame(at_ms, stuck, sample("tracker", "cautery", (at_ms, 0, 0), at_ms)))
     assert tree.pose("needle", "cautery").problems == {Reason.FROZEN}
 
 
-def test_a_sample_that_arrives_after_a_newer_one_is_not_the_latest(tree):
+def test_sample_that_arrives_after_a_newer_one_is_ignored(tree):
     edge = ("tracker", "cautery")
     tree.insert(frame(100, sample(*edge, (2, 0, 0), 100)))
     tree.insert(frame(110, sample(*edge, (1, 0, 0), 80)))
@@ -156,15 +156,15 @@ def test_a_sample_that_arrives_after_a_newer_one_is_not_the_latest(tree):
     assert found.transform.translation_mm.tolist() == [2, 0, 0]
 
 
-def test_a_late_duplicate_does_not_thaw_a_frozen_pose(tree):
+def test_late_duplicate_does_not_end_a_frozen_run(tree):
     edge = ("tracker", "cautery")
     frozen_run(tree, edge, 1050, moved_first=False)
     tree.insert(frame(1060, sample(*edge, (0, 0, 0), 900)))
     assert tree.pose(*edge).problems == {Reason.FROZEN}
 
 
-def test_how_long_a_pose_stands_is_told_by_its_stamps_and_not_by_when_they_came(tree):
-    """The one that brought the change came 100 ms late."""
+def test_unchanged_time_is_measured_by_stamps_and_not_by_arrival(tree):
+    """The sample with the change arrived 100 ms late."""
     edge = ("tracker", "cautery")
     tree.insert(frame(0, sample(*edge, (1, 0, 0), 0)))
     for at_ms, late_ms in ((100, 100), *((at_ms, 0) for at_ms in range(150, 1001, 50))):
@@ -172,7 +172,7 @@ def test_how_long_a_pose_stands_is_told_by_its_stamps_and_not_by_when_they_came(
     assert tree.pose(*edge).unchanged_ns == 1000 * NS_PER_MS
 
 
-def test_one_stamp_from_the_future_does_not_keep_out_what_comes_after(tree):
+def test_future_stamp_does_not_block_later_samples(tree):
     edge = ("tracker", "cautery")
     tree.insert(frame(0, sample(*edge, (1, 0, 0), 10**6)))
     assert tree.pose(*edge).problems == {Reason.FUTURE_STAMP}
@@ -180,7 +180,7 @@ def test_one_stamp_from_the_future_does_not_keep_out_what_comes_after(tree):
     assert tree.pose(*edge).problems == set()
 
 
-def test_one_stamp_from_the_future_does_not_keep_a_stuck_pose_from_freezing(tree):
+def test_future_stamp_does_not_prevent_frozen(tree):
     edge = ("tracker", "cautery")
     tree.insert(frame(0, sample(*edge, (0, 0, 0), 10_000)))
     for at_ms in range(50, 1051, 50):
@@ -188,18 +188,18 @@ def test_one_stamp_from_the_future_does_not_keep_a_stuck_pose_from_freezing(tree
     assert tree.pose(*edge).problems == {Reason.FROZEN}
 
 
-def test_the_direction_in_which_a_tool_is_reported_gives_it_no_grace(tree):
+def test_inverted_edge_of_a_moving_frame_is_frozen_as_well(tree):
     found = frozen_run(tree, ("cautery", "tracker"), 1100, moved_first=False)
     assert found.problems == {Reason.FROZEN}
 
 
 @pytest.mark.parametrize("number", [-3.697314e28, 10_001.0])
-def test_a_pose_beyond_the_room_is_no_pose(tree, number):
+def test_pose_beyond_the_largest_translation_is_invalid(tree, number):
     tree.insert(frame(0, sample("tracker", "cautery", (0, 0, number), 0)))
     assert tree.pose("tracker", "cautery").problems == {Reason.INVALID}
 
 
-def test_a_clock_that_jumps_back_gives_a_stuck_sensor_no_grace(tree):
+def test_stuck_sensor_stays_frozen_after_a_clock_jump(tree):
     edge = ("tracker", "needle")
     tree.insert(frame(5000, sample(*edge, (1, 0, 0), 5000)))
     tree.insert(frame(5050, sample(*edge, (2, 0, 0), 5050)))
@@ -208,20 +208,20 @@ def test_a_clock_that_jumps_back_gives_a_stuck_sensor_no_grace(tree):
     assert tree.pose(*edge).problems == {Reason.FROZEN}
 
 
-def test_another_edge_is_frozen_once_it_has_moved(tree):
+def test_other_edge_can_freeze_once_it_has_moved(tree):
     found = frozen_run(tree, ("tracker", "reference"), 1100, moved_first=True)
     assert found.problems == {Reason.FROZEN}
     assert found.unchanged_ns == 1050 * NS_PER_MS
 
 
-def test_an_edge_that_never_moved_is_a_fixed_transform_and_is_listed(tree):
+def test_edge_that_never_moved_is_listed_as_fixed(tree):
     found = frozen_run(tree, ("tracker", "reference"), 5000, moved_first=False)
     assert (found.problems, found.unchanged_ns) == (set(), 0)
     assert tree.never_changed() == (("tracker", "reference"),)
 
 
 @pytest.mark.parametrize("how", ["status", "number"])
-def test_lost_samples_in_between_do_not_thaw_a_frozen_pose(tree, how):
+def test_lost_samples_in_between_do_not_end_a_frozen_run(tree, how):
     edge = ("tracker", "cautery")
     for at_ms in range(0, 1101, 50):
         status = lost(*edge, at_ms, TrackingStatus.INVALID)
@@ -232,7 +232,7 @@ def test_lost_samples_in_between_do_not_thaw_a_frozen_pose(tree, how):
     assert tree.pose(*edge).problems == {Reason.FROZEN}
 
 
-def test_a_clock_that_jumps_back_forgets_everything(tree):
+def test_clock_jump_drops_all_samples(tree):
     tree.insert(frame(1000, sample("tracker", "needle", (0, 0, 0), 1000)))
     problems = tree.insert(frame(0, sample("tracker", "cautery", (0, 0, 0), 0)))
     assert problems == {Reason.CLOCK_JUMPED_BACK}

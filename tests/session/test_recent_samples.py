@@ -1,4 +1,4 @@
-"""What comes again makes nothing new, and what comes later than before is as old as it is."""
+"""Duplicated and delayed samples never make an old pose look new."""
 
 import pytest
 from hypothesis import example, given, settings
@@ -6,89 +6,89 @@ from hypothesis import strategies as st
 
 from app.fixture import MarginState, Reason
 from app.session.live_frames import SET_BACK
-from app.session.recent_samples import MOST_REMEMBERED, REMEMBERED_NS, RecentSamples
+from app.session.recent_samples import MAX_REMEMBERED, REMEMBERED_NS, RecentSamples
 from tests.doubles import sample
 from tests.session.test_live import HOST_MS, STALE_MS, World
 
-WAY_MS = 3.0
+LATENCY_MS = 3.0
 LATER_MS = 300
 FOUND_MS = 40
-"""By then the way from the tumour to the tool is known; what came before is not remembered."""
+"""By then the path from tumour to tool is known; earlier samples are not remembered."""
 
 
-def bring(world, sent_ms, way_ms=WAY_MS, *, stamp_error_ms=0.0):
-    """Both poses of a moment; the tool's place over the tumour tells which moment it was."""
+def bring(world, sent_ms, latency_ms=LATENCY_MS, *, stamp_error_ms=0.0):
+    """Both poses of one time in ms, which the position of the tool over the tumour encodes."""
     stamp_ms = sent_ms + stamp_error_ms
     world.arrive(
-        sent_ms + way_ms,
+        sent_ms + latency_ms,
         sample("tracker", "needle", (0.0, 0.0, 0.001 * sent_ms), stamp_ms),
         sample("tracker", "cautery", (30.0, 0.0, 0.002 * sent_ms), stamp_ms),
     )
 
 
 def known(steps):
-    """When there was a margin, and how old the poses truly were that it was of (ms)."""
+    """Times of the steps with a known margin, and the true ages of their poses (ms)."""
     unknown = MarginState.UNKNOWN
     found = [(at, step) for at, step in steps if step.decision.state is not unknown]
     return [(at, at - 1000.0 * step.tumor_from_tip.translation_mm[2]) for at, step in found]
 
 
-def longer_way(world, at_ms):
-    bring(world, at_ms, WAY_MS if at_ms < 1000 else WAY_MS + LATER_MS)
+def longer_latency(world, at_ms):
+    bring(world, at_ms, LATENCY_MS if at_ms < 1000 else LATENCY_MS + LATER_MS)
 
 
 def clock_set_back_a_little(world, at_ms):
     bring(world, at_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
 
 
-def clock_set_back_a_little_and_a_longer_way(world, at_ms):
-    way_ms = WAY_MS + 1000 if at_ms >= 3000 else WAY_MS
-    bring(world, at_ms, way_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
+def clock_set_back_a_little_and_longer_latency(world, at_ms):
+    latency_ms = LATENCY_MS + 1000 if at_ms >= 3000 else LATENCY_MS
+    bring(world, at_ms, latency_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
 
 
-def queue_that_fills_while_one_pose_is_overtaken(world, at_ms):
+def queue_that_fills_while_a_pose_is_overtaken(world, at_ms):
     if at_ms == 1000:
         bring(world, at_ms, 330)
     else:
-        bring(world, at_ms, WAY_MS if at_ms < 1200 else 320)
+        bring(world, at_ms, LATENCY_MS if at_ms < 1200 else 320)
 
 
-def relay_that_is_left(world, at_ms):
-    """Everything comes a second time; from some moment on only so."""
+def relay_that_remains(world, at_ms):
+    """All samples arrive twice at first, later only by the relay."""
     if at_ms < 1000:
         bring(world, at_ms)
-    bring(world, at_ms, WAY_MS + LATER_MS)
+    bring(world, at_ms, LATENCY_MS + LATER_MS)
 
 
-def slow_relay_that_is_left(world, at_ms):
+def slow_relay_that_remains(world, at_ms):
     if at_ms < 1000:
         bring(world, at_ms)
     if at_ms >= FOUND_MS:
         bring(world, at_ms, 900)
 
 
-def relay_of_what_was_lost_just_before(world, at_ms):
+def relay_of_samples_lost_before(world, at_ms):
     if at_ms < 1000 and not 820 <= at_ms < 880:
         bring(world, at_ms)
-    bring(world, at_ms, WAY_MS + LATER_MS)
+    bring(world, at_ms, LATENCY_MS + LATER_MS)
 
 
-def standby_with_samples_of_its_own(world, at_ms):
+def standby_source_with_own_samples(world, at_ms):
     if at_ms < 1000:
         bring(world, at_ms)
     if at_ms >= 700:
-        bring(world, at_ms + 7, WAY_MS + LATER_MS)
+        bring(world, at_ms + 7, LATENCY_MS + LATER_MS)
 
 
-def one_stamp_of_the_future_and_a_longer_way(world, at_ms):
+def one_future_stamp_and_longer_latency(world, at_ms):
     if at_ms == 980:
         bring(world, at_ms, stamp_error_ms=10_000)
     else:
-        longer_way(world, at_ms)
+        longer_latency(world, at_ms)
 
 
-def all_that_was_is_said_again(world, at_ms):
-    """An attacker that repeats, in its rhythm and for ever, the last moments of a source."""
+def past_samples_replayed_for_ever(world, at_ms):
+    """An attacker repeats the last second of a source for ever, at its rate."""
     if at_ms < 1000:
         bring(world, at_ms)
     else:
@@ -99,30 +99,30 @@ def all_that_was_is_said_again(world, at_ms):
 @pytest.mark.parametrize(
     "source",
     [
-        longer_way,
+        longer_latency,
         clock_set_back_a_little,
-        clock_set_back_a_little_and_a_longer_way,
-        queue_that_fills_while_one_pose_is_overtaken,
-        relay_that_is_left,
-        slow_relay_that_is_left,
-        relay_of_what_was_lost_just_before,
-        standby_with_samples_of_its_own,
-        one_stamp_of_the_future_and_a_longer_way,
-        all_that_was_is_said_again,
+        clock_set_back_a_little_and_longer_latency,
+        queue_that_fills_while_a_pose_is_overtaken,
+        relay_that_remains,
+        slow_relay_that_remains,
+        relay_of_samples_lost_before,
+        standby_source_with_own_samples,
+        one_future_stamp_and_longer_latency,
+        past_samples_replayed_for_ever,
     ],
 )
-def test_what_is_late_by_its_stamps_is_unknown_however_long_it_is_steady(source):
+def test_late_source_is_unknown_however_steady(source):
     world = World()
     for at_ms in range(0, 12_000, 20):
         source(world, at_ms)
     found = known(world.run(11_900))
     assert 900 < found[-1][0] < 1300 + STALE_MS
-    assert max(age_ms for _, age_ms in found) <= STALE_MS + WAY_MS + 20
+    assert max(age_ms for _, age_ms in found) <= STALE_MS + LATENCY_MS + 20
     assert SET_BACK not in world.live.left_out()
 
 
 @pytest.mark.parametrize("stamps_of_host", [False, True])
-def test_a_slow_repetition_is_no_fault(stamps_of_host):
+def test_slow_repetition_is_no_fault(stamps_of_host):
     world = World(stamps_of_host)
     for at_ms in range(0, 3000, 20):
         bring(world, at_ms, stamp_error_ms=HOST_MS if stamps_of_host else 0)
@@ -133,13 +133,13 @@ def test_a_slow_repetition_is_no_fault(stamps_of_host):
     assert SET_BACK not in world.live.left_out()
 
 
-def test_a_clock_that_is_set_back_by_more_than_half_a_second_is_counted_and_followed():
+def test_clock_set_back_by_more_than_half_a_second_is_counted_and_followed():
     world = World()
     for at_ms in range(0, 3000, 20):
         bring(world, at_ms, stamp_error_ms=0 if at_ms < 1000 else -610)
     steps = world.run(2900)
     jumped = [at for at, step in steps if Reason.CLOCK_JUMPED_BACK in step.decision.reasons]
-    assert jumped == [pytest.approx(1000 + WAY_MS, abs=1.0)]
+    assert jumped == [pytest.approx(1000 + LATENCY_MS, abs=1.0)]
     assert world.live.left_out()[SET_BACK] == 1
     assert known(steps)[-1][0] > 2800
     assert steps[-1][1].decision.hold
@@ -152,47 +152,47 @@ def test_a_clock_that_is_set_back_by_more_than_half_a_second_is_counted_and_foll
     st.lists(st.tuples(st.integers(20, 7000), st.integers(3, 4000)), min_size=1, max_size=4),
     st.sampled_from([0, 250, 400, 900, 3000]),
 )
-def test_a_way_that_keeps_the_order_never_makes_old_poses_known(ways, relay_ms):
-    """Each part of the time has its way (ms); what is sent later is never there earlier."""
+def test_delay_that_keeps_order_never_makes_old_poses_known(latencies, relay_ms):
+    """Each interval has its latency (ms); the order of arrival is the order of sending."""
     world, sent_ms, there_ms = World(), 0, 0.0
-    for lasts_ms, way_ms in [(400, WAY_MS), *ways]:
+    for lasts_ms, latency_ms in [(400, LATENCY_MS), *latencies]:
         end_ms = sent_ms + lasts_ms
         while sent_ms < end_ms:
-            there_ms = max(there_ms, sent_ms + way_ms)
+            there_ms = max(there_ms, sent_ms + latency_ms)
             bring(world, sent_ms, there_ms - sent_ms)
             if relay_ms and sent_ms >= FOUND_MS:
                 bring(world, sent_ms, there_ms - sent_ms + relay_ms)
             sent_ms += 20
     for at, age_ms in known(world.run(sent_ms + 5000)):
-        assert age_ms <= STALE_MS + WAY_MS + 0.0002 * at + 20.0
+        assert age_ms <= STALE_MS + LATENCY_MS + 0.0002 * at + 20.0
 
 
 def moment(at_ms, place_mm=1.0):
     return sample("tracker", "needle", (0.0, 0.0, place_mm), at_ms)
 
 
-def test_the_same_sample_is_known_again_and_no_other_is():
+def test_only_identical_samples_are_duplicates():
     recent = RecentSamples()
-    assert not recent.was_there(moment(100), 0)
-    assert recent.was_there(moment(100), 1)
-    assert not recent.was_there(moment(120), 2)
-    assert not recent.was_there(moment(100, 1.0 + 1e-12), 3)
-    assert not recent.was_there(sample("tracker", "cautery", (0.0, 0.0, 1.0), 100), 4)
+    assert not recent.is_duplicate(moment(100), 0)
+    assert recent.is_duplicate(moment(100), 1)
+    assert not recent.is_duplicate(moment(120), 2)
+    assert not recent.is_duplicate(moment(100, 1.0 + 1e-12), 3)
+    assert not recent.is_duplicate(sample("tracker", "cautery", (0.0, 0.0, 1.0), 100), 4)
 
 
-def test_a_sample_is_forgotten_after_its_time_and_not_while_it_is_repeated():
+def test_sample_expires_unless_it_is_repeated():
     recent = RecentSamples()
-    recent.was_there(moment(100), 0)
-    assert recent.was_there(moment(100), REMEMBERED_NS)
-    assert recent.was_there(moment(100), 2 * REMEMBERED_NS)
-    assert not recent.was_there(moment(100), 3 * REMEMBERED_NS + 1)
+    recent.is_duplicate(moment(100), 0)
+    assert recent.is_duplicate(moment(100), REMEMBERED_NS)
+    assert recent.is_duplicate(moment(100), 2 * REMEMBERED_NS)
+    assert not recent.is_duplicate(moment(100), 3 * REMEMBERED_NS + 1)
 
 
-def test_no_more_is_kept_than_there_is_room_for():
+def test_number_of_remembered_samples_is_bounded():
     recent = RecentSamples()
-    for index in range(MOST_REMEMBERED + 500):
-        recent.was_there(moment(index), 0)
-    assert not recent.was_there(moment(499), 0)
-    assert recent.was_there(moment(MOST_REMEMBERED + 499), 0)
+    for index in range(MAX_REMEMBERED + 500):
+        recent.is_duplicate(moment(index), 0)
+    assert not recent.is_duplicate(moment(499), 0)
+    assert recent.is_duplicate(moment(MAX_REMEMBERED + 499), 0)
     (remembered,) = recent._edges.values()
-    assert len(remembered) == MOST_REMEMBERED
+    assert len(remembered) == MAX_REMEMBERED

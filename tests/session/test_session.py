@@ -61,7 +61,7 @@ def steps(session: Session, distances, *, start_ms=0.0):
     ]
 
 
-def test_the_distance_is_measured_in_the_tumours_frame():
+def test_distance_is_measured_in_the_tumours_frame():
     (step,) = steps(Session(make_setup()), [17.0])
     assert step.decision.state is MarginState.NEGATIVE
     assert step.decision.proximity.signed_distance_mm == pytest.approx(7.0, abs=1e-9)
@@ -69,7 +69,7 @@ def test_the_distance_is_measured_in_the_tumours_frame():
     assert step.decision.stamp == Stamp(0)
 
 
-def test_the_fixture_stands_at_the_stop_margin_facing_the_tool():
+def test_fixture_plane_is_at_the_stop_margin_facing_the_tool():
     (step,) = steps(Session(make_setup()), [17.0])
     fixture = step.virtual_fixture
     assert (fixture.target, fixture.source) == ("tumor", "virtual_fixture")
@@ -77,7 +77,7 @@ def test_the_fixture_stands_at_the_stop_margin_facing_the_tool():
     np.testing.assert_allclose(fixture.rotation[:, 2], [1.0, 0, 0], atol=1e-9)
 
 
-def test_the_constraint_keeps_the_planes_that_governed_a_moment_ago():
+def test_constraint_keeps_recently_governing_planes():
     session = Session(make_setup())
     (first,) = steps(session, [12.0])
     aside, offset_mm = cautery_at(12.0, 20).transform, np.array([0.0, 1.5, 0.0])
@@ -101,7 +101,7 @@ def test_states_follow_the_distance():
 
 
 @pytest.mark.parametrize("edge", ["cautery", "needle"])
-def test_a_lost_tool_or_tumour_is_unknown_and_holds(edge):
+def test_lost_tool_or_tumour_is_unknown_and_holds(edge):
     session = Session(make_setup())
     steps(session, [30.0, 30.1])
     poses = {"cautery": cautery_at(30.2, 40), "needle": needle(40)}
@@ -115,13 +115,13 @@ def test_a_lost_tool_or_tumour_is_unknown_and_holds(edge):
     assert step.virtual_fixture is not None, "stale never means unconstrained"
 
 
-def test_a_silent_tracker_is_unknown_from_its_watchdog_frame_on():
+def test_silent_tracker_is_unknown_from_its_watchdog_frame_on():
     session = Session(make_setup())
     steps(session, [30.0, 30.1])
     assert session.step(frame(221)).decision.reasons[0] is Reason.STALE
 
 
-def test_a_tumour_that_is_crossed_between_two_frames_is_a_breach():
+def test_crossing_between_two_frames_is_a_breach():
     session = Session(make_setup())
     before, after, later = steps(session, [30.0, -30.0, -60.0])
     assert before.decision.state is MarginState.NEGATIVE
@@ -130,7 +130,7 @@ def test_a_tumour_that_is_crossed_between_two_frames_is_a_breach():
     assert later.decision.proximity.signed_distance_mm == pytest.approx(50.0)
 
 
-def test_after_a_crossing_the_planes_face_the_tool_where_it_is():
+def test_planes_face_the_tool_after_a_crossing():
     session = Session(make_setup())
     _, after = steps(session, [30.0, -14.0])
     planes = after.decision.constraint
@@ -144,34 +144,34 @@ def test_after_a_crossing_the_planes_face_the_tool_where_it_is():
     assert limit_twist(inward, planes, tip_mm, LimiterParameters())[0] < 0.0, "driven out, not in"
 
 
-def test_a_tumour_that_is_crossed_twice_in_a_row_is_seen_twice():
+def test_two_crossings_in_a_row_are_two_breaches():
     session = Session(make_setup())
     found = steps(session, [30.0, -30.0, 30.0])
     distances = [step.decision.proximity.signed_distance_mm for step in found]
     assert [distance < 0.0 for distance in distances] == [False, True, True]
 
 
-def test_a_tumour_that_is_crossed_from_far_off_is_a_breach():
-    """70 mm from it at both ends, on a way of 160."""
+def test_crossing_from_far_away_is_a_breach():
+    """70 mm from the sphere at both ends of a path of 160 mm."""
     _, after = steps(Session(make_setup()), [80.0, -80.0])
     assert after.decision.state is MarginState.POSITIVE
 
 
-def test_a_tumour_that_is_crossed_while_the_clock_stands_is_a_breach():
+def test_crossing_between_equal_stamps_is_a_breach():
     session = Session(make_setup())
     session.step(frame(0, needle(0), cautery_at(30.0, 0)))
     assert session.step(frame(0, cautery_at(-30.0, 0))).decision.state is MarginState.POSITIVE
 
 
-def test_a_tumour_that_is_crossed_by_what_arrives_late_is_a_breach():
-    """Poses that are 150 ms old, of 100 ms apart: it is the frames that may not be far apart."""
+def test_crossing_by_late_samples_is_a_breach():
+    """Poses are 150 ms old: the limit applies to the time between the frames."""
     session = Session(make_setup())
     session.step(frame(150, needle(0), cautery_at(30.0, 0)))
     step = session.step(frame(250, needle(100), cautery_at(-30.0, 100)))
     assert step.decision.state is MarginState.POSITIVE
 
 
-def test_a_tumour_that_is_crossed_while_the_tool_is_lost_is_a_breach():
+def test_crossing_while_the_tool_is_lost_is_a_breach():
     session = Session(make_setup())
     steps(session, [30.0])
     session.step(frame(20, needle(20), lost("tracker", "cautery", 20, TrackingStatus.MISSING)))
@@ -180,7 +180,7 @@ def test_a_tumour_that_is_crossed_while_the_tool_is_lost_is_a_breach():
     assert after.decision.proximity.signed_distance_mm == pytest.approx(-10.0, abs=0.5)
 
 
-def test_no_way_leads_from_another_time_to_the_present():
+def test_no_sweep_across_a_clock_jump():
     session = Session(make_setup())
     steps(session, [30.0], start_ms=100.0)
     session.step(frame(0))
@@ -188,7 +188,7 @@ def test_no_way_leads_from_another_time_to_the_present():
     assert after.decision.proximity.signed_distance_mm == pytest.approx(20.0)
 
 
-def test_no_way_leads_from_before_a_tumour_was_chosen_through_it():
+def test_no_sweep_across_a_change_of_tumor():
     session = Session(make_setup())
     steps(session, [30.0])
     session.use(replace(make_setup(), proximity=AnalyticSphere(9.0)))
@@ -197,7 +197,7 @@ def test_no_way_leads_from_before_a_tumour_was_chosen_through_it():
 
 
 class Vague(AnalyticSphere):
-    """Test double: sees a tool that is outside 5 mm too far off, and says so in its lower bound."""
+    """Test double: a sphere whose distances are 5 mm too large, with correct lower bounds."""
 
     def evaluate(self, tumor_from_tool, stamp=None):
         exact = super().evaluate(tumor_from_tool, stamp)
@@ -208,8 +208,8 @@ class Vague(AnalyticSphere):
 
 
 @pytest.mark.parametrize("height_mm", [9.5, 10.0])
-def test_a_way_is_swept_by_the_lower_bounds_and_a_touch_is_a_breach(height_mm):
-    """8 mm along the top of the sphere, which the distances alone would not let it reach."""
+def test_sweep_uses_lower_bounds_and_touch_is_a_breach(height_mm):
+    """8 mm along the top of the sphere: by the distances alone it could not be reached."""
     session = Session(replace(make_setup(), proximity=Vague(10.0)))
     for at_ms, x_mm in ((0, -4.0), (20, 4.0)):
         pose = tracker_from_cautery([x_mm, height_mm, 0.0])
@@ -219,7 +219,7 @@ def test_a_way_is_swept_by_the_lower_bounds_and_a_touch_is_a_breach(height_mm):
     assert step.decision.state is MarginState.POSITIVE
 
 
-def test_what_lies_between_two_frames_that_are_far_apart_is_not_guessed():
+def test_no_sweep_across_a_gap_longer_than_the_stale_limit():
     session = Session(make_setup())
     session.step(frame(0, needle(0), cautery_at(30.0, 0)))
     step = session.step(frame(250, needle(250), cautery_at(-30.0, 250)))
@@ -228,7 +228,7 @@ def test_what_lies_between_two_frames_that_are_far_apart_is_not_guessed():
     assert step.decision.reasons == (Reason.STALE, Reason.LATCHED)
 
 
-def test_a_single_missing_frame_is_bridged_and_the_margin_grows_with_age():
+def test_margin_grows_with_age_over_a_single_missing_frame():
     session = Session(make_setup())
     steps(session, [30.0])
     step = session.step(frame(20, cautery_at(29.0, 20)))
@@ -237,7 +237,7 @@ def test_a_single_missing_frame_is_bridged_and_the_margin_grows_with_age():
     assert step.decision.margin.age_mm == pytest.approx(50.0 * 0.020)
 
 
-def test_a_latch_is_opened_by_hand_and_not_while_its_cause_lasts():
+def test_latch_is_released_by_rearm_and_not_while_its_cause_lasts():
     session = Session(make_setup())
     steps(session, [30.0, 30.1])
     session.step(frame(40, needle(40), lost("tracker", "cautery", 40, TrackingStatus.MISSING)))
@@ -274,7 +274,7 @@ def found_registration(noise_mm: float):
     return register_points(noisy, points, fixed_frame="reference", moving_frame="robot_base")
 
 
-def test_the_registrations_error_at_the_tip_widens_the_margin(touch):
+def test_registration_error_at_the_tip_widens_the_margin(touch):
     session = Session(make_setup(registered(touch, found_registration(0.3))))
     step = session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
     assert step.decision.margin.tre_mm > 0.1
@@ -283,21 +283,21 @@ def test_the_registrations_error_at_the_tip_widens_the_margin(touch):
     assert step.decision.margin.tre_mm == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_robot_without_a_registration_is_unknown(touch):
+def test_robot_without_registration_is_unknown(touch):
     session = Session(make_setup(registered(touch, None)))
     step = session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
     assert step.decision.state is MarginState.UNKNOWN
     assert Reason.REGISTRATION_MISSING in step.decision.reasons
 
 
-def test_a_robot_needs_the_reference_through_which_it_is_registered(touch):
+def test_robot_needs_the_reference_frame(touch):
     session = Session(make_setup(registered(touch, found_registration(0.1))))
     step = session.step(frame(0, needle(0), cautery_at(40.0, 0)))
     assert step.decision.state is MarginState.UNKNOWN
     assert Reason.MISSING in step.decision.reasons
 
 
-def test_the_reference_is_as_old_as_any_other_input_of_a_robot(touch):
+def test_age_of_the_reference_counts_for_a_robot(touch):
     session = Session(make_setup(registered(touch, found_registration(0.0))))
     session.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
     step = session.step(frame(100, needle(100), cautery_at(40.1, 100)))
@@ -310,9 +310,7 @@ def test_the_reference_is_as_old_as_any_other_input_of_a_robot(touch):
 
 
 @pytest.mark.parametrize("stuck", ["needle", "reference"])
-def test_a_sensor_that_is_stuck_from_the_first_frame_on_is_not_taken_for_a_calibration(
-    touch, stuck
-):
+def test_sensor_stuck_from_the_first_frame_on_is_no_fixed_transform(touch, stuck):
     session = Session(make_setup(registered(touch, found_registration(0.0))))
     for at_ms in range(0, 1101, 100):
         poses = {"needle": needle(at_ms), "reference": reference(at_ms)}
@@ -326,7 +324,7 @@ def test_a_sensor_that_is_stuck_from_the_first_frame_on_is_not_taken_for_a_calib
     assert step.decision.reasons[0] is Reason.FROZEN
 
 
-def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong(touch):
+def test_links_follow_joints_and_are_empty_for_stale_or_wrong_joints(touch):
     given = given_registration(Transform.identity("reference", "robot_base"))
     session = Session(make_setup(registered(touch, given)))
     joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
@@ -354,7 +352,7 @@ def test_links_follow_the_joints_and_are_not_shown_when_these_are_stale_or_wrong
 
 
 def drifting(touch, shift_mm, turn_rad=0.0, *, mounted=False):
-    """One step with the tool seen ``shift_mm`` beside where joints and registration put it."""
+    """One step with the tracked tool ``shift_mm`` away from its prediction."""
     joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
     base_from_tip = touch.forward_kinematics(joints)["stylus"].renamed(
         target="robot_base", source="cautery_tip"
@@ -380,7 +378,7 @@ def drifting(touch, shift_mm, turn_rad=0.0, *, mounted=False):
     )
 
 
-def test_a_tool_that_is_not_where_its_robot_says_is_drift(touch):
+def test_tool_away_from_its_prediction_is_drift(touch):
     step = drifting(touch, 4.9)
     assert step.drift.translation_mm == pytest.approx(4.9)
     assert Reason.REGISTRATION_DRIFT not in step.decision.reasons
@@ -389,7 +387,7 @@ def test_a_tool_that_is_not_where_its_robot_says_is_drift(touch):
     assert Reason.REGISTRATION_DRIFT in step.decision.reasons
 
 
-def test_a_drift_is_not_over_when_the_robot_falls_silent(touch):
+def test_drift_persists_when_joint_states_stop(touch):
     session = Session(make_setup(registered(touch, found_registration(0.0))))
     joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
     for at_ms in (0, 20, 40):
@@ -402,7 +400,7 @@ def test_a_drift_is_not_over_when_the_robot_falls_silent(touch):
     assert Reason.REGISTRATION_DRIFT in step.decision.reasons
 
 
-def test_a_drift_is_over_when_the_tool_is_seen_where_the_robot_says(touch):
+def test_drift_ends_when_the_tool_is_at_its_prediction(touch):
     session = Session(make_setup(registered(touch, found_registration(0.0))))
     joints = dict.fromkeys(touch.actuated_joint_names, 0.2)
     tip = touch.forward_kinematics(joints)["stylus"].translation_mm
@@ -415,7 +413,7 @@ def test_a_drift_is_over_when_the_tool_is_seen_where_the_robot_says(touch):
         assert (Reason.REGISTRATION_DRIFT in step.decision.reasons) == (off_mm > 5.0)
 
 
-def test_a_new_registration_knows_no_drift_of_the_old(touch):
+def test_new_registration_resets_drift(touch):
     session = Session(make_setup(registered(touch, found_registration(0.0))))
     joints = (joint_sample(dict.fromkeys(touch.actuated_joint_names, 0.2), 0),)
     poses = (reference(0), needle(0), cautery_at(40.0, 0))
@@ -423,11 +421,11 @@ def test_a_new_registration_knows_no_drift_of_the_old(touch):
     assert Reason.REGISTRATION_DRIFT in step.decision.reasons
     session.use(make_setup(registered(touch, found_registration(0.0))))
     poses = (reference(300), needle(300), cautery_at(50.0, 300))
-    step = session.step(frame(300, *poses))  # the robot has fallen silent
+    step = session.step(frame(300, *poses))  # without joint states
     assert Reason.REGISTRATION_DRIFT not in step.decision.reasons
 
 
-def test_a_turn_is_drift_where_the_mount_is_known(touch):
+def test_rotation_is_drift_if_the_mount_is_known(touch):
     assert drifting(touch, 0.0, 0.06).drift.accepted, "how the tool is held is not known"
     assert drifting(touch, 0.0, 0.04, mounted=True).drift.accepted
     step = drifting(touch, 0.0, 0.06, mounted=True)
@@ -435,21 +433,23 @@ def test_a_turn_is_drift_where_the_mount_is_known(touch):
     assert Reason.REGISTRATION_DRIFT in step.decision.reasons
 
 
-def test_what_cannot_be_a_robot_setup_is_refused(touch):
+def test_invalid_robot_setup_is_rejected(touch):
     with pytest.raises(Exception, match="'gripper' is not a link of 'touch'"):
         RobotSetup(touch, "robot_base", "gripper", None, DriftBound(5.0, 0.05))
-    with pytest.raises(Exception, match="reference_from_robot_base wanted"):
+    with pytest.raises(Exception, match="expected reference_from_robot_base"):
         registered(touch, given_registration(Transform.identity("tracker", "robot_base")))
 
 
 @pytest.mark.parametrize("base", ["reference", "needle", "tumor", "cautery", "cautery_tip"])
-def test_a_base_with_the_name_of_another_frame_is_refused(touch, base):
+def test_base_named_like_another_frame_is_rejected(touch, base):
     robot = RobotSetup(touch, base, "stylus", None, DriftBound(5.0, 0.05))
-    with pytest.raises(FrameError, match=f"robot.base_frame is '{base}': a name of its own"):
+    with pytest.raises(
+        FrameError, match=f"robot.base_frame is '{base}'; expected a name of its own"
+    ):
         SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, AnalyticSphere(10.0), PARAMETERS, robot)
 
 
-def test_a_robot_was_placed_before_the_first_step_waits_for_the_compiler(touch, monkeypatch):
+def test_robot_setup_compiles_kinematics_before_the_first_step(touch, monkeypatch):
     placed = []
     monkeypatch.setattr(Robot, "forward_kinematics", lambda _, positions: placed.append(positions))
     RobotSetup(touch, "robot_base", "stylus", None, DriftBound(5.0, 0.05))
@@ -465,19 +465,19 @@ class Lump(AnalyticSphere):
         super().__init__(10.0)
 
 
-def test_shapes_in_other_frames_are_refused_before_the_first_step():
-    with pytest.raises(FrameError, match=r"the tumour's shape is in 'lump': 'tumor' wanted"):
+def test_shapes_in_other_frames_are_rejected():
+    with pytest.raises(FrameError, match=r"the tumour's shape is in 'lump'; expected 'tumor'"):
         SessionSetup(TOOL_FROM_TIP, NEEDLE_FROM_TUMOR, Lump(), PARAMETERS, None)
     lump = Transform.identity("needle", "lump")
-    with pytest.raises(FrameError, match=r"the tool's shape is in 'cautery_tip': 'knife' wanted"):
+    with pytest.raises(FrameError, match=r"the tool's shape is in 'cautery_tip'; expected 'knife'"):
         SessionSetup(Transform.identity("cautery", "knife"), lump, Lump(), PARAMETERS, None)
 
 
-def test_the_constraint_is_in_the_tumours_frame_whatever_it_is_called():
+def test_constraint_is_in_the_tumours_frame_for_any_name():
     lump = Transform("needle", "lump", NEEDLE_FROM_TUMOR.rotation, [5.0, -4.0, 30.0])
     session = Session(SessionSetup(TOOL_FROM_TIP, lump, Lump(), PARAMETERS, None))
     (step,) = steps(session, [17.0])
     assert step.decision.constraint.frame == "lump"
     assert step.virtual_fixture.target == "lump"
-    with pytest.raises(FrameError, match="frame is 'tumor': 'lump' wanted"):
+    with pytest.raises(FrameError, match="frame is 'tumor'; expected 'lump'"):
         session.use(make_setup())

@@ -1,4 +1,4 @@
-"""A case's tumour is repaired where the case asks for it, and said; never otherwise."""
+"""Repair of a case's tumour: on request only, and reported."""
 
 import json
 import shutil
@@ -22,7 +22,7 @@ OpenCase = Callable[..., Case]
 
 @pytest.fixture
 def broken(project_root: Path, tmp_path: Path) -> OpenCase:
-    """The recorded case with some faces of its tumour turned or left out."""
+    """The recorded case with some faces of its tumour flipped or removed."""
 
     def write(*, repair: bool | None, missing: int = 1) -> Case:
         folder = tmp_path / "case"
@@ -42,14 +42,16 @@ def broken(project_root: Path, tmp_path: Path) -> OpenCase:
 
 
 @pytest.mark.parametrize("repair", [None, False])
-def test_nothing_is_repaired_without_being_asked_for(broken: OpenCase, repair: bool | None) -> None:
+def test_mesh_is_repaired_only_on_request(broken: OpenCase, repair: bool | None) -> None:
     case = broken(repair=repair)
     assert with_repaired_tumor(case) is case
     with pytest.raises(MeshError, match="is not closed"):
         case.tumor_mesh()
 
 
-def test_a_repaired_tumour_is_that_of_the_sound_case(broken: OpenCase, project_root: Path) -> None:
+def test_repaired_tumour_equals_that_of_the_sound_case(
+    broken: OpenCase, project_root: Path
+) -> None:
     case = with_repaired_tumor(broken(repair=True))
     sound = open_case(project_root / "data" / "recorded_case").tumor_mesh()
     assert case.tumor_mesh().signed_volume_mm3 == pytest.approx(sound.signed_volume_mm3, rel=1e-4)
@@ -58,13 +60,13 @@ def test_a_repaired_tumour_is_that_of_the_sound_case(broken: OpenCase, project_r
     assert "1 holes closed with plane patches" in closed
 
 
-def test_what_cannot_be_repaired_is_refused(broken: OpenCase) -> None:
+def test_mesh_without_safe_repair_is_rejected(broken: OpenCase) -> None:
     with pytest.raises(MeshError, match=r"the tumour's mesh tumor.stl has holes that touch"):
         with_repaired_tumor(broken(repair=True, missing=2000))
 
 
 @pytest.mark.parametrize("command", ["info", "replay"])
-def test_the_commands_tell_of_the_repair(
+def test_commands_report_the_repair(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     def repair(manifest: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""A breathing tumour whose velocity is known: what the constraint tells of it."""
+"""Velocity of a breathing tumour in the constraint, against the known truth."""
 
 import math
 from dataclasses import replace
@@ -65,7 +65,7 @@ def run(session: Session, start_ms: float, end_ms: float):
 
 
 def off_mm_s(steps):
-    """Velocities of the constraint less the true ones; the needle's x is the tumour's -y."""
+    """Velocities of the constraint minus the true ones; the needle's x is the tumour's -y."""
     found = np.array([s.decision.constraint.tumor_velocities_mm_s[0] for s in steps])
     seconds = np.array([s.frame.stamp.ns / NS_PER_S for s in steps])
     true = np.zeros((len(steps), 3))
@@ -73,7 +73,7 @@ def off_mm_s(steps):
     return found - true
 
 
-def test_the_constraint_tells_how_fast_the_tumour_moves():
+def test_constraint_contains_the_tumours_velocity():
     followed = run(Session(make_setup(EXPECTED)), 0, 6000)[50:]
     assert {step.decision.state for step in followed} == {MarginState.NEGATIVE}
     still = run(Session(make_setup(None)), 0, 6000)[50:]
@@ -83,7 +83,7 @@ def test_the_constraint_tells_how_fast_the_tumour_moves():
     assert spread.max() < 1.5 < 0.5 * np.sqrt((off_mm_s(still) ** 2).mean(axis=0)).max()
 
 
-def test_what_is_not_seen_any_more_is_taken_to_be_still():
+def test_tumour_without_fresh_samples_counts_as_still():
     session = Session(make_setup(EXPECTED))
     run(session, 0, 2000)
     silent = session.step(frame(2000 + PARAMETERS.stale_after_ns / 1e6))
@@ -91,7 +91,7 @@ def test_what_is_not_seen_any_more_is_taken_to_be_still():
     assert not silent.decision.constraint.tumor_velocities_mm_s.any()
 
 
-def test_a_clock_that_is_set_back_begins_anew_and_other_shapes_do_too():
+def test_clock_jump_or_new_shape_resets_the_filter():
     session = Session(make_setup(EXPECTED))
     run(session, 20_000, 21_000)
     assert off_mm_s(run(session, 0, 2000)[50:]).max() < 4.0
@@ -100,8 +100,8 @@ def test_a_clock_that_is_set_back_begins_anew_and_other_shapes_do_too():
 
 
 @pytest.mark.parametrize("what", ["place", "motion"])
-def test_what_is_placed_or_moves_otherwise_is_followed_anew(what):
-    """As in a session that knew nothing else: to the last digit, and not from another place."""
+def test_new_pose_or_motion_parameters_reset_the_filter(what):
+    """Identical, to the last digit, to a session that starts with the new setup."""
     known = make_setup(EXPECTED)
     elsewhere = Transform("needle", "tumor", np.eye(3), [0.0, 100.0, 0.0])
     other = (
@@ -119,7 +119,7 @@ def test_what_is_placed_or_moves_otherwise_is_followed_anew(what):
         )
 
 
-def test_a_tumour_that_is_seen_all_over_the_place_is_taken_to_be_still():
+def test_scattered_tumour_samples_count_as_still():
     session = Session(make_setup(EXPECTED))
     run(session, 0, 2000)
     rng = np.random.default_rng(3)
@@ -131,7 +131,7 @@ def test_a_tumour_that_is_seen_all_over_the_place_is_taken_to_be_still():
     assert not decision.constraint.tumor_velocities_mm_s.any()
 
 
-def test_samples_from_the_future_and_lost_ones_break_nothing():
+def test_future_and_lost_samples_do_not_disturb_the_filter():
     session = Session(make_setup(EXPECTED))
     run(session, 0, 1000)
     ahead = breath(5000, np.random.default_rng(0))
@@ -139,13 +139,13 @@ def test_samples_from_the_future_and_lost_ones_break_nothing():
     assert np.abs(off_mm_s(run(session, 1020, 2000)[10:])).max() < 5.0
 
 
-def test_a_tumour_that_moves_against_nothing_is_refused():
+def test_moving_tumour_without_robot_is_rejected():
     with pytest.raises(InputError, match="tumor_motion is given without a robot"):
         replace(make_setup(EXPECTED), robot=None)
 
 
-def test_a_tumour_pulled_away_is_not_followed_faster_than_the_margin_allows_for():
-    """By up to 320 mm/s, which may end at any moment, where the margin is made for 50."""
+def test_tumour_velocity_is_bounded_by_v_max():
+    """The tumour moves at up to 320 mm/s; the margin allows for 50."""
     session, bound = Session(make_setup(EXPECTED)), PARAMETERS.v_max_mm_s
     told = []
     for at in range(0, 2000, 20):
