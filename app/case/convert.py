@@ -1,4 +1,4 @@
-"""A case in any format that can be read, as an MCAP case: same stamps, same statuses."""
+"""Converts a case to MCAP; stamps and statuses are kept."""
 
 import shutil
 from pathlib import Path, PurePosixPath
@@ -21,9 +21,9 @@ RECORDING_NAME = "tracking.mcap"
 def convert_case(case: Case, folder: Path) -> tuple[str, ...]:
     """Write ``case`` to the new folder ``folder`` with its recording as MCAP.
 
-    The files that the manifest names are copied, those of packages stay where they are. Returns
-    the notes of the reader. Raises `InputError` when ``folder`` exists or cannot be written; it
-    appears whole or not at all.
+    Copies the files that the manifest names, except those of packages. Returns the notes of the
+    reader. Raises `InputError` when ``folder`` exists or cannot be written; no folder is left after
+    an error.
     """
     with new_folder(folder) as partial:
         _write(case, partial)
@@ -40,7 +40,7 @@ def _write(case: Case, folder: Path) -> None:
         robot_to_tracker_offset_ns=case.manifest.clock.offset_robot_to_tracker_ns,
         joint_states_topic=(robot and robot.joint_states) or JOINT_STATES_TOPIC,
     )
-    # The manifest was validated when the case was opened; all but the recording stays as written.
+    # Not parsed again: it was checked when the case was opened, and stays but for the recording.
     manifest = load_yaml(case.folder / MANIFEST_NAME)
     manifest["recording"] = {"path": RECORDING_NAME, "sha256": sha256_of(recording)}
     text = yaml.safe_dump(manifest, sort_keys=False, allow_unicode=True)
@@ -48,7 +48,7 @@ def _write(case: Case, folder: Path) -> None:
 
 
 def copy_named_files(case: Case, folder: Path) -> None:
-    """Copy the files that the manifest names to ``folder``, but for the recording."""
+    """Copy the files that the manifest names, except the recording, to ``folder``."""
     for name in _named_files(case):
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ def copy_named_files(case: Case, folder: Path) -> None:
 
 
 def _named_files(case: Case) -> list[str]:
-    """The case's own files beside its recording, relative to its folder."""
+    """Files of the case folder other than the recording, relative to it."""
     manifest = case.manifest
     names = [manifest.tumor.shape.path]
     if manifest.tool.mesh is not None:
@@ -68,12 +68,12 @@ def _named_files(case: Case) -> list[str]:
     if manifest.expected is not None:
         names.append(manifest.expected)
     if manifest.robot is not None and not manifest.robot.urdf.startswith(PACKAGE_SCHEME):
-        # A URDF names its meshes relative to itself, so its folder goes with it.
+        # A URDF names its meshes relative to itself, so its folder is copied.
         parent = str(PurePosixPath(manifest.robot.urdf).parent)
         if parent == ".":
             raise InputError(
-                f"case.yaml: robot.urdf is {manifest.robot.urdf!r}: "
-                "to be converted it must lie in a folder of its own"
+                f"case.yaml: robot.urdf is {manifest.robot.urdf!r}; "
+                "expected a file in a folder of its own, which can be copied"
             )
         names.append(parent)
     return [name for name in names if not name.startswith(PACKAGE_SCHEME)]

@@ -1,4 +1,4 @@
-"""``live.yaml``: the words of ``case.yaml`` with a live ``source`` in the place of a recording."""
+"""Reads ``live.yaml``: the keys of ``case.yaml`` with a live ``source`` instead of a recording."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ from app.geometry import InputError
 
 @dataclass(frozen=True, slots=True)
 class TfSourceEntry:
-    """The tracker's poses are on ``/tf``: ``edges`` (parent, child), or whatever leads there."""
+    """The tracker's poses are on ``/tf``, as ``edges`` (parent, child); empty finds them there."""
 
     edges: tuple[tuple[str, str], ...]
 
@@ -41,7 +41,7 @@ class TopicSourceEntry:
 
 @dataclass(frozen=True, slots=True)
 class IgtlSourceEntry:
-    """The tracker's poses come over OpenIGTLink from a server, PLUS for one."""
+    """The tracker's poses come over OpenIGTLink from a server such as PLUS."""
 
     host: str
     port: int
@@ -50,27 +50,26 @@ class IgtlSourceEntry:
 LiveSourceEntry = TfSourceEntry | TopicSourceEntry | IgtlSourceEntry
 
 ONLY_LIVE = ("source", "guidance", "limiter", "tumor_motion")
-"""The sections that a case does not have."""
+"""Sections that ``case.yaml`` does not have."""
 
 _GUIDANCE = ("force_n", "range_mm", "rate_n_s", "period_ms", "delay_ms", "damping_n_s_m")
 _TUMOR_MOTION = ("swing_mm", "swing_deg", "rate_hz", "jitter_mm", "jitter_deg")
 _LIMITER = ("tau_ms", "lever_mm", "retreat_mm_s", "most_mm_s", "most_rad_s")
 
-_LAST_PORT = 65_535
+_MAX_PORT = 65_535
 _SOURCES = ("tf", "tracked_transforms", "igtl")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveCase:
-    """What a live session needs. ``case`` has everything but a recording.
+    """The configuration of a live session. ``case`` has everything but a recording.
 
-    ``stamps_of_host``: the source stamps by the clock of this machine; otherwise the offset of
-    its clock is estimated as samples arrive. ``joints_of_host``: so does the robot; otherwise its
-    stamps and ``clock.offset_robot_to_tracker_ms`` are a time on the source's clock, as in a case.
-    ``guidance`` has all the values of a guidance force, None without one, and ``limiter`` those of
-    the twist limiter that are given; ``tumor_motion`` has all that a tumour is expected to do, None
-    where it is taken to be still. All by name, with seconds in the place of milliseconds and
-    radians in that of degrees.
+    ``stamps_of_host``: whether the source stamps by the clock of this machine; otherwise the offset
+    of its clock is estimated as samples arrive. ``joints_of_host``: whether the robot does;
+    otherwise its stamps plus ``clock.offset_robot_to_tracker_ms`` are times on the source's clock,
+    as in a case. ``guidance``: all values of a guidance force, None without one. ``limiter``: the
+    given values of the twist limiter. ``tumor_motion``: all values of the tumour's expected motion,
+    None for a tumour at rest. Values are by name, in seconds and radians.
     """
 
     case: Case
@@ -83,13 +82,13 @@ class LiveCase:
 
 
 def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
-    """Read ``live.yaml``, and find the files that it names beside it.
+    """Read ``live.yaml`` and check that the files that it names exist beside it.
 
-    Raises `InputError` for the first thing that is wrong.
+    Raises `InputError` for the first fault.
     """
     if not path.is_file():
         found = "it is a folder" if path.is_dir() else "no such file"
-        raise InputError(f"{path} is no live configuration: {found}")
+        raise InputError(f"{path} is not a live configuration: {found}")
     document = Section.load(
         path,
         (
@@ -147,7 +146,7 @@ def _all_of(document: Section, name: str, keys: Sequence[str]) -> Mapping[str, f
 def _given(
     document: Section, name: str, keys: Sequence[str], *, partly: bool = False
 ) -> Mapping[str, float]:
-    """The numbers of a section; what they may be is for whoever uses them to say."""
+    """Read the numbers of a section, 0 or more; their consumers check their upper limits."""
     block = document.section(name, keys)
     found = {}
     for key in keys:
@@ -168,7 +167,7 @@ def _source(document: Section) -> tuple[LiveSourceEntry, bool]:
     if len(given) != 1:
         raise InputError(
             f"{document.place('source')} has {' and '.join(given) or 'none'} of "
-            f"{', '.join(_SOURCES)}: one of them wanted"
+            f"{', '.join(_SOURCES)}; expected one of them"
         )
     of_host = block.choice("clock", ("host", "estimate")) == "host"
     if "tf" in block:
@@ -184,8 +183,8 @@ def _source(document: Section) -> tuple[LiveSourceEntry, bool]:
 
 def _server(igtl: Section) -> IgtlSourceEntry:
     port = igtl.integer("port", minimum=1)
-    if port > _LAST_PORT:
-        raise InputError(f"{igtl.place('port')} is {port}: 1 to {_LAST_PORT} wanted")
+    if port > _MAX_PORT:
+        raise InputError(f"{igtl.place('port')} is {port}; expected 1 to {_MAX_PORT}")
     return IgtlSourceEntry(igtl.text("host"), port)
 
 
@@ -194,7 +193,9 @@ def _edges(tf: Section) -> tuple[tuple[str, str], ...]:
         return ()
     edges = tf.sections("edges", ("parent", "child"))
     if not edges:
-        raise InputError(f"{tf.place('edges')} is empty: leave it out to have them found")
+        raise InputError(
+            f"{tf.place('edges')} is empty; leave it out to use all edges on the topic"
+        )
     return tuple((read_frame(edge, "parent"), read_frame(edge, "child")) for edge in edges)
 
 

@@ -1,4 +1,4 @@
-"""A case folder around a live recording: all of a case but the recording, there from the start."""
+"""Writes a case folder for a live recording: everything but the recording, before it starts."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -20,7 +20,7 @@ RECORDING_FOLDER = "tracking"
 
 @dataclass(frozen=True, slots=True)
 class SessionChange:
-    """From a message received at ``received_ns`` (since 1970) on, these are what a session has."""
+    """Tumour and registration of a session from the time ``received_ns`` (since 1970) on."""
 
     received_ns: int
     model_id: str
@@ -28,27 +28,27 @@ class SessionChange:
 
 
 def write_changes(changes: Sequence[SessionChange], recording: Path) -> None:
-    """Say beside the messages of ``recording``, a folder, what was replaced while it was made."""
+    """Write ``changes.yaml`` to the folder ``recording``; `InputError` where that fails."""
     text = yaml.safe_dump({"changes": [asdict(change) for change in changes]}, sort_keys=False)
     write_file(recording / CHANGES_NAME, text.encode())
 
 
 def begin_case(live: LiveCase, folder: Path) -> None:
-    """Write ``case.yaml`` and the files that it names to ``folder``; the recording is to follow.
+    """Write ``case.yaml`` and the files that it names, except the recording, to ``folder``.
 
-    ``folder`` is made and must not be there. The recording is named as ``tracking``, a rosbag2
-    folder.
+    ``folder`` must not exist. The recording is expected in the rosbag2 folder ``tracking``. Raises
+    `InputError` for a source that a case cannot hold.
     """
     source = live.source
     if isinstance(source, TopicSourceEntry) and source.topic != TRACKED_TRANSFORMS_TOPIC:
         raise InputError(
-            f"{live.case.manifest.file}: source.tracked_transforms.topic is {source.topic!r}: "
-            f"a case holds {TRACKED_TRANSFORMS_TOPIC}, so only that can be recorded as one"
+            f"{live.case.manifest.file}: source.tracked_transforms.topic is {source.topic!r}; "
+            f"expected {TRACKED_TRANSFORMS_TOPIC}, the topic of a case"
         )
     if isinstance(source, IgtlSourceEntry):
         raise InputError(
-            f"{live.case.manifest.file}: source.igtl cannot be recorded: let 'marginguard igtl' "
-            "publish it, and make tracked_transforms the source"
+            f"{live.case.manifest.file}: source.igtl cannot be recorded; publish it with "
+            "'marginguard igtl' and use source.tracked_transforms"
         )
     with new_folder(folder) as partial:
         _write(live, partial)
@@ -56,14 +56,14 @@ def begin_case(live: LiveCase, folder: Path) -> None:
 
 def _write(live: LiveCase, folder: Path) -> None:
     copy_named_files(live.case, folder)
-    # It was validated when it was opened; all that a case can have stays as written.
+    # Not parsed again: it was checked when it was opened.
     path = live.case.folder / live.case.manifest.file
     values = load_yaml(path)
     for name in ONLY_LIVE:
         values.pop(name, None)
     robot = live.case.manifest.robot
     if live.joints_of_host and not live.stamps_of_host and robot and robot.joint_states:
-        values["clock"] = {"estimate": True}  # the two clocks are as far apart as they happen to be
+        values["clock"] = {"estimate": True}  # the offset of the two clocks is unknown
     values["recording"] = {"path": RECORDING_FOLDER}
     text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
     (folder / MANIFEST_NAME).write_text(text, encoding="utf-8")

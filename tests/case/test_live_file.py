@@ -146,9 +146,9 @@ def test_a_force_that_is_not_passive_and_a_limit_of_nothing_are_refused(tmp_path
         ({"source": {"igtl": {"host": "plus"}, "clock": "host"}}, "source.igtl.port is missing"),
         (
             {"source": {"igtl": {"host": "plus", "port": 65536}, "clock": "host"}},
-            "source.igtl.port is 65536: 1 to 65535 wanted",
+            "source.igtl.port is 65536; expected 1 to 65535",
         ),
-        ({"schema": 2}, "live.yaml: schema is 2: 1 wanted"),
+        ({"schema": 2}, "live.yaml: schema is 2; expected 1"),
     ],
 )
 def test_what_is_refused_is_named(tmp_path, values, change, words):
@@ -163,7 +163,7 @@ def test_a_file_that_is_not_there_is_named_with_its_key(tmp_path, values):
 
 
 def test_a_folder_is_no_live_configuration(tmp_path):
-    with pytest.raises(InputError, match="is no live configuration: it is a folder"):
+    with pytest.raises(InputError, match="is not a live configuration: it is a folder"):
         open_live(tmp_path)
 
 
@@ -197,7 +197,7 @@ def test_a_case_is_begun_with_all_but_its_recording(tmp_path, values, project_ro
 
 def test_a_topic_that_no_case_has_is_not_recorded_as_one(tmp_path, values):
     values["source"] = {"tracked_transforms": {"topic": "/ndi"}, "clock": "host"}
-    with pytest.raises(InputError, match="a case holds /tracked_transforms"):
+    with pytest.raises(InputError, match="expected /tracked_transforms"):
         begin_case(opened(tmp_path, values), tmp_path / "case")
     assert not (tmp_path / "case").exists()
 

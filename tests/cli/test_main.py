@@ -178,4 +178,4 @@ def test_an_error_that_quotes_too_much_is_shortened_to_a_line(capsys):
 
 def test_a_rate_that_cannot_be_is_told_before_the_case_is_opened(capsys):
     assert main(["replay", "nowhere", "--no-ros", "--rate", "nan"]) == 2
-    assert "rate nan of a replay: 0.001 to 1000 wanted" in capsys.readouterr().err
+    assert "rate of a replay is nan; expected 0.001 to 1000" in capsys.readouterr().err

@@ -1,1 +1,1 @@
-"""Tracker frames in the order of their acquisition: put together, watched, counted and played."""
+"""Tracker frames in the order of acquisition: assembled, checked for gaps, counted, played."""

@@ -1,4 +1,4 @@
-"""Samples in the order of arrival become frames in the order of acquisition."""
+"""Assembles samples, in the order of arrival, into frames in the order of acquisition."""
 
 from bisect import bisect_left, bisect_right, insort_right
 from collections.abc import Callable, Iterable, Iterator
@@ -10,7 +10,7 @@ from app.case.frames.samples import JointSample, TrackingFrame
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus
 
 REORDER_NS = 500 * NS_PER_MS
-"""How late a sample may arrive and still find its place in the order of acquisition."""
+"""How late a sample may arrive and still be sorted into the order of acquisition."""
 
 _MAX_PENDING_JOINTS = 100_000
 
@@ -25,23 +25,23 @@ class _Draft:
 class FrameAssembler:
     """Groups samples by acquisition stamp, through a buffer that is `REORDER_NS` long.
 
-    A sample older than that is taken for a clock that jumped back: what is buffered is given out
+    A sample older than that counts as a clock that jumped back: all buffered frames are returned
     and the order starts anew, so that the jump stays visible. Joints go with the first frame that
-    is not older than they are; the last frame takes the rest. An edge that comes twice at one
-    stamp counts once when both say the same; otherwise nobody knows which is true: it is lost.
+    is not older than they are; the last frame takes the rest. Two samples of an edge with one stamp
+    count once where they agree; where they differ the edge is lost.
     """
 
     def __init__(self, note: Callable[[str], None]) -> None:
         self._note = note
         self._drafts: dict[int, _Draft] = {}
-        self._order: list[int] = []  # of the drafts, by their stamps
-        self._joints: list[JointSample] = []  # in the order of their stamps
+        self._order: list[int] = []  # stamps of the drafts, sorted
+        self._joints: list[JointSample] = []  # sorted by stamp
         self._joints_dropped = False
-        self._contradiction_said = False
+        self._contradiction_noted = False
         self._newest_ns: int | None = None
 
     def add_pose(self, sample: TrackedTransform) -> Iterable[TrackingFrame]:
-        """Take a sample; give the frames that are complete now."""
+        """Add a sample; return the frames that are complete now."""
         stamp, edge = sample.stamp, (sample.target, sample.source)
         draft = self._drafts.get(stamp.ns)
         if draft is None:
@@ -54,7 +54,7 @@ class FrameAssembler:
         return ()
 
     def _begin(self, ns: int) -> list[TrackingFrame]:
-        """The frames that are complete when there is a sample of ``ns``."""
+        """The frames that are complete once a sample of ``ns`` has arrived."""
         newest = ns if self._newest_ns is None else max(ns, self._newest_ns)
         if ns < newest - REORDER_NS:
             finished = list(self.flush())
@@ -69,22 +69,22 @@ class FrameAssembler:
     def _agreed(self, known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:
         agreed = agreed_sample(known, sample)
         contradicts = known.transform is not None and sample.transform is not None
-        if contradicts and agreed is not known and not self._contradiction_said:
+        if contradicts and agreed is not known and not self._contradiction_noted:
             self._note(
-                f"{sample.target} -> {sample.source} comes with two poses at {sample.stamp.ns} ns: "
+                f"{sample.target} -> {sample.source} has two poses at {sample.stamp.ns} ns: "
                 "such samples are INVALID"
             )
-            self._contradiction_said = True
+            self._contradiction_noted = True
         return agreed
 
     def add_unfiltered(self, stamp: Stamp, unfiltered: Stamp) -> None:
-        """Take the second clock's reading; it goes with the samples acquired at ``stamp``."""
+        """Add the second clock's time of the samples acquired at ``stamp``."""
         draft = self._drafts.get(stamp.ns)
         if draft is not None:
             draft.unfiltered = unfiltered
 
     def add_joints(self, sample: JointSample) -> None:
-        """Take a joint sample, its stamp on the tracker's clock."""
+        """Add a joint sample, its stamp on the tracker's clock."""
         if self._joints and sample.stamp.ns < self._joints[-1].stamp.ns:
             insort_right(self._joints, sample, key=_ns)
         else:
@@ -99,21 +99,21 @@ class FrameAssembler:
             self._joints_dropped = True
 
     def flush(self) -> Iterator[TrackingFrame]:
-        """Yield all that is buffered, at the end or where the order breaks."""
+        """Yield all buffered frames, at the end or after a jump of the clock."""
         stamps, self._order = self._order, []
         for stamp in stamps:
             yield self._finished(stamp, last=stamp == stamps[-1])
 
     def _finished(self, ns: int, *, last: bool = False) -> TrackingFrame:
         draft = self._drafts.pop(ns)
-        mine = len(self._joints) if last else bisect_right(self._joints, ns, key=_ns)
-        joints = tuple(self._joints[:mine])
-        del self._joints[:mine]
+        count = len(self._joints) if last else bisect_right(self._joints, ns, key=_ns)
+        joints = tuple(self._joints[:count])
+        del self._joints[:count]
         return TrackingFrame(draft.stamp, tuple(draft.poses.values()), joints, draft.unfiltered)
 
 
 def agreed_sample(known: TrackedTransform, sample: TrackedTransform) -> TrackedTransform:
-    """What two samples of one edge at one stamp say together: ``known``, a lost one, or INVALID."""
+    """Merge two samples of one edge and stamp: INVALID where their poses differ."""
     if known.transform is None:
         return known
     if sample.transform is None:

@@ -1,4 +1,4 @@
-"""Counts what a recording holds, frame by frame."""
+"""Counts the content of a recording, frame by frame."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from app.geometry import NS_PER_S, TrackingStatus
 
 @dataclass(slots=True)
 class EdgeCount:
-    """How often ``source`` was reported in ``target``, and how."""
+    """How often ``source`` was reported in ``target``, by status."""
 
     target: str
     source: str
@@ -23,7 +23,7 @@ class EdgeCount:
 
 @dataclass(slots=True)
 class RecordingInventory:
-    """Filled with `add`; ``silences`` are the watchdog frames, which are no ``frames``."""
+    """Counts of a recording, filled with `add`. Watchdog frames count as ``silences`` only."""
 
     frames: int = 0
     silences: int = 0
@@ -50,12 +50,12 @@ class RecordingInventory:
 
     @property
     def edges(self) -> tuple[EdgeCount, ...]:
-        """One entry a measured transform, in the order of their first appearance."""
+        """One entry per measured transform, in the order of first appearance."""
         return tuple(self._edges.values())
 
     @property
     def duration_s(self) -> float:
-        """From the first frame to the last, 0 without frames."""
+        """Time from the first frame to the last, 0 without frames."""
         if self._first_ns is None or self._last_ns is None:
             return 0.0
         return (self._last_ns - self._first_ns) / NS_PER_S

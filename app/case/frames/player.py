@@ -1,7 +1,7 @@
-"""Plays frames at the pace at which they were acquired, or faster, slower, step by step.
+"""Plays frames at the rate at which they were acquired, or faster, slower, step by step.
 
-Time comes in from outside: ``clock_ns`` reads a clock, ``wait`` waits on an event. With them
-replaced by a simulated pair a replay is deterministic and takes no time at all.
+The clock is passed in: ``clock_ns`` reads it, ``wait`` waits on an event. With a simulated pair a
+replay is deterministic and takes no time.
 """
 
 import threading
@@ -17,11 +17,11 @@ Wait = Callable[[threading.Event, float | None], object]
 
 
 def wait_on_event(event: threading.Event, timeout_s: float | None) -> None:
-    """Wait for ``event``, at most ``timeout_s`` seconds; for ever when that is None."""
+    """Wait for ``event`` for ``timeout_s`` seconds at most; without limit when that is None."""
     event.wait(timeout_s)
 
 
-class _Verdict(Enum):
+class _Action(Enum):
     PLAY = auto()
     RESTART = auto()
     STOP = auto()
@@ -29,18 +29,18 @@ class _Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class _Anchor:
-    """A moment of the recording, and what the clock read when it was played."""
+    """A time of the recording, and the time of the clock at which it was played."""
 
     clock_ns: int
     media_ns: int
 
 
 class Player:
-    """Yields the frames of ``source`` when they are due; controlled from any thread.
+    """Yields the frames of ``source`` when they are due. Controls may be called from any thread.
 
     ``source`` opens the recording anew at each call; `seek` and loops do so. ``rate`` is recorded
-    time over clock time; None plays without waiting. Every frame is yielded whatever the rate,
-    late rather than dropped, and no frame is ever changed.
+    time over clock time; None plays without waiting. Every frame is yielded unchanged at any rate,
+    late rather than dropped.
     """
 
     def __init__(
@@ -68,16 +68,16 @@ class Player:
 
     @property
     def paused(self) -> bool:
-        """Whether frames are held back until `resume` or `step`."""
+        """True while frames are held back until `resume` or `step`."""
         return self._paused
 
     @property
     def time_ns(self) -> int | None:
-        """The stamp of the frame that was played last, for ``/clock``; None before the first."""
+        """Stamp of the last played frame, for ``/clock``; None before the first."""
         return self._last_ns
 
     def pause(self) -> None:
-        """Hold the next frame back."""
+        """Hold back the next frame."""
         with self._lock:
             if not self._paused:
                 self._anchor = self._anchor_now()
@@ -85,7 +85,7 @@ class Player:
             self._changed.set()
 
     def resume(self) -> None:
-        """Go on at the same rate from where the replay stands."""
+        """Continue at the same rate from the current position."""
         with self._lock:
             if self._paused and self._anchor is not None:
                 self._anchor = _Anchor(self._clock_ns(), self._anchor.media_ns)
@@ -93,9 +93,9 @@ class Player:
             self._changed.set()
 
     def step(self, frames: int = 1) -> None:
-        """Pause, and let ``frames`` more frames pass at once."""
+        """Pause, and play ``frames`` more frames at once."""
         if frames < 1:
-            raise InputError(f"{frames} steps asked for: 1 or more wanted")
+            raise InputError(f"number of steps is {frames}; expected 1 or more")
         self.pause()
         with self._lock:
             self._steps += frames
@@ -111,27 +111,27 @@ class Player:
             self._changed.set()
 
     def seek(self, seconds: float) -> None:
-        """Go on with the first frame that is ``seconds`` or more after the recording's first.
+        """Continue with the first frame that is ``seconds`` or more after the recording's first.
 
-        A paused replay shows that one frame and stays paused.
+        A paused replay plays that one frame and stays paused.
         """
         if not 0.0 <= seconds <= 1e9:
-            raise InputError(f"seek to {seconds} s: 0 to 1e9 s wanted")
+            raise InputError(f"time to seek is {seconds} s; expected 0 to 1e9 s")
         with self._lock:
             self._seek_ns = round(seconds * NS_PER_S)
             self._steps = 1 if self._paused else 0
             self._changed.set()
 
     def stop(self) -> None:
-        """End the replay at once, also while it waits."""
+        """End the replay at once, also while it is waiting."""
         with self._lock:
             self._stopped = True
             self._changed.set()
 
     def play(self) -> Iterator[TrackingFrame]:
-        """Yield the frames, each when it is due; ends with the recording or with `stop`."""
-        verdict = _Verdict.RESTART
-        while verdict is _Verdict.RESTART:
+        """Yield each frame when it is due, until the end of the recording or `stop`."""
+        action = _Action.RESTART
+        while action is _Action.RESTART:
             with self._lock:
                 skip_ns, self._seek_ns = self._seek_ns, None
                 self._anchor = None
@@ -139,42 +139,42 @@ class Player:
             for frame in self._source():
                 if first_ns is None:
                     first_ns = frame.stamp.ns
-                early = skip_ns is not None and frame.stamp.ns - first_ns < skip_ns
-                if early and not self._stopped:
+                is_early = skip_ns is not None and frame.stamp.ns - first_ns < skip_ns
+                if is_early and not self._stopped:
                     continue
                 skip_ns = None
-                verdict = self._hold(frame.stamp.ns)
-                if verdict is not _Verdict.PLAY:
+                action = self._hold(frame.stamp.ns)
+                if action is not _Action.PLAY:
                     break
                 yield frame
             else:
-                verdict = self._at_end(empty=first_ns is None)
+                action = self._at_end(empty=first_ns is None)
 
-    def _hold(self, media_ns: int) -> _Verdict:
-        """Wait until the frame of ``media_ns`` is due, or a control says otherwise."""
+    def _hold(self, media_ns: int) -> _Action:
+        """Wait until the frame of ``media_ns`` is due or a control is called."""
         while True:
             with self._lock:
                 self._changed.clear()
                 if self._stopped:
-                    return _Verdict.STOP
+                    return _Action.STOP
                 if self._seek_ns is not None:
-                    return _Verdict.RESTART
+                    return _Action.RESTART
                 timeout_s: float | None = None
                 if self._paused and self._steps:
                     self._steps -= 1
                     self._anchor = _Anchor(self._clock_ns(), media_ns)
                     self._last_ns = media_ns
-                    return _Verdict.PLAY
+                    return _Action.PLAY
                 if not self._paused:
                     remaining_ns = self._remaining_ns(media_ns)
                     if remaining_ns <= 0.0:
                         self._last_ns = media_ns
-                        return _Verdict.PLAY
+                        return _Action.PLAY
                     timeout_s = remaining_ns / NS_PER_S
             self._wait(self._changed, timeout_s)
 
     def _remaining_ns(self, media_ns: int) -> float:
-        """Clock time until ``media_ns`` is due; a clock that jumped back counts from anew."""
+        """Clock time in ns until ``media_ns`` is due; starts anew where stamps jump back."""
         if self._rate is None:
             return 0.0
         jumped_back = self._last_ns is not None and media_ns < self._last_ns
@@ -185,7 +185,7 @@ class Player:
         return (media_ns - self._anchor.media_ns) / self._rate - elapsed_ns
 
     def _anchor_now(self) -> _Anchor | None:
-        """Where in the recording the replay stands at this moment."""
+        """The current position in the recording."""
         if self._anchor is None:
             return None
         now_ns = self._clock_ns()
@@ -195,16 +195,16 @@ class Player:
             played_ns = round((now_ns - self._anchor.clock_ns) * self._rate)
         return _Anchor(now_ns, self._anchor.media_ns + played_ns)
 
-    def _at_end(self, *, empty: bool) -> _Verdict:
+    def _at_end(self, *, empty: bool) -> _Action:
         with self._lock:
             if self._stopped:
-                return _Verdict.STOP
-            wanted = self._loop and not empty
-            return _Verdict.RESTART if wanted or self._seek_ns is not None else _Verdict.STOP
+                return _Action.STOP
+            is_looping = self._loop and not empty
+            return _Action.RESTART if is_looping or self._seek_ns is not None else _Action.STOP
 
 
 def checked_rate(rate: float | None) -> float | None:
-    """``rate``, which None means to play without waiting; `InputError` for one that cannot be."""
+    """``rate``, checked; None plays without waiting. `InputError` for a rate out of range."""
     if rate is not None and not 0.001 <= rate <= 1000.0:
-        raise InputError(f"rate {rate} of a replay: 0.001 to 1000 wanted")
+        raise InputError(f"rate of a replay is {rate}; expected 0.001 to 1000")
     return rate

@@ -1,6 +1,7 @@
-"""Frames read so many at once: a replay that reads one and steps one by turns is slower by a tenth.
+"""Reads frames in blocks.
 
-Each would find its code and its data pushed out of the processor's caches by the other.
+A replay that reads one frame and then steps it is slower by a tenth: reading and stepping evict
+each other's code and data from the processor's caches.
 """
 
 from collections.abc import Iterator
@@ -9,13 +10,13 @@ from itertools import islice
 from app.case.frames.samples import TrackingFrame
 
 AHEAD = 32
-"""At 50 Hz two thirds of a second; they are read in some 2 ms."""
+"""Frames per block: two thirds of a second at 50 Hz, read in about 2 ms."""
 
 
 def read_ahead(frames: Iterator[TrackingFrame]) -> Iterator[TrackingFrame]:
-    """Yield ``frames``, of which `AHEAD` are read at once.
+    """Yield ``frames``, read in blocks of `AHEAD`.
 
-    Where reading them raises, those before are yielded first.
+    Frames before an error are yielded before it is raised.
     """
     while True:
         block: list[TrackingFrame] = []

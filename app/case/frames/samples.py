@@ -1,4 +1,4 @@
-"""What a recording or a live source yields: one tracker frame after the other."""
+"""Tracker frames and joint samples, as recordings and live sources yield them."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ from app.geometry import InputError, Stamp, TrackedTransform, slot_setters
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
-    """A position for each of the joints ``names``, in rad, in m for sliding joints as in ROS.
+    """A position for each of the joints ``names``, in rad, or in m for prismatic joints.
 
-    Plain numbers: hundreds of samples come in a second, and few of them are looked at.
+    Plain floats, not an array: hundreds of samples arrive per second, and few of them are used.
     """
 
     names: tuple[str, ...]
@@ -21,18 +21,18 @@ class JointSample:
         object.__setattr__(self, "positions", tuple(map(float, self.positions)))
         if len(self.positions) != len(self.names):
             raise InputError(
-                f"joint sample has {len(self.names)} names and {len(self.positions)} positions: "
-                "one position a name wanted"
+                f"joint sample has {len(self.names)} names and {len(self.positions)} positions; "
+                "expected one position per name"
             )
         if len(set(self.names)) != len(self.names):
             twice = next(name for name in self.names if self.names.count(name) > 1)
-            raise InputError(f"joint {twice!r} is named twice in a joint sample: once wanted")
+            raise InputError(f"joint {twice!r} is repeated in a joint sample; expected it once")
 
     @classmethod
     def unchecked(
         cls, names: tuple[str, ...], positions: tuple[float, ...], stamp: Stamp
     ) -> "JointSample":
-        """From tuples of one length, of names that are not repeated and of floats: not checked."""
+        """Without checks: from tuples of one length, of unique names and of floats."""
         made = object.__new__(cls)
         _set_names(made, names)
         _set_positions(made, positions)
@@ -40,7 +40,7 @@ class JointSample:
         return made
 
     def as_mapping(self) -> dict[str, float]:
-        """Name to position, as the robot's kinematics take them."""
+        """Positions by joint name."""
         return dict(zip(self.names, self.positions, strict=True))
 
 
@@ -51,9 +51,9 @@ _set_names, _set_positions, _set_stamp = slot_setters(JointSample)
 class TrackingFrame:
     """All samples that the tracker acquired at ``stamp``, and the joints read since the last frame.
 
-    ``poses`` holds one sample an edge, whatever its status. A frame without any pose is a
-    watchdog frame: the source fell silent and time went on. ``unfiltered_stamp`` is the second
-    clock of an IGSIO recording, before its smoothing.
+    ``poses`` holds one sample per edge, of any status. A frame without poses is a watchdog frame:
+    the source sent nothing for too long. ``unfiltered_stamp`` is the time by the second clock of an
+    IGSIO recording, before its smoothing.
     """
 
     stamp: Stamp

@@ -1,4 +1,4 @@
-"""Silence made visible: a frame without poses wherever the source said nothing for too long."""
+"""Inserts frames without poses into gaps of a recording, so that a replay sees the gap."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,10 +10,10 @@ from app.geometry import Freshness, FreshnessLimits, freshness_of
 def with_watchdog(frames: Iterator[TrackingFrame], stale_after_ns: int) -> Iterator[TrackingFrame]:
     """Yield ``frames``, and one frame without poses in each gap longer than ``stale_after_ns``.
 
-    A replay steps from frame to frame, so without it time would stand still in a gap and the last
-    margin would stay on show. The watchdog frame is stamped one nanosecond after the last frame
-    became stale and takes the joints that were read up to then. The same holds at the end, when
-    the joints go on after the tracker fell silent.
+    A replay steps from frame to frame: without the inserted frame its time would stop in a gap and
+    the last margin would remain displayed. The watchdog frame is stamped one nanosecond after the
+    last frame became stale and takes the joints that were read up to then. The same is done at the
+    end, where joints continue after the last frame of the tracker.
     """
     limits = FreshnessLimits(stale_after_ns)
     last_ns: int | None = None

@@ -1,1 +1,1 @@
-"""What ``case.yaml`` and ``expected.yaml`` say, read and checked before anything is replayed."""
+"""Reads and checks ``case.yaml`` and ``expected.yaml`` before anything is replayed."""

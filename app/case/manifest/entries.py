@@ -1,7 +1,7 @@
-"""What a case consists of: the values of a ``case.yaml`` or ``live.yaml``, in our units.
+"""The values of a ``case.yaml`` or ``live.yaml``.
 
-Every matrix is a `Transform` in mm, every duration integer nanoseconds. ``manifest_file`` and
-``live_file`` read and check them.
+Every matrix is a `Transform` in mm, every duration an integer in ns. `load_manifest` and
+`open_live` read and check them.
 """
 
 import math
@@ -19,7 +19,7 @@ RegistrationMethod = Literal["given", "paired_points", "robot_world"]
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where the data come from; ``kind`` is never guessed."""
+    """Origin of the data; ``kind`` is always stated, never inferred."""
 
     kind: Literal["simulated", "recorded"]
     source: str
@@ -36,7 +36,7 @@ class RecordingEntry:
 
 @dataclass(frozen=True, slots=True)
 class ClockEntry:
-    """tracker = robot + ``offset_robot_to_tracker_ns``, or an offset that is to be estimated."""
+    """Clock offset, tracker = robot + ``offset_robot_to_tracker_ns``, unless to be estimated."""
 
     offset_robot_to_tracker_ns: int
     estimate: bool
@@ -44,9 +44,9 @@ class ClockEntry:
 
 @dataclass(frozen=True, slots=True)
 class MeshEntry:
-    """A mesh file as written and the unit of its numbers.
+    """Path of a mesh file as written, and the unit of its coordinates.
 
-    ``repair``: whether its faults may be repaired, where that is safe, rather than refused.
+    ``repair``: whether its faults are repaired where that is safe; otherwise they are refused.
     """
 
     path: str
@@ -56,7 +56,7 @@ class MeshEntry:
 
 @dataclass(frozen=True, slots=True)
 class SegmentationEntry:
-    """A label map file as written and which of its segments; None where it holds only one."""
+    """Path of a label map as written, and its segment; None where it holds only one."""
 
     path: str
     segment: str | None
@@ -64,14 +64,14 @@ class SegmentationEntry:
 
 @dataclass(frozen=True, slots=True)
 class ContourEntry:
-    """A file of points on the tumour's surface, as written."""
+    """Path, as written, of a file of points on the tumour's surface."""
 
     path: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolEntry:
-    """The tracked tool. The mesh is given in the tip's frame; None serves tip-only replays."""
+    """The tracked tool. The mesh is in the tip's frame; without one only the tip is replayed."""
 
     frame: str
     mesh: MeshEntry | None
@@ -85,7 +85,7 @@ class ToolEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TumorEntry:
-    """The tumour's shape, rigid to the tracked ``frame``."""
+    """The tumour's shape, rigidly attached to the tracked ``frame``."""
 
     frame: str
     shape: MeshEntry | SegmentationEntry | ContourEntry
@@ -93,13 +93,13 @@ class TumorEntry:
 
     @property
     def shape_key(self) -> str:
-        """The key under which the manifest names the shape's file."""
+        """The manifest's key of the shape, for messages."""
         return "tumor.contour" if isinstance(self.shape, ContourEntry) else "tumor.mesh"
 
 
 @dataclass(frozen=True, slots=True)
 class RobotEntry:
-    """The robot that holds the tool; without ``joint_states`` the recording holds no joints."""
+    """The robot that holds the tool. ``joint_states``: topic of its joints, None without any."""
 
     urdf: str
     base_frame: str
@@ -109,7 +109,7 @@ class RobotEntry:
 
 @dataclass(frozen=True, slots=True)
 class Dwell:
-    """The tool's tip rested on a landmark, in seconds from the recording's first frame."""
+    """An interval in which the tool's tip rests on a landmark, in s from the first frame."""
 
     start_s: float
     end_s: float
@@ -117,10 +117,10 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegistrationEntry:
-    """How the robot's base is registered: a given pose, point pairs, or times of dwelling.
+    """How the robot's base is registered: by a given pose, point pairs or dwells.
 
-    Once registered, the tool is known twice; a difference of more than ``max_drift_mm`` or
-    ``max_drift_rad`` says that the registration no longer holds.
+    After registration the tool's pose is measured twice, by tracker and robot. A difference of more
+    than ``max_drift_mm`` or ``max_drift_rad`` means that the registration no longer holds.
     """
 
     method: RegistrationMethod
@@ -134,10 +134,10 @@ class RegistrationEntry:
 
 @dataclass(frozen=True, slots=True)
 class MarginEntry:
-    """The margins of the fixture, and what counts as stale.
+    """The margins of the fixture, and the limits of freshness.
 
     A better state is entered only after ``release_samples`` samples that lie ``release_band_mm``
-    beyond the boundary; a pose that does not change at all for ``frozen_after_ns`` is frozen.
+    beyond the boundary. A pose that is constant for ``frozen_after_ns`` is frozen.
     """
 
     stop_mm: float
@@ -152,7 +152,7 @@ class MarginEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CaseManifest:
-    """A whole ``case.yaml``, or what a ``live.yaml`` has in common with it.
+    """A ``case.yaml``, or the sections that a ``live.yaml`` shares with it.
 
     ``file`` is the name of the file, for messages. A live case has no ``recording``.
     """
@@ -170,7 +170,7 @@ class CaseManifest:
     expected: str | None
 
     def recorded(self) -> RecordingEntry:
-        """The recording; `InputError` where the case is live and has none."""
+        """The recording; `InputError` for a live case."""
         if self.recording is None:
             raise InputError(f"{self.file}: a live case has no recording")
         return self.recording

@@ -1,6 +1,6 @@
-"""What a correct replay of a case must show, with tolerances: ``expected.yaml``.
+"""Expected results of a replay, with tolerances: ``expected.yaml``.
 
-Every block is optional; what is not stated is not checked. Times are in seconds from the first
+Every block is optional and checked only where it is given. Times are in seconds from the first
 frame of the recording.
 """
 
@@ -30,7 +30,7 @@ class ExpectedRegistration:
 class ExpectedBreach:
     """The tool is in the tumour from ``start_s`` to ``end_s``.
 
-    ``shaft_only``: another part of the tool is inside, its tip is not.
+    ``shaft_only``: a part of the tool is inside, but not its tip.
     """
 
     start_s: float
@@ -41,7 +41,7 @@ class ExpectedBreach:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedBreaches:
-    """Every breach of the recording, in order; one that is found beside them is false."""
+    """All breaches of the recording, in order; any other breach is a false one."""
 
     tolerance_ms: float
     depth_tolerance_mm: float
@@ -50,7 +50,7 @@ class ExpectedBreaches:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedDropout:
-    """``frame`` is not to be navigated by from ``start_s`` to ``end_s``."""
+    """``frame`` has no usable pose from ``start_s`` to ``end_s``."""
 
     frame: str
     kind: DropoutKind
@@ -60,7 +60,7 @@ class ExpectedDropout:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """The checks of a case; None and the empty tuple stand for "not stated"."""
+    """The checks of a case; None and the empty tuple mean that a block is not given."""
 
     registration: ExpectedRegistration | None = None
     breaches: ExpectedBreaches | None = None
@@ -80,7 +80,7 @@ def load_expected(path: Path, *, reference: str, robot_base: str) -> Expected:
 
 
 def write_expected(path: Path, expected: Expected) -> None:
-    """Write ``expected`` so that `load_expected` reads the same values; whole or not at all."""
+    """Write ``expected`` atomically, so that `load_expected` reads the same values."""
     document: dict[str, Any] = {}
     if expected.registration is not None:
         pose = expected.registration.reference_from_base
@@ -166,6 +166,6 @@ def _span(entry: Section) -> tuple[float, float]:
     start_s, end_s = entry.number("start_s"), entry.number("end_s")
     if end_s < start_s:
         raise InputError(
-            f"{entry.place('end_s')} is {end_s:g}: at least start_s ({start_s:g}) wanted"
+            f"{entry.place('end_s')} is {end_s:g}; expected start_s ({start_s:g}) or later"
         )
     return start_s, end_s

@@ -1,6 +1,6 @@
-"""The parts that ``case.yaml`` and ``live.yaml`` have in common, each read and checked.
+"""Reads and checks the sections that ``case.yaml`` and ``live.yaml`` have in common.
 
-Distances are in mm, matrices row by row, times as their keys say.
+Distances are in mm, matrices row by row, times in the unit that ends their key.
 """
 
 import math
@@ -39,18 +39,18 @@ from app.geometry import (
 _TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 MIN_DRIFT = 0.1
-"""Least drift bound, in mm and in degrees: below it the noise of any tracker would be drift."""
+"""Smallest drift bound, in mm and in degrees: the noise of any tracker exceeds a smaller one."""
 
 
 def check_schema(document: Section) -> None:
-    """`InputError` unless the document is of the one schema that there is."""
+    """Raise `InputError` unless the document has schema 1."""
     schema = document.integer("schema", minimum=1)
     if schema != 1:
-        raise InputError(f"{document.place('schema')} is {schema}: 1 wanted")
+        raise InputError(f"{document.place('schema')} is {schema}; expected 1")
 
 
 def read_provenance(document: Section) -> Provenance:
-    """``provenance``: where the data come from."""
+    """Read ``provenance``."""
     block = document.section("provenance", ("kind", "source", "licence"))
     kind = block.choice("kind", ("simulated", "recorded"))
     return Provenance(
@@ -61,20 +61,20 @@ def read_provenance(document: Section) -> Provenance:
 
 
 def read_clock(document: Section) -> ClockEntry:
-    """``clock``; without one the joints are on the tracker's clock."""
+    """Read ``clock``; without it the joints are on the tracker's clock."""
     if "clock" not in document:
         return ClockEntry(0, estimate=False)
     block = document.section("clock", ("offset_robot_to_tracker_ms", "estimate"))
     estimate = block.boolean("estimate") if "estimate" in block else False
     if estimate and "offset_robot_to_tracker_ms" in block:
-        raise InputError(f"{block.place('estimate')} and an offset are given: one of them wanted")
+        raise InputError(f"{block.place('estimate')} and an offset are given; expected one of them")
     if estimate:
         return ClockEntry(0, estimate=True)
     return ClockEntry(_ns(block, "offset_robot_to_tracker_ms", signed=True), estimate=False)
 
 
 def read_tool(document: Section) -> ToolEntry:
-    """``tool``."""
+    """Read ``tool``."""
     block = document.section("tool", ("frame", "mesh", "tip_from"))
     frame = read_frame(block, "frame")
     return ToolEntry(
@@ -85,13 +85,13 @@ def read_tool(document: Section) -> ToolEntry:
 
 
 def read_tumor(document: Section, tool: ToolEntry) -> TumorEntry:
-    """``tumor``; one that moves with ``tool`` is refused."""
+    """Read ``tumor``; `InputError` for one that moves with ``tool``."""
     block = document.section("tumor", ("frame", "mesh", "contour", "pose"))
     frame = read_frame(block, "frame")
     if tool.frame == frame:
         raise InputError(
-            f"{block.place('frame')} is {frame!r}, as is the tool's: "
-            "a tumour that moves with the tool is no target"
+            f"{block.place('frame')} is {frame!r}, the frame of the tool; "
+            "expected a frame that does not move with the tool"
         )
     return TumorEntry(
         frame, _shape(block), _pose(block, "pose", target=frame, source=TUMOR_MESH_FRAME)
@@ -101,27 +101,31 @@ def read_tumor(document: Section, tool: ToolEntry) -> TumorEntry:
 def _shape(tumor: Section) -> MeshEntry | SegmentationEntry | ContourEntry:
     if "contour" in tumor:
         if "mesh" in tumor:
-            raise InputError(f"{tumor.place('mesh')} and a contour are given: one of them wanted")
+            raise InputError(f"{tumor.place('mesh')} and a contour are given; expected one of them")
         return ContourEntry(tumor.section("contour", ("path",)).text("path"))
     mesh = tumor.section("mesh", ("path", "units", "repair", "segment"))
     path = mesh.text("path")
     if not path.lower().endswith(SEGMENTATION_ENDING):
         if "segment" in mesh:
-            raise InputError(f"{mesh.place('segment')} is given: {path} is no segmentation")
+            raise InputError(f"{mesh.place('segment')} is given, but {path} is not a segmentation")
         return MeshEntry(
             path,
             mesh.choice("units", tuple(UNITS_MM)),
             repair="repair" in mesh and mesh.boolean("repair"),
         )
     if "repair" in mesh:
-        raise InputError(f"{mesh.place('repair')} is given: a mesh file alone is repaired")
+        raise InputError(
+            f"{mesh.place('repair')} is given for a segmentation; only mesh files are repaired"
+        )
     if "units" in mesh:
-        raise InputError(f"{mesh.place('units')} is given: a segmentation is in mm")
+        raise InputError(
+            f"{mesh.place('units')} is given for a segmentation; its unit is always mm"
+        )
     return SegmentationEntry(path, mesh.text("segment") if "segment" in mesh else None)
 
 
 def read_robot(document: Section) -> RobotEntry | None:
-    """``robot``, None where the tool is held by hand."""
+    """Read ``robot``; None where the tool is held by hand."""
     if "robot" not in document:
         return None
     block = document.section("robot", ("urdf", "base_frame", "tool_link", "joint_states"))
@@ -132,24 +136,27 @@ def read_robot(document: Section) -> RobotEntry | None:
 
 
 def read_topic(block: Section, key: str) -> str:
-    """The full name of a ROS topic."""
+    """Read the full name of a ROS topic."""
     return check_topic(block.text(key), block.place(key))
 
 
 def check_topic(topic: str, where: str) -> str:
-    """``topic``, given at ``where``; `InputError` unless it is the full name of a ROS topic."""
+    """Return ``topic``, given at ``where``; `InputError` unless it is a full ROS topic name."""
     if not _TOPIC.fullmatch(topic):
         raise InputError(
-            f"{where} is {topic!r}: a topic from '/' on wanted, of letters, digits and underscores"
+            f"{where} is {topic!r}; expected a topic that begins with '/', of letters, digits and "
+            "underscores"
         )
     return topic
 
 
 def read_registration(document: Section, robot: RobotEntry | None) -> RegistrationEntry | None:
-    """``registration``; a robot needs one."""
+    """Read ``registration``, which is required with a robot."""
     if "registration" not in document:
         if robot is not None:
-            raise InputError(f"{document.place('registration')} is missing: a robot needs one")
+            raise InputError(
+                f"{document.place('registration')} is missing; expected one with a robot"
+            )
         return None
     drift = ("max_drift_mm", "max_drift_deg")
     block = document.section(
@@ -180,11 +187,11 @@ def _registration_method(block: Section, robot: RobotEntry | None) -> Registrati
     _allow_only(block, method, ("fixed_mm", "moving_mm"))
     fixed, moving = block.points("fixed_mm"), block.points("moving_mm")
     if not fixed:
-        raise InputError(f"{block.place('fixed_mm')} is empty: points wanted")
+        raise InputError(f"{block.place('fixed_mm')} is empty; expected points")
     if len(fixed) != len(moving):
         raise InputError(
-            f"{block.place('moving_mm')} has {len(moving)} points: "
-            f"as many as fixed_mm ({len(fixed)}) wanted"
+            f"{block.place('moving_mm')} has {len(moving)} points; "
+            f"expected {len(fixed)} as in fixed_mm"
         )
     return RegistrationEntry("paired_points", fixed_mm=fixed, moving_mm=moving)
 
@@ -195,24 +202,24 @@ def _dwells(block: Section) -> tuple[Dwell, ...]:
         dwell = Dwell(entry.number("start_s", minimum=0.0), entry.number("end_s"))
         if dwell.end_s <= dwell.start_s:
             raise InputError(
-                f"{entry.place('end_s')} is {dwell.end_s:g}: "
-                f"later than start_s ({dwell.start_s:g}) wanted"
+                f"{entry.place('end_s')} is {dwell.end_s:g}; "
+                f"expected a time after start_s ({dwell.start_s:g})"
             )
         dwells.append(dwell)
     if not dwells:
-        raise InputError(f"{block.place('dwells')} is empty: times of dwelling wanted")
-    # One landmark that counts twice would make the registration surer than it is.
-    for earlier, later in pairwise(sorted(dwells, key=lambda dwell: dwell.start_s)):
-        if later.start_s < earlier.end_s:
+        raise InputError(f"{block.place('dwells')} is empty; expected intervals")
+    # A landmark that counts twice would make the registration's uncertainty too small.
+    for first, second in pairwise(sorted(dwells, key=lambda dwell: dwell.start_s)):
+        if second.start_s < first.end_s:
             raise InputError(
-                f"{block.place('dwells')} overlap: {later.start_s:g} to {later.end_s:g} s begins "
-                f"before {earlier.start_s:g} to {earlier.end_s:g} s has ended"
+                f"{block.place('dwells')} overlap: {second.start_s:g} to {second.end_s:g} s starts "
+                f"before {first.start_s:g} to {first.end_s:g} s has ended"
             )
     return tuple(dwells)
 
 
 def read_margins(document: Section) -> MarginEntry:
-    """``margins``."""
+    """Read ``margins``."""
     block = document.section(
         "margins",
         (
@@ -229,7 +236,7 @@ def read_margins(document: Section) -> MarginEntry:
     stop_mm, warn_mm = (block.number(key, minimum=0.0) for key in ("stop_mm", "warn_mm"))
     if warn_mm <= stop_mm:
         raise InputError(
-            f"{block.place('warn_mm')} is {warn_mm:g}: more than stop_mm ({stop_mm:g}) wanted"
+            f"{block.place('warn_mm')} is {warn_mm:g}; expected more than stop_mm ({stop_mm:g})"
         )
     entry = MarginEntry(
         stop_mm,
@@ -272,7 +279,7 @@ def _matrix(block: Section, *, target: str, source: str) -> Transform:
 
 
 def read_frame(block: Section, key: str) -> str:
-    """The name of a frame."""
+    """Read the name of a frame."""
     name = block.text(key)
     try:
         return check_frame(name)
@@ -281,12 +288,14 @@ def read_frame(block: Section, key: str) -> str:
 
 
 def _ns(block: Section, key: str, *, signed: bool = False) -> int:
-    """Milliseconds to nanoseconds; positive unless ``signed``, and within a year."""
+    """Read milliseconds as nanoseconds; positive unless ``signed``, and a year at most."""
     milliseconds = block.number(key)
     year_ms = 365 * 86_400_000
     if abs(milliseconds) > year_ms or (milliseconds <= 0.0 and not signed):
         lowest = f"{-year_ms}" if signed else "more than 0"
-        raise InputError(f"{block.place(key)} is {milliseconds:g}: {lowest} to {year_ms} ms wanted")
+        raise InputError(
+            f"{block.place(key)} is {milliseconds:g}; expected {lowest} to {year_ms} ms"
+        )
     return round(milliseconds * NS_PER_MS)
 
 
@@ -294,5 +303,5 @@ def _allow_only(block: Section, method: str, allowed: tuple[str, ...]) -> None:
     for key in ("matrix", "fixed_mm", "moving_mm", "dwells"):
         if key in block and key not in allowed:
             raise InputError(
-                f"{block.place(key)} does not belong to {method}: {', '.join(allowed)} wanted"
+                f"{block.place(key)} does not belong to {method}; expected {', '.join(allowed)}"
             )

@@ -1,7 +1,7 @@
-"""Tracker and joint samples as ROS messages, without ROS: built by rosbags.
+"""Tracker and joint samples as ROS messages, built by rosbags without ROS.
 
-Millimetres inside, metres in the messages. A sample that is not OK carries NaN, so that a program
-that overlooks its status cannot navigate by it.
+Samples are in mm, messages in m. A sample that is not OK carries NaN, so that a program that
+ignores its status cannot navigate by it.
 """
 
 import math
@@ -21,7 +21,7 @@ TRACKED_TRANSFORMS_TOPIC = "/tracked_transforms"
 TF_TOPIC = "/tf"
 JOINT_STATES_TOPIC = "/joint_states"
 UNFILTERED_TIME_TOPIC = "/tracked_transforms/unfiltered_time"
-"""The second clock of an IGSIO recording: header.stamp is the frame's stamp, time_ref the other."""
+"""Second clock of an IGSIO recording: header.stamp is the frame's stamp, time_ref the other."""
 
 TRACKED_TRANSFORM = "marginguard_msgs/msg/TrackedTransform"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
@@ -48,14 +48,14 @@ _SEC_LIMIT = 2**31
 
 @cache
 def ros_types() -> Typestore:
-    """The message types of ROS 2 Jazzy and our own; shared, never changed after this."""
+    """The message types of ROS 2 Jazzy and of this project; shared and never modified."""
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(TRACKED_TRANSFORM_DEFINITION, TRACKED_TRANSFORM))
     return store
 
 
 def tracked_transform_message(sample: TrackedTransform) -> Any:
-    """``marginguard_msgs/TrackedTransform`` of a sample."""
+    """Build a ``marginguard_msgs/TrackedTransform``."""
     return ros_types().types[TRACKED_TRANSFORM](
         header=_header(sample.stamp.ns, sample.target),
         child_frame_id=sample.source,
@@ -65,7 +65,7 @@ def tracked_transform_message(sample: TrackedTransform) -> Any:
 
 
 def tf_message(samples: Sequence[TrackedTransform]) -> Any:
-    """``tf2_msgs/TFMessage`` of samples that are all OK."""
+    """Build a ``tf2_msgs/TFMessage`` of samples that are all OK."""
     stamped = ros_types().types["geometry_msgs/msg/TransformStamped"]
     return ros_types().types[TF_MESSAGE](
         transforms=[
@@ -80,7 +80,7 @@ def tf_message(samples: Sequence[TrackedTransform]) -> Any:
 
 
 def joint_state_message(sample: JointSample, robot_ns: int) -> Any:
-    """``sensor_msgs/JointState`` of a sample, stamped ``robot_ns`` on the robot's own clock."""
+    """Build a ``sensor_msgs/JointState``, stamped ``robot_ns`` on the robot's own clock."""
     return ros_types().types[JOINT_STATE](
         header=_header(robot_ns, ""),
         name=list(sample.names),
@@ -91,7 +91,7 @@ def joint_state_message(sample: JointSample, robot_ns: int) -> Any:
 
 
 def time_reference_message(stamp: Stamp, unfiltered: Stamp) -> Any:
-    """``sensor_msgs/TimeReference``: what the unsmoothed clock read at ``stamp``."""
+    """Build a ``sensor_msgs/TimeReference``: the time of the unsmoothed clock at ``stamp``."""
     return ros_types().types[TIME_REFERENCE](
         header=_header(stamp.ns, ""), time_ref=_time(unfiltered.ns), source="unfiltered"
     )
@@ -104,7 +104,7 @@ def _header(ns: int, frame: str) -> Any:
 def _time(ns: int) -> Any:
     sec, nanosec = divmod(ns, NS_PER_S)
     if not -_SEC_LIMIT <= sec < _SEC_LIMIT:
-        raise InputError(f"stamp {ns} ns does not fit a ROS time: within 2^31 s of 0 wanted")
+        raise InputError(f"stamp is {ns} ns; expected a ROS time, within 2^31 s of 0")
     return ros_types().types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
 
 

@@ -1,4 +1,4 @@
-"""A rosbag2 folder in the making: MCAP, readable up to its last flush whenever the writer dies."""
+"""Writes a rosbag2 folder in MCAP that stays readable up to the last flush after a crash."""
 
 import os
 from collections import Counter
@@ -19,10 +19,10 @@ _METADATA_VERSION = 9
 
 @dataclass(frozen=True, slots=True)
 class BagTopic:
-    """A topic as a bag describes it.
+    """Metadata of a topic in a bag.
 
-    ``definition`` is a ``ros2msg`` schema; ``offered_qos`` what each publisher promised, in the
-    words of rosbag2; ``type_hash`` the type's hash, empty when it is not known.
+    ``definition`` is a ``ros2msg`` schema, ``offered_qos`` the QoS profile of each publisher with
+    rosbag2's keys, ``type_hash`` the hash of the type, empty when it is not known.
     """
 
     name: str
@@ -33,14 +33,14 @@ class BagTopic:
 
 
 class BagWriter:
-    """``writer.add_topic(topic)``, ``writer.write(...)``, `flush` now and then, `close`.
+    """Writes messages to the new rosbag2 folder ``folder``: `add_topic`, `write`, `flush`, `close`.
 
-    ``folder`` is made, and must not be there before. Messages lie in ``NAME_0.mcap``; what was
-    flushed outlives the process, and what was synced outlives the machine. `close` adds the index
-    and ``metadata.yaml``; without it players of MCAP files read the file from its beginning.
+    ``folder`` must not exist. Messages are in ``NAME_0.mcap``. Flushed messages survive a crash of
+    the process, synced ones a power cut. `close` adds the index and ``metadata.yaml``; without them
+    MCAP players read the file from its beginning.
 
-    Raises `InputError` when something cannot be written, a full disk for one. What was written
-    before stays, and nothing can be written after that.
+    Raises `InputError` when something cannot be written, such as on a full disk. Messages written
+    before remain, and every later write raises.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -64,11 +64,11 @@ class BagWriter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages written so far, by topic."""
+        """Number of messages written so far, by topic."""
         return {name: self._counts[name] for name in self._topics}
 
     def add_topic(self, topic: BagTopic) -> None:
-        """Say what ``topic`` is; once, before its first message."""
+        """Declare ``topic``, once and before its first message."""
         schema = self._schemas.get(topic.message_type)
         if schema is None:
             schema = self._schemas[topic.message_type] = self._writer.register_schema(
@@ -82,7 +82,7 @@ class BagWriter:
         self._topics[topic.name] = (topic, channel)
 
     def write(self, name: str, data: bytes, *, received_ns: int, published_ns: int) -> None:
-        """Append a message of the topic ``name``, in CDR; both times in ns since 1970."""
+        """Append a CDR message of the topic ``name``; both times are in ns since 1970."""
         _, channel = self._topics[name]
         sequence = self._counts[name]
         self._guarded(
@@ -95,15 +95,15 @@ class BagWriter:
         self._last_ns = max(self._last_ns, received_ns)
 
     def flush(self) -> None:
-        """Hand what was written to the operating system: it outlives this process from now on."""
+        """Pass all messages to the operating system, so that they survive this process."""
         self._guarded(self._writer.flush)
 
     def sync(self) -> None:
-        """Have what was flushed on the disk; takes its time, and may be called beside `write`."""
+        """Write flushed messages to the disk. Slow; may be called from a thread beside `write`."""
         self._guarded(lambda: os.fsync(self._file.fileno()))
 
     def close(self) -> None:
-        """End the file with its index and write ``metadata.yaml``; a second call does nothing."""
+        """Write the index of the file and ``metadata.yaml``; a second call does nothing."""
         if self._file.closed:
             return
         try:
@@ -115,19 +115,19 @@ class BagWriter:
         finally:
             try:
                 self._file.close()
-            except OSError:  # what could not be written before; said when it was tried
+            except OSError:  # reported by the write that failed first
                 self._failed = True
 
     def _guarded(self, act: Callable[[], object]) -> None:
         if self._failed:
-            raise InputError(f"{self._path} cannot be written any more")
+            raise InputError(f"{self._path} cannot be written: an earlier write failed")
         try:
             act()
         except OSError as error:
             self._failed = True
             raise InputError(
-                f"{self._path} cannot be written any more: {error.strerror}; "
-                f"what was written before ({sum(self._counts.values())} messages at most) stays"
+                f"{self._path} cannot be written: {error.strerror}; "
+                f"up to {sum(self._counts.values())} messages written before remain"
             ) from error
 
     def _write_metadata(self) -> None:
@@ -169,7 +169,7 @@ class BagWriter:
             "ros_distro": "jazzy",
         }
         document = {"rosbag2_bagfile_information": information}
-        # Without aliases: rosbag2's reader need not know them.
+        # Other readers of bags may not know YAML aliases.
         text = yaml.dump(document, Dumper=_PlainDumper, sort_keys=False)
         contents = {"metadata.yaml": text.encode()}
         self._guarded(lambda: write_files(self._folder, contents))

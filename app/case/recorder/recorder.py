@@ -1,8 +1,8 @@
-"""Write tracker frames to an MCAP recording that this project and any ROS 2 machine can read.
+"""Writes tracker frames to an MCAP recording that any ROS 2 machine can read.
 
-Topics: every sample on ``/tracked_transforms``, the valid ones on ``/tf`` too, joints on
-``/joint_states``, and the second clock of a frame, where it has one, as a TimeReference. A message
-is logged at its acquisition time, so that the file plays in the order of events.
+Topics: every sample on ``/tracked_transforms``, valid samples on ``/tf`` too, joints on
+``/joint_states``, and the second clock of a frame, where it has one, as a TimeReference. The log
+time of a message is its acquisition time, so that the file plays in the order of events.
 """
 
 from collections.abc import Iterable, Mapping
@@ -30,15 +30,15 @@ from app.case.messages.ros_messages import (
 )
 from app.geometry import InputError, TrackingStatus
 
-# What a crash while recording can cost: the chunk being filled, about a second at 50 Hz.
 _CHUNK_BYTES = 128 * 1024
+"""A crash loses the chunk that is being filled: about a second at 50 Hz."""
 
 
 class Recorder:
-    """An MCAP file in the making; it appears under its name only when closed without an error.
+    """Writes an MCAP file, which appears under its name only after a close without an error.
 
-    ``robot_to_tracker_offset_ns`` is taken off the stamps of joint samples on the tracker's clock,
-    so that the file holds the robot's own stamps. The same frames give the same bytes.
+    ``robot_to_tracker_offset_ns`` is subtracted from the stamps of joint samples on the tracker's
+    clock, so that the file holds the robot's own stamps. The same frames give the same bytes.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Recorder:
             self._partial.unlink()
 
     def write(self, frame: TrackingFrame) -> None:
-        """Append a frame; frames come in the order in which they were acquired."""
+        """Append a frame; frames are written in the order of acquisition."""
         for joints in frame.joints:
             self._write_joints(joints)
         for sample in frame.poses:
@@ -118,7 +118,7 @@ class Recorder:
 
     def _add(self, topic: str, log_ns: int, message: Any) -> None:
         if not 0 <= log_ns < 2**63:
-            raise InputError(f"stamp {log_ns} ns cannot be recorded: 0 to 2^63 - 1 wanted")
+            raise InputError(f"stamp to record is {log_ns} ns; expected 0 to 2^63 - 1")
         data = bytes(ros_types().serialize_cdr(message, self._topics[topic]))
         sequence = self._counts[topic] = self._counts.get(topic, -1) + 1
         self._writer.add_message(
@@ -133,7 +133,7 @@ def write_recording(
     robot_to_tracker_offset_ns: int = 0,
     joint_states_topic: str = JOINT_STATES_TOPIC,
 ) -> None:
-    """Write ``frames`` to the MCAP file ``path``: all of them, or no file at all.
+    """Write all ``frames`` to the MCAP file ``path``; no file is left after an error.
 
     Raises `InputError` when ``path`` exists or cannot be written, or a stamp does not fit.
     """

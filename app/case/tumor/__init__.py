@@ -1,6 +1,6 @@
-"""A tumour's surface from what surgeons mark: contoured points, or a segment of a volume."""
+"""Builds a tumour's surface from contoured points or from a segment of a volume."""
 
 import lazy_loader
 
-# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+# Names are listed in `__init__.pyi` and loaded on first use.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,15 +1,15 @@
-"""A closed, smooth surface around points that a surgeon put on a tumour.
+"""A closed, smooth surface around points that a surgeon placed on a tumour.
 
-LumpNav spans the convex hull of such points and rounds it by a subdivision that passes through
-them. The same is done here with a radius for every direction, which takes fewer points to come
-near the tumour's volume, and with every point inside the result, which a subdivision leaves open.
+LumpNav takes the convex hull of such points and rounds it by a subdivision that interpolates them.
+Here the surface is a radius for every direction instead. It needs fewer points for the same error
+of the volume, and it contains every point, which a subdivision does not guarantee.
 
-The points are first brought to the axes in which the solid moments of their hull are those of the
-unit ball, so that an ellipsoid of points becomes a sphere and is found again. There the radius is
-interpolated over the unit sphere by a thin-plate spline with a linear part (Duchon 1977;
-`scipy.interpolate.RBFInterpolator`) and kept between the hull's own radius and the largest of any
-point: the surface does not cut into the hull, and bulges no further than the ellipsoid with the
-hull's moments through the outermost point.
+The points are first transformed to the axes in which their solid hull has the moments of the unit
+ball, so that points of an ellipsoid lie on a sphere. There the radius is interpolated over the unit
+sphere by a thin-plate spline with a linear part (Duchon 1977; `scipy.interpolate.RBFInterpolator`)
+and limited to between the hull's own radius and the largest radius of a point: the surface does
+not cut into the hull, and stays within the ellipsoid with the hull's moments through the outermost
+point.
 """
 
 from typing import Any
@@ -22,24 +22,24 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 
-SMALLEST_MM, LARGEST_MM = 0.5, 1000.0
-"""Least and largest side of the box around the points: 20 mm given in metres measure 0.02."""
+MIN_SIZE_MM, MAX_SIZE_MM = 0.5, 1000.0
+"""Limits of the longest side of the box around the points: 20 mm given in metres measure 0.02."""
 
 MAX_POINTS = 2000
-"""The interpolation is a dense system with a row a point."""
+"""The interpolation solves a dense system with one row per point."""
 
 CLEARANCE_MM = 1e-3
-"""How far below the surface, towards its middle, each point lies: a file in single precision loses
-less."""
+"""Distance of each point from the surface, towards its middle; more than the rounding of a file in
+single precision."""
 
-_THINNEST = 1 / 50
-"""Least thickness of the points, as a part of their largest extent."""
+_MIN_THICKNESS = 1 / 50
+"""Minimum thickness of the points, as a fraction of their largest extent."""
 
-_STRAY = 10.0
-"""A point is a stray one from this many times the median distance to the median point on."""
+_MAX_OUTLIER_RATIO = 10.0
+"""Maximum distance of a point to the median point, as a multiple of the median distance."""
 
 _SUBDIVISIONS = 4
-"""Of an icosahedron: 2562 directions, 4.4 degrees apart, 5120 triangles."""
+"""Of an icosahedron: 2562 directions at 4.4 degrees, 5120 triangles."""
 
 _EDGE_SAMPLES = 32
 _NEAREST_FACES = 8
@@ -49,10 +49,10 @@ _SAME_DIRECTION = 1e-3
 def surface_around(points_mm: FloatArray, frame: str) -> SurfaceMesh:
     """A closed surface, normals outward, that contains all of ``points_mm`` (n, 3) in ``frame``.
 
-    At least four points that do not lie in one plane; doubles count once. A hollow between the
-    points is filled, as LumpNav does: the surface is that of their convex hull, rounded outward.
-    Raises `MeshError`, naming the first thing that is wrong: too few or too many points, values
-    that are not finite, points in a plane, one far from all others, an extent that no tumour has.
+    Needs four points or more that are not in one plane; duplicates count once. Hollows between the
+    points are filled, as in LumpNav: the surface is that of their convex hull, rounded outward.
+    Raises `MeshError` for too few or too many points, values that are not finite, points in one
+    plane, a point far from all others, and an extent that no tumour has.
     """
     points = _checked(points_mm)
     centre, frame_from_ball = _moments(_hull(points))
@@ -67,41 +67,44 @@ def surface_around(points_mm: FloatArray, frame: str) -> SurfaceMesh:
 
 
 def _checked(points_mm: FloatArray) -> FloatArray:
-    """The different points (n, 3) of those that were given."""
+    """The distinct points (n, 3), checked."""
     given = np.array(points_mm, dtype=np.float64)
     if given.ndim != 2 or given.shape[1] != 3:
-        raise MeshError(f"contoured points have shape {given.shape}: (n, 3) wanted")
+        raise MeshError(f"contoured points have shape {given.shape}; expected (n, 3)")
     finite = np.isfinite(given).all(axis=1)
     if not finite.all():
         first = int(np.argmin(finite))
-        raise MeshError(f"contoured point {first + 1} is {given[first].tolist()}: 3 numbers wanted")
+        raise MeshError(
+            f"contoured point {first + 1} is {given[first].tolist()}; expected 3 finite numbers"
+        )
     points = np.unique(given + 0.0, axis=0)
     if not 4 <= len(points) <= MAX_POINTS:
         raise MeshError(
-            f"{len(given)} contoured points, {len(points)} different ones: "
-            f"4 to {MAX_POINTS} different ones wanted"
+            f"{len(given)} contoured points, {len(points)} of them distinct; "
+            f"expected 4 to {MAX_POINTS} distinct points"
         )
     size = float(np.ptp(points, axis=0).max())
-    if not SMALLEST_MM <= size <= LARGEST_MM:
+    if not MIN_SIZE_MM <= size <= MAX_SIZE_MM:
         raise MeshError(
-            f"the contoured points span {size:.6g} mm: {SMALLEST_MM:g} to {LARGEST_MM:g} mm "
-            "allowed; are they in mm, and is one of them astray?"
+            f"the contoured points span {size:.6g} mm; "
+            f"expected {MIN_SIZE_MM:g} to {MAX_SIZE_MM:g} mm "
+            "(check the unit, and for a stray point)"
         )
     from_middle = np.linalg.norm(given - np.median(points, axis=0), axis=1)
-    usual = float(np.median(from_middle))
+    typical = float(np.median(from_middle))
     farthest = int(np.argmax(from_middle))
-    if from_middle[farthest] > _STRAY * usual:
+    if from_middle[farthest] > _MAX_OUTLIER_RATIO * typical:
         raise MeshError(
             f"contoured point {farthest + 1} at {np.round(given[farthest], 3).tolist()} mm is "
-            f"{from_middle[farthest]:.6g} mm from the middle, half of them are within "
-            f"{usual:.6g} mm: at most {_STRAY:g} times that allowed"
+            f"{from_middle[farthest]:.6g} mm from the median point, and half of them within "
+            f"{typical:.6g} mm; expected {_MAX_OUTLIER_RATIO:g} times that or less"
         )
     centred = points - points.mean(axis=0)
     extents = np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0)
-    if extents.min() < _THINNEST * extents.max():
+    if extents.min() < _MIN_THICKNESS * extents.max():
         raise MeshError(
             f"the contoured points are {extents.max():.6g} mm long and {extents.min():.6g} mm "
-            f"thick, all but in one plane: {_THINNEST * extents.max():.6g} mm or more wanted"
+            f"thick, nearly in one plane; expected {_MIN_THICKNESS * extents.max():.6g} mm or more"
         )
     return points
 
@@ -111,21 +114,21 @@ def _hull(points: NDArray[np.floating[Any]]) -> ConvexHull:
         return ConvexHull(points)
     except QhullError as error:
         reason = str(error).splitlines()[0]
-        raise MeshError(f"the contoured points span no solid: {reason}") from error
+        raise MeshError(f"the contoured points do not span a solid: {reason}") from error
 
 
 def _moments(hull: ConvexHull) -> tuple[FloatArray, FloatArray]:
     """The centroid (3,) of the solid hull, and the axes (3, 3) in which it has a ball's moments.
 
-    Of tetrahedra with a common corner: integral of x x^T over one with corners 0, a, b, c and
-    volume V is V / 20 (a a^T + b b^T + c c^T + s s^T), s = a + b + c; that of the unit ball is its
-    volume / 5 times the identity.
+    The hull is split into tetrahedra with a common corner. The integral of x x^T over a tetrahedron
+    with corners 0, a, b, c and volume V is V / 20 (a a^T + b b^T + c c^T + s s^T), s = a + b + c;
+    over the unit ball it is its volume / 5 times the identity.
     """
     inside = hull.points[hull.vertices].mean(axis=0)
     corners = hull.points[hull.simplices] - inside
     volumes = np.abs(np.linalg.det(corners))
     centroid = np.average(corners.sum(axis=1) / 4.0, axis=0, weights=volumes)
-    # The tetrahedra keep their volumes: the apex of each is one and the same inner point.
+    # Moving the origin to the centroid keeps the volumes of the tetrahedra.
     corners = np.concatenate([corners, np.zeros_like(corners[:, :1])], axis=1) - centroid
     sums = corners.sum(axis=1)
     weights = volumes / volumes.sum() / 20.0
@@ -135,24 +138,26 @@ def _moments(hull: ConvexHull) -> tuple[FloatArray, FloatArray]:
 
 
 def _smooth_radii(hull: ConvexHull, directions: FloatArray) -> FloatArray:
-    """The interpolated radius (m,) along each of ``directions`` (m, 3), not above any corner's."""
+    """The interpolated radius (m,) along ``directions`` (m, 3), at most the largest of a corner."""
     corners = hull.points[hull.vertices]
     radii = np.linalg.norm(corners, axis=1)
     towards = corners / radii[:, None]
     # Two corners in nearly the same direction would make the system singular.
-    _, kept = np.unique(np.round(towards / _SAME_DIRECTION), axis=0, return_index=True)
-    smooth = RBFInterpolator(towards[kept], radii[kept], kernel="thin_plate_spline", degree=1)
+    _, distinct = np.unique(np.round(towards / _SAME_DIRECTION), axis=0, return_index=True)
+    smooth = RBFInterpolator(
+        towards[distinct], radii[distinct], kernel="thin_plate_spline", degree=1
+    )
     return np.asarray(np.minimum(smooth(directions), radii.max()))
 
 
 def _hull_radii(hull: ConvexHull, directions: FloatArray) -> FloatArray:
-    """How far (m,) the hull reaches from the origin, which is inside, along ``directions``."""
+    """Distance (m,) from the origin, which is inside, to the hull along ``directions`` (m, 3)."""
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
     return np.asarray(1.0 / (directions @ (normals / -offsets[:, None]).T).max(axis=1))
 
 
 def _outermost(hull: ConvexHull) -> FloatArray:
-    """Points (n, 3) of the hull that stand out most: its corners and places along its edges."""
+    """Points (n, 3) of the hull farthest out: its corners and samples along its edges."""
     sides = np.concatenate([hull.simplices[:, [0, 1]], hull.simplices[:, [1, 2]],
                             hull.simplices[:, [2, 0]]])  # fmt: skip
     start, end = hull.points[np.unique(np.sort(sides, axis=1), axis=0)].swapaxes(0, 1)
@@ -163,11 +168,11 @@ def _outermost(hull: ConvexHull) -> FloatArray:
 def _raised(
     radii: FloatArray, inside: FloatArray, directions: FloatArray, faces: NDArray[np.int64]
 ) -> FloatArray:
-    """``radii`` (m,), raised where needed until the surface contains all of ``inside`` (n, 3).
+    """Raise ``radii`` (m,) where needed until the surface contains all of ``inside`` (n, 3).
 
     A point x = w_a u_a + w_b u_b + w_c u_c in the cone of a triangle with corners r u is inside it
-    where w_a / r_a + w_b / r_b + w_c / r_c <= 1. That falls with every r, so raising a triangle
-    for one point lets no other point out.
+    where w_a / r_a + w_b / r_b + w_c / r_c <= 1. That sum decreases with every r, so raising a
+    triangle for one point keeps all other points inside.
     """
     corners = directions[faces]
     weights_from_point = np.linalg.inv(corners.swapaxes(1, 2))

@@ -1,18 +1,18 @@
-"""The surface of the voxels that were marked, smooth to a part of a voxel.
+"""The smooth surface of marked voxels, accurate to a fraction of a voxel.
 
-Each part (voxels joined by faces, edges or corners) is shaped on its own: its marks are blurred by
-one voxel, and marching cubes (Lorensen and Cline 1987, of scikit-image) finds the level between in
-and out. Blurring alone would shrink what is round and lose what is thin, so
+Each part (voxels joined by faces, edges or corners) is built on its own: its marks are blurred by
+one voxel, and marching cubes (Lorensen and Cline 1987, from scikit-image) extracts a level set.
+Blurring alone would shrink round parts and lose thin ones. Therefore
 
-- the surface crosses the line from a marked voxel's centre to a neighbour's that is not marked at
-  `_LEAST_REACH` voxels or more, and that neighbour's centre is outside;
-- a marked voxel that no cross of seven marked ones contains is thin: there the surface contains the
-  centres of the voxel's open faces, and more where it is thin along two axes or all three;
-- the level is chosen such that the part encloses the volume of its voxels, or the least above that
-  which the first two rules allow.
+- the surface crosses the line from a marked voxel's centre to an unmarked neighbour's centre at
+  `_MIN_REACH` voxels or more, and that neighbour's centre is outside;
+- a marked voxel that no cross of seven marked voxels contains is thin: there the surface contains
+  the centres of the voxel's open faces, and more where it is thin along two or three axes;
+- the level is chosen such that the part encloses the volume of its voxels, or the smallest volume
+  above that which the first two rules allow.
 
-So every place of the surface lies among eight neighbouring voxel centres of which some are marked
-and some are not: it is off by less than the diagonal of a voxel, and by far less where it is round.
+Every point of the surface thus lies among eight neighbouring voxel centres of which some are marked
+and some are not: its error is less than the diagonal of a voxel, and far less where it is round.
 """
 
 import numpy as np
@@ -31,22 +31,22 @@ from skimage.measure import marching_cubes
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 
 MAX_VOXELS = 1 << 25
-"""Of the box around the marked voxels: some 20 bytes each are needed."""
+"""Of the box around the marked voxels; each takes about 20 bytes of memory."""
 
 _BLUR_VOXELS = 1.0
 _BORDER = 4
-"""Voxels of outside around the marks: the blur is cut off there."""
+"""Unmarked voxels around the marks; the blur is cut off there."""
 
 _APART = np.float32(0.05)
-"""How far from the level a voxel's own centre stays, so that no triangle loses its area."""
+"""Minimum distance of a voxel's value from the level, so that no triangle degenerates."""
 
-_LEAST_REACH = 0.2
+_MIN_REACH = 0.2
 _THIN_REACH = (0.5, 0.5, 0.5**0.5, 6.0 ** (1.0 / 3.0) / 2.0)
-"""Voxels from a thin voxel's centre to the surface, by the number of axes along which it is one
-voxel thick: the cross-polytope of n axes with these half-diagonals has the volume of the voxel."""
+"""Distance in voxels from a thin voxel's centre to the surface, by the number n of axes along which
+it is one voxel thick: the n-dimensional cross-polytope with that half-diagonal has volume 1."""
 
-_LEAST_SHIFT, _MOST_SHIFT = -0.3, 1.0
-"""Of the level. At the most any voxel reaches so far out that no volume is missing."""
+_MIN_SHIFT, _MAX_SHIFT = -0.3, 1.0
+"""Limits of the level. At the upper one every voxel reaches so far that no volume is missing."""
 
 _SHIFT_STEP = 0.003
 _CROSS = generate_binary_structure(3, 1)
@@ -56,18 +56,18 @@ _CUBE = generate_binary_structure(3, 3)
 def surface_of_labels(
     marked: NDArray[np.bool_], frame_from_index: FloatArray, frame: str
 ) -> SurfaceMesh:
-    """The closed surface, normals outward, of the true voxels of ``marked`` (i, j, k).
+    """Build the closed surface, normals outward, of the true voxels of ``marked`` (i, j, k).
 
     ``frame_from_index`` (3, 4) maps the index of a voxel to its centre in mm in ``frame``; it may
-    be oblique and left-handed. At the border of the array the surface runs along the voxels'
-    faces, to a tenth of a voxel. Raises `MeshError` when nothing is marked, and above `MAX_VOXELS`.
+    be oblique and left-handed. At the border of the array the surface follows the voxels' faces to
+    a tenth of a voxel. Raises `MeshError` when no voxel is marked, and above `MAX_VOXELS`.
     """
     if not marked.any():
-        raise MeshError("no voxel is marked: one at least wanted")
+        raise MeshError("no voxel is marked; expected one or more")
     if np.prod(np.add(marked.shape, 2 * _BORDER)) > MAX_VOXELS:
         raise MeshError(
-            f"the marked voxels span {' x '.join(map(str, marked.shape))}: "
-            f"{MAX_VOXELS} with their border allowed"
+            f"the marked voxels span {' x '.join(map(str, marked.shape))}; "
+            f"expected {MAX_VOXELS} with their border or less"
         )
     parts, _ = label(marked, _CUBE)
     vertices, faces, count = [], [], 0
@@ -77,29 +77,29 @@ def surface_of_labels(
         faces.append(part_faces + count)
         count += len(part_vertices)
     linear, origin = frame_from_index[:, :3], frame_from_index[:, 3]
-    turn = -1 if np.linalg.det(linear) < 0.0 else 1
+    order = -1 if np.linalg.det(linear) < 0.0 else 1
     return SurfaceMesh(
-        frame, np.concatenate(vertices) @ linear.T + origin, np.concatenate(faces)[:, ::turn]
+        frame, np.concatenate(vertices) @ linear.T + origin, np.concatenate(faces)[:, ::order]
     )
 
 
 def _surface_of_part(inside: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.int32]]:
-    """The surface in voxels that encloses as many of them as are ``inside``, or a little more."""
+    """The surface, in voxels, that encloses the volume of ``inside`` or slightly more."""
     blurred = gaussian_filter(inside.astype(np.float32), _BLUR_VOXELS) - np.float32(0.5)
     lowest_beside = minimum_filter(np.where(inside, np.inf, blurred), footprint=_CROSS)
     reach = _reach(inside)
     steeper = (reach / (1.0 - reach)).astype(np.float32)
-    wanted = float(inside.sum())
+    volume = float(inside.sum())
 
     def surface(shift: float) -> tuple[FloatArray, NDArray[np.int32]]:
         field = blurred + np.float32(shift)
-        # Between +a and -b the level is crossed at a / (a + b) of the way.
-        least = steeper * np.maximum(-(lowest_beside + np.float32(shift)), _APART)
+        # Between +a and -b the level is crossed at the fraction a / (a + b).
+        lowest = steeper * np.maximum(-(lowest_beside + np.float32(shift)), _APART)
         field = np.where(
-            inside, np.maximum(field, np.maximum(least, _APART)), np.minimum(field, -_APART)
+            inside, np.maximum(field, np.maximum(lowest, _APART)), np.minimum(field, -_APART)
         )
-        # What the corners' sides leave open, Lorensen's tables decide alike in neighbouring cubes.
-        # Lewiner's, the default, look at the values and now and then give an edge four faces.
+        # Ambiguous cubes: Lorensen's tables decide alike in neighbouring cubes. Lewiner's, the
+        # default, depend on the values and occasionally produce an edge with four faces.
         vertices, faces, *_ = marching_cubes(
             field.astype(np.float32), 0.0, gradient_direction="ascent", method="lorensen"
         )
@@ -107,18 +107,18 @@ def _surface_of_part(inside: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.
 
     def excess(shift: float) -> float:
         vertices, faces = surface(shift)
-        return SurfaceMesh("voxels", vertices, faces).signed_volume_mm3 - wanted
+        return SurfaceMesh("voxels", vertices, faces).signed_volume_mm3 - volume
 
-    if excess(_LEAST_SHIFT) >= 0.0:
-        return surface(_LEAST_SHIFT)
-    # A step above the root that was found: rather too large than too small.
-    return surface(brentq(excess, _LEAST_SHIFT, _MOST_SHIFT, xtol=_SHIFT_STEP) + _SHIFT_STEP)
+    if excess(_MIN_SHIFT) >= 0.0:
+        return surface(_MIN_SHIFT)
+    # One step above the root: a surface too large is safer than one too small.
+    return surface(brentq(excess, _MIN_SHIFT, _MAX_SHIFT, xtol=_SHIFT_STEP) + _SHIFT_STEP)
 
 
 def _reach(inside: NDArray[np.bool_]) -> FloatArray:
-    """How far from each centre, in voxels, the surface crosses the way to a neighbour at least."""
+    """Minimum distance in voxels from each centre to the surface on the line to a neighbour."""
     thin = inside & ~binary_opening(inside, _CROSS)
     open_axes = np.zeros(inside.shape, dtype=np.int64)
     for axis in range(3):
         open_axes += ~(np.roll(inside, 1, axis) | np.roll(inside, -1, axis))
-    return np.where(thin, np.take(_THIN_REACH, open_axes), _LEAST_REACH)
+    return np.where(thin, np.take(_THIN_REACH, open_axes), _MIN_REACH)

@@ -1,7 +1,7 @@
-"""Volumes of whole numbers from NRRD files, as 3D Slicer writes label maps and segmentations.
+"""Reads volumes of integers from NRRD files, as 3D Slicer writes label maps and segmentations.
 
-Sizes are checked before memory is taken, and compressed data are unpacked no further than they
-say. The header is parsed by pynrrd; its axes, LPS in files of Slicer, are turned to RAS here.
+Sizes are checked before memory is allocated, and compressed data are not unpacked beyond their
+declared size. pynrrd parses the header. Its axes, LPS in files of Slicer, are converted to RAS.
 """
 
 import bz2
@@ -23,16 +23,16 @@ from app.files.bounded_io import open_for_reading
 from app.geometry import FloatArray, InputError
 
 MAX_VOXELS = 1 << 27
-"""Values of a file in all its layers: 512 x 512 x 512, 1 GiB where each takes 8 bytes."""
+"""Values of a file in all its layers: 512 x 512 x 512, 1 GiB with 8 bytes each."""
 
 _MAX_HEADER_BYTES = 4_000_000
 _MAX_VALUE_BYTES = 8
 _HEADER_END = re.compile(rb"\r?\n\r?\n")
-_SMALLEST_MM, _LARGEST_MM = 0.01, 100.0
-"""Sides of a voxel; one of 1 mm that is given in metres measures 0.001."""
+_MIN_SIDE_MM, _MAX_SIDE_MM = 0.01, 100.0
+"""Limits of the sides of a voxel; a side of 1 mm that is given in metres measures 0.001."""
 
-_LEAST_SOLID = 1e-3
-"""Least volume of the box of three unit directions; 1 where they are square to each other."""
+_MIN_UNIT_VOLUME = 1e-3
+"""Minimum volume of the box of three unit directions; 1 where they are orthogonal."""
 
 _RAS_SIGNS = {
     "right-anterior-superior": (1.0, 1.0, 1.0),
@@ -42,16 +42,16 @@ _RAS_SIGNS = {
     "left-posterior-superior": (-1.0, -1.0, 1.0),
     "lps": (-1.0, -1.0, 1.0),
 }
-_ELSEWHERE = ("data file", "datafile", "line skip", "lineskip", "byte skip", "byteskip")
+_EXTERNAL_DATA_FIELDS = ("data file", "datafile", "line skip", "lineskip", "byte skip", "byteskip")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NrrdVolume:
     """The values of one file.
 
-    ``layers`` (n, i, j, k): whole numbers, read-only; n is 1 for a volume of three axes.
-    ``ras_from_index`` (3, 4): the centre in mm of the voxel with an index (i, j, k).
-    ``fields``: the header's own fields and its key/value pairs, as text.
+    ``layers`` (n, i, j, k): integers, read-only; n is 1 for a volume of three axes.
+    ``ras_from_index`` (3, 4): maps an index (i, j, k) to the centre of its voxel in mm.
+    ``fields``: the header's fields and its key/value pairs, as text.
     """
 
     layers: NDArray[np.integer[Any]]
@@ -60,11 +60,11 @@ class NrrdVolume:
 
 
 def read_nrrd(path: Path) -> NrrdVolume:
-    """Read the whole of the ``.nrrd`` file at ``path``.
+    """Read the ``.nrrd`` file at ``path``: three spatial axes, or a list of such volumes.
 
-    Three axes of space, or a list of volumes of them (its direction is ``none``). Raises
-    `InputError` for anything else: other axes than RAS, LAS and LPS, directions that span no
-    space, values that are no whole numbers, data in another file, too few or too many of them.
+    The axis of a list has the direction ``none``. Raises `InputError` for other content: axes
+    other than RAS, LAS and LPS, directions in one plane, values that are not integers, data in
+    another file, too few or too many data.
     """
     with open_for_reading(path) as file:
         header = _header(file, path)
@@ -79,23 +79,23 @@ def read_nrrd(path: Path) -> NrrdVolume:
 
 
 def _header(file: IO[bytes], path: Path) -> dict[str, Any]:
-    """The parsed header; ``file`` is left at the first byte of the data."""
+    """Parse the header and leave ``file`` at the first byte of the data."""
     start = file.read(_MAX_HEADER_BYTES)
     end = _HEADER_END.search(start)
     if not start.startswith(b"NRRD") or end is None:
-        raise InputError(f"{path} is no NRRD file: a header that begins with NRRD wanted")
+        raise InputError(f"{path} is not an NRRD file; expected a header that begins with NRRD")
     file.seek(end.end())
     try:
         lines = start[: end.start()].decode("utf-8").split("\n")
         header = dict(nrrd.read_header(lines))
-    except Exception as error:  # pynrrd fails with whatever its parsers raise
+    except Exception as error:  # pynrrd's parsers raise many kinds of errors
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path} has no readable NRRD header: {reason}") from error
-    for name in _ELSEWHERE:
+    for name in _EXTERNAL_DATA_FIELDS:
         if header.get(name, 0) != 0:
             raise InputError(
-                f"{path}: {name!r} is {str(header[name])!r}: data right after the header, in the "
-                "same file, wanted"
+                f"{path}: {name!r} is {str(header[name])!r}; expected data right after the "
+                "header, in the same file"
             )
     return header
 
@@ -104,22 +104,22 @@ def _shape(header: Mapping[str, Any], path: Path) -> list[int]:
     shape = [int(size) for size in _field(header, "sizes", path)]
     if len(shape) != _field(header, "dimension", path) or len(shape) not in (3, 4):
         raise InputError(
-            f"{path}: dimension is {header['dimension']} and sizes {shape}: 3, or 4 with layers, "
-            "wanted"
+            f"{path}: dimension is {header['dimension']} and sizes are {shape}; expected 3, or 4 "
+            "with layers"
         )
     if min(shape) < 1 or math.prod(shape) > MAX_VOXELS:
-        raise InputError(f"{path}: sizes are {shape}: 1 to {MAX_VOXELS} values allowed")
+        raise InputError(f"{path}: sizes are {shape}; expected 1 to {MAX_VOXELS} values")
     return shape
 
 
 def _geometry(header: Mapping[str, Any], path: Path) -> tuple[FloatArray, int | None]:
-    """``ras_from_index`` (3, 4), and which axis is the list of layers, if there is one."""
+    """``ras_from_index`` (3, 4), and the index of the axis of layers, None without one."""
     space = str(_field(header, "space", path))
     if space.lower() not in _RAS_SIGNS:
-        raise InputError(f"{path}: space is {space!r}: {', '.join(list(_RAS_SIGNS)[::2])} wanted")
+        raise InputError(f"{path}: space is {space!r}; expected {', '.join(list(_RAS_SIGNS)[::2])}")
     for unit in header.get("space units", ()):
         if unit.lower() not in ("", "mm", "millimeter", "millimeters"):
-            raise InputError(f"{path}: space units are {unit!r}: mm wanted")
+            raise InputError(f"{path}: space units are {unit!r}; expected mm")
     dimension = int(header["dimension"])
     directions = np.asarray(_field(header, "space directions", path), dtype=np.float64)
     origin = np.asarray(_field(header, "space origin", path), dtype=np.float64)
@@ -127,61 +127,61 @@ def _geometry(header: Mapping[str, Any], path: Path) -> tuple[FloatArray, int | 
     if directions.shape == (4, 3):
         lists = np.flatnonzero(np.isnan(directions).all(axis=1))
         if len(lists) != 1:
-            raise InputError(f"{path}: {len(lists)} of its 4 axes are lists: one wanted")
+            raise InputError(f"{path}: {len(lists)} of its 4 axes are lists; expected one")
         list_axis = int(lists[0])
         directions = np.delete(directions, list_axis, axis=0)
     if dimension != 3 + (list_axis is not None) or directions.shape != (3, 3):
         raise InputError(
-            f"{path}: space directions have shape {directions.shape}: a vector for each axis wanted"
+            f"{path}: space directions have shape {directions.shape}; expected a vector per axis"
         )
     sides = np.linalg.norm(directions, axis=1)
     if origin.shape != (3,) or not np.isfinite(origin).all() or not np.isfinite(sides).all():
         raise InputError(
             f"{path}: space origin is {origin.tolist()}, space directions are "
-            f"{directions.tolist()}: finite numbers wanted"
+            f"{directions.tolist()}; expected finite numbers"
         )
-    if sides.min() < _SMALLEST_MM or sides.max() > _LARGEST_MM:
+    if sides.min() < _MIN_SIDE_MM or sides.max() > _MAX_SIDE_MM:
         raise InputError(
-            f"{path}: its voxels measure {' x '.join(f'{side:.6g}' for side in sides)} mm: "
-            f"{_SMALLEST_MM:g} to {_LARGEST_MM:g} mm allowed"
+            f"{path}: its voxels measure {' x '.join(f'{side:.6g}' for side in sides)} mm; "
+            f"expected {_MIN_SIDE_MM:g} to {_MAX_SIDE_MM:g} mm"
         )
-    if abs(np.linalg.det(directions / sides[:, None])) < _LEAST_SOLID:
+    if abs(np.linalg.det(directions / sides[:, None])) < _MIN_UNIT_VOLUME:
         raise InputError(f"{path}: space directions {directions.tolist()} lie in one plane")
     signs = np.array(_RAS_SIGNS[space.lower()])
     return np.column_stack([directions.T, origin]) * signs[:, None], list_axis
 
 
 def _content(file: IO[bytes], header: Mapping[str, Any], path: Path, count: int) -> bytes:
-    """The data unpacked, but no more than a byte above what ``count`` values can take."""
+    """The unpacked data; at most one byte more than ``count`` values can have."""
     encoding = str(_field(header, "encoding", path)).lower()
-    most = count * _MAX_VALUE_BYTES + 1
+    max_bytes = count * _MAX_VALUE_BYTES + 1
     try:
         if encoding == "raw":
-            return file.read(most)
+            return file.read(max_bytes)
         if encoding in ("gzip", "gz"):
             with gzip.GzipFile(fileobj=file) as unpacked:
-                return unpacked.read(most)
+                return unpacked.read(max_bytes)
         if encoding in ("bzip2", "bz2"):
             with bz2.BZ2File(file) as unpacked_bz2:
-                return unpacked_bz2.read(most)
-    except (EOFError, zlib.error, OSError) as error:  # the last of data that were never packed
+                return unpacked_bz2.read(max_bytes)
+    except (EOFError, zlib.error, OSError) as error:  # OSError: data that are not compressed
         raise InputError(f"{path}: its data are cut or damaged: {error}") from error
-    raise InputError(f"{path}: encoding is {encoding!r}: raw, gzip or bzip2 wanted")
+    raise InputError(f"{path}: encoding is {encoding!r}; expected raw, gzip or bzip2")
 
 
 def _values(header: Mapping[str, Any], content: bytes, path: Path) -> NDArray[np.integer[Any]]:
     try:
         raw = {**header, "encoding": "raw"}
         values = np.asarray(nrrd.read_data(raw, io.BytesIO(content)))
-    except Exception as error:  # pynrrd fails with whatever numpy and it raise
+    except Exception as error:  # pynrrd and numpy raise many kinds of errors
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: its data do not fit its header: {reason}") from error
     if values.nbytes != len(content):
         raise InputError(
-            f"{path}: its data have {len(content)} bytes or more: {values.nbytes} wanted"
+            f"{path}: its data have {len(content)} bytes or more; expected {values.nbytes}"
         )
     if values.dtype.kind not in "iu":
-        raise InputError(f"{path}: type is {header['type']!r}: whole numbers wanted")
+        raise InputError(f"{path}: type is {header['type']!r}; expected integers")
     return values
 
 

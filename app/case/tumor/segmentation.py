@@ -1,8 +1,8 @@
-"""One segment of a label map: of 3D Slicer's ``.seg.nrrd``, or of a plain ``.nrrd``.
+"""Reads one segment of a label map: of 3D Slicer's ``.seg.nrrd``, or of a plain ``.nrrd``.
 
-A ``.seg.nrrd`` tells its segments by header fields ``Segment0_Name``, ``Segment0_ID``,
-``Segment0_LabelValue`` and ``Segment0_Layer``: segments that do not overlap share a layer with a
-value for each, others have layers of their own. In a plain label map each value is a segment.
+A ``.seg.nrrd`` lists its segments in header fields ``Segment0_Name``, ``Segment0_ID``,
+``Segment0_LabelValue`` and ``Segment0_Layer``. Segments that do not overlap share a layer, each
+with its own value; others have layers of their own. In a plain label map each value is a segment.
 """
 
 import re
@@ -17,22 +17,23 @@ from app.case.tumor.nrrd_file import NrrdVolume, read_nrrd
 from app.geometry import FloatArray, InputError
 
 MAX_LABELS = 256
-"""Different values of a plain label map; with more it is taken for an image."""
+"""Distinct values of a plain label map; a file with more is refused as an image."""
 
 _FIELD = re.compile(r"Segment(\d+)_(ID|Name|LabelValue|Layer)")
 _REPRESENTATIONS = ("Segmentation_SourceRepresentation", "Segmentation_MasterRepresentation")
 _BINARY = "Binary labelmap"
 
 _CUT_OUT = "Segmentation_ReferenceImageExtentOffset"
-"""Slicer saves the box around the segments and says by this field where in the image it lay."""
+"""Slicer saves the box around the segments; this field holds its position in the image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelMap:
-    """The voxels of one segment, cut to the box around them.
+    """The voxels of one segment, cropped to their bounding box.
 
-    ``marked`` (i, j, k), ``ras_from_index`` (3, 4) to the centres of its voxels in mm.
-    ``at_border``: whether the segment reaches the border of a volume that was not cut to it.
+    ``marked`` (i, j, k) is true inside the segment; ``ras_from_index`` (3, 4) maps an index to the
+    centre of its voxel in mm. ``at_border``: whether the segment reaches the border of a volume
+    that was not cropped to it.
     """
 
     name: str
@@ -54,19 +55,19 @@ class _Segment:
         return f"{self.name} ({self.identifier})"
 
 
-def read_segment(path: Path, wanted: str | None) -> LabelMap:
-    """The segment of the file at ``path`` whose name or identifier is ``wanted``.
+def read_segment(path: Path, name: str | None) -> LabelMap:
+    """Read the segment of the file at ``path`` with the name or identifier ``name``.
 
-    In a plain label map that is a value. None serves where there is only one. Raises `InputError`
-    as `read_nrrd` does, for a segment that is not there, and for one without a voxel; the message
-    lists those that there are.
+    In a plain label map ``name`` is a value. None selects the only segment of a file. Raises
+    `InputError` as `read_nrrd` does, for a missing segment, listing those of the file, and for a
+    segment without a voxel.
     """
     volume = read_nrrd(path)
     segments = _named_segments(volume, path) or _plain_labels(volume, path)
-    segment = _chosen(segments, wanted, path)
+    segment = _select(segments, name, path)
     marked = volume.layers[segment.layer] == segment.label
     if not marked.any():
-        raise InputError(f"{path}: segment {segment} has no voxel: one at least wanted")
+        raise InputError(f"{path}: segment {segment} has no voxel; expected one or more")
     box, at_border = _box(marked)
     ras_from_index = np.array(volume.ras_from_index)
     ras_from_index[:, 3] += ras_from_index[:, :3] @ [side.start for side in box]
@@ -78,7 +79,7 @@ def _named_segments(volume: NrrdVolume, path: Path) -> list[_Segment]:
     for key in _REPRESENTATIONS:
         representation = volume.fields.get(key, _BINARY)
         if representation != _BINARY:
-            raise InputError(f"{path}: {key} is {representation!r}: {_BINARY!r} wanted")
+            raise InputError(f"{path}: {key} is {representation!r}; expected {_BINARY!r}")
     found: dict[int, dict[str, str]] = {}
     for field, value in volume.fields.items():
         match = _FIELD.fullmatch(field)
@@ -91,8 +92,8 @@ def _segment(entry: Mapping[str, str], number: int, volume: NrrdVolume, path: Pa
     missing = [key for key in ("ID", "Name", "LabelValue", "Layer") if key not in entry]
     if missing:
         raise InputError(
-            f"{path}: Segment{number}_{missing[0]} is missing: Slicer writes it since 4.11, save "
-            "the segmentation again with a newer one"
+            f"{path}: Segment{number}_{missing[0]} is missing: Slicer writes it since 4.11; save "
+            "the segmentation with a newer Slicer"
         )
     try:
         layer, label = int(entry["Layer"]), int(entry["LabelValue"])
@@ -100,44 +101,45 @@ def _segment(entry: Mapping[str, str], number: int, volume: NrrdVolume, path: Pa
         raise InputError(f"{path}: Segment{number} is {dict(entry)}: {error}") from error
     if not 0 <= layer < len(volume.layers) or label == 0:
         raise InputError(
-            f"{path}: Segment{number} is value {label} of layer {layer}: not 0, and a layer from 0 "
-            f"to {len(volume.layers) - 1}, wanted"
+            f"{path}: Segment{number} is value {label} of layer {layer}; expected a value "
+            f"other than 0 and a layer from 0 to {len(volume.layers) - 1}"
         )
     return _Segment(entry["ID"], entry["Name"], layer, label)
 
 
 def _plain_labels(volume: NrrdVolume, path: Path) -> list[_Segment]:
     if len(volume.layers) != 1:
-        raise InputError(f"{path} has {len(volume.layers)} layers and no segment names: 1 wanted")
+        raise InputError(
+            f"{path} has {len(volume.layers)} layers and no segment names; expected 1 layer"
+        )
     (voxels,) = volume.layers
     labels = np.unique(voxels[voxels != 0])
     if len(labels) > MAX_LABELS:
         raise InputError(
-            f"{path} holds {len(labels)} different values: a label map of up to {MAX_LABELS} "
-            "wanted, this looks like an image"
+            f"{path} holds {len(labels)} different values; expected a label map "
+            f"of up to {MAX_LABELS}, not an image"
         )
     return [_Segment(str(label), str(label), 0, int(label)) for label in labels]
 
 
-def _chosen(segments: list[_Segment], wanted: str | None, path: Path) -> _Segment:
-    there = ", ".join(map(str, segments)) or "none"
-    if wanted is None:
+def _select(segments: list[_Segment], name: str | None, path: Path) -> _Segment:
+    found = ", ".join(map(str, segments)) or "none"
+    if name is None:
         if len(segments) != 1:
             raise InputError(
-                f"{path} holds {len(segments)} segments: {there}; the name of one wanted"
+                f"{path} holds {len(segments)} segments: {found}; expected the name of one"
             )
         return segments[0]
-    matching = [segment for segment in segments if wanted in (segment.identifier, segment.name)]
+    matching = [segment for segment in segments if name in (segment.identifier, segment.name)]
     if len(matching) != 1:
         raise InputError(
-            f"{path} has {len(matching)} segments of the name {wanted!r}, one wanted; there are: "
-            f"{there}"
+            f"{path} has {len(matching)} segments with the name {name!r}; expected one of: {found}"
         )
     return matching[0]
 
 
 def _box(marked: NDArray[np.bool_]) -> tuple[tuple[slice, ...], bool]:
-    """The slices of the box around what is marked, and whether it reaches the border."""
+    """The slices of the bounding box of the marked voxels, and whether it reaches the border."""
     box, at_border = [], False
     for axis in range(3):
         others = tuple(other for other in range(3) if other != axis)

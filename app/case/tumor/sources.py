@@ -1,4 +1,4 @@
-"""From a file to the tumour's surface, with what a surgeon should know of the way there."""
+"""Builds the tumour's surface from a file, with notes for the surgeon."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,17 +15,17 @@ SEGMENTATION_ENDING = ".nrrd"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuiltTumor:
-    """A closed surface, and in a few sentences what it was made from."""
+    """A closed surface, and notes on what it was built from."""
 
     mesh: SurfaceMesh
     notes: tuple[str, ...]
 
 
 def tumor_from_contour(path: Path, *, frame: str) -> BuiltTumor:
-    """The surface around the points in ``path``, a file as `read_points` reads it.
+    """Build the surface around the points of ``path``, a file for `read_points`.
 
     The file's coordinates, in RAS axes, are those of ``frame``. Raises `InputError` for a file
-    that cannot be read, `MeshError` for points that span no solid.
+    that cannot be read, `MeshError` for points that do not span a solid.
     """
     from app.case.tumor.contour_surface import surface_around  # slow to load
 
@@ -38,11 +38,11 @@ def tumor_from_contour(path: Path, *, frame: str) -> BuiltTumor:
 
 
 def tumor_from_segmentation(path: Path, *, frame: str, segment: str | None) -> BuiltTumor:
-    """The surface of one segment of the ``.nrrd`` in ``path``, its hollows filled.
+    """Build the surface of one segment of the ``.nrrd`` file ``path``, its hollows filled.
 
     ``segment``: name, identifier or value; None where the file holds only one. The file's
     coordinates, in RAS axes, are those of ``frame``. Raises `InputError` for a file that cannot be
-    read and a segment that is not there, `MeshError` for one too large.
+    read and a missing segment, `MeshError` for a segment that is too large.
     """
     from app.case.tumor.label_surface import surface_of_labels  # slow to load
 

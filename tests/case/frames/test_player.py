@@ -194,7 +194,7 @@ def test_rates_that_make_no_sense(rate: float) -> None:
 
 def test_controls_that_make_no_sense() -> None:
     player, _ = make(frames(0))
-    with pytest.raises(InputError, match="0 steps"):
+    with pytest.raises(InputError, match="number of steps is 0; expected"):
         player.step(0)
-    with pytest.raises(InputError, match="seek to -1"):
+    with pytest.raises(InputError, match="time to seek is -1"):
         player.seek(-1)

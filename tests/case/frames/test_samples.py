@@ -25,7 +25,7 @@ def test_names_without_a_position_are_refused() -> None:
 
 def test_a_joint_that_is_named_twice_is_refused_and_not_placed_by_the_last_of_them() -> None:
     names, positions = ("turn", "push", "turn"), (0.1, 0.2, 0.3)
-    with pytest.raises(InputError, match="joint 'turn' is named twice"):
+    with pytest.raises(InputError, match="joint 'turn' is repeated"):
         JointSample(names, positions, Stamp(7))
-    with pytest.raises(InputError, match="joint 'turn' is named twice"):
+    with pytest.raises(InputError, match="joint 'turn' is repeated"):
         JointValues(names, positions, 7).sample(offset_ns=0)

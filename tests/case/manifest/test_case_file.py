@@ -99,7 +99,7 @@ def _set(*keys: str, to: object) -> Edit:
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (_set("schema", to=2), r"schema is 2: 1 wanted"),
+        (_set("schema", to=2), r"schema is 2; expected 1"),
         (_set("colour", to=1), r"case\.yaml: colour is unknown; expected one of schema, name"),
         (_set("tool", "mesh", "unit", to="mm"), r"tool\.mesh\.unit is unknown; .* path, units"),
         (
@@ -107,12 +107,18 @@ def _set(*keys: str, to: object) -> Edit:
             r"tool\.mesh\.units is 'furlong'; expected one of mm",
         ),
         (_set("tumor", "contour", to={"path": "t.fcsv"}), r"tumor\.mesh and a contour are given"),
-        (_set("tumor", "mesh", "segment", to="T"), r"mesh\.segment is given: tumor\.stl is no seg"),
+        (
+            _set("tumor", "mesh", "segment", to="T"),
+            r"mesh\.segment is given, but tumor\.stl is not a seg",
+        ),
         (
             _set("tumor", "mesh", "label", to=1),
             r"mesh\.label is unknown; .* path, units, .*segment",
         ),
-        (_set("tumor", "mesh", "path", to="t.nrrd"), r"mesh\.units is given: a segmentation is in"),
+        (
+            _set("tumor", "mesh", "path", to="t.nrrd"),
+            r"mesh\.units is given for a segmentation; its unit is always mm",
+        ),
         (_set("tumor", "mesh", to={"path": "t.stl"}), r"tumor\.mesh\.units is missing"),
         (
             _set("tumor", "mesh", to={"path": "t.nrrd", "segment": 1}),
@@ -129,9 +135,18 @@ def _set(*keys: str, to: object) -> Edit:
         ),
         (_set("tumor", "pose", "matrix", to=[*MATRIX[:15], 2.0]), r"last row"),
         (_set("tumor", "pose", "matrix", to=[float("nan"), *MATRIX[1:]]), r"matrix\[0\] is nan"),
-        (_set("margins", "stop_mm", to=9.0), r"margins\.warn_mm is 5: more than stop_mm \(9\)"),
-        (_set("margins", "stop_mm", to=5.0), r"margins\.warn_mm is 5: more than stop_mm \(5\)"),
-        (_set("tumor", "frame", to="cautery"), r"tumor\.frame is 'cautery', as is the tool's"),
+        (
+            _set("margins", "stop_mm", to=9.0),
+            r"margins\.warn_mm is 5; expected more than stop_mm \(9\)",
+        ),
+        (
+            _set("margins", "stop_mm", to=5.0),
+            r"margins\.warn_mm is 5; expected more than stop_mm \(5\)",
+        ),
+        (
+            _set("tumor", "frame", to="cautery"),
+            r"tumor\.frame is 'cautery', the frame of the tool; expected",
+        ),
         (_set("margins", "stop_mm", to=-1.0), r"margins\.stop_mm is -1; expected at least 0"),
         (_set("margins", "stop_mm", to="1"), r"margins\.stop_mm is '1'; expected a number"),
         (_set("margins", "stale_after_ms", to=0), r"margins\.stale_after_ms is 0"),
@@ -145,8 +160,11 @@ def _set(*keys: str, to: object) -> Edit:
             r"provenance\.kind is 'real'; expected one of simulated",
         ),
         (_set("clock", to={"estimate": True, "offset_robot_to_tracker_ms": 1}), r"clock\.estimate"),
-        (_set("robot", to=ROBOT), r"registration is missing: a robot needs one"),
-        (_set("robot", to=ROBOT | {"joint_states": "x"}), r"robot\.joint_states is 'x': a topic"),
+        (_set("robot", to=ROBOT), r"registration is missing; expected one with a robot"),
+        (
+            _set("robot", to=ROBOT | {"joint_states": "x"}),
+            r"robot\.joint_states is 'x'; expected a topic",
+        ),
         (_set("registration", to={"method": "guess"}), r"registration\.method is 'guess'"),
         (_set("registration", to={"method": "given"}), r"registration\.matrix is missing"),
         (
@@ -172,7 +190,7 @@ def _set(*keys: str, to: object) -> Edit:
                 "registration",
                 to={"method": "paired_points", "dwells": [{"start_s": 2.0, "end_s": 1.0}]},
             ),
-            r"registration\.dwells\[0\]\.end_s is 1: later",
+            r"registration\.dwells\[0\]\.end_s is 1; expected a time after",
         ),
         (
             _set(
@@ -186,18 +204,18 @@ def _set(*keys: str, to: object) -> Edit:
                     ],
                 },
             ),
-            r"registration\.dwells overlap: 0\.9 to 2 s begins before 0 to 1 s has ended",
+            r"registration\.dwells overlap: 0\.9 to 2 s starts before 0 to 1 s has ended",
         ),
         (
             _set("registration", to={"method": "robot_world", "dwells": []}),
-            r"registration\.dwells is empty: times",
+            r"registration\.dwells is empty; expected intervals",
         ),
         (
             _set(
                 "registration",
                 to={"method": "paired_points", "fixed_mm": [], "moving_mm": []},
             ),
-            r"registration\.fixed_mm is empty: points",
+            r"registration\.fixed_mm is empty; expected points",
         ),
     ],
 )

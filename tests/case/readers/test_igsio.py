@@ -208,13 +208,13 @@ def test_nrrd(tmp_path: Path) -> None:
         (frame(0, "AToBTransform = " + "1_0 " * 16, "Timestamp = 1"), r"'1_0' is not a number"),
         (
             frame(0, f"AToBTransform = {ONE}", f"AToBTransform = {ONE}", "Timestamp = 1"),
-            r"line 6 \(frame 0\): AToBTransform stands twice, first in line 5",
+            r"line 6 \(frame 0\): AToBTransform is repeated, first in line 5",
         ),
         (frame(0, "Timestamp = 1_0"), r"'1_0' is not a finite number"),
         (frame(0, "Timestamp = soon"), r"line 5 \(frame 0, Timestamp\): time 'soon'"),
         (frame(0, "Timestamp = nan"), r"'nan' is not a finite number"),
         (frame(1, "Timestamp = 1") + frame(0, "Timestamp = 2"), r"frame 0 comes after frame 1"),
-        ("no field\n", r"line 5: 'no field' is no header field"),
+        ("no field\n", r"line 5: 'no field' is not a header field"),
         ("x" * 1_000_001 + "\n", r"line 5 is longer"),
     ],
 )

@@ -271,7 +271,7 @@ def test_a_topic_whose_definition_is_of_no_use_is_skipped(tmp_path: Path, defini
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"RIFF" * 100])
 def test_no_mcap_file(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "x.mcap").write_bytes(content)
-    with pytest.raises(InputError, match="no MCAP file"):
+    with pytest.raises(InputError, match="is not an MCAP file"):
         read(tmp_path / "x.mcap")
 
 
@@ -363,7 +363,7 @@ def test_a_chunk_that_unfolds_beyond_its_size_is_skipped(tmp_path: Path, kind: s
     path.write_bytes(whole[:header_end] + record + whole[header_end:])
     frames, notes = read(path)
     assert len(frames) == 1
-    assert len(notes) == 1 and "unpacks to 1001 bytes or more, 1000 promised" in notes[0]
+    assert len(notes) == 1 and "unpacks to 1001 bytes or more; expected 1000" in notes[0]
 
 
 def test_a_length_beyond_the_file_is_not_believed(tmp_path: Path) -> None:

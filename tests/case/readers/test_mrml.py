@@ -146,7 +146,7 @@ def test_names_that_give_no_frames_are_told(tmp_path: Path) -> None:
     files = {**FILES, "a/a.mrml": SCENE.replace("</MRML>", f"{other}</MRML>")}
     frames, notes = read(bundle(tmp_path / "x.mrb", files))
     assert len(frames) == 3
-    assert notes == ["sequence 'Movement' skipped: one name as NeedleToReference wanted, 0 found"]
+    assert notes == ["sequence 'Movement' skipped: 0 names like NeedleToReference; expected one"]
 
 
 def one(name: str = "NeedleToTracker", file: str = "Data/N.seq.mha", **changes: str) -> str:
@@ -155,13 +155,15 @@ def one(name: str = "NeedleToTracker", file: str = "Data/N.seq.mha", **changes: 
 
 BOMB = '<!DOCTYPE MRML [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><MRML>&b;</MRML>'
 FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
-    "no scene": ({"a/x": ""}, r"0 scenes \(\.mrml\) in it: 1 wanted"),
+    "no scene": ({"a/x": ""}, r"0 scenes \(\.mrml\); expected 1"),
     "two scenes": ({"a/a.mrml": SCENE, "a/b.mrml": SCENE}, "2 scenes"),
     "no sequence": ({"a/a.mrml": scene()}, "no sequence of transforms"),
-    "not MRML": ({"a/a.mrml": "<html></html>"}, "is a 'html': an MRML scene wanted"),
+    "not MRML": ({"a/a.mrml": "<html></html>"}, "is a 'html'; expected an MRML scene"),
     "cut": ({"a/a.mrml": SCENE[:-20]}, "not well-formed XML"),
     "entities": ({"a/a.mrml": BOMB}, "has a document type"),
-    "over angles": ({"a/a.mrml": one(indexUnit="deg")}, "over 'time' in 'deg' .*: time in 's'"),
+    "over angles": (
+        {"a/a.mrml": one(indexUnit="deg")}, "over 'time' in 'deg' .*; expected time in 's'"
+    ),
     "no storage": ({"a/a.mrml": one(references="")}, "has no file"),
     "no file": ({"a/a.mrml": one()}, r"has no file 'a/Data/N\.seq\.mha'"),
     "up and away": (
@@ -170,7 +172,8 @@ FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
     ),
     "absolute": ({"a/a.mrml": one(file="/etc/N.seq.mha")}, "has no file '/etc/N.seq.mha'"),
     "unknown kind": (
-        {"a/a.mrml": one(file="Data/N.h5"), "a/Data/N.h5": b""}, r"N\.h5 cannot be read: \.mha, "
+        {"a/a.mrml": one(file="Data/N.h5"), "a/Data/N.h5": b""},
+        r"N\.h5 cannot be read; expected one of \.mha, "
     ),
     "another transform": (
         {"a/a.mrml": one(), "a/Data/N.seq.mha": header("ProbeToTracker", ("1", NEEDLE))},
@@ -193,7 +196,7 @@ FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
     ),
     "item without node": (
         {**nested(), "a/a.mrml": one(file="Data/Needle.seq.mrml", indexValues="t7:1")},
-        "has no transform 't7', which is at 1 s",
+        "has no transform 't7', which the sequence has at 1 s",
     ),
 }  # fmt: skip
 
@@ -225,10 +228,13 @@ def test_bombs_are_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_MEMBERS", 5)
     much = b" " * 20_000
     for files, message in (
-        ({"a/a.mrml": much}, "more than the 10000 bytes allowed"),
-        ({"a/a.mrml": one(), "a/Data/N.seq.mha": much}, "unpacks to 20000 bytes: 10000 allowed"),
-        ({f"a/{n}": b"" for n in range(6)}, "6 files in it: 5 allowed"),
-        ({**nested(), "a/Data/Needle.seq.mrb": much}, "20000 bytes: 10000 allowed"),
+        ({"a/a.mrml": much}, "too large; expected 10000 bytes or less"),
+        (
+            {"a/a.mrml": one(), "a/Data/N.seq.mha": much},
+            "unpacks to 20000 bytes; expected 10000 or less",
+        ),
+        ({f"a/{n}": b"" for n in range(6)}, "6 files; expected 5 or less"),
+        ({**nested(), "a/Data/Needle.seq.mrb": much}, "20000 bytes; expected 10000 or less"),
     ):
         with pytest.raises(InputError, match=message):
             read(bundle(tmp_path / "x.mrb", files))
@@ -253,7 +259,7 @@ def test_many_sequences_of_one_file_are_no_way_around_the_bounds(
     (frame,) = read(write(tmp_path / "x.mrb", files))[0]
     assert len(frame.poses) == len(names)
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 40_000)
-    with pytest.raises(InputError, match=r"N.seq.mrml: .* more than the 40000 bytes allowed"):
+    with pytest.raises(InputError, match=r"N.seq.mrml: .* too large; expected 40000 bytes or less"):
         read(write(tmp_path / "y.mrb", files))
 
 
@@ -264,7 +270,7 @@ def test_many_sequences_of_one_header_are_no_way_around_the_bounds(
     held = header("NeedleToTracker", ("0.5", NEEDLE))
     files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": held}
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_HEADER_BYTES", 2 * len(held) + 7)
-    with pytest.raises(InputError, match=rf"unpacks to {len(held)} bytes: 7 allowed"):
+    with pytest.raises(InputError, match=rf"unpacks to {len(held)} bytes; expected 7 or less"):
         list(read_mrml(bundle(tmp_path / "x.mrb", files), print))
 
 
@@ -277,7 +283,7 @@ def test_a_changed_byte_behind_the_header_is_seen_too(tmp_path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[4_000_000] ^= 1
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"is no whole bundle: Bad CRC-32 .*N\.seq\.mha"):
+    with pytest.raises(InputError, match=r"is not a complete bundle: Bad CRC-32 .*N\.seq\.mha"):
         read(path)
 
 
@@ -286,7 +292,7 @@ def test_what_is_no_bundle(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read(path)
     path.write_bytes(b"PK or not")
-    with pytest.raises(InputError, match=r"is no whole bundle: .*not a zip"):
+    with pytest.raises(InputError, match=r"is not a complete bundle: .*not a zip"):
         read(path)
 
 

@@ -27,7 +27,7 @@ def centres_mm(shape: tuple[int, ...], frame_from_index: FloatArray) -> FloatArr
 
 
 def reached_mm(marked: NDArray[np.bool_], frame_from_index: FloatArray) -> FloatArray:
-    """Places (n, 3) that the surface has to contain by what `label_surface` says."""
+    """Points (n, 3) that the surface contains by the rules of `label_surface`."""
     around = np.pad(marked, 2)
     cross = [np.zeros(3, dtype=int), *np.eye(3, dtype=int), *-np.eye(3, dtype=int)]
     voxels = np.argwhere(around)
@@ -154,7 +154,7 @@ def test_a_spike_of_one_voxel_is_not_thinned_by_the_ball_it_stands_on() -> None:
 
 def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(label_surface, "MAX_VOXELS", 100)
-    with pytest.raises(MeshError, match=r"span 4 x 3 x 2: 100 with their border allowed"):
+    with pytest.raises(MeshError, match=r"span 4 x 3 x 2; expected 100 with their border or less"):
         surface_of_labels(np.ones((4, 3, 2), dtype=bool), grid((1.0, 1.0, 1.0)), "tumor")
 
 

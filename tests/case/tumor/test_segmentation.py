@@ -16,11 +16,11 @@ Volume = NDArray[Any]
 TWO = segment_fields(0, "Tumor") | segment_fields(1, "Node", label=2)
 
 
-@pytest.mark.parametrize("wanted", ["Tumor", "Segment_1"])
+@pytest.mark.parametrize("name", ["Tumor", "Segment_1"])
 def test_a_segment_by_name_and_by_identifier(
-    write_nrrd: WriteNrrd, block: Volume, wanted: str
+    write_nrrd: WriteNrrd, block: Volume, name: str
 ) -> None:
-    found = read_segment(write_nrrd(block, **TWO), wanted)
+    found = read_segment(write_nrrd(block, **TWO), name)
     assert found.name == "Tumor"
     assert found.marked.shape == (3, 3, 3)
     assert found.marked.all()
@@ -34,7 +34,7 @@ def test_a_value_of_a_plain_label_map(write_nrrd: WriteNrrd, block: Volume) -> N
     found = read_segment(path, "2")
     assert found.marked.shape == (1, 1, 1)
     assert found.at_border
-    with pytest.raises(InputError, match=r"holds 2 segments: 1, 2; the name of one wanted"):
+    with pytest.raises(InputError, match=r"holds 2 segments: 1, 2; expected the name of one"):
         read_segment(path, None)
     assert read_segment(write_nrrd(np.minimum(block, 1)), None).name == "1"
 
@@ -56,42 +56,54 @@ def test_layers_overlap(write_nrrd: WriteNrrd, block: Volume) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "wanted", "message"),
+    ("fields", "name", "message"),
     [
-        (TWO, "Tumour", r"0 segments of the name 'Tumour', .*: Tumor \(Segment_1\), Node \(Segm"),
-        (TWO, None, r"holds 2 segments: Tumor \(Segment_1\), Node \(Segment_2\); the name of one"),
-        (TWO | {"Segment1_Name": "Tumor"}, "Tumor", "2 segments of the name 'Tumor', one wanted"),
+        (TWO, "Tumour", r"0 segments with the name 'Tumour'; .*: Tumor \(Segment_1\), Node \(Segm"),
+        (
+            TWO,
+            None,
+            r"holds 2 segments: Tumor \(Segment_1\), Node \(Segment_2\); expected the name of one",
+        ),
+        (
+            TWO | {"Segment1_Name": "Tumor"},
+            "Tumor",
+            "2 segments with the name 'Tumor'; expected one of",
+        ),
         (TWO | {"Segment0_LabelValue": "7"}, "Tumor", "has no voxel"),
-        (TWO | {"Segment0_LabelValue": "0"}, "Tumor", "value 0 of layer 0: not 0"),
+        (
+            TWO | {"Segment0_LabelValue": "0"},
+            "Tumor",
+            "value 0 of layer 0; expected a value other than 0",
+        ),
         (TWO | {"Segment0_LabelValue": "x"}, "Tumor", "Segment0 is .*invalid literal"),
-        (TWO | {"Segment0_Layer": "1"}, "Tumor", "layer from 0 to 0, wanted"),
-        (TWO | {"Segment0_Layer": "-1"}, "Tumor", "layer from 0 to 0, wanted"),
+        (TWO | {"Segment0_Layer": "1"}, "Tumor", "a layer from 0 to 0"),
+        (TWO | {"Segment0_Layer": "-1"}, "Tumor", "a layer from 0 to 0"),
         ({"Segment0_Name": "Tumor"}, "Tumor", "Segment0_ID is missing: Slicer writes it since"),
         (
             TWO | {"Segmentation_MasterRepresentation": "Fractional labelmap"},
             "Tumor",
-            "is 'Fractional labelmap': 'Binary labelmap' wanted",
+            "is 'Fractional labelmap'; expected 'Binary labelmap'",
         ),
-        ({}, "3", "0 segments of the name '3', one wanted; there are: 1, 2"),
+        ({}, "3", "0 segments with the name '3'; expected one of: 1, 2"),
     ],
 )
 def test_segments_that_are_not_there(
     write_nrrd: WriteNrrd,
     block: Volume,
     fields: dict[str, str],
-    wanted: str | None,
+    name: str | None,
     message: str,
 ) -> None:
     with pytest.raises(InputError, match=message) as caught:
-        read_segment(write_nrrd(block, **fields), wanted)
+        read_segment(write_nrrd(block, **fields), name)
     assert "\n" not in str(caught.value)
 
 
 def test_an_empty_map_and_an_image(write_nrrd: WriteNrrd, block: Volume) -> None:
-    with pytest.raises(InputError, match="holds 0 segments: none; the name of one wanted"):
+    with pytest.raises(InputError, match="holds 0 segments: none; expected the name of one"):
         read_segment(write_nrrd(np.zeros_like(block)), None)
     image = np.arange(1000, dtype=np.int16).reshape(10, 10, 10)
-    with pytest.raises(InputError, match=r"999 different values: .* this looks like an image"):
+    with pytest.raises(InputError, match=r"999 different values; expected a label map of up to 256, not an image"):
         read_segment(write_nrrd(image), None)
     directions = np.vstack([[np.nan] * 3, np.diag([1.0, 2.0, 3.0])])
     with pytest.raises(InputError, match="2 layers and no segment names"):

@@ -1,8 +1,8 @@
-"""IGSIO sequence metafiles (``.igs.mha``, ``.igs.nrrd``), streamed line by line.
+"""Headers of IGSIO sequence metafiles (``.igs.mha``, ``.igs.nrrd``), read line by line.
 
-The header holds all tracking: ``Seq_Frame0000_StylusToTrackerTransform = 16 numbers`` (row by row,
-mm), its ``...Status``, ``Timestamp`` and ``UnfilteredTimestamp`` in seconds. Pictures may follow
-the header, compressed or not; they are never read, and ``ImageStatus`` does not matter here.
+The header holds all tracking data: ``Seq_Frame0000_StylusToTrackerTransform = 16 numbers`` (row by
+row, mm), its ``...Status``, ``Timestamp`` and ``UnfilteredTimestamp`` in seconds. Images may follow
+the header, compressed or not. They are not read, and ``ImageStatus`` is ignored.
 """
 
 import re
@@ -42,14 +42,14 @@ _MAX_LINE_BYTES = 1_000_000
 
 
 def check_igsio_header(path: Path) -> None:
-    """Raise `InputError` unless the header of ``path`` is whole; reads the header's text only."""
+    """Raise `InputError` unless the header of ``path`` is complete; reads the header only."""
     with open_for_reading(path) as file:
         for _ in _fields(file, str(path)):
             pass
 
 
 def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
-    """Yield the frames of ``path`` in the file's order, clock jumps and all; see `read_header`."""
+    """Yield the frames of ``path`` in the file's order, across clock jumps; see `read_header`."""
     with open_for_reading(path) as file:
         yield from read_header(file, str(path), FrameNames(note).of, note)
 
@@ -57,15 +57,15 @@ def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
 def read_header(
     file: IO[bytes], path: str, frames_of: FramesOf, note: Note
 ) -> Iterator[TrackingFrame]:
-    """Yield the frames of a header in its order; what ``path`` ends with tells its kind.
+    """Yield the frames of a header in its order; the ending of ``path`` gives the syntax.
 
-    An absent status counts as OK; numbers that are no pose become NOT_FINITE or NOT_RIGID. A frame
-    without time cannot be placed: it is skipped and told to ``note``. ``frames_of`` gives source
-    and target by a transform's name, None for one to be skipped. Raises `InputError`, with the
-    line, for anything malformed, and for a header without any frame.
+    A missing status counts as OK; numbers that are not a pose become NOT_FINITE or NOT_RIGID. A
+    frame without a time is skipped and reported to ``note``. ``frames_of`` returns source and
+    target for the name of a transform, or None to skip it. Raises `InputError`, with the line, for
+    malformed text, and for a header without any frame.
     """
     draft: _Draft | None = None
-    placed = 0
+    count = 0
     for line, key, value in _fields(file, path):
         match = _FRAME_FIELD.fullmatch(key)
         if match is None:
@@ -74,36 +74,36 @@ def read_header(
         if draft is not None and index != draft.index:
             if index < draft.index:
                 raise InputError(
-                    f"{path} line {line}: frame {index} comes after frame {draft.index}, "
-                    "rising numbers wanted"
+                    f"{path} line {line}: frame {index} comes after frame {draft.index}; "
+                    "expected rising numbers"
                 )
             if frame := draft.finished(path, frames_of, note):
-                placed += 1
+                count += 1
                 yield frame
             draft = None
         draft = draft or _Draft(index)
         if match[2] in draft.fields:
             raise InputError(
-                f"{path} line {line} (frame {index}): {match[2]} stands twice, first in line "
+                f"{path} line {line} (frame {index}): {match[2]} is repeated, first in line "
                 f"{draft.fields[match[2]][0]}"
             )
         draft.fields[match[2]] = (line, value)
     if draft is not None and (frame := draft.finished(path, frames_of, note)):
-        placed += 1
+        count += 1
         yield frame
-    if not placed:
+    if not count:
         raise InputError(f"{path} holds no frame with a Timestamp")
 
 
 @dataclass(slots=True)
 class _Draft:
-    """The fields of one frame, name to (line, value), as far as they have been read."""
+    """The fields of one frame that have been read: (line, value) by name."""
 
     index: int
     fields: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def finished(self, path: str, frames_of: FramesOf, note: Note) -> TrackingFrame | None:
-        """The frame; None when it has no time."""
+        """The frame; None when it has no Timestamp."""
         stamp = self._stamp(path, "Timestamp")
         if stamp is None:
             note(f"frame {self.index} has no Timestamp: skipped")
@@ -117,7 +117,7 @@ class _Draft:
                 place = f"{path} line {line} (frame {self.index}, {name})"
                 _, status = self.fields.get(f"{name}Status", (0, "OK"))
                 sample = tracked_sample(numbers_in(value, 16, place), status, frames, stamp)
-                known = poses.get(frames)  # by another name of the same frames
+                known = poses.get(frames)  # two names may give the same frames
                 poses[frames] = sample if known is None else agreed_sample(known, sample)
         return TrackingFrame(
             stamp, tuple(poses.values()), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
@@ -136,12 +136,12 @@ class _Draft:
 def tracked_sample(
     numbers: Sequence[float], status_name: str, frames: tuple[str, str], stamp: Stamp
 ) -> TrackedTransform:
-    """The sample of 16 numbers, row by row, with the status that IGSIO calls ``status_name``.
+    """The sample of 16 numbers, row by row, with the IGSIO status ``status_name``.
 
     ``frames`` are source and target.
     """
     source, target = frames
-    # A word that is none of ours says at least that the tracker did not call the pose good.
+    # An unknown status at least means that the tracker did not report the pose as valid.
     status = TrackingStatus.__members__.get(status_name, TrackingStatus.INVALID)
     if status is TrackingStatus.OK and not np.isfinite(numbers).all():
         status = TrackingStatus.NOT_FINITE
@@ -155,14 +155,14 @@ def tracked_sample(
 
 
 class FrameNames:
-    """Transform names to (source, target), each worked out and remarked upon once."""
+    """Splits transform names into source and target; each name is noted once."""
 
     def __init__(self, note: Note) -> None:
         self._note = note
         self._known: dict[str, tuple[str, str] | None] = {}
 
     def of(self, name: str) -> tuple[str, str] | None:
-        """Source and target of a transform, None for a name that gives none."""
+        """Source and target of a transform; None for a name that cannot be split."""
         if name not in self._known:
             self._known[name] = self._split(name)
         return self._known[name]
@@ -173,7 +173,7 @@ class FrameNames:
             if frames is None:
                 frames = (snake_case(name), DEFAULT_PARENT)
                 self._note(
-                    f"transform {name!r} names no target: taken for frame "
+                    f"transform {name!r} names no target: taken as frame "
                     f"{frames[0]!r} in {DEFAULT_PARENT!r}"
                 )
         except FrameError as error:
@@ -183,7 +183,7 @@ class FrameNames:
 
 
 def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
-    """Line number, key and value of each header field; `InputError` unless the header ends."""
+    """Yield line number, key and value of each field; `InputError` for a cut header."""
     nrrd = path.lower().endswith(".nrrd")
     last = "before any frame"
     line = 0
@@ -191,7 +191,7 @@ def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
         line += 1
         if len(raw) > _MAX_LINE_BYTES:
             raise InputError(
-                f"{path} line {line} is longer than {_MAX_LINE_BYTES} bytes: no header"
+                f"{path} line {line} is longer than {_MAX_LINE_BYTES} bytes: not a header"
             )
         text = raw.decode("utf-8", errors="replace").strip()
         if nrrd and not text and raw.endswith(b"\n"):
@@ -199,7 +199,7 @@ def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
         found = _nrrd_field(text, line) if nrrd else _mha_field(text)
         if found is None:
             if raw.endswith(b"\n"):
-                raise InputError(f"{path} line {line}: {text[:60]!r} is no header field")
+                raise InputError(f"{path} line {line}: {text[:60]!r} is not a header field")
             break
         key, value = found
         if key == "ElementDataFile" and not nrrd:
@@ -208,8 +208,8 @@ def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
             last = f"in frame {int(match[1])}"
         if key:
             yield line, key, value
-    wanted = "the empty line that ends it" if nrrd else "its last field, ElementDataFile"
-    raise InputError(f"{path} is cut at line {line}, {last}: the header lacks {wanted}")
+    missing = "the empty line that ends it" if nrrd else "its last field, ElementDataFile"
+    raise InputError(f"{path} is cut at line {line}, {last}: the header lacks {missing}")
 
 
 def _mha_field(text: str) -> tuple[str, str] | None:
@@ -218,7 +218,7 @@ def _mha_field(text: str) -> tuple[str, str] | None:
 
 
 def _nrrd_field(text: str, line: int) -> tuple[str, str] | None:
-    """``key:=value``, a plain ``key: value``, or a comment; the magic stands in line 1."""
+    """Parse ``key:=value``, ``key: value``, a comment, or the magic in line 1."""
     if line == 1:
         return ("", "") if text.startswith("NRRD") else None
     if text.startswith("#"):

@@ -1,4 +1,4 @@
-"""Sequences of transforms, and plain transforms, of an MRML scene file."""
+"""Parses an MRML scene file for its sequences of transforms and its plain transforms."""
 
 from dataclasses import dataclass, field
 from urllib.parse import unquote
@@ -17,9 +17,9 @@ _DERIVED = "MarginGuard.Derived"
 class SequenceEntry:
     """A sequence of transforms over time.
 
-    ``name`` is the transform's, as far as the scene tells it; ``file_name`` relative to the scene;
-    ``index`` the IDs of its items and their times in s, in order; ``lost`` times and statuses of
-    samples that it does not hold.
+    ``name``: the transform's name if the scene has it, else the sequence's. ``file_name``: relative
+    to the scene. ``index``: item IDs and their times in s, in order. ``lost``: times in s and
+    statuses of samples that the sequence does not hold.
     """
 
     name: str
@@ -30,7 +30,7 @@ class SequenceEntry:
 
 @dataclass(frozen=True, slots=True)
 class TransformEntry:
-    """A linear transform node: 16 numbers to its parent as text, and its tracking status."""
+    """A linear transform node: its matrix to the parent as text of 16 numbers, and its status."""
 
     matrix: str
     status: str
@@ -38,26 +38,26 @@ class TransformEntry:
 
 @dataclass(slots=True)
 class MrmlDocument:
-    """The nodes of one scene file that are read: `read_mrml_document`."""
+    """Sequences and transforms, by node ID, of one scene file."""
 
     sequences: list[SequenceEntry] = field(default_factory=list)
     transforms: dict[str, TransformEntry] = field(default_factory=dict)
 
 
 def read_mrml_document(content: bytes, place: str) -> MrmlDocument:
-    """Read an MRML scene file; ``place`` is for messages.
+    """Parse an MRML scene file; ``place`` names it in messages.
 
-    Sequences that were computed of measured ones, and those of other things than transforms, are
-    left out. Raises `InputError` for text that is not MRML, for a document type, and for a
-    sequence of transforms that is not over time in seconds or has no file.
+    Sequences that were computed from measured ones and those of other nodes are left out. Raises
+    `InputError` for text that is not MRML, for a document type, and for a sequence of transforms
+    that is not over time in seconds or has no file.
     """
-    walk = _Walk(place)
-    walk_xml(content, place, start=walk.start)
-    return walk.document()
+    scene = _Parser(place)
+    walk_xml(content, place, start=scene.start)
+    return scene.document()
 
 
 @dataclass(slots=True)
-class _Walk:
+class _Parser:
     place: str
     is_mrml: bool = False
     storages: dict[str, str] = field(default_factory=dict)
@@ -67,7 +67,7 @@ class _Walk:
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         if not self.is_mrml:
             if tag != "MRML":
-                raise InputError(f"{self.place} is a {tag[:60]!r}: an MRML scene wanted")
+                raise InputError(f"{self.place} is a {tag[:60]!r}; expected an MRML scene")
             self.is_mrml = True
         identity = attributes.get("id", "")
         if tag == "Sequence":
@@ -96,7 +96,7 @@ class _Walk:
         )
         if over != ("time", "s", "numeric"):
             raise InputError(
-                f"{place} is over {over[0]!r} in {over[1]!r} ({over[2]}): time in 's' wanted"
+                f"{place} is over {over[0]!r} in {over[1]!r} ({over[2]}); expected time in 's'"
             )
         storage = _pairs(node.get("references", "")).get("storage", "")
         if not self.storages.get(storage):
@@ -114,7 +114,7 @@ def _items(text: str) -> list[str]:
 
 
 def _pairs(text: str) -> dict[str, str]:
-    """``name:value;name:value`` with what would be read as a separator percent-encoded."""
+    """Parse ``name:value;name:value``; separators within a name or value are percent-encoded."""
     pairs = (item.partition(":") for item in _items(text))
     return {unquote(name): unquote(value) for name, _, value in pairs}
 
@@ -122,5 +122,5 @@ def _pairs(text: str) -> dict[str, str]:
 def _split(item: str, at: str, place: str) -> tuple[str, str]:
     left, found, right = item.partition(at)
     if not found:
-        raise InputError(f"{place}: {item[:60]!r} is no pair, {at!r} wanted between its parts")
+        raise InputError(f"{place}: {item[:60]!r} is not a pair; expected {at!r} between its parts")
     return unquote(left), unquote(right)

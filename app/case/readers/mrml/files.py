@@ -1,4 +1,4 @@
-"""The files of an MRML scene: beside it in a folder, or in its bundle, which is not unpacked."""
+"""The files of an MRML scene: in its folder, or in its bundle, which is not unpacked to disk."""
 
 import struct
 import zipfile
@@ -14,51 +14,51 @@ from app.files.paths import resolve_inside
 from app.geometry import InputError, MarginGuardError
 
 _MAX_SCENE_BYTES = 256_000_000
-"""Of all scenes of one recording together: the sequences of a scene are held at the same time."""
+"""Of all scenes of one recording together: the sequences of a scene are read side by side."""
 _MAX_HEADER_BYTES = 4_000_000_000
-"""Of all files of sequences in one bundle, unpacked."""
+"""Of all files of sequences in one bundle together, unpacked."""
 _MAX_MEMBERS = 20_000
 _CHUNK_BYTES = 1_000_000
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
-"""What `zipfile` raises for damaged bytes, for a password and for methods that it does not know."""
+"""What `zipfile` raises for damaged bytes, passwords and unknown compression methods."""
 
 
 class _Budget:
-    """How much may be read into memory yet, of all scenes of one recording."""
+    """Bytes that may still be read into memory for the scenes of one recording."""
 
     def __init__(self) -> None:
         self._left_bytes = _MAX_SCENE_BYTES
 
     def read(self, file: IO[bytes], place: str) -> bytes:
-        """All of ``file``; `InputError` where that is too much."""
+        """Read all of ``file``; `InputError` where it exceeds the budget."""
         content = file.read(self._left_bytes + 1)
         if len(content) > self._left_bytes:
             raise InputError(
-                f"{place}: the scenes of a recording have more than the {_MAX_SCENE_BYTES} bytes "
-                "allowed"
+                f"{place}: the scenes of a recording are too large; expected "
+                f"{_MAX_SCENE_BYTES} bytes or less"
             )
         self._left_bytes -= len(content)
         return content
 
 
 class MrmlFiles(Protocol):
-    """A scene file and what lies beside it; ``place`` is for messages."""
+    """A scene file and the files that it names; ``place`` names it in messages."""
 
     place: str
     budget: _Budget
 
     def scene(self) -> bytes:
-        """The scene itself."""
+        """Read the scene itself."""
         ...
 
     def open(self, name: str) -> AbstractContextManager[IO[bytes]]:
-        """A file that the scene names."""
+        """Open a file that the scene names."""
         ...
 
 
 @contextmanager
 def open_mrml(path: Path) -> Iterator[MrmlFiles]:
-    """The files of the scene at ``path``; `InputError` for what cannot be read or is damaged."""
+    """Open the scene at ``path``; `InputError` where it cannot be read or is damaged."""
     if path.suffix.lower() == ".mrb":
         with (
             open_for_reading(path) as file,
@@ -70,7 +70,7 @@ def open_mrml(path: Path) -> Iterator[MrmlFiles]:
 
 
 def inner_scene(files: MrmlFiles, file: IO[bytes], name: str, place: str) -> bytes:
-    """The scene that ``file``, one of ``files``, holds, as its ``name`` says: bare, or a bundle."""
+    """The scene in ``file``, one of ``files``; by the ending of ``name`` a scene or a bundle."""
     content = files.budget.read(file, place)
     if name.endswith(".mrb"):
         with _Bundle.opened(BytesIO(content), place, files.budget) as bundle:
@@ -79,7 +79,7 @@ def inner_scene(files: MrmlFiles, file: IO[bytes], name: str, place: str) -> byt
 
 
 class _Folder:
-    """An ``.mrml`` file; the files that it names may not lie outside of its folder."""
+    """An ``.mrml`` file; the files that it names may not be outside its folder."""
 
     def __init__(self, path: Path) -> None:
         self.place = str(path)
@@ -98,7 +98,7 @@ class _Folder:
 
 
 class _Bundle:
-    """A zip with one scene; its members are streamed and never unpacked to disk."""
+    """A ZIP file with one scene; its members are streamed and never unpacked to disk."""
 
     def __init__(self, bundle: zipfile.ZipFile, place: str, budget: _Budget) -> None:
         self.place = place
@@ -107,19 +107,19 @@ class _Bundle:
         self._left_bytes = _MAX_HEADER_BYTES
         names = bundle.namelist()
         scenes = [PurePosixPath(name) for name in names if name.lower().endswith(".mrml")]
-        # A sequence may be an .mrml file as well, deeper in.
+        # A sequence may be an .mrml file too, in a deeper folder.
         top = min((len(path.parts) for path in scenes), default=0)
         self._scenes = [path for path in scenes if len(path.parts) == top]
         if len(self._scenes) != 1:
-            raise InputError(f"{place} has {len(self._scenes)} scenes (.mrml) in it: 1 wanted")
+            raise InputError(f"{place} has {len(self._scenes)} scenes (.mrml); expected 1")
 
     @classmethod
     @contextmanager
     def opened(cls, file: IO[bytes], place: str, budget: _Budget) -> Iterator["_Bundle"]:
-        with _whole(place), zipfile.ZipFile(file) as bundle:
+        with _damage_reported(place), zipfile.ZipFile(file) as bundle:
             if len(bundle.filelist) > _MAX_MEMBERS:
                 raise InputError(
-                    f"{place} has {len(bundle.filelist)} files in it: {_MAX_MEMBERS} allowed"
+                    f"{place} has {len(bundle.filelist)} files; expected {_MAX_MEMBERS} or less"
                 )
             yield cls(bundle, place, budget)
 
@@ -132,24 +132,27 @@ class _Bundle:
     def open(self, name: str) -> Iterator[IO[bytes]]:
         member = str(self._scenes[0].parent / name)
         if member not in self._zip.NameToInfo:
-            raise InputError(f"{self.place} has no file {member!r}, which a sequence is to be in")
+            raise InputError(f"{self.place} has no file {member!r}, which holds a sequence")
         size = self._zip.getinfo(member).file_size
         if size > self._left_bytes:
             raise InputError(
-                f"{self.place}: {member} unpacks to {size} bytes: {self._left_bytes} allowed"
+                f"{self.place}: {member} unpacks to {size} bytes; "
+                f"expected {self._left_bytes} or less"
             )
         self._left_bytes -= size
-        with _whole(self.place), self._zip.open(member) as file:
+        with _damage_reported(self.place), self._zip.open(member) as file:
             yield file
-            while file.read(_CHUNK_BYTES):  # its checksum is compared at the end alone
+            while file.read(_CHUNK_BYTES):  # zipfile compares the checksum at the end only
                 pass
 
 
 @contextmanager
-def _whole(place: str) -> Iterator[None]:
+def _damage_reported(place: str) -> Iterator[None]:
     try:
         yield
     except MarginGuardError:
         raise
     except _DAMAGE as error:
-        raise InputError(f"{place} is no whole bundle: {error or type(error).__name__}") from error
+        raise InputError(
+            f"{place} is not a complete bundle: {error or type(error).__name__}"
+        ) from error

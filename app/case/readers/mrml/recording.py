@@ -1,8 +1,8 @@
-"""Recordings of 3D Slicer: the sequences of transforms of a scene, ``.mrml`` or bundle (``.mrb``).
+"""Recordings of 3D Slicer: the sequences of transforms of a scene (``.mrml``) or bundle (``.mrb``).
 
-As SlicerIGT records them: a sequence an edge, its index the time in seconds. Slicer keeps such a
+SlicerIGT records one sequence per edge, with the time in seconds as its index. Slicer stores such a
 sequence as an IGSIO header (``.seq.mha``, ``.seq.mhd``, ``.seq.nrrd``), or as a bundle of its own
-(``.seq.mrb``) or a scene (``.seq.mrml``) with a node an item. Both have six digits.
+(``.seq.mrb``) or a scene (``.seq.mrml``) with one node per item. Both have six digits.
 """
 
 import heapq
@@ -33,18 +33,18 @@ _HEADER_ENDINGS = (".mha", ".mhd", ".nrrd")
 
 
 def check_mrml(path: Path) -> None:
-    """Raise `InputError` unless the scene at ``path`` and all its sequences are whole."""
+    """Raise `InputError` unless the scene at ``path`` and all its sequences are complete."""
     for _ in read_mrml(path, lambda note: None):
         pass
 
 
 def read_mrml(path: Path, note: Note) -> Iterator[TrackingFrame]:
-    """Yield the frames of the scene at ``path``: samples of one time are one frame.
+    """Yield the frames of the scene at ``path`` in the order of time, one frame per time.
 
-    They come in the order of time, which is that of a sequence; times are taken as they are written
-    in the sequence's file. A sequence whose name gives no pair of frames is told to ``note``.
-    Raises `InputError`, with the place, for anything malformed, too large or outside of the
-    scene's own folder, and for a scene without a sequence of transforms.
+    Times are those in the file of the sequence. A sequence whose name gives no pair of frames is
+    skipped and reported to ``note``. Raises `InputError`, with the place, for files that are
+    malformed, too large or outside the scene's folder, and for a scene without a sequence of
+    transforms.
     """
     with open_mrml(path) as files:
         scene = read_mrml_document(files.scene(), files.place)
@@ -66,14 +66,14 @@ def _ns(sample: TrackedTransform) -> int:
 
 
 def _frames_of(name: str, note: Note) -> tuple[str, str] | None:
-    """Source and target: ``NeedleToReference``, in ``NeedleToReference-Sequence`` too."""
+    """Source and target by a name like ``NeedleToReference`` or ``NeedleToReference-Sequence``."""
     try:
         found = [frames for word in _WORD.findall(name) if (frames := split_transform_name(word))]
     except FrameError as error:
         note(f"sequence {name!r} skipped: {error}")
         return None
     if len(found) != 1:
-        note(f"sequence {name!r} skipped: one name as NeedleToReference wanted, {len(found)} found")
+        note(f"sequence {name!r} skipped: {len(found)} names like NeedleToReference; expected one")
         return None
     return found[0]
 
@@ -81,7 +81,7 @@ def _frames_of(name: str, note: Note) -> tuple[str, str] | None:
 def _samples(
     files: MrmlFiles, entry: SequenceEntry, frames: tuple[str, str], note: Note
 ) -> Iterator[TrackedTransform]:
-    """All samples of a sequence in the order of time, those that it does not hold among them."""
+    """Yield all samples of a sequence in the order of time, lost ones included."""
     place = f"{files.place}: {entry.file_name}"
     held = _held(files, entry, frames, place, note)
     lost = [
@@ -112,7 +112,8 @@ def _held(
                 yield sample
         else:
             raise InputError(
-                f"{place} cannot be read: {', '.join((*_HEADER_ENDINGS, *MRML_ENDINGS))} can"
+                f"{place} cannot be read; expected one of "
+                f"{', '.join((*_HEADER_ENDINGS, *MRML_ENDINGS))}"
             )
     if not count:
         raise InputError(f"{place} holds no sample of {entry.name}")
@@ -124,7 +125,9 @@ def _items(
     for identity, time in entry.index:
         node = scene.transforms.get(identity)
         if node is None:
-            raise InputError(f"{place} has no transform {identity!r}, which is at {time} s")
+            raise InputError(
+                f"{place} has no transform {identity!r}, which the sequence has at {time} s"
+            )
         numbers = numbers_in(node.matrix, 16, f"{place}: {identity}")
         yield tracked_sample(numbers, node.status, frames, _stamp(time, place))
 
@@ -140,6 +143,6 @@ def _lost_status(word: str, place: str) -> TrackingStatus:
     status = TrackingStatus.__members__.get(word, TrackingStatus.OK)
     if status is TrackingStatus.OK:
         raise InputError(
-            f"{place}: a lost sample has status {word[:60]!r}: one that is not OK wanted"
+            f"{place}: a lost sample has status {word[:60]!r}; expected a known one that is not OK"
         )
     return status

@@ -100,7 +100,7 @@ class _FrameReader:
                 f"expected {expected_type}"
             )
 
-        @cache  # not called before a message: an unusable definition is reported for each message
+        @cache  # called for a message, so that an unusable definition is reported for each
         def decoder() -> Callable[[bytes], Any]:
             return message_decoder(
                 connection.message_type,

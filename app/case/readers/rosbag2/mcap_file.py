@@ -1,8 +1,8 @@
 """The messages of an MCAP file in the file's order, from a file that may be cut or damaged.
 
-The file is framed here, record by record, so that no length in it is trusted: what is whole is
-yielded, and what is not is told to ``note``. The records are the mcap package's, but for messages:
-there are hundreds in a second of recording, and all that is wanted of them is their bytes.
+The file is split into records here, so that no length in it is trusted: intact records are used,
+others are reported to ``note``. The mcap package decodes all records but messages: a second of
+recording holds hundreds of them, and only their bytes are used.
 """
 
 import struct
@@ -25,13 +25,12 @@ from app.geometry import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 256 * 1024 * 1024
-"""No record and no unpacked chunk may be larger."""
+"""Maximum size of a record and of an unpacked chunk."""
 
 _HEAD = struct.Struct("<BQ")
-# Of a message: its channel, sequence, log time and publish time; its data follow.
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time of a message; its data follow."""
 _MESSAGE = int(Opcode.MESSAGE)
-# What the decoders raise on bytes that are not what they should be.
 _DAMAGED = (
     McapError,
     struct.error,
@@ -40,13 +39,14 @@ _DAMAGED = (
     RuntimeError,
     zstandard.ZstdError,
 )
+"""What the decoders raise for damaged bytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Connection:
     """A topic of a recording; ``definition`` is the text of its message type's schema.
 
-    Compared by identity: it is looked up for every message.
+    Compared by identity, which is fast: there is a look-up per message.
     """
 
     topic: str
@@ -56,26 +56,26 @@ class Connection:
 
 
 RawMessage = tuple[Connection, bytes]
-"""A message as it lies in the recording, in CDR."""
+"""A message of the recording, in CDR."""
 
 _Message = tuple[int, bytes]
-"""Channel and data: plain, as there are so many."""
+"""Channel and data; a plain tuple because there are many."""
 
 _Record = Schema | Channel | _Message
 
 
 def read_mcap_messages(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
-    """Yield the messages of ``path``; raises `InputError` when it is no MCAP file at all."""
+    """Yield the messages of ``path``; `InputError` for a file that is not MCAP."""
     with open_for_reading(path) as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise InputError(f"{path} is no MCAP file: it does not begin with the MCAP magic")
+            raise InputError(f"{path} is not an MCAP file: it does not begin with the MCAP magic")
         yield from _messages(file, path.name, note)
 
 
 def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[RawMessage]:
     schemas: dict[int, Schema] = {}
     channels: dict[int, Connection] = {}
-    # A recording may say its channels again and again: what knows a connection knows it then.
+    # A recording may repeat its channels: the same channel gives the same connection.
     known: dict[tuple[str, str, str, str], Connection] = {}
     for record in _records(file, name, note):
         if isinstance(record, tuple):
@@ -89,12 +89,12 @@ def _messages(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterat
             schema = schemas.get(record.schema_id)
             if schema is not None and record.message_encoding == "cdr":
                 definition = schema.data.decode("utf-8", errors="replace")
-                said = (record.topic, schema.name, definition, schema.encoding)
-                channels[record.id] = known.setdefault(said, Connection(*said))
+                key = (record.topic, schema.name, definition, schema.encoding)
+                channels[record.id] = known.setdefault(key, Connection(*key))
 
 
 def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[_Record]:
-    """Schemas, channels and messages, in chunks or not, up to the end of the data."""
+    """Yield schemas, channels and messages, in chunks or not, up to the end of the data."""
     while True:
         offset = file.tell()
         head = file.read(_HEAD.size)
@@ -103,7 +103,7 @@ def _records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterato
             return
         body = file.read(min(length, MAX_RECORD_BYTES))
         if len(head) < _HEAD.size or len(body) < length:
-            note(f"{name} is cut or damaged at byte {offset}: what comes before is used")
+            note(f"{name} is cut or damaged at byte {offset}; only what comes before is used")
             return
         try:
             found = _parsed(opcode, body)
@@ -127,35 +127,35 @@ def _parsed(opcode: int, body: bytes) -> list[_Record]:
 
 
 def _message(data: bytes, at: int, length: int) -> _Message:
-    """The message that lies there, as far as the data go."""
+    """The message at ``at``, as far as the data go."""
     if length < _MESSAGE_HEAD.size:
-        raise ValueError(f"a message of {length} bytes, its head alone has {_MESSAGE_HEAD.size}")
+        raise ValueError(f"a message has {length} bytes; expected {_MESSAGE_HEAD.size} or more")
     channel_id, _, _, _ = _MESSAGE_HEAD.unpack_from(data, at)
     return channel_id, data[at + _MESSAGE_HEAD.size : at + length]
 
 
 def _records_in(data: bytes) -> list[_Record]:
-    """What an unpacked chunk holds; a last record that is cut is given as far as it goes."""
+    """The records of an unpacked chunk; a last record that is cut is returned as far as it goes."""
     records: list[_Record] = []
     at = 0
     while at < len(data):
         opcode, length = _HEAD.unpack_from(data, at)
         at += _HEAD.size
-        if opcode == _MESSAGE:  # nearly all are
+        if opcode == _MESSAGE:  # most records
             records.append(_message(data, at, length))
-        elif opcode != Opcode.CHUNK:  # none lies in another
+        elif opcode != Opcode.CHUNK:  # chunks are not nested
             records += _parsed(opcode, data[at : at + length])
         at += length
     return records
 
 
 def _unpacked(chunk: Chunk) -> bytes:
-    """The chunk's records; its size is checked before anything is unpacked, its CRC after."""
+    """The unpacked records of a chunk. Its size is checked before unpacking, its CRC after."""
     size = chunk.uncompressed_size
     if size > MAX_RECORD_BYTES:
-        raise ValueError(f"a chunk of {size} bytes, at most {MAX_RECORD_BYTES} allowed")
+        raise ValueError(f"a chunk has {size} bytes; expected {MAX_RECORD_BYTES} or less")
     if chunk.compression == "zstd":
-        # The reader stops at the size that was promised, whatever the stream would unfold to.
+        # Reading stops at the declared size, however long the unpacked stream would be.
         with zstandard.ZstdDecompressor().stream_reader(BytesIO(chunk.data)) as packed:
             data = packed.read(size + 1)
     elif chunk.compression == "lz4":
@@ -163,10 +163,10 @@ def _unpacked(chunk: Chunk) -> bytes:
     elif chunk.compression == "":
         data = chunk.data
     else:
-        raise ValueError(f"compression {chunk.compression!r}, zstd, lz4 or none allowed")
+        raise ValueError(f"compression is {chunk.compression!r}; expected zstd, lz4 or none")
     if len(data) != size:
-        raise ValueError(f"a chunk unpacks to {len(data)} bytes or more, {size} promised")
-    promised = chunk.uncompressed_crc  # 0: the writer computed none
-    if promised and zlib.crc32(data) != promised:
-        raise ValueError(f"crc of the chunk is {zlib.crc32(data):#010x}, {promised:#010x} promised")
+        raise ValueError(f"a chunk unpacks to {len(data)} bytes or more; expected {size}")
+    expected = chunk.uncompressed_crc  # 0: the writer computed none
+    if expected and zlib.crc32(data) != expected:
+        raise ValueError(f"crc of the chunk is {zlib.crc32(data):#010x}; expected {expected:#010x}")
     return data
