@@ -1,10 +1,11 @@
-"""From measurements to transforms, and how far to trust them: pure functions, no clock, no files.
+"""Registrations and calibrations with their uncertainty.
 
-Imports `app.geometry` only. Every result says whether it is accepted and why; what cannot be
-computed is refused with an error that names the cause.
+Pure functions that read no clock and no files. Imports `app.geometry` only. Every result has a
+flag ``accepted`` and a reason. Input from which no result can be computed raises an error whose
+type names the cause.
 """
 
 import lazy_loader
 
-# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+# Names of `__init__.pyi` are imported on first access: scipy and trimesh take long to load.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

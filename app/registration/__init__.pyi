@@ -33,7 +33,7 @@ from .robot_base.timed_signal import TimedSignal
 from .tool.pivot import PivotResult, calibrate_pivot
 from .tool.spin import SpinResult, calibrate_spin
 from .tool.tip_frame import tip_transform
-from .uncertainty.acceptance import AcceptanceLimits, judge
+from .uncertainty.acceptance import AcceptanceLimits, evaluate_acceptance
 from .uncertainty.drift import DriftBound, RegistrationDrift, check_drift
 from .uncertainty.result import RegistrationResult, given_registration
 from .uncertainty.tre import (
@@ -81,8 +81,8 @@ __all__ = [
     "detect_dwells",
     "detect_landmarks",
     "estimate_time_offset",
+    "evaluate_acceptance",
     "given_registration",
-    "judge",
     "match_landmarks",
     "predict_layout_tre",
     "predict_tre",

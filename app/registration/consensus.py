@@ -1,8 +1,9 @@
-"""Which of many observations agree on one answer: least median of squares, then refits.
+"""Robust estimation: least median of squares, then refits to the inliers.
 
-The start is the fit of a few observations that explains half of all of them best (Rousseeuw 1984),
-drawn with a fixed seed, so that the same observations give the same answer. From there on the
-observations that the current fit foretells make the next one, until they stay.
+The initial fit is that of a small random subset with the smallest median of squared residuals over
+all observations (Rousseeuw 1984). Subsets are drawn with a fixed seed, so results are reproducible.
+The fit is then repeated with the observations that are consistent with it until they stay the
+same.
 """
 
 import math
@@ -18,104 +19,111 @@ from app.registration.quantiles import chi_square_quantile, f_quantile
 
 State = TypeVar("State")
 
-WRONG_RATE = 0.01
-"""How often, at most, a good observation of a whole clean set may be called wrong."""
+FALSE_REJECTION_RATE = 0.01
+"""Probability that an observation set without outliers loses an observation."""
 
 _ROUNDING = 1e-9
 
-MAX_DRAWS = 100
+MAX_SAMPLES = 100
 MAX_REFITS = 30
 
 
-def agreeing(
+def find_consensus(
     count: int,
     what: str,
     *,
-    draw: int,
+    sample_size: int,
     noise_known: bool,
-    start: Callable[[NDArray[np.bool_]], State],
+    initialise: Callable[[NDArray[np.bool_]], State],
     refine: Callable[[NDArray[np.bool_], State], State],
     linearise: Callable[[State], tuple[FloatArray, FloatArray]],
 ) -> tuple[NDArray[np.bool_], State]:
-    """The mask (count,) of observations that agree, and the refined state from them.
+    """Return the mask (count,) of inliers and the state refined from them.
 
-    ``start`` fits the observations of a mask roughly, ``refine`` well (and finds their noise, when
-    it is not known). ``linearise`` gives the misfit of every observation in standard deviations
-    (count, f) and how it answers to the parameters (count, f, p). With noise not known the scale of
-    the misfits is taken from their median at first. Raises `NoConsensusError` unless more than half
-    of the observations agree.
+    ``initialise`` computes a rough fit from the observations of a mask, ``refine`` a good one
+    (with an estimate of the noise if it is not known). ``linearise`` returns the residuals of all
+    observations in standard deviations (count, f) and their Jacobian (count, f, p).
+    ``sample_size`` is the number of observations of an initial fit. If the noise is not known, the
+    scale of the first residuals is taken from their median. ``what`` names the observations.
+    Raises `NoConsensusError` unless more than half of the observations agree.
     """
-    least = max(draw, count // 2 + 1)
+    min_inliers = max(sample_size, count // 2 + 1)
     state = min(
-        (start(mask) for mask in _draws(count, draw)),
+        (initialise(mask) for mask in _sample_masks(count, sample_size)),
         key=lambda candidate: float(np.median(_squared(linearise(candidate)[0]))),
     )
-    misfits, _ = linearise(state)
-    squared, freedom = _squared(misfits), misfits.shape[1]
-    middle = float(np.median(squared))
-    if not noise_known and middle > 0.0:
-        squared = squared * (chi_square_quantile(0.5, freedom) / middle)
-    # The start is rough, even where the noise is known: its better half is taken in any case.
-    bound = chi_square_quantile(1.0 - WRONG_RATE / count, freedom)
-    good = squared <= max(bound, float(np.sort(squared)[least - 1]))
+    residuals, _ = linearise(state)
+    squared, freedom = _squared(residuals), residuals.shape[1]
+    median = float(np.median(squared))
+    if not noise_known and median > 0.0:
+        squared = squared * (chi_square_quantile(0.5, freedom) / median)
+    # The initial fit is rough: its better half is used even if all exceed the bound.
+    bound = chi_square_quantile(1.0 - FALSE_REJECTION_RATE / count, freedom)
+    inliers = squared <= max(bound, float(np.sort(squared)[min_inliers - 1]))
     for _ in range(MAX_REFITS):
         try:
-            state = refine(good, state)
-            again = _agree(*linearise(state), good, noise_known=noise_known)
+            state = refine(inliers, state)
+            consistent = _consistent_with_fit(*linearise(state), inliers, noise_known=noise_known)
         except np.linalg.LinAlgError as error:
             raise NoConsensusError(
-                f"the {what} that agree, {int(good.sum())} of {count}, leave part of the answer "
-                f"free: {error}"
+                f"the {what} that agree ({int(inliers.sum())} of {count}) leave part of the result "
+                f"undetermined: {error}"
             ) from error
-        if again.sum() < least:
+        if consistent.sum() < min_inliers:
             raise NoConsensusError(
-                f"only {int(again.sum())} of {count} {what} agree: at least {least} wanted"
+                f"only {int(consistent.sum())} of {count} {what} agree; "
+                f"expected at least {min_inliers}"
             )
-        if np.array_equal(again, good):
-            return good, state
-        good = again
-    raise NoConsensusError(f"which {what} agree did not settle in {MAX_REFITS} rounds")
+        if np.array_equal(consistent, inliers):
+            return inliers, state
+        inliers = consistent
+    raise NoConsensusError(f"inliers of the {what} did not converge in {MAX_REFITS} refits")
 
 
-def _agree(
-    misfits: FloatArray, jacobian: FloatArray, good: NDArray[np.bool_], *, noise_known: bool
+def _consistent_with_fit(
+    residuals: FloatArray, jacobian: FloatArray, inliers: NDArray[np.bool_], *, noise_known: bool
 ) -> NDArray[np.bool_]:
-    """Which observations a fit of the ``good`` ones, each left out in its turn, foretells.
+    """Return the mask of observations that are consistent with a fit to the other ``inliers``.
 
-    By their plain misfits a small group would be sure of itself: an observation that is in the fit
-    draws it near, and to one that is not the fit's own error is added. Both are allowed for
-    (deleted residuals; Cook and Weisberg, Residuals and Influence in Regression, 1982, section
-    2.2), and that the noise was found from few observations, of which this may be one.
+    Plain residuals would favour a small group: an observation in the fit pulls the fit towards it,
+    and one outside has the error of the fit added. Deleted residuals account for both (Cook and
+    Weisberg, Residuals and Influence in Regression, 1982, section 2.2). The bound accounts for
+    noise that was estimated from few observations, including the tested one.
     """
     count, freedom, parameters = jacobian.shape
-    used = jacobian[good].reshape(-1, parameters)
-    drawn = jacobian @ np.linalg.inv(used.T @ used) @ np.swapaxes(jacobian, 1, 2)
-    sign = np.where(good, -1.0, 1.0)[:, None, None]
-    # One that alone determines a parameter is fitted whatever it is: nothing is known against it.
-    spread = (1.0 + _ROUNDING) * np.eye(freedom) + sign * drawn
-    squared = np.einsum("ni,ni->n", misfits, np.linalg.solve(spread, misfits[..., None])[..., 0])
-    right = 1.0 - WRONG_RATE / count
+    used = jacobian[inliers].reshape(-1, parameters)
+    hat = jacobian @ np.linalg.inv(used.T @ used) @ np.swapaxes(jacobian, 1, 2)
+    sign = np.where(inliers, -1.0, 1.0)[:, None, None]
+    # The margin keeps this regular for an observation that alone determines a parameter.
+    spread = (1.0 + _ROUNDING) * np.eye(freedom) + sign * hat
+    squared = np.einsum(
+        "ni,ni->n", residuals, np.linalg.solve(spread, residuals[..., None])[..., 0]
+    )
+    confidence = 1.0 - FALSE_REJECTION_RATE / count
     if noise_known:
-        return np.asarray(squared <= chi_square_quantile(right, freedom))
-    left = freedom * int(good.sum()) - parameters
-    others = left - freedom
-    if others <= 0:
-        return good
-    without = squared * others / np.maximum(left - squared, _ROUNDING)
-    bounds = [freedom * f_quantile(right, freedom, among) for among in (others, left)]
-    return np.asarray(np.where(good, without <= bounds[0], squared <= bounds[1]))
+        return np.asarray(squared <= chi_square_quantile(confidence, freedom))
+    total_freedom = freedom * int(inliers.sum()) - parameters
+    other_freedom = total_freedom - freedom
+    if other_freedom <= 0:
+        return inliers
+    deleted = squared * other_freedom / np.maximum(total_freedom - squared, _ROUNDING)
+    inside, outside = (
+        freedom * f_quantile(confidence, freedom, denominator)
+        for denominator in (other_freedom, total_freedom)
+    )
+    return np.asarray(np.where(inliers, deleted <= inside, squared <= outside))
 
 
-def _squared(misfits: FloatArray) -> FloatArray:
-    return np.asarray(np.sum(misfits**2, axis=1))
+def _squared(residuals: FloatArray) -> FloatArray:
+    return np.asarray(np.sum(residuals**2, axis=1))
 
 
-def _draws(count: int, draw: int) -> list[NDArray[np.bool_]]:
+def _sample_masks(count: int, sample_size: int) -> list[NDArray[np.bool_]]:
     generator = np.random.default_rng(0)
     masks = [np.ones(count, dtype=bool)]
-    possible = math.comb(count, draw) if count > draw else 0
-    for _ in range(min(MAX_DRAWS, 3 * possible)):
+    possible = math.comb(count, sample_size) if count > sample_size else 0
+    for _ in range(min(MAX_SAMPLES, 3 * possible)):
         mask = np.zeros(count, dtype=bool)
-        mask[generator.choice(count, draw, replace=False)] = True
+        mask[generator.choice(count, sample_size, replace=False)] = True
         masks.append(mask)
     return masks

@@ -1,26 +1,26 @@
-"""Why a registration or a calibration was not computed, one type a cause.
+"""Errors of registrations and calibrations, one type per cause.
 
-Each message names the value, where it stood, and what was allowed. None of these is ever turned
-into a neutral result: there is no transform when there is an error.
+A message names the place, the value and what is allowed. An error is never replaced by a default
+result: there is no transform then.
 """
 
 from app.geometry import MarginGuardError
 
 
 class RegistrationError(MarginGuardError):
-    """Root of every refusal of this room."""
+    """Base class of the errors of this package."""
 
 
 class TooFewError(RegistrationError):
-    """Fewer points, poses or samples than the unknowns need."""
+    """Fewer points, poses or samples than the unknowns require."""
 
 
 class NoValidSamplesError(TooFewError):
-    """Not one sample that the tracker called good."""
+    """No sample has status OK."""
 
 
 class UnequalCountsError(RegistrationError):
-    """Lists that belong together pair by pair have different lengths."""
+    """Lists of pairs have different lengths."""
 
 
 class NotFiniteError(RegistrationError):
@@ -28,44 +28,44 @@ class NotFiniteError(RegistrationError):
 
 
 class ShapeError(RegistrationError):
-    """An array of the wrong shape, or a number out of its range."""
+    """An array has the wrong shape, or a number is out of range."""
 
 
 class CoincidentPointsError(RegistrationError):
-    """All points are one point: no rotation can be found."""
+    """All points coincide: no rotation can be found."""
 
 
 class CollinearPointsError(RegistrationError):
-    """The points lie on a line, or nearly, relative to their spread: the turn about it is free."""
+    """The points lie on or close to a line: the rotation about it is undetermined."""
 
 
 class MirroredPointsError(RegistrationError):
-    """One list is the mirror image of the other: no rigid motion maps them."""
+    """One point set is the mirror image of the other: no rigid motion maps them."""
 
 
 class ScaleMismatchError(RegistrationError):
-    """The two lists differ in size so much that their units must differ."""
+    """The extents of two point sets differ so much that their units must differ."""
 
 
 class CovarianceError(RegistrationError):
-    """A covariance that is not symmetric and positive definite, or one that is not known."""
+    """A covariance is not symmetric and positive definite, or is not known."""
 
 
 class DegenerateMotionError(RegistrationError):
-    """Poses that do not turn enough, or about one axis only: part of the answer is free."""
+    """Poses rotate too little or about one axis only: part of the result is undetermined."""
 
 
 class FreeMotionError(RegistrationError):
-    """Touched points that may slide on their surface without leaving it."""
+    """Points can slide along their surface: the pose is undetermined."""
 
 
 class NoConsensusError(RegistrationError):
-    """Too few observations agree, or two groups agree on different answers."""
+    """Too few observations agree, or two groups agree on different results."""
 
 
 class ConvergenceError(RegistrationError):
-    """The iteration did not settle."""
+    """An iteration did not converge."""
 
 
 class FlatSignalError(RegistrationError):
-    """A signal that does not move enough to be aligned in time."""
+    """A signal changes too little to be aligned in time."""

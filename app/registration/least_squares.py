@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on a manifold: the state is stepped by a small motion, never by numbers."""
+"""Levenberg-Marquardt on a manifold."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -12,11 +12,11 @@ State = TypeVar("State")
 
 MAX_STEPS = 200
 
-SETTLED_SIGMAS = 1e-9
-"""Norm of the change of the whitened residuals, in standard deviations, of a last step."""
+CONVERGED_SIGMAS = 1e-9
+"""Converged if a step changes the norm of the whitened residuals by less (in sigmas)."""
 
 ROUNDING_SIGMAS = 1e-5
-"""A step below this that makes nothing better is the last one too: what is left is rounding."""
+"""Also converged if a step below this does not reduce the residuals: only rounding is left."""
 
 
 def least_squares(
@@ -25,15 +25,15 @@ def least_squares(
     retract: Callable[[State, FloatArray], State],
     what: str,
     *,
-    settled_at: float = SETTLED_SIGMAS,
+    tolerance: float = CONVERGED_SIGMAS,
     max_steps: int = MAX_STEPS,
 ) -> State:
-    """The state with the least sum of squared residuals near ``start``.
+    """Return the state near ``start`` with the smallest sum of squared residuals.
 
-    ``linearise`` gives the whitened residuals (k,) and how they *fall* with a small motion of the
-    state, (k, p): a motion ``m`` leaves about ``residuals - jacobian @ m``. ``retract`` applies
-    such a motion. A step that moves the residuals by less than ``settled_at`` is the last. Raises
-    `ConvergenceError` that names ``what`` when there is none.
+    ``linearise`` returns the whitened residuals (k,) and their negative Jacobian (k, p): after a
+    small motion ``m`` (p,) of the state the residuals are about ``residuals - jacobian @ m``.
+    ``retract`` applies such a motion to a state. Iterates until a step changes the residuals by
+    less than ``tolerance``. Raises `ConvergenceError` with ``what`` after ``max_steps`` steps.
     """
     state, damping = start, 0.0
     residuals, jacobian = linearise(state)
@@ -46,15 +46,15 @@ def least_squares(
         change = jacobian @ step
         predicted = 2.0 * float(residuals @ change) - float(change @ change)
         gain = float(residuals @ residuals) - float(new_residuals @ new_residuals)
-        moved = float(np.linalg.norm(change))
-        settled = moved < settled_at or (moved < ROUNDING_SIGMAS and gain < 0.0)
+        change_norm = float(np.linalg.norm(change))
+        converged = change_norm < tolerance or (change_norm < ROUNDING_SIGMAS and gain < 0.0)
         if gain >= 0.0:
             state, residuals, jacobian = candidate, new_residuals, new_jacobian
-        # Steps that gain far less than they promise stand at a kink: shorter ones end there.
+        # A step that gains much less than predicted crosses a kink; shorter steps converge to it.
         if gain < 0.25 * predicted:
             damping = max(10.0 * damping, 1e-6)
         elif gain > 0.75 * predicted:
             damping /= 10.0
-        if settled:
+        if converged:
             return state
-    raise ConvergenceError(f"{what} did not settle in {max_steps} steps")
+    raise ConvergenceError(f"{what} did not converge in {max_steps} steps")

@@ -1,7 +1,7 @@
-"""Small motions of a frame, and what they do to points: the convention of every covariance here.
+"""Small motions of a frame: the convention of all covariances in this package.
 
-A small motion is six numbers ``(omega, v)``: a rotation vector in rad, then a translation in mm,
-both in the target frame and about its origin. It acts from the left::
+A small motion is six numbers ``(omega, v)``: a rotation vector in rad and a translation in mm,
+both in the target frame and about its origin. It is applied from the left::
 
     true target_from_source  =  Exp(omega, v)  @  estimated target_from_source
     true point               ~  point + omega x point + v
@@ -17,7 +17,7 @@ from app.geometry import FloatArray, Transform
 
 
 def skew(vectors: FloatArray) -> FloatArray:
-    """The matrices ``[v]x`` with ``[v]x w = v x w``: (..., 3) to (..., 3, 3)."""
+    """Return the matrices ``[v]x`` with ``[v]x w = v x w``: (..., 3) to (..., 3, 3)."""
     matrices = np.zeros((*vectors.shape, 3))
     matrices[..., 0, 1], matrices[..., 0, 2] = -vectors[..., 2], vectors[..., 1]
     matrices[..., 1, 0], matrices[..., 1, 2] = vectors[..., 2], -vectors[..., 0]
@@ -26,36 +26,37 @@ def skew(vectors: FloatArray) -> FloatArray:
 
 
 def point_jacobian(points_mm: FloatArray) -> FloatArray:
-    """How points (n, 3) answer to a small motion of their frame, (n, 3, 6)."""
+    """Derivative (n, 3, 6) of points (n, 3) in mm by a small motion of their frame."""
     identity = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
     return np.concatenate([-skew(points_mm), identity], axis=2)
 
 
 def origin_change(to_mm: FloatArray) -> FloatArray:
-    """The matrix (6, 6) that takes a motion about the origin to the same motion about ``to_mm``."""
+    """Matrix (6, 6) that converts a motion about the origin to one about ``to_mm`` (3,)."""
     change = np.eye(6)
     change[3:, :3] = -skew(to_mm)
     return change
 
 
 def move_origin(covariance: FloatArray, to_mm: FloatArray) -> FloatArray:
-    """The covariance (6, 6) of a motion about the origin, for the same motion about ``to_mm``."""
+    """Convert a covariance (6, 6) of motions about the origin to motions about ``to_mm`` (3,)."""
     change = origin_change(to_mm)
     return np.asarray(change @ covariance @ change.T)
 
 
-def moved(estimate: Transform, motion: FloatArray, about_mm: FloatArray) -> Transform:
-    """``estimate`` after a turn by ``motion[:3]`` about ``about_mm`` and a shift ``motion[3:]``."""
-    turn = Rotation.from_rotvec(motion[:3]).as_matrix()
-    translation = turn @ (estimate.translation_mm - about_mm) + about_mm + motion[3:]
-    return Transform(estimate.target, estimate.source, turn @ estimate.rotation, translation)
+def apply_motion(estimate: Transform, motion: FloatArray, about_mm: FloatArray) -> Transform:
+    """Rotate ``estimate`` by ``motion[:3]`` about ``about_mm``, then shift by ``motion[3:]``."""
+    rotation = Rotation.from_rotvec(motion[:3]).as_matrix()
+    translation = rotation @ (estimate.translation_mm - about_mm) + about_mm + motion[3:]
+    return Transform(estimate.target, estimate.source, rotation @ estimate.rotation, translation)
 
 
-def difference(truth: Transform, estimate: Transform) -> FloatArray:
-    """The motion (6,) about the origin that takes ``estimate`` to ``truth``, exact in rotation.
+def motion_between(truth: Transform, estimate: Transform) -> FloatArray:
+    """Return the motion (6,) about the origin that maps ``estimate`` to ``truth``.
 
-    The translation part is the shift of the origin, as `point_jacobian` has it.
+    The rotation vector is exact for large rotations. The translation is that of the origin, as in
+    `point_jacobian`.
     """
-    turn = truth.rotation @ estimate.rotation.T
-    shift = truth.translation_mm - turn @ estimate.translation_mm
-    return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), shift])
+    rotation = truth.rotation @ estimate.rotation.T
+    shift = truth.translation_mm - rotation @ estimate.translation_mm
+    return np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), shift])

@@ -1,4 +1,4 @@
-"""Lists of poses as they come in: the good samples, all between the same frames, spread enough."""
+"""Lists of poses: selection and validation."""
 
 import math
 from collections import Counter
@@ -18,7 +18,7 @@ from app.registration.errors import (
 )
 
 MAX_COMPARED = 150
-"""How many poses, spread evenly over a list, are compared pair by pair."""
+"""Maximum number of poses, evenly spaced in a list, that are compared in pairs."""
 
 SAME_POSE_RAD = 1e-6
 SAME_POSE_MM = 1e-3
@@ -34,47 +34,59 @@ class PoseStack:
     translations_mm: FloatArray
 
     @classmethod
-    def of(cls, poses: Sequence[Transform], what: str, *, least: int) -> "PoseStack":
-        """At least ``least`` poses between the same two frames, not all of them one pose."""
-        if len(poses) < least:
-            raise TooFewError(f"{len(poses)} poses for {what}: at least {least} wanted")
+    def from_poses(cls, poses: Sequence[Transform], what: str, *, min_count: int) -> "PoseStack":
+        """Stack at least ``min_count`` poses between the same two frames.
+
+        Raises `TooFewError`, `FrameError`, or `DegenerateMotionError` if all are the same pose.
+        """
+        if len(poses) < min_count:
+            raise TooFewError(f"{len(poses)} poses for {what}; expected at least {min_count}")
         names = Counter((pose.target, pose.source) for pose in poses)
         if len(names) > 1:
             given = ", ".join(f"{target}_from_{source}" for target, source in names)
-            raise FrameError(f"poses for {what} are between different frames: {given}")
+            raise FrameError(
+                f"poses for {what} have different frames: {given}; expected the same frames"
+            )
         rotations = np.stack([pose.rotation for pose in poses])
         translations = np.stack([pose.translation_mm for pose in poses])
         turn = np.abs(rotations - rotations[0]).max()
         shift = np.abs(translations - translations[0]).max()
         if turn < SAME_POSE_RAD and shift < SAME_POSE_MM:
             raise DegenerateMotionError(
-                f"the {len(poses)} poses for {what} are one pose repeated: "
-                f"they differ by {shift:.3g} mm and {turn:.3g} rad at most"
+                f"the {len(poses)} poses for {what} are one pose repeated; expected a difference "
+                f"of at least {SAME_POSE_MM:g} mm or {SAME_POSE_RAD:g} rad"
             )
         return cls(poses[0].target, poses[0].source, rotations, translations)
 
-    def of_poses(self, kept: NDArray[np.bool_]) -> "PoseStack":
-        """Some of the poses, by a mask (n,)."""
-        return PoseStack(self.target, self.source, self.rotations[kept], self.translations_mm[kept])
+    def select(self, mask: NDArray[np.bool_]) -> "PoseStack":
+        """Return the poses of a mask (n,)."""
+        return PoseStack(self.target, self.source, self.rotations[mask], self.translations_mm[mask])
 
-    def relative_turns(self) -> FloatArray:
-        """Rotation vectors in rad, (m, 3), in the source frame, between pairs of the poses."""
-        kept = np.unique(np.linspace(0, len(self.rotations) - 1, MAX_COMPARED).round().astype(int))
-        first, second = np.triu_indices(len(kept), k=1)
-        rotations = self.rotations[kept]
-        turns = np.swapaxes(rotations[first], 1, 2) @ rotations[second]
-        return np.asarray(Rotation.from_matrix(turns).as_rotvec())
+    def relative_rotations(self) -> FloatArray:
+        """Rotation vectors (m, 3) in rad, in the source frame, between pairs of poses."""
+        compared = np.unique(
+            np.linspace(0, len(self.rotations) - 1, MAX_COMPARED).round().astype(int)
+        )
+        first, second = np.triu_indices(len(compared), k=1)
+        rotations = self.rotations[compared]
+        relative = np.swapaxes(rotations[first], 1, 2) @ rotations[second]
+        return np.asarray(Rotation.from_matrix(relative).as_rotvec())
 
 
 def usable_poses(samples: Sequence[TrackedTransform]) -> tuple[Transform, ...]:
-    """The transforms of the samples that are OK; `NoValidSamplesError` when none is."""
+    """Return the transforms of the samples with status OK.
+
+    Raises `NoValidSamplesError` if there is none.
+    """
     poses = tuple(sample.transform for sample in samples if sample.transform is not None)
     if not poses:
         counts = Counter(sample.status for sample in samples)
         found = ", ".join(
             f"{count} {TrackingStatus(status).name}" for status, count in counts.items()
         )
-        raise NoValidSamplesError(f"0 of {len(samples)} samples are OK ({found or 'none given'})")
+        raise NoValidSamplesError(
+            f"0 of {len(samples)} samples are OK ({found or 'none given'}); expected at least 1"
+        )
     return poses
 
 
@@ -84,26 +96,26 @@ def select_poses(
     min_distance_mm: float = 3.0,
     min_angle_rad: float = np.radians(5.0),
 ) -> tuple[int, ...]:
-    """Indices of poses that moved and turned by this much since the last one kept.
+    """Return indices of poses that differ from the last selected pose by both minima.
 
-    Neighbouring samples of a slow hand share their error, so that a thousand of them say no more
-    than a few. The first pose is kept.
+    Successive samples of slow motion have correlated errors and add little information. The first
+    pose is always selected. Raises `TooFewError` for an empty list.
     """
     if not poses:
-        raise TooFewError("0 poses to select from: at least 1 wanted")
-    kept = [0]
+        raise TooFewError("0 poses to select from; expected at least 1")
+    selected = [0]
     for index, pose in enumerate(poses[1:], start=1):
-        last = poses[kept[-1]]
+        last = poses[selected[-1]]
         if pose.distance_mm_to(last) >= min_distance_mm and pose.angle_to(last) >= min_angle_rad:
-            kept.append(index)
-    return tuple(kept)
+            selected.append(index)
+    return tuple(selected)
 
 
 @dataclass(frozen=True, slots=True)
 class PoseNoise:
-    """Standard deviation of a measured pose, for each axis: of its rotation and its position.
+    """Standard deviation per axis of the rotation and the position of a measured pose.
 
-    A figure that is a 3-D root mean square is this times the square root of 3.
+    A 3-D root mean square is this times the square root of 3.
     """
 
     rotation_rad: float
@@ -113,14 +125,16 @@ class PoseNoise:
         for name in ("rotation_rad", "translation_mm"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise ShapeError(f"{name} of the pose noise is {value}: above 0 wanted")
+                raise ShapeError(
+                    f"{name} of the pose noise is {value}; expected a finite number above 0"
+                )
 
     @classmethod
     def from_rms(cls, *, rotation_deg: float, translation_mm: float) -> "PoseNoise":
-        """From 3-D root mean squares, as tracker makers print them."""
+        """Construct from 3-D root mean squares, as in specifications of trackers."""
         return cls(math.radians(rotation_deg) / math.sqrt(3.0), translation_mm / math.sqrt(3.0))
 
     @property
     def sigmas(self) -> FloatArray:
-        """(6,): three times rad, three times mm."""
+        """Standard deviations (6,): three in rad, three in mm."""
         return np.repeat([self.rotation_rad, self.translation_mm], 3)

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from app.geometry import FloatArray
 from app.registration import calibrate_pivot, calibrate_spin, register_points, solve_robot_world
-from app.registration.motion import difference
+from app.registration.motion import motion_between
 from benchmarks.registration.figures import EM_NOISE, FRAMES, Figure
 from tests.registration.helpers import (
     draw,
@@ -28,14 +28,14 @@ def calibration_of_covariances(trials: int) -> Iterator[Figure]:
         noise = random_covariances(rng, 6)
         fixed = truth.apply(moving) + draw(rng, noise)
         result = register_points(fixed, moving, covariances_mm2=noise, **FRAMES)
-        return difference(truth, result.transform), np.asarray(result.covariance)
+        return motion_between(truth, result.transform), np.asarray(result.covariance)
 
     def base(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         scene = robot_world_scene(rng, 15, EM_NOISE)
         result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
         motion = [
-            difference(scene.base, result.reference_from_base),
-            difference(scene.mount, result.tip_from_sensor),
+            motion_between(scene.base, result.reference_from_base),
+            motion_between(scene.mount, result.tip_from_sensor),
         ]
         return np.concatenate(motion), result.covariance
 

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 
 from app.registration import register_surface
-from app.registration.motion import difference
+from app.registration.motion import motion_between
 from benchmarks.registration.figures import Figure, rms
 
 
@@ -35,7 +35,7 @@ def surfaces(trials: int) -> Iterator[Figure]:
         centre = truth.inverse().apply(np.zeros(3))
         ours.append(float(np.linalg.norm(result.transform.apply(centre))))
         peers.append(float(np.linalg.norm(peer[:3, :3] @ centre + peer[:3, 3])))
-        motion = difference(truth, result.transform)
+        motion = motion_between(truth, result.transform)
         stated.append(float(motion @ np.linalg.solve(result.covariance, motion)) / 6.0)
     yield Figure(
         "surface",

@@ -33,7 +33,7 @@ def target_error(layouts: int) -> Iterator[Figure]:
             if name == "isotropic" and compute_tre_from_fle is not None:
                 peer = compute_tre_from_fle(landmarks, 3 * 0.09, target[None])
                 peers.append(float(np.sqrt(np.ravel(peer)[0])) / truth)
-        known = PairNoise.of(own, None, len(landmarks))
+        known = PairNoise.from_covariances(own, None, len(landmarks))
         misses = [
             np.linalg.norm(
                 fit_rigid(landmarks + draw(rng, own), landmarks, known, "fixed", "moving").apply(

@@ -1,4 +1,4 @@
-"""Random geometries that are not degenerate, shared by the tests of this room."""
+"""Random, non-degenerate geometries for the tests and benchmarks of registration."""
 
 from dataclasses import dataclass
 
@@ -17,35 +17,35 @@ def random_transform(
 
 
 def random_layout(
-    rng: np.random.Generator, count: int, *, spread_mm: float = 60.0, least_ratio: float = 0.2
+    rng: np.random.Generator, count: int, *, spread_mm: float = 60.0, min_ratio: float = 0.2
 ) -> FloatArray:
-    """Points (count, 3), rotated and off centre, whose second spread is no sliver."""
+    """Points (count, 3) in mm, rotated and off centre, that are not close to a line."""
     while True:
         axes = Rotation.random(random_state=rng).as_matrix() * rng.uniform(0.3, 1.0, 3)
         points = rng.normal(size=(count, 3)) * spread_mm @ axes.T
         values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if values[1] > least_ratio * values[0]:
+        if values[1] > min_ratio * values[0]:
             return points + rng.uniform(-400.0, 400.0, 3)
 
 
 def random_covariances(
     rng: np.random.Generator, count: int, *, low_mm: float = 0.1, high_mm: float = 1.0
 ) -> FloatArray:
-    """A rotated, anisotropic covariance (count, 3, 3) in mm2 for each point."""
+    """Rotated, anisotropic covariances (count, 3, 3) in mm2."""
     axes = Rotation.random(count, random_state=rng).as_matrix()
     sigmas = rng.uniform(low_mm, high_mm, (count, 1, 3))
     return (axes * sigmas**2) @ np.swapaxes(axes, 1, 2)
 
 
 def draw(rng: np.random.Generator, covariances: FloatArray) -> FloatArray:
-    """One error vector (n, 3) from each covariance (n, 3, 3)."""
+    """Draw one error vector (n, 3) per covariance (n, 3, 3)."""
     return np.einsum(
         "nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=(len(covariances), 3))
     )
 
 
 def disturbed(rng: np.random.Generator, pose: Transform, noise: PoseNoise) -> Transform:
-    """A pose as a tracker with this noise would measure it."""
+    """Return ``pose`` with measurement noise added."""
     turn = Rotation.from_rotvec(rng.normal(scale=noise.rotation_rad, size=3)).as_matrix()
     shift = rng.normal(scale=noise.translation_mm, size=3)
     return Transform(pose.target, pose.source, turn @ pose.rotation, pose.translation_mm + shift)
@@ -53,14 +53,14 @@ def disturbed(rng: np.random.Generator, pose: Transform, noise: PoseNoise) -> Tr
 
 @dataclass(frozen=True)
 class RobotWorldScene:
-    """A robot that reaches about a workspace half a metre from its base, as a surgeon's does."""
+    """Poses of a robot in a workspace half a metre from its base, and of a sensor on its tip."""
 
     base: Transform
     mount: Transform
     robot: list[Transform]
     sensor: list[Transform]
     centre_mm: FloatArray
-    """The middle of the workspace, in the reference frame."""
+    """Centre (3,) of the workspace in the reference frame."""
 
 
 def robot_world_scene(
@@ -86,7 +86,10 @@ def robot_world_scene(
 
 @dataclass(frozen=True)
 class PivotScene:
-    """A tool that turns about its tip: poses ``reference_from_tool``."""
+    """Poses ``reference_from_tool`` of a tool that rotates about its tip.
+
+    ``wrong`` are the indices of poses with a gross error.
+    """
 
     tip_mm: FloatArray
     pivot_mm: FloatArray
@@ -103,7 +106,7 @@ def pivot_scene(
     wrong_share: float = 0.0,
     spin_deg: float = 15.0,
 ) -> PivotScene:
-    """The shaft fills a cone of this opening and turns by up to ``spin_deg`` about itself."""
+    """The shaft fills a cone of opening ``cone_deg``; the tool spins by up to ``spin_deg``."""
     shaft = Rotation.random(random_state=rng).apply([0.0, 0.0, 1.0])
     tip = shaft * rng.uniform(80.0, 200.0)
     pivot = rng.uniform(-200.0, 200.0, 3)

@@ -10,8 +10,8 @@ def add(state: FloatArray, step: FloatArray) -> FloatArray:
     return state + step
 
 
-def test_a_curved_valley_is_followed_to_its_end() -> None:
-    """Rosenbrock's function, where full Gauss-Newton steps overshoot."""
+def test_rosenbrock_converges() -> None:
+    """Full Gauss-Newton steps overshoot on this function."""
 
     def linearise(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         residuals = np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
@@ -22,26 +22,26 @@ def test_a_curved_valley_is_followed_to_its_end() -> None:
     )
 
 
-def test_a_linear_problem_is_the_normal_equations() -> None:
+def test_linear_problem_agrees_with_lstsq() -> None:
     rng = np.random.default_rng(1)
     matrix, right = rng.normal(size=(9, 4)), rng.normal(size=9)
     answer = least_squares(np.zeros(4), lambda x: (right - matrix @ x, matrix), add, "it")
     np.testing.assert_allclose(answer, np.linalg.lstsq(matrix, right, rcond=None)[0], atol=1e-10)
 
 
-def test_a_kink_is_an_end() -> None:
-    """|x - 3| + 1, whose slope jumps where it is least."""
+def test_converges_at_a_kink() -> None:
+    """|x - 3| + 1, whose slope jumps at its minimum."""
 
     def linearise(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.abs(x - 3.0) + 1.0, -np.diag(np.sign(x - 3.0))
 
-    answer = least_squares(np.array([10.0]), linearise, add, "it", settled_at=1e-6)
+    answer = least_squares(np.array([10.0]), linearise, add, "it", tolerance=1e-6)
     np.testing.assert_allclose(answer, [3.0], atol=1e-4)
 
 
-def test_what_does_not_settle_is_an_error() -> None:
+def test_missing_convergence_is_an_error() -> None:
     def linearise(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.exp(-x), np.exp(-x)[:, None]  # falls for ever
+        return np.exp(-x), np.exp(-x)[:, None]  # decreases without a minimum
 
-    with pytest.raises(ConvergenceError, match="the slide did not settle in 5 steps"):
+    with pytest.raises(ConvergenceError, match="the slide did not converge in 5 steps"):
         least_squares(np.array([0.0]), linearise, add, "the slide", max_steps=5)

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.registration.motion import difference, move_origin, moved, point_jacobian, skew
+from app.registration.motion import apply_motion, motion_between, move_origin, point_jacobian, skew
 from tests.registration.helpers import random_transform
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -17,34 +17,36 @@ def test_skew_is_the_cross_product(seed: int) -> None:
 
 
 @given(seed=SEEDS)
-def test_difference_undoes_a_motion_about_the_origin(seed: int) -> None:
+def test_motion_between_recovers_an_applied_motion(seed: int) -> None:
     rng = np.random.default_rng(seed)
     estimate = random_transform(rng)
     motion = np.concatenate([rng.normal(scale=0.3, size=3), rng.normal(scale=20.0, size=3)])
-    truth = moved(estimate, motion, np.zeros(3))
-    np.testing.assert_allclose(difference(truth, estimate), motion, atol=1e-9)
+    truth = apply_motion(estimate, motion, np.zeros(3))
+    np.testing.assert_allclose(motion_between(truth, estimate), motion, atol=1e-9)
 
 
 @given(seed=SEEDS)
-def test_the_jacobian_is_what_a_small_motion_does(seed: int) -> None:
+def test_point_jacobian_is_the_derivative_of_apply_motion(seed: int) -> None:
     rng = np.random.default_rng(seed)
     estimate, points = random_transform(rng), rng.uniform(-100, 100, (4, 3))
     motion = 1e-6 * rng.normal(size=6)
-    before, after = (t.apply(points) for t in (estimate, moved(estimate, motion, np.zeros(3))))
+    before, after = (
+        t.apply(points) for t in (estimate, apply_motion(estimate, motion, np.zeros(3)))
+    )
     np.testing.assert_allclose(after - before, point_jacobian(before) @ motion, atol=1e-8)
 
 
 @given(seed=SEEDS)
-def test_a_covariance_says_the_same_of_a_point_about_any_origin(seed: int) -> None:
+def test_moved_covariance_gives_the_same_point_covariance(seed: int) -> None:
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(6, 6)) * np.repeat([0.01, 1.0], 3)[:, None]
     covariance, centre = root @ root.T, rng.uniform(-200, 200, 3)
     point = rng.uniform(-200, 200, (1, 3))
-    here = point_jacobian(point)[0]
-    there = point_jacobian(point - centre)[0]
+    about_origin = point_jacobian(point)[0]
+    about_centre = point_jacobian(point - centre)[0]
     np.testing.assert_allclose(
-        there @ move_origin(covariance, centre) @ there.T,
-        here @ covariance @ here.T,
+        about_centre @ move_origin(covariance, centre) @ about_centre.T,
+        about_origin @ covariance @ about_origin.T,
         rtol=1e-6,
         atol=1e-9,
     )

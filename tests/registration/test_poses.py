@@ -22,7 +22,7 @@ def moving(steps_mm: list[float], steps_deg: list[float]) -> list[Transform]:
     ]
 
 
-def test_a_pose_is_kept_when_it_moved_and_turned_since_the_last_kept() -> None:
+def test_pose_is_selected_if_it_moved_and_rotated_since_the_last_selected() -> None:
     poses = moving([0, 2, 2, 9, 0, 3], [0, 3, 3, 0, 9, 2])
     assert select_poses(poses) == (0, 2, 4)
     assert select_poses(poses, min_distance_mm=0.0, min_angle_rad=0.0) == (0, 1, 2, 3, 4, 5)
@@ -30,7 +30,7 @@ def test_a_pose_is_kept_when_it_moved_and_turned_since_the_last_kept() -> None:
         select_poses([])
 
 
-def test_only_good_samples_are_used() -> None:
+def test_only_ok_samples_are_used() -> None:
     rng = np.random.default_rng(1)
     pose = random_transform(rng, "tracker", "tool")
     lost = TrackedTransform.lost("tracker", "tool", Stamp(1), TrackingStatus.INVALID)
@@ -45,7 +45,7 @@ def test_only_good_samples_are_used() -> None:
         usable_poses([])
 
 
-def test_noise_is_for_each_axis() -> None:
+def test_noise_is_per_axis() -> None:
     noise = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
     assert np.linalg.norm(noise.sigmas[3:]) == pytest.approx(0.5)
     assert np.degrees(np.linalg.norm(noise.sigmas[:3])) == pytest.approx(0.3)

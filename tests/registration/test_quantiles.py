@@ -8,13 +8,13 @@ from app.registration.quantiles import chi_square_quantile, f_quantile, student_
 
 @pytest.mark.parametrize("probability", [0.001, 0.05, 0.5, 0.975, 0.99999])
 @pytest.mark.parametrize("freedom", [1, 3, 17, 4000])
-def test_as_in_scipy_stats(probability: float, freedom: int) -> None:
+def test_quantiles_agree_with_scipy_stats(probability: float, freedom: int) -> None:
     chi_square = chi_square_quantile(probability, freedom)
     assert chi_square == pytest.approx(chi2.ppf(probability, freedom), rel=1e-12)
     assert student_quantile(probability, freedom) == pytest.approx(
         student.ppf(probability, freedom), rel=1e-9, abs=1e-12
     )
-    for among in (2, 12, 200):
-        assert f_quantile(probability, freedom, among) == pytest.approx(
-            fisher.ppf(probability, freedom, among), rel=1e-9
+    for denominator in (2, 12, 200):
+        assert f_quantile(probability, freedom, denominator) == pytest.approx(
+            fisher.ppf(probability, freedom, denominator), rel=1e-9
         )

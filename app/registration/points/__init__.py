@@ -1,1 +1,1 @@
-"""Points to points, to landmarks and to surfaces: where a robot or a phantom lies."""
+"""Registration by points: paired points, landmarks touched in any order, and surfaces."""

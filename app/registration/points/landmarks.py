@@ -1,8 +1,8 @@
-"""Which dwell of a stylus was on which landmark of a phantom, the order not being known.
+"""Matching of dwells of a stylus to landmarks of a phantom, in unknown order.
 
-Every way to lay three dwells on three landmarks that have the same distances gives a motion; the
-motion that lays most dwells on landmarks wins. When another way fits as well, nobody can say which
-is right, and this does not guess.
+Each assignment of three dwells to three landmarks with the same mutual distances gives a rigid
+motion. The motion that maps the largest number of dwells to landmarks is selected. If another
+assignment of that size fits as well, the match is ambiguous and not accepted.
 """
 
 import math
@@ -21,17 +21,18 @@ from app.registration.points.dwells import Dwell, DwellSettings, detect_dwells
 from app.registration.points.rigid_fit import fit_rigid
 
 MAX_DWELL_TRIPLES = 60
-"""How many triples of dwells, the largest triangles first, are laid on the landmarks."""
+"""Maximum number of triples of dwells that are tried, the largest triangles first."""
 
 Pairs = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarkMatch:
-    """``pairs`` of (dwell, landmark name); empty unless ``accepted``.
+    """Assignment of dwells to landmarks.
 
-    ``rms_mm`` is the misfit of the pairs, NaN without any. ``unmatched_dwells`` are on no landmark,
-    ``missing`` landmarks have no dwell. ``reason`` says what was found, or why nothing is claimed.
+    ``pairs`` of (dwell index, landmark name) are empty unless ``accepted``. ``rms_mm`` is the
+    misfit of the pairs, NaN without pairs. ``unmatched_dwells`` are on no landmark, ``missing``
+    landmarks have no dwell. ``reason`` explains the result in either case.
     """
 
     pairs: tuple[tuple[int, str], ...]
@@ -44,19 +45,19 @@ class LandmarkMatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkDetection:
-    """The dwells of a recording, and which landmarks they were on."""
+    """The dwells of a recording and their assignment to landmarks."""
 
     dwells: tuple[Dwell, ...]
     match: LandmarkMatch
 
     @property
     def accepted(self) -> bool:
-        """Whether the match may be registered by."""
+        """True if the match is unambiguous and may be used for a registration."""
         return self.match.accepted
 
     @property
     def reason(self) -> str:
-        """Why, or why not."""
+        """One line that explains `accepted`."""
         return self.match.reason
 
 
@@ -67,15 +68,15 @@ def detect_landmarks(
     tolerance_mm: float = 2.0,
     settings: DwellSettings | None = None,
 ) -> LandmarkDetection:
-    """The dwells of a stylus tip in a recording, matched to landmarks (3,) by name.
+    """Detect the dwells of a stylus tip and match them to landmarks (3,) in mm, given by name.
 
-    See `detect_dwells` and `match_landmarks`, whose errors it raises.
+    Raises the errors of `detect_dwells` and `match_landmarks`.
     """
     dwells = detect_dwells(reference_from_tip, settings)
     if len(dwells) < MIN_POINTS:
         raise TooFewError(
-            f"{len(dwells)} dwells in {len(reference_from_tip)} samples: "
-            f"at least {MIN_POINTS} wanted"
+            f"{len(dwells)} dwells in {len(reference_from_tip)} samples; "
+            f"expected at least {MIN_POINTS}"
         )
     positions = np.stack([dwell.position_mm for dwell in dwells])
     return LandmarkDetection(
@@ -86,14 +87,14 @@ def detect_landmarks(
 def match_landmarks(
     dwells_mm: ArrayLike, landmarks_mm: Mapping[str, ArrayLike], *, tolerance_mm: float
 ) -> LandmarkMatch:
-    """Lay dwells (m, 3) on landmarks (3,) by name, in any order, each at most once.
+    """Assign dwells (m, 3) to landmarks (3,) in mm, in any order, each at most once.
 
-    A pair may miss by ``tolerance_mm`` after the best fit. Not accepted when fewer than three
-    pairs, or fewer than half of the dwells, are laid, and when two ways of the same size fit within
-    the tolerance: both are then told.
+    The distance of a pair after the best fit is at most ``tolerance_mm``. Not accepted if fewer
+    than three pairs or fewer than half of the dwells are assigned, or if two assignments of that
+    size fit within the tolerance; the reason then lists both.
     """
     if not (math.isfinite(tolerance_mm) and tolerance_mm > 0.0):
-        raise ShapeError(f"tolerance_mm is {tolerance_mm}: above 0 wanted")
+        raise ShapeError(f"tolerance_mm is {tolerance_mm}; expected a finite number above 0")
     names = tuple(landmarks_mm)
     dwells = as_points(dwells_mm, "dwells_mm")
     landmarks = np.vstack(
@@ -101,27 +102,27 @@ def match_landmarks(
     )
     for what, points in (("dwells", dwells), ("landmarks", landmarks)):
         if len(points) < MIN_POINTS:
-            raise TooFewError(f"{len(points)} {what}: at least {MIN_POINTS} wanted")
+            raise TooFewError(f"{len(points)} {what}; expected at least {MIN_POINTS}")
         check_spread(points, what)
-    ways = _ways(dwells, landmarks, tolerance_mm)
-    least = max(MIN_POINTS, (len(dwells) + 1) // 2)
-    size = max((len(pairs) for pairs in ways), default=0)
-    best = sorted((rms, pairs) for pairs, rms in ways.items() if len(pairs) == size)
-    if size < least:
-        return _nothing(
+    assignments = _find_assignments(dwells, landmarks, tolerance_mm)
+    min_size = max(MIN_POINTS, (len(dwells) + 1) // 2)
+    size = max((len(pairs) for pairs in assignments), default=0)
+    best = sorted((rms, pairs) for pairs, rms in assignments.items() if len(pairs) == size)
+    if size < min_size:
+        return _no_match(
             dwells,
             names,
-            f"{size} of {len(dwells)} dwells fit on landmarks within "
-            f"{tolerance_mm:g} mm: at least {least} wanted",
+            f"{size} of {len(dwells)} dwells fit on landmarks within {tolerance_mm:g} mm; "
+            f"expected at least {min_size}",
         )
     rms, pairs = best[0]
     if len(best) > 1:
-        told = " or ".join(_told(way, names) for _, way in best[:2])
-        return _nothing(
+        examples = " or ".join(_format_pairs(pairs, names) for _, pairs in best[:2])
+        return _no_match(
             dwells,
             names,
-            f"{len(best)} ways to lay {size} dwells on landmarks fit within "
-            f"{tolerance_mm:g} mm: {told}",
+            f"ambiguous: {len(best)} assignments of {size} dwells to landmarks fit within "
+            f"{tolerance_mm:g} mm: {examples}; expected 1",
         )
     missing = set(range(len(names))) - {landmark for _, landmark in pairs}
     return LandmarkMatch(
@@ -131,30 +132,32 @@ def match_landmarks(
         rms_mm=rms,
         accepted=True,
         reason=f"{size} of {len(dwells)} dwells on {size} of {len(names)} landmarks, "
-        f"{rms:.3g} mm RMS, no other way within {tolerance_mm:g} mm",
+        f"{rms:.3g} mm RMS, no other assignment within {tolerance_mm:g} mm",
     )
 
 
-def _nothing(dwells: FloatArray, names: tuple[str, ...], reason: str) -> LandmarkMatch:
+def _no_match(dwells: FloatArray, names: tuple[str, ...], reason: str) -> LandmarkMatch:
     return LandmarkMatch((), tuple(range(len(dwells))), names, math.nan, False, reason)
 
 
-def _told(pairs: Pairs, names: tuple[str, ...]) -> str:
+def _format_pairs(pairs: Pairs, names: tuple[str, ...]) -> str:
     return " ".join(f"{dwell}={names[landmark]}" for dwell, landmark in pairs)
 
 
-def _ways(dwells: FloatArray, landmarks: FloatArray, tolerance_mm: float) -> dict[Pairs, float]:
-    """Every distinct way to lay dwells on landmarks that a triple leads to, with its RMS in mm."""
-    laid = np.array(list(permutations(range(len(landmarks)), 3)), dtype=np.intp)
-    laid_sides = _sides(landmarks[laid])
-    ways: dict[Pairs, float] = {}
+def _find_assignments(
+    dwells: FloatArray, landmarks: FloatArray, tolerance_mm: float
+) -> dict[Pairs, float]:
+    """Return all assignments that start from a triple of dwells, with their RMS in mm."""
+    triples = np.array(list(permutations(range(len(landmarks)), 3)), dtype=np.intp)
+    sides = _sides(landmarks[triples])
+    assignments: dict[Pairs, float] = {}
     for triple in _largest_triples(dwells):
-        misfit = np.abs(laid_sides - _sides(dwells[triple][None])).max(axis=1)
-        for corners in laid[misfit <= 2.0 * tolerance_mm]:
-            found = _grow(dwells, landmarks, triple, corners, tolerance_mm)
-            if found is not None:
-                ways[found[0]] = found[1]
-    return ways
+        misfit = np.abs(sides - _sides(dwells[triple][None])).max(axis=1)
+        for corners in triples[misfit <= 2.0 * tolerance_mm]:
+            grown = _grow(dwells, landmarks, triple, corners, tolerance_mm)
+            if grown is not None:
+                assignments[grown[0]] = grown[1]
+    return assignments
 
 
 def _largest_triples(points: FloatArray) -> NDArray[np.intp]:
@@ -175,7 +178,10 @@ def _grow(
     corners: NDArray[np.intp],
     tolerance_mm: float,
 ) -> tuple[Pairs, float] | None:
-    """Start from three pairs, add what fits, refit until it stays; None when it falls apart."""
+    """Extend three pairs by all that fit and refit until they stay the same.
+
+    Returns the pairs and their RMS in mm, or None without convergence to at least three pairs.
+    """
     pairs: Pairs = tuple(zip(triple.tolist(), corners.tolist(), strict=True))
     for _ in range(10):
         rows, columns = (np.array(side) for side in zip(*pairs, strict=True))
@@ -183,17 +189,17 @@ def _grow(
             check_spread(dwells[rows], "dwells")
             motion = fit_rigid(landmarks[columns], dwells[rows], None, "landmarks", "dwells")
         except RegistrationError:
-            return None  # a line or a mirror image: no motion lays these on each other
+            return None  # collinear or mirrored: no rigid motion maps these pairs
         gaps = np.linalg.norm(motion.apply(dwells)[:, None] - landmarks[None], axis=2)
         chosen = linear_sum_assignment(np.minimum(gaps, tolerance_mm))
-        again = tuple(
+        new_pairs = tuple(
             (int(row), int(column))
             for row, column in zip(*chosen, strict=True)
             if gaps[row, column] < tolerance_mm
         )
-        if len(again) < MIN_POINTS:
+        if len(new_pairs) < MIN_POINTS:
             return None
-        if again == pairs:
+        if new_pairs == pairs:
             return pairs, float(np.sqrt(np.mean(gaps[tuple(np.array(pairs).T)] ** 2)))
-        pairs = again
+        pairs = new_pairs
     return None

@@ -1,4 +1,4 @@
-"""Paired-point registration with its uncertainty: landmarks onto landmarks."""
+"""Paired-point registration with its uncertainty."""
 
 import math
 
@@ -16,7 +16,7 @@ from app.registration.inputs import (
 )
 from app.registration.motion import move_origin, point_jacobian
 from app.registration.points.rigid_fit import PairNoise, fit_rigid
-from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.uncertainty.acceptance import AcceptanceLimits, evaluate_acceptance
 from app.registration.uncertainty.result import RegistrationResult
 
 
@@ -31,33 +31,34 @@ def register_points(
     targets_mm: ArrayLike | None = None,
     limits: AcceptanceLimits | None = None,
 ) -> RegistrationResult:
-    """``fixed_from_moving`` from pairs of points (n, 3) in mm, n >= 3.
+    """Compute ``fixed_from_moving`` from pairs of points (n, 3) in mm, n >= 3.
 
     ``covariances_mm2``, (3, 3) or (n, 3, 3) in mm2 in the fixed frame, is the localisation error
-    of each pair; ``moving_covariances_mm2`` is the part of it that is known in the moving frame.
-    Without both, all points are taken to be equally good in all directions, and how good is
-    estimated from the fit: ``E[FRE^2] = (1 - 2/n) E[FLE^2]`` (Sibson 1979). ``targets_mm`` (m, 3)
-    in the fixed frame are the places where ``accepted`` is decided (the tumour); without them, at
-    the landmarks.
+    of each pair; ``moving_covariances_mm2`` is a further part, given in the moving frame. Without
+    both, the noise is isotropic and equal for all points and estimated from the fit:
+    ``E[FRE^2] = (1 - 2/n) E[FLE^2]`` (Sibson 1979). ``targets_mm`` (m, 3) in the fixed frame are
+    the points where the predicted error decides ``accepted``, e.g. of the tumour; the default is
+    the fixed points.
 
-    Raises a `RegistrationError` that names the cause: too few, unequal counts, not finite,
-    coincident, (nearly) collinear, mirrored, different units, a covariance that is none.
+    Raises a `RegistrationError` whose type names the cause: too few points, unequal counts,
+    non-finite numbers, coincident, (nearly) collinear or mirrored points, different units, an
+    invalid covariance.
     """
     fixed, moving = as_pairs(fixed_mm, moving_mm)
-    noise = PairNoise.of(covariances_mm2, moving_covariances_mm2, len(fixed))
-    result = registration_of(fixed, moving, noise, fixed_frame, moving_frame)
+    noise = PairNoise.from_covariances(covariances_mm2, moving_covariances_mm2, len(fixed))
+    result = fit_registration(fixed, moving, noise, fixed_frame, moving_frame)
     targets = fixed if targets_mm is None else as_points(targets_mm, "targets_mm")
-    return judge(result, targets, limits or AcceptanceLimits())
+    return evaluate_acceptance(result, targets, limits or AcceptanceLimits())
 
 
-def registration_of(
+def fit_registration(
     fixed: FloatArray,
     moving: FloatArray,
     noise: PairNoise | None,
     fixed_frame: str,
     moving_frame: str,
 ) -> RegistrationResult:
-    """The result of finite pairs (n, 3), not judged yet."""
+    """Return the result for finite pairs (n, 3), before the acceptance is evaluated."""
     check_pair_geometry(fixed, moving)
     transform = fit_rigid(fixed, moving, noise, fixed_frame, moving_frame)
     residuals = np.linalg.norm(fixed - transform.apply(moving), axis=1)
@@ -80,19 +81,22 @@ def registration_of(
         covariance=axis_variance * unscaled,
         condition=condition,
         accepted=False,
-        reason="not judged at any target",
+        reason="acceptance is not evaluated",
         method="paired_points",
         degrees_of_freedom=3 * len(fixed) - 6 if noise is None else None,
     )
 
 
 def _motion_covariance(fixed: FloatArray, scatter: FloatArray) -> tuple[FloatArray, float]:
-    """Covariance (6, 6) about the origin for pair covariances (n, 3, 3), and the condition."""
+    """Return the covariance (6, 6) about the origin and the condition number.
+
+    ``scatter`` (n, 3, 3) are the covariances of the pairs.
+    """
     centre = fixed.mean(axis=0)
     jacobian = point_jacobian(fixed - centre)
     information = np.swapaxes(jacobian, 1, 2) @ np.linalg.inv(scatter) @ jacobian
     total = np.sum(information, axis=0)
-    # RMS distance of a point from an axis through the centre, were they spread evenly.
+    # RMS distance from an axis through the centre, averaged over all directions of the axis.
     arm = math.sqrt(2.0 / 3.0 * float(np.mean(np.sum((fixed - centre) ** 2, axis=1))))
     scale = np.array([1.0 / arm] * 3 + [1.0] * 3)
     condition = math.sqrt(float(np.linalg.cond(total * np.outer(scale, scale))))
@@ -100,7 +104,7 @@ def _motion_covariance(fixed: FloatArray, scatter: FloatArray) -> tuple[FloatArr
 
 
 def _leave_one_out(fixed: FloatArray, moving: FloatArray, noise: PairNoise | None) -> FloatArray:
-    """How far off each point (n,) a registration of the others puts it; NaN where there is none."""
+    """Return the error (n,) of each point in a registration of the others, NaN where undefined."""
     errors = np.full(len(fixed), np.nan)
     if len(fixed) <= MIN_POINTS:
         return errors
@@ -110,11 +114,11 @@ def _leave_one_out(fixed: FloatArray, moving: FloatArray, noise: PairNoise | Non
             check_spread(fixed[others], "the other fixed points")
             check_spread(moving[others], "the other moving points")
         except (CoincidentPointsError, CollinearPointsError):
-            continue  # the others alone do not fix a motion: the error stays NaN
+            continue  # the others determine no motion
         partial = fit_rigid(
             fixed[others],
             moving[others],
-            None if noise is None else noise.of_points(others),
+            None if noise is None else noise.select(others),
             "fixed",
             "moving",
         )

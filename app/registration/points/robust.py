@@ -1,7 +1,8 @@
-"""Paired points of which some are wrong: the largest group that agrees, the others named.
+"""Robust paired-point registration that rejects wrong pairs.
 
-Consensus over triples (Fischler and Bolles 1981, scored as in MSAC by Torr and Zisserman 2000):
-every triple up to a count, a fixed draw beyond it, so that the same points give the same answer.
+Consensus over triples (RANSAC, Fischler and Bolles 1981, scored as in MSAC, Torr and Zisserman
+2000). All triples are tried up to `MAX_TRIPLES`, beyond it a sample with a fixed seed, so results
+are reproducible.
 """
 
 import math
@@ -14,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from app.geometry import FloatArray
 from app.registration.errors import NoConsensusError, ShapeError
 from app.registration.inputs import COLLINEAR_RATIO, MIN_POINTS, as_pairs, as_points
-from app.registration.points.paired import registration_of
+from app.registration.points.paired import fit_registration
 from app.registration.points.rigid_fit import PairNoise
-from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.uncertainty.acceptance import AcceptanceLimits, evaluate_acceptance
 from app.registration.uncertainty.result import RegistrationResult
 
 MAX_TRIPLES = 4000
@@ -35,82 +36,87 @@ def register_points_robust(
     targets_mm: ArrayLike | None = None,
     limits: AcceptanceLimits | None = None,
 ) -> RegistrationResult:
-    """As `register_points`, with pairs that miss by more than ``inlier_mm`` dropped and named.
+    """As `register_points`, but reject pairs with a residual above ``inlier_mm``.
 
-    ``inlier_mm`` is the largest residual of a good pair: three times the localisation error or so.
-    More than half of the pairs, and at least three, have to agree on one motion, and no other
-    group of that size on another one; `NoConsensusError` otherwise. In the result the residuals
-    are of all pairs, the leave-one-out errors of the dropped ones are NaN.
+    ``inlier_mm`` is about three times the localisation error. Raises `NoConsensusError` unless more
+    than half of the pairs, and at least three, agree on one motion, and no other group of that
+    size agrees on another one. The result has residuals of all pairs, and NaN as leave-one-out
+    error of the outliers.
     """
     if not (math.isfinite(inlier_mm) and inlier_mm > 0.0):
-        raise ShapeError(f"inlier_mm is {inlier_mm}: above 0 wanted")
+        raise ShapeError(f"inlier_mm is {inlier_mm}; expected a finite number above 0")
     fixed, moving = as_pairs(fixed_mm, moving_mm)
-    noise = PairNoise.of(covariances_mm2, moving_covariances_mm2, len(fixed))
-    good = largest_agreeing_group(fixed, moving, inlier_mm)
+    noise = PairNoise.from_covariances(covariances_mm2, moving_covariances_mm2, len(fixed))
+    inliers = largest_consistent_group(fixed, moving, inlier_mm)
     for _ in range(MAX_REFITS):
-        result = registration_of(
-            fixed[good],
-            moving[good],
-            None if noise is None else noise.of_points(good),
+        result = fit_registration(
+            fixed[inliers],
+            moving[inliers],
+            None if noise is None else noise.select(inliers),
             fixed_frame,
             moving_frame,
         )
         residuals = np.linalg.norm(fixed - result.transform.apply(moving), axis=1)
-        again = residuals <= inlier_mm
-        if np.array_equal(again, good):
+        consistent = residuals <= inlier_mm
+        if np.array_equal(consistent, inliers):
             break
-        _require_majority(again, inlier_mm)
-        good = again
+        _require_majority(consistent, inlier_mm)
+        inliers = consistent
     else:
-        raise NoConsensusError(f"which points agree did not settle in {MAX_REFITS} rounds")
-    left_out = np.full(len(fixed), np.nan)
-    left_out[good] = result.leave_one_out_mm
-    named = replace(
+        raise NoConsensusError(f"inliers did not converge in {MAX_REFITS} refits")
+    leave_one_out = np.full(len(fixed), np.nan)
+    leave_one_out[inliers] = result.leave_one_out_mm
+    result = replace(
         result,
         residuals_mm=residuals,
-        leave_one_out_mm=left_out,
-        outliers=tuple(np.flatnonzero(~good).tolist()),
+        leave_one_out_mm=leave_one_out,
+        outliers=tuple(np.flatnonzero(~inliers).tolist()),
         method="paired_points_robust",
     )
-    targets = fixed[good] if targets_mm is None else as_points(targets_mm, "targets_mm")
-    return judge(named, targets, limits or AcceptanceLimits())
+    targets = fixed[inliers] if targets_mm is None else as_points(targets_mm, "targets_mm")
+    return evaluate_acceptance(result, targets, limits or AcceptanceLimits())
 
 
-def largest_agreeing_group(
+def largest_consistent_group(
     fixed: FloatArray, moving: FloatArray, inlier_mm: float
 ) -> NDArray[np.bool_]:
-    """Which pairs, a mask (n,), the best motion of three pairs maps within ``inlier_mm``."""
+    """Return the mask (n,) of pairs within ``inlier_mm`` by the best motion of three pairs."""
     triples = _triples(len(fixed))
-    rotations, translations, sound = _motions_of_triples(fixed[triples], moving[triples])
-    if not sound.any():
-        raise NoConsensusError(f"every three of the {len(fixed)} points are on a line")
-    rotations, translations = rotations[sound], translations[sound]
+    rotations, translations, valid = _motions_of_triples(fixed[triples], moving[triples])
+    if not valid.any():
+        raise NoConsensusError(
+            f"all triples of the {len(fixed)} points are collinear; expected at least one triangle"
+        )
+    rotations, translations = rotations[valid], translations[valid]
     mapped = np.einsum("tij,nj->tni", rotations, moving) + translations[:, None]
     squared = np.sum((fixed - mapped) ** 2, axis=2)
     agree = squared <= inlier_mm**2
     score = np.minimum(squared, inlier_mm**2).sum(axis=1)
     best = int(np.argmin(score))
     _require_majority(agree[best], inlier_mm)
-    # A rival is as large and tells another story: it loses points that the best group holds.
-    lost = (agree[best] & ~agree).sum(axis=1)
-    apart = np.sqrt(np.mean(np.sum((mapped - mapped[best]) ** 2, axis=2), axis=1))
-    rivals = (agree.sum(axis=1) >= agree[best].sum()) & (lost > 0) & (apart > 2.0 * inlier_mm)
+    # Another group of the same size is ambiguous if it excludes points of the best group and its
+    # motion differs.
+    excluded = (agree[best] & ~agree).sum(axis=1)
+    separation = np.sqrt(np.mean(np.sum((mapped - mapped[best]) ** 2, axis=2), axis=1))
+    rivals = (
+        (agree.sum(axis=1) >= agree[best].sum()) & (excluded > 0) & (separation > 2.0 * inlier_mm)
+    )
     if rivals.any():
         other = int(np.flatnonzero(rivals)[0])
         raise NoConsensusError(
             f"two groups of {int(agree[best].sum())} points agree on motions that differ by "
-            f"{apart[other]:.3g} mm RMS: {np.flatnonzero(agree[best]).tolist()} and "
-            f"{np.flatnonzero(agree[other]).tolist()}"
+            f"{separation[other]:.3g} mm RMS: {np.flatnonzero(agree[best]).tolist()} and "
+            f"{np.flatnonzero(agree[other]).tolist()}; expected one group"
         )
     return np.asarray(agree[best])
 
 
 def _require_majority(agree: NDArray[np.bool_], inlier_mm: float) -> None:
-    least = max(MIN_POINTS, len(agree) // 2 + 1)
-    if agree.sum() < least:
+    min_inliers = max(MIN_POINTS, len(agree) // 2 + 1)
+    if agree.sum() < min_inliers:
         raise NoConsensusError(
-            f"only {int(agree.sum())} of {len(agree)} points agree within {inlier_mm:g} mm: "
-            f"at least {least} wanted"
+            f"only {int(agree.sum())} of {len(agree)} points agree within {inlier_mm:g} mm; "
+            f"expected at least {min_inliers}"
         )
 
 
@@ -124,16 +130,19 @@ def _triples(count: int) -> NDArray[np.intp]:
 def _motions_of_triples(
     fixed: FloatArray, moving: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Rotations (t, 3, 3), translations (t, 3) and which triples (t, 3, 3) are no line."""
+    """Return rotations (t, 3, 3), translations (t, 3) and the mask (t,) of triangles.
+
+    ``fixed`` and ``moving`` are triples (t, 3, 3); collinear ones are not triangles.
+    """
     fixed_centre, moving_centre = fixed.mean(axis=1), moving.mean(axis=1)
     centred_fixed = fixed - fixed_centre[:, None]
     centred_moving = moving - moving_centre[:, None]
-    sound = np.ones(len(fixed), dtype=bool)
+    valid = np.ones(len(fixed), dtype=bool)
     for centred in (centred_fixed, centred_moving):
         values = np.linalg.svd(centred, compute_uv=False)
-        sound &= values[:, 1] > COLLINEAR_RATIO * values[:, 0]
+        valid &= values[:, 1] > COLLINEAR_RATIO * values[:, 0]
     left, _, right = np.linalg.svd(np.swapaxes(centred_fixed, 1, 2) @ centred_moving)
     right[:, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
     rotations = left @ right
     translations = fixed_centre - np.einsum("tij,tj->ti", rotations, moving_centre)
-    return rotations, translations, sound
+    return rotations, translations, valid

@@ -1,9 +1,9 @@
-"""Surface registration: points touched anywhere on a surface, laid on its mesh.
+"""Registration of points touched anywhere on a surface to its mesh.
 
-Closest points on the triangles come from trimesh; its own ICP moves the points by the closed form
-for pairs, which creeps along the surface and gives no uncertainty. Here each step is the least
-squares of the distances to the surface (point to plane, Chen and Medioni 1992), whose curvature is
-the uncertainty: what the surface lets slide is seen, and refused.
+Each step minimises the distances to the surface (point to plane, Chen and Medioni 1992), whose
+Hessian gives the uncertainty; points that can slide along the surface are detected by it. The ICP
+of trimesh minimises distances between point pairs instead: it converges slowly along the surface
+and gives no uncertainty. Closest points on the triangles are from trimesh.
 """
 
 import math
@@ -24,31 +24,31 @@ from app.registration.errors import (
 )
 from app.registration.inputs import as_points, check_spread
 from app.registration.least_squares import least_squares
-from app.registration.motion import move_origin, moved, point_jacobian
-from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.motion import apply_motion, move_origin, point_jacobian
+from app.registration.uncertainty.acceptance import AcceptanceLimits, evaluate_acceptance
 from app.registration.uncertainty.result import RegistrationResult
 
 MIN_POINTS = 12
-"""Six are determined exactly and leave nothing to check them by."""
+"""Six points determine the motion exactly; more are needed for a check."""
 
 MAX_CONDITION = 30.0
-"""A surface along which the touched points slide thirty times more easily than against it."""
+"""Maximum condition number; above it the points can slide along the surface."""
 
-STARTS_RAD = math.radians(12.0)
-"""How far the given start is turned to either side, about each axis, for the other starts."""
+START_ROTATION_RAD = math.radians(12.0)
+"""Rotation, in both directions about each axis, of the further starts from the given one."""
 
-SAME_MM = 0.05
-"""Starts that end nearer together than this, RMS of the points, ended at one place."""
+DISTINCT_MM = 0.05
+"""Fits whose points differ by less (RMS) are the same fit."""
 
-RIVAL_RATIO = 1.3
-"""Another place with misfits up to this many times the best one's fits as well."""
+AMBIGUITY_RATIO = 1.3
+"""A different fit with a median misfit up to this ratio of the best one makes it ambiguous."""
 
 MAX_STEPS = 80
 
-SETTLED_MM = 1e-5
-"""Where a triangle ends the distances have a kink: the last digits would be spent on it."""
+CONVERGED_MM = 1e-5
+"""Convergence limit: smaller steps only follow the kinks of the distance at triangle edges."""
 
-MAX_TRIMS = 10
+MAX_REFITS = 10
 MEDIAN_TO_SIGMA = 1.4826
 
 
@@ -58,21 +58,21 @@ class _Surface:
     normals: FloatArray
 
     @classmethod
-    def of(cls, mesh: SurfaceMesh) -> "_Surface":
+    def from_mesh(cls, mesh: SurfaceMesh) -> "_Surface":
         shape = trimesh.Trimesh(mesh.vertices_mm, mesh.faces, process=False)
         query = trimesh.proximity.ProximityQuery(shape)  # type: ignore[no-untyped-call]
         return cls(query, np.array(shape.face_normals))
 
     def distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Signed distance (n,), positive outside, and its gradient (n, 3)."""
+        """Return signed distances (n,) in mm, positive outside, and their gradients (n, 3)."""
         closest, length, face = self.query.on_surface(points)
         normals = self.normals[face]
-        away = points - closest
-        side = np.where(np.sum(away * normals, axis=1) < 0.0, -1.0, 1.0)
-        # The way to the closest point, where it is long enough to have a direction.
+        offset = points - closest
+        side = np.where(np.sum(offset * normals, axis=1) < 0.0, -1.0, 1.0)
+        # Along the line to the closest point, except where it is too short to have a direction.
         clear = length > 1e-6
         gradients = np.where(
-            clear[:, None], side[:, None] * away / np.where(clear, length, 1.0)[:, None], normals
+            clear[:, None], side[:, None] * offset / np.where(clear, length, 1.0)[:, None], normals
         )
         return side * length, gradients
 
@@ -87,68 +87,71 @@ def register_surface(
     targets_mm: ArrayLike | None = None,
     limits: AcceptanceLimits | None = None,
 ) -> RegistrationResult:
-    """``surface.frame`` from the touched points' frame, from n >= 12 points (n, 3) in mm.
+    """Compute the transform from the touched points' frame to ``surface.frame``.
 
-    ``start``, say from three rough landmarks, has to be within some ten degrees: the fit is local,
-    and it is repeated from turned starts. ``noise_mm`` is the standard deviation of a touched point
-    across the surface, estimated from the misfits when not given. Points farther than ``inlier_mm``
-    from the surface after the fit are dropped and named. In the result, residuals are distances to
-    the surface and leave-one-out errors are predicted ones (PRESS). The covariance is of first
-    order: where the surface bends within a few times the noise, sigma is up to a fifth too small.
+    ``touched_mm`` (n, 3), n >= 12, in mm. ``start``, e.g. from three rough landmarks, must be
+    within about ten degrees: the fit is local, and it is repeated from rotated starts. ``noise_mm``
+    is the standard deviation of a touched point normal to the surface, by default estimated from
+    the residuals. Points farther than ``inlier_mm`` from the surface after the fit are rejected.
+    Residuals of the result are distances to the surface, leave-one-out errors are computed without
+    refits (PRESS). The covariance is first order: if the surface is curved at the scale of a few
+    times the noise, sigma is up to 20 % too small.
 
-    Raises `FreeMotionError` when the points may slide on the surface (plane, sphere, cylinder),
-    `NoConsensusError` when two places fit alike or most points are far, and the errors of bad
-    points.
+    Raises `FreeMotionError` if the points can slide along the surface (plane, sphere, cylinder),
+    `NoConsensusError` if two fits are equally good or most points are outliers, `FrameError`,
+    and the errors of invalid points.
     """
     touched = as_points(touched_mm, "touched_mm")
     if len(touched) < MIN_POINTS:
-        raise TooFewError(f"{len(touched)} touched points: at least {MIN_POINTS} wanted")
+        raise TooFewError(f"{len(touched)} touched points; expected at least {MIN_POINTS}")
     for name, value in (("noise_mm", noise_mm), ("inlier_mm", inlier_mm)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise ShapeError(f"{name} is {value}: above 0 wanted")
+            raise ShapeError(f"{name} is {value}; expected a finite number above 0")
     if start.target != surface.frame:
         raise FrameError(
-            f"start is {start.target}_from_{start.source}: its target is not the surface's frame "
-            f"{surface.frame!r}"
+            f"start is {start.target}_from_{start.source}; expected the target {surface.frame!r}, "
+            "the frame of the surface"
         )
     check_spread(touched, "touched_mm")
-    shape = _Surface.of(surface)
-    transform, good = _trimmed(touched, shape, _best_place(touched, shape, start), inlier_mm)
+    shape = _Surface.from_mesh(surface)
+    best = _fit_from_starts(touched, shape, start)
+    transform, inliers = _fit_inliers(touched, shape, best, inlier_mm)
 
-    here = transform.apply(touched)
-    distances, gradients = shape.distances(here)
-    centre = here[good].mean(axis=0)
-    jacobian = _jacobian(here[good], gradients[good], centre)
-    arm = math.sqrt(2.0 / 3.0 * float(np.mean(np.sum((here[good] - centre) ** 2, axis=1))))
+    mapped = transform.apply(touched)
+    distances, gradients = shape.distances(mapped)
+    centre = mapped[inliers].mean(axis=0)
+    jacobian = _jacobian(mapped[inliers], gradients[inliers], centre)
+    arm = math.sqrt(2.0 / 3.0 * float(np.mean(np.sum((mapped[inliers] - centre) ** 2, axis=1))))
     condition = float(np.linalg.cond(jacobian * np.repeat([1.0 / arm, 1.0], 3)))
     if condition > MAX_CONDITION:
         raise FreeMotionError(
-            f"the touched points may slide on the surface: condition {condition:.3g}, "
-            f"{MAX_CONDITION:g} allowed (a plane, a sphere or a cylinder holds no point in place)"
+            f"the touched points can slide along the surface: condition is {condition:.3g}; "
+            f"expected at most {MAX_CONDITION:g} "
+            "(a plane, sphere or cylinder does not determine a pose)"
         )
-    freedom = int(good.sum()) - 6
-    rms = math.sqrt(float(np.mean(distances[good] ** 2)))
-    sigma = noise_mm or rms * math.sqrt(good.sum() / freedom)
+    freedom = int(inliers.sum()) - 6
+    rms = math.sqrt(float(np.mean(distances[inliers] ** 2)))
+    sigma = noise_mm or rms * math.sqrt(inliers.sum() / freedom)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
-    held = np.einsum("ni,ij,nj->n", jacobian, inverse, jacobian)
-    left_out = np.full(len(touched), np.nan)
-    left_out[good] = np.abs(distances[good]) / (1.0 - held)
+    leverage = np.einsum("ni,ij,nj->n", jacobian, inverse, jacobian)
+    leave_one_out = np.full(len(touched), np.nan)
+    leave_one_out[inliers] = np.abs(distances[inliers]) / (1.0 - leverage)
     result = RegistrationResult(
         transform=transform,
         residuals_mm=np.abs(distances),
         fre_mm=rms,
         fle_mm=math.sqrt(3.0) * sigma,
-        leave_one_out_mm=left_out,
+        leave_one_out_mm=leave_one_out,
         covariance=move_origin(sigma**2 * np.asarray(inverse), -centre),
         condition=condition,
         accepted=False,
-        reason="not judged at any target",
+        reason="acceptance is not evaluated",
         method="surface",
         degrees_of_freedom=freedom if noise_mm is None else None,
-        outliers=tuple(np.flatnonzero(~good).tolist()),
+        outliers=tuple(np.flatnonzero(~inliers).tolist()),
     )
-    targets = here[good] if targets_mm is None else as_points(targets_mm, "targets_mm")
-    return judge(result, targets, limits or AcceptanceLimits())
+    targets = mapped[inliers] if targets_mm is None else as_points(targets_mm, "targets_mm")
+    return evaluate_acceptance(result, targets, limits or AcceptanceLimits())
 
 
 def _jacobian(points: FloatArray, gradients: FloatArray, centre: FloatArray) -> FloatArray:
@@ -159,70 +162,75 @@ def _fit(touched: FloatArray, shape: _Surface, start: Transform) -> Transform:
     centre = start.apply(touched).mean(axis=0)
 
     def linearise(state: Transform) -> tuple[FloatArray, FloatArray]:
-        here = state.apply(touched)
-        distances, gradients = shape.distances(here)
-        return -distances, _jacobian(here, gradients, centre)
+        mapped = state.apply(touched)
+        distances, gradients = shape.distances(mapped)
+        return -distances, _jacobian(mapped, gradients, centre)
 
     return least_squares(
         start,
         linearise,
-        lambda state, step: moved(state, step, centre),
+        lambda state, step: apply_motion(state, step, centre),
         "surface registration",
-        settled_at=SETTLED_MM,
+        tolerance=CONVERGED_MM,
         max_steps=MAX_STEPS,
     )
 
 
-def _best_place(touched: FloatArray, shape: _Surface, start: Transform) -> Transform:
-    """The best fit from the start and from starts turned about its axes; refuses two that fit."""
-    turns = [np.zeros(3)]
-    turns += [sign * axis for axis, sign in product(STARTS_RAD * np.eye(3), (1.0, -1.0))]
+def _fit_from_starts(touched: FloatArray, shape: _Surface, start: Transform) -> Transform:
+    """Return the best fit from ``start`` and from starts rotated about its axes.
+
+    Raises `NoConsensusError` if two different fits are equally good.
+    """
+    rotations = [np.zeros(3)]
+    rotations += [
+        sign * axis for axis, sign in product(START_ROTATION_RAD * np.eye(3), (1.0, -1.0))
+    ]
     centre = start.apply(touched).mean(axis=0)
-    places: list[tuple[float, Transform, FloatArray]] = []
-    for turn in turns:
-        begin = moved(start, np.concatenate([turn, np.zeros(3)]), centre)
+    fits: list[tuple[float, Transform, FloatArray]] = []
+    for rotation in rotations:
+        begin = apply_motion(start, np.concatenate([rotation, np.zeros(3)]), centre)
         try:
-            place = _fit(touched, shape, begin)
+            fit = _fit(touched, shape, begin)
         except (ConvergenceError, np.linalg.LinAlgError):
-            continue  # a start that leads nowhere is no place; the others are compared
-        here = place.apply(touched)
-        places.append((float(np.median(np.abs(shape.distances(here)[0]))), place, here))
-    if not places:
-        raise ConvergenceError("surface registration did not settle from any start")
-    places.sort(key=lambda entry: entry[0])
-    median, best, there = places[0]
-    for other_median, _, here in places[1:]:
-        apart = float(np.sqrt(np.mean(np.sum((here - there) ** 2, axis=1))))
-        if other_median <= RIVAL_RATIO * median + 1e-6 and apart > max(SAME_MM, 10.0 * median):
+            continue  # only fits that converge are compared
+        mapped = fit.apply(touched)
+        fits.append((float(np.median(np.abs(shape.distances(mapped)[0]))), fit, mapped))
+    if not fits:
+        raise ConvergenceError("surface registration did not converge from any start")
+    fits.sort(key=lambda entry: entry[0])
+    median, best, best_points = fits[0]
+    for other_median, _, points in fits[1:]:
+        separation = float(np.sqrt(np.mean(np.sum((points - best_points) ** 2, axis=1))))
+        similar = other_median <= AMBIGUITY_RATIO * median + 1e-6
+        if similar and separation > max(DISTINCT_MM, 10.0 * median):
             raise NoConsensusError(
-                f"two places that are {apart:.3g} mm apart fit alike: misfits of {median:.3g} mm "
-                f"and {other_median:.3g} mm (median)"
+                f"two fits that are {separation:.3g} mm apart are equally good: median misfits of "
+                f"{median:.3g} mm and {other_median:.3g} mm; expected one fit"
             )
     return best
 
 
-def _trimmed(
-    touched: FloatArray, shape: _Surface, place: Transform, inlier_mm: float | None
+def _fit_inliers(
+    touched: FloatArray, shape: _Surface, start: Transform, inlier_mm: float | None
 ) -> tuple[Transform, NDArray[np.bool_]]:
-    """Refit without the points that are too far from the surface, until they stay the same."""
-    good = np.ones(len(touched), dtype=bool)
+    """Refit to the points within ``inlier_mm`` of the surface until they stay the same."""
+    inliers = np.ones(len(touched), dtype=bool)
     if inlier_mm is None:
-        return place, good
-    # The first fit was pulled by what is wrong: its better half decides where to go on from.
-    distances = np.abs(shape.distances(place.apply(touched))[0])
-    good = distances <= max(inlier_mm, MEDIAN_TO_SIGMA * float(np.median(distances)))
-    for _ in range(MAX_TRIMS):
-        place = _fit(touched[good], shape, place)
-        again = np.abs(shape.distances(place.apply(touched))[0]) <= inlier_mm
-        least = max(MIN_POINTS, len(touched) // 2 + 1)
-        if again.sum() < least:
+        return start, inliers
+    # Outliers have shifted the first fit: continue with at least its better half.
+    fit = start
+    distances = np.abs(shape.distances(fit.apply(touched))[0])
+    inliers = distances <= max(inlier_mm, MEDIAN_TO_SIGMA * float(np.median(distances)))
+    for _ in range(MAX_REFITS):
+        fit = _fit(touched[inliers], shape, fit)
+        consistent = np.abs(shape.distances(fit.apply(touched))[0]) <= inlier_mm
+        min_inliers = max(MIN_POINTS, len(touched) // 2 + 1)
+        if consistent.sum() < min_inliers:
             raise NoConsensusError(
-                f"only {int(again.sum())} of {len(touched)} touched points are within "
-                f"{inlier_mm:g} mm of the surface: at least {least} wanted"
+                f"only {int(consistent.sum())} of {len(touched)} touched points are within "
+                f"{inlier_mm:g} mm of the surface; expected at least {min_inliers}"
             )
-        if np.array_equal(again, good):
-            return place, good
-        good = again
-    raise NoConsensusError(
-        f"which touched points are on the surface did not settle in {MAX_TRIMS} rounds"
-    )
+        if np.array_equal(consistent, inliers):
+            return fit, inliers
+        inliers = consistent
+    raise NoConsensusError(f"inliers of the surface did not converge in {MAX_REFITS} refits")

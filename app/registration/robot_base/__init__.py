@@ -1,1 +1,1 @@
-"""Where a robot's base stands, and how its clock runs beside the tracker's."""
+"""Registration of a robot's base, and the offset between its clock and the tracker's."""

@@ -1,9 +1,9 @@
-"""Where the base of a robot stands, from poses of its tip and of a tracked sensor on it: AX = YB.
+"""Robot-world calibration (AX = YB): a robot's base from poses of its tip and a sensor on it.
 
-For every pose ``i``, ``reference_from_base @ base_from_tip[i] @ tip_from_sensor`` is what the
-tracker measures as ``reference_from_sensor[i]``; the first and the last transform are unknown. The
-closed forms let rotation errors run into the translation and weigh radians against nothing: here
-one of them is only where the maximum-likelihood estimate on SE(3) starts.
+For every pose ``i``, ``reference_from_base @ base_from_tip[i] @ tip_from_sensor`` equals the
+measured ``reference_from_sensor[i]``; the first and the last transform are unknown. Closed forms
+propagate rotation errors into the translation and do not weight rad against mm. Therefore a closed
+form is used only as the start of a maximum-likelihood estimate on SE(3).
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.geometry import FloatArray, Transform
-from app.registration.consensus import agreeing
+from app.registration.consensus import find_consensus
 from app.registration.errors import DegenerateMotionError, UnequalCountsError
 from app.registration.inputs import as_points
 from app.registration.motion import origin_change
@@ -22,41 +22,43 @@ from app.registration.poses import PoseNoise, PoseStack
 from app.registration.robot_base.robot_world_fit import (
     RobotWorld,
     closed_form,
+    fit_with_noise_estimate,
     information_of,
     jacobian_of,
     maximum_likelihood,
     residuals_of,
-    with_estimated_noise,
 )
-from app.registration.uncertainty.acceptance import AcceptanceLimits, judge
+from app.registration.uncertainty.acceptance import AcceptanceLimits, evaluate_acceptance
 from app.registration.uncertainty.result import RegistrationResult, checked_covariance, read_only
 
 MIN_POSES = 4
-"""Three poses determine both transforms and leave nothing to check them by."""
+"""Three poses determine both transforms; more are needed for a check."""
 
 MIN_TURN_RAD = math.radians(15.0)
-"""Least turn between the two poses that differ most."""
+"""Minimum of the largest rotation between two poses."""
 
 MIN_SECOND_TURN_RAD = math.radians(4.0)
-"""Least RMS turn about a second axis: with parallel axes the base may slide along them."""
+"""Minimum RMS rotation about a second axis: parallel axes leave the base free along them."""
 
 NOMINAL_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
-"""An EM sensor's: where the search for the noise starts when the caller does not know it."""
+"""Noise of an EM sensor, the start of the noise estimate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotWorldResult:
-    """``registration.transform`` is ``reference_from_base``; its residuals are in position.
+    """Result of a robot-world calibration.
 
+    ``registration``
+        Its transform is ``reference_from_base``, its residuals are those of the sensor's position.
     ``tip_from_sensor``
-        How the sensor is mounted on the robot's tip.
+        Mount of the sensor on the robot's tip.
     ``covariance`` (12, 12)
         Of the small motions (rad, mm) of the base in the reference frame and of the mount in the
-        tip's frame, each as `app.registration.motion` defines it.
+        tip's frame, each as defined in `app.registration.motion`.
     ``residuals_rad`` (n,)
-        Angle between measured and predicted sensor, dropped poses included.
+        Angle between measured and predicted sensor, outliers included.
     ``noise``
-        Of one sensor pose: handed in, or estimated from the residuals.
+        Noise of one sensor pose, given or estimated from the residuals.
     """
 
     registration: RegistrationResult
@@ -71,22 +73,22 @@ class RobotWorldResult:
 
     @property
     def reference_from_base(self) -> Transform:
-        """The robot's base in the reference frame."""
+        """Pose of the robot's base in the reference frame."""
         return self.registration.transform
 
     @property
     def accepted(self) -> bool:
-        """Whether the base may be used."""
+        """True if the registration of the base may be used."""
         return self.registration.accepted
 
     @property
     def reason(self) -> str:
-        """Why, or why not."""
+        """One line that explains `accepted`."""
         return self.registration.reason
 
     @property
     def outliers(self) -> tuple[int, ...]:
-        """Indices of poses that were named wrong and dropped."""
+        """Indices of poses that were rejected."""
         return self.registration.outliers
 
 
@@ -98,55 +100,55 @@ def solve_robot_world(
     targets_mm: ArrayLike | None = None,
     limits: AcceptanceLimits | None = None,
 ) -> RobotWorldResult:
-    """The robot's base and the sensor's mount from n >= 4 pose pairs taken at the same moments.
+    """Compute the robot's base and the sensor's mount from n >= 4 simultaneous pose pairs.
 
-    ``noise`` is that of a sensor pose (the robot's own is far below an EM tracker's); without it
-    both its parts are estimated from the residuals. ``targets_mm`` (m, 3) in the reference frame
-    are the places where ``accepted`` is decided; without them, at the centre of the sensor's
-    positions.
+    ``noise`` is that of a sensor pose; by default both its parts are estimated from the residuals.
+    The noise of the robot is neglected: it is far below that of an EM tracker. ``targets_mm``
+    (m, 3) in the reference frame are the points where the predicted error decides ``accepted``; the
+    default is the centre of the sensor's positions.
 
     Raises `TooFewError`, `UnequalCountsError`, `FrameError`, `DegenerateMotionError` (one pose
     repeated, too little rotation, parallel axes) or `NoConsensusError` (no majority agrees).
     """
     if len(base_from_tip) != len(reference_from_sensor):
         raise UnequalCountsError(
-            f"{len(base_from_tip)} robot poses and {len(reference_from_sensor)} sensor poses: "
-            "one sensor pose for each robot pose wanted"
+            f"{len(base_from_tip)} robot poses and {len(reference_from_sensor)} sensor poses; "
+            "expected one sensor pose per robot pose"
         )
-    robot = PoseStack.of(base_from_tip, "the robot's tip", least=MIN_POSES)
-    sensor = PoseStack.of(reference_from_sensor, "the sensor", least=MIN_POSES)
-    _check_turns(robot, "the robot's tip")
-    _check_turns(sensor, "the sensor")
-    good, (state, found) = _agreeing(robot, sensor, noise)
-    used_robot, used_sensor = robot.of_poses(good), sensor.of_poses(good)
-    _check_turns(used_robot, "the robot's tip, wrong ones dropped,")
+    robot = PoseStack.from_poses(base_from_tip, "the robot's tip", min_count=MIN_POSES)
+    sensor = PoseStack.from_poses(reference_from_sensor, "the sensor", min_count=MIN_POSES)
+    _check_rotations(robot, "the robot's tip")
+    _check_rotations(sensor, "the sensor")
+    inliers, (state, found) = _fit_inliers(robot, sensor, noise)
+    used_robot, used_sensor = robot.select(inliers), sensor.select(inliers)
+    _check_rotations(used_robot, "the robot's tip without outliers")
 
     information = information_of(state, used_robot, used_sensor, found)
     centre = used_sensor.translations_mm.mean(axis=0)
     covariance = _about_origin(np.asarray(np.linalg.inv(information)), centre)
     residuals = residuals_of(state, robot, sensor)
-    misses = np.linalg.norm(residuals[:, 3:], axis=1)
+    distances = np.linalg.norm(residuals[:, 3:], axis=1)
     arm = math.sqrt(
         2.0 / 3.0 * float(np.mean(np.sum((used_sensor.translations_mm - centre) ** 2, axis=1)))
     )
     scale = np.tile(np.repeat([1.0 / max(arm, 1.0), 1.0], 3), 2)
     registration = RegistrationResult(
         transform=state.reference_from_base,
-        residuals_mm=misses,
-        fre_mm=math.sqrt(float(np.mean(misses[good] ** 2))),
+        residuals_mm=distances,
+        fre_mm=math.sqrt(float(np.mean(distances[inliers] ** 2))),
         fle_mm=math.sqrt(3.0) * found.translation_mm,
-        leave_one_out_mm=_leave_one_out(robot, sensor, good, state, found),
+        leave_one_out_mm=_leave_one_out(robot, sensor, inliers, state, found),
         covariance=covariance[:6, :6],
         condition=math.sqrt(float(np.linalg.cond(information * np.outer(scale, scale)))),
         accepted=False,
-        reason="not judged at any target",
+        reason="acceptance is not evaluated",
         method="robot_world",
-        degrees_of_freedom=6 * int(good.sum()) - 12 if noise is None else None,
-        outliers=tuple(np.flatnonzero(~good).tolist()),
+        degrees_of_freedom=6 * int(inliers.sum()) - 12 if noise is None else None,
+        outliers=tuple(np.flatnonzero(~inliers).tolist()),
     )
     targets = centre[None] if targets_mm is None else as_points(targets_mm, "targets_mm")
     return RobotWorldResult(
-        registration=judge(registration, targets, limits or AcceptanceLimits()),
+        registration=evaluate_acceptance(registration, targets, limits or AcceptanceLimits()),
         tip_from_sensor=state.tip_from_sensor,
         covariance=covariance,
         residuals_rad=np.linalg.norm(residuals[:, :3], axis=1),
@@ -154,37 +156,37 @@ def solve_robot_world(
     )
 
 
-def _check_turns(poses: PoseStack, what: str) -> None:
-    turns = poses.relative_turns()
-    largest = float(np.linalg.norm(turns, axis=1).max())
+def _check_rotations(poses: PoseStack, what: str) -> None:
+    rotations = poses.relative_rotations()
+    largest = float(np.linalg.norm(rotations, axis=1).max())
     if largest < MIN_TURN_RAD:
         raise DegenerateMotionError(
-            f"the poses of {what} turn by {math.degrees(largest):.3g} degrees at most: "
-            f"{math.degrees(MIN_TURN_RAD):g} wanted"
+            f"the poses of {what} rotate by at most {math.degrees(largest):.3g} degrees; "
+            f"expected at least {math.degrees(MIN_TURN_RAD):g}"
         )
-    second = float(np.linalg.svd(turns, compute_uv=False)[1]) / math.sqrt(len(turns))
+    second = float(np.linalg.svd(rotations, compute_uv=False)[1]) / math.sqrt(len(rotations))
     if second < MIN_SECOND_TURN_RAD:
         raise DegenerateMotionError(
-            f"the poses of {what} turn about parallel axes: {math.degrees(second):.3g} degrees RMS "
-            f"about a second axis, {math.degrees(MIN_SECOND_TURN_RAD):g} wanted"
+            f"the poses of {what} rotate about parallel axes: {math.degrees(second):.3g} degrees "
+            f"RMS about a second axis; expected at least {math.degrees(MIN_SECOND_TURN_RAD):g}"
         )
 
 
-def _agreeing(
+def _fit_inliers(
     robot: PoseStack, sensor: PoseStack, noise: PoseNoise | None
 ) -> tuple[NDArray[np.bool_], tuple[RobotWorld, PoseNoise]]:
-    """Which poses agree (n,), the estimate from them, and the noise that they show."""
+    """Return the mask of inliers (n,), the estimate from them and its noise."""
 
-    def start(mask: NDArray[np.bool_]) -> tuple[RobotWorld, PoseNoise]:
-        state = closed_form(robot.of_poses(mask), sensor.of_poses(mask))
+    def initialise(mask: NDArray[np.bool_]) -> tuple[RobotWorld, PoseNoise]:
+        state = closed_form(robot.select(mask), sensor.select(mask))
         return state, noise or NOMINAL_NOISE
 
     def refine(
         mask: NDArray[np.bool_], found: tuple[RobotWorld, PoseNoise]
     ) -> tuple[RobotWorld, PoseNoise]:
-        used = robot.of_poses(mask), sensor.of_poses(mask)
+        used = robot.select(mask), sensor.select(mask)
         if noise is None:
-            return with_estimated_noise(*used, *found)
+            return fit_with_noise_estimate(*used, *found)
         return maximum_likelihood(*used, noise, found[0]), noise
 
     def linearise(found: tuple[RobotWorld, PoseNoise]) -> tuple[FloatArray, FloatArray]:
@@ -193,12 +195,12 @@ def _agreeing(
         jacobian = jacobian_of(state, robot, residuals, sensor.translations_mm.mean(axis=0))
         return residuals / sigmas, jacobian / sigmas[:, None]
 
-    return agreeing(
+    return find_consensus(
         len(robot.rotations),
         "pose pairs",
-        draw=MIN_POSES,
+        sample_size=MIN_POSES,
         noise_known=noise is not None,
-        start=start,
+        initialise=initialise,
         refine=refine,
         linearise=linearise,
     )
@@ -207,24 +209,24 @@ def _agreeing(
 def _leave_one_out(
     robot: PoseStack,
     sensor: PoseStack,
-    good: NDArray[np.bool_],
+    inliers: NDArray[np.bool_],
     state: RobotWorld,
     noise: PoseNoise,
 ) -> FloatArray:
-    """How far off each used sensor position is predicted from the other poses; NaN if dropped."""
-    errors = np.full(len(good), np.nan)
-    if good.sum() <= MIN_POSES:
+    """Error (n,) in mm of each sensor position predicted from the other poses; NaN for outliers."""
+    errors = np.full(len(inliers), np.nan)
+    if inliers.sum() <= MIN_POSES:
         return errors
-    for pose in np.flatnonzero(good):
-        others = good.copy()
+    for pose in np.flatnonzero(inliers):
+        others = inliers.copy()
         others[pose] = False
-        partial = maximum_likelihood(robot.of_poses(others), sensor.of_poses(others), noise, state)
+        partial = maximum_likelihood(robot.select(others), sensor.select(others), noise, state)
         errors[pose] = np.linalg.norm(residuals_of(partial, robot, sensor)[pose, 3:])
     return errors
 
 
 def _about_origin(about_centre: FloatArray, centre_mm: FloatArray) -> FloatArray:
-    """A joint covariance (12, 12) whose base half was about ``centre_mm``, now about the origin."""
+    """Convert the base part of a covariance (12, 12) from ``centre_mm`` to the origin."""
     change = np.eye(12)
     change[:6, :6] = origin_change(-centre_mm)
     return np.asarray(change @ about_centre @ change.T)

@@ -1,8 +1,8 @@
-"""The lag between two clocks, from two streams that saw the same motion.
+"""The offset between two clocks, from two signals of the same motion.
 
-``b(t) = M a(t - offset) + c`` with ``M`` and ``c`` unknown: the frames of the streams, the lever
-arm between them and their scales need not be known, only that one is a linear image of the other.
-For every offset they drop out by linear regression; what is left is one number to be found.
+``b(t) = M a(t - offset) + c`` with ``M`` and ``c`` unknown: the frames of the signals, the lever
+arm between them and their scales need not be known. For each offset, ``M`` and ``c`` follow from
+linear regression, so the search has one unknown.
 """
 
 import math
@@ -20,46 +20,48 @@ from app.registration.robot_base.timed_signal import TimedSignal
 MIN_SAMPLES = 40
 
 RANK_TOLERANCE = 1e-3
-"""Directions in which a moves less than this part of its greatest motion are left out: they could
-only be fitted to noise."""
+"""Directions in which the motion of a is below this fraction of its largest are not used: they
+contain mainly noise."""
 
 STEP_S = 0.005
-"""The grid that is searched before the minimum is refined."""
+"""Step of the grid search before the minimum is refined."""
 
 KNOT_S = 0.06
 SAMPLES_PER_KNOT = 3
-"""Knots of the curve through a: far enough apart to average noise, near enough for any motion of
-a hand or a robot (half a period at 4 Hz holds two of them)."""
+"""Spacing of the spline knots of a: wide enough to average noise, close enough for motion of a hand
+or a robot (two knots in half a period at 4 Hz)."""
 
 MAX_GAP_S = 0.2
-"""Longest silence of a stream that the curve through it may cross."""
+"""Longest gap between samples of a across which the spline is used."""
 
 CURVATURE_S = 0.02
-"""Offset to either side at which the curvature of the loss is read."""
+"""Step of the finite difference for the curvature of the loss."""
 
 FLAT_RATIO = 0.5
-"""Mean squared step over twice the variance: 1 for noise around a fixed value, near 0 for motion
-that the sampling follows (von Neumann 1941)."""
+"""Maximum ratio of the mean squared step to twice the variance: 1 for white noise, near
+0 for motion that the sampling resolves (von Neumann 1941)."""
 
 MIN_EXPLAINED = 0.5
-"""Least share of the motion of one stream that the other has to explain."""
+"""Minimum share of the motion of b that a has to explain."""
 
-RIVAL_SHARE = 0.02
-"""Another offset that explains the motion as well but for this share makes the answer ambiguous."""
+AMBIGUITY_SHARE = 0.02
+"""Another minimum within this share of the motion makes the offset ambiguous."""
 
 BLOCKS = 40
-"""Stretches of the recording whose pulls on the offset are taken to be independent."""
+"""Number of segments of the recording whose gradients are treated as independent."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimeOffset:
-    """``time on the clock of b = time on the clock of a + offset_ns``.
+    """Clock offset: time on the clock of b = time on the clock of a + ``offset_ns``.
 
     ``interval_ns``
-        95 % confidence interval, from how much stretches of the recording disagree, so that noise
-        which is not white is counted.
+        95 % confidence interval, estimated from the scatter between segments of the recording, so
+        it holds for coloured noise, too.
     ``explained``
         Share of the motion of b that a explains at this offset, 0 to 1.
+    ``accepted``, ``reason``
+        Whether the offset may be used, and one line that explains it in either case.
     """
 
     offset_ns: int
@@ -79,49 +81,56 @@ def estimate_time_offset(
     search_s: float = 0.5,
     max_half_width_s: float = 0.005,
 ) -> TimeOffset:
-    """How much more the clock of ``b`` reads than that of ``a`` at the same moment.
+    """Estimate how much more the clock of ``b`` reads than that of ``a`` at the same time.
 
-    With a the robot's and b the tracker's stream this is the offset from robot to tracker time.
-    Searched within ``search_s`` either way of ``around_ns`` (two clocks that started at different
-    times need a first guess). Not accepted when the interval is wider than
-    ``max_half_width_s`` either way, when the offset changes by more than that to either side of its
-    mean over the recording (clocks that drift), when a explains too little of b, when the answer is
-    at the end of the search, or when another offset fits as well (periodic motion). Raises
-    `FlatSignalError` for a stream that does not move, `TooFewError` for too short an overlap.
+    If a is the robot's and b the tracker's signal, this is the offset from robot to tracker time.
+    Offsets within ``search_s`` of ``around_ns`` are searched; clocks that started at different
+    times need a first guess ``around_ns``. Not accepted if
+
+    - the half width of the interval is above ``max_half_width_s``,
+    - the offset deviates by more than that from its mean over the recording (clock drift),
+    - a explains too little of b,
+    - the best offset is at an end of the search,
+    - another offset fits equally well (periodic motion).
+
+    Raises `FlatSignalError` for a signal without motion, `TooFewError` for too few samples or too
+    short an overlap, `ShapeError` for limits out of range.
     """
     for name, value in (("search_s", search_s), ("max_half_width_s", max_half_width_s)):
         if not (math.isfinite(value) and value > 0.0):
-            raise ShapeError(f"{name} is {value}: above 0 wanted")
+            raise ShapeError(f"{name} is {value}; expected a finite number above 0")
     _check_motion(a, "a")
     _check_motion(b, "b")
-    alignment = _Alignment.of(a, b, around_ns, search_s)
+    alignment = _Alignment.from_signals(a, b, around_ns, search_s)
 
     grid = np.linspace(-search_s, search_s, 2 * math.ceil(search_s / STEP_S) + 1)
     losses = np.array([alignment.loss(offset) for offset in grid])
-    lowest = int(np.argmin(losses))
-    around = grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]
+    best = int(np.argmin(losses))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     offset = float(
         minimize_scalar(alignment.loss, bounds=around, method="bounded", options={"xatol": 1e-8}).x
     )
     half_width = alignment.half_width_s(offset)
     explained = 1.0 - alignment.loss(offset) / alignment.motion
 
-    faults = _faults(grid, losses, alignment.motion)
+    faults = _loss_faults(grid, losses, alignment.motion)
     if explained < MIN_EXPLAINED:
-        faults.append(f"{explained:.0%} of the motion is explained, {MIN_EXPLAINED:.0%} wanted")
+        faults.append(
+            f"{explained:.0%} of the motion is explained; expected at least {MIN_EXPLAINED:.0%}"
+        )
     if half_width > max_half_width_s:
         faults.append(
-            f"the offset is known to {1e3 * half_width:.2g} ms (95 %), "
-            f"{1e3 * max_half_width_s:g} ms wanted"
+            f"the offset is known to {1e3 * half_width:.2g} ms (95 %); "
+            f"expected at most {1e3 * max_half_width_s:g} ms"
         )
     drift = alignment.drift_s(offset)
-    # Over an even stretch its half is sqrt(3) times less sure than the offset in the middle.
+    # For uniform motion, the sigma of half the drift is sqrt(3) times that of the mean offset.
     if abs(drift) / 2.0 > max_half_width_s + math.sqrt(3.0) * half_width:
         faults.append(
-            f"the clocks drift: the offset changes by {1e3 * drift:.2g} ms over the recording, "
-            f"{2e3 * max_half_width_s:g} ms allowed"
+            f"the clocks drift: the offset changes by {1e3 * drift:.2g} ms over the recording; "
+            f"expected at most {2e3 * max_half_width_s:g} ms"
         )
-    finding = (
+    detail = (
         f"{1e3 * offset + around_ns / NS_PER_MS:.2f} ms within {1e3 * half_width:.2g} ms (95 %), "
         f"{explained:.1%} of the motion explained"
     )
@@ -135,43 +144,44 @@ def estimate_time_offset(
         clock_a=a.clock,
         clock_b=b.clock,
         accepted=not faults,
-        reason="; ".join(faults) or finding,
+        reason="; ".join(faults) or detail,
     )
 
 
 def _check_motion(signal: TimedSignal, name: str) -> None:
     if len(signal.times_ns) < MIN_SAMPLES:
         raise TooFewError(
-            f"{len(signal.times_ns)} samples of signal {name}: at least {MIN_SAMPLES} wanted"
+            f"{len(signal.times_ns)} samples of signal {name}; expected at least {MIN_SAMPLES}"
         )
     variance = float(np.sum(np.var(signal.values, axis=0)))
     steps = float(np.sum(np.mean(np.diff(signal.values, axis=0) ** 2, axis=0)))
-    # Rounding of a constant is no motion, whatever its ratio.
+    # Rounding of a constant may have any ratio.
     scale = float(np.max(np.abs(signal.values)))
     if variance <= (1e-9 * scale) ** 2 or steps > FLAT_RATIO * 2.0 * variance:
         raise FlatSignalError(
             f"signal {name} ({signal.clock}) does not move: standard deviation "
-            f"{math.sqrt(variance):.3g}, RMS step {math.sqrt(steps):.3g} between samples"
+            f"{math.sqrt(variance):.3g}, RMS step {math.sqrt(steps):.3g} between samples; expected "
+            "motion that the sampling resolves"
         )
 
 
-def _faults(grid: FloatArray, losses: FloatArray, motion: float) -> list[str]:
-    """What is wrong with the shape of the loss over the search."""
-    lowest = int(np.argmin(losses))
-    if lowest in (0, len(grid) - 1):
-        return [f"the best offset is at the end of the search, {1e3 * grid[lowest]:.0f} ms"]
+def _loss_faults(grid: FloatArray, losses: FloatArray, motion: float) -> list[str]:
+    """Return reasons for rejection from the shape of the loss over the search grid."""
+    best = int(np.argmin(losses))
+    if best in (0, len(grid) - 1):
+        return [f"the best offset is at the end of the search, {1e3 * grid[best]:.0f} ms"]
     inner = losses[1:-1]
-    valleys = np.flatnonzero((inner < losses[:-2]) & (inner <= losses[2:])) + 1
+    minima = np.flatnonzero((inner < losses[:-2]) & (inner <= losses[2:])) + 1
     return [
-        f"an offset of {1e3 * grid[valley]:.0f} ms fits as well as {1e3 * grid[lowest]:.0f} ms"
-        for valley in valleys
-        if valley != lowest and losses[valley] - losses[lowest] < RIVAL_SHARE * motion
+        f"an offset of {1e3 * grid[other]:.0f} ms fits as well as {1e3 * grid[best]:.0f} ms"
+        for other in minima
+        if other != best and losses[other] - losses[best] < AMBIGUITY_SHARE * motion
     ][:1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Alignment:
-    """Both streams in s on a common zero, and a as a curve that can be read at any time."""
+    """Both signals on a common time axis in s; a as a spline."""
 
     curve: BSpline
     slope: BSpline
@@ -179,82 +189,84 @@ class _Alignment:
     values: FloatArray
 
     @classmethod
-    def of(cls, a: TimedSignal, b: TimedSignal, around_ns: int, search_s: float) -> "_Alignment":
+    def from_signals(
+        cls, a: TimedSignal, b: TimedSignal, around_ns: int, search_s: float
+    ) -> "_Alignment":
         a_times = (a.times_ns - a.times_ns[0]) / NS_PER_S
         b_times = (b.times_ns - a.times_ns[0] - around_ns) / NS_PER_S
-        # The same samples of b for every offset, or the loss would jump where one drops out.
+        # The same samples of b for every offset: otherwise the loss would jump.
         inside = (b_times - search_s >= a_times[0]) & (b_times + search_s <= a_times[-1])
-        # Nor samples that fall where a was silent: the curve is free to swing there.
-        (silent,) = np.nonzero(np.diff(a_times) > MAX_GAP_S)
-        for begin, end in zip(a_times[silent], a_times[silent + 1], strict=True):
+        # Exclude samples in gaps of a, where the spline is not determined.
+        (gaps,) = np.nonzero(np.diff(a_times) > MAX_GAP_S)
+        for begin, end in zip(a_times[gaps], a_times[gaps + 1], strict=True):
             inside &= (b_times + search_s <= begin) | (b_times - search_s >= end)
         if inside.sum() < MIN_SAMPLES:
             raise TooFewError(
                 f"{int(inside.sum())} samples of b are inside a for every offset within "
-                f"{search_s:g} s: at least {MIN_SAMPLES} wanted"
+                f"{search_s:g} s; expected at least {MIN_SAMPLES}"
             )
         spread = np.std(a.values, axis=0)
         moving = a.values[:, spread > 1e-9 * float(spread.max())]
-        curve = _curve(a_times, moving / np.std(moving, axis=0))
+        curve = _fit_spline(a_times, moving / np.std(moving, axis=0))
         values = b.values[inside] - b.values[inside].mean(axis=0)
         return cls(curve, curve.derivative(), b_times[inside], values)
 
     @property
     def motion(self) -> float:
-        """Sum of the squares of b about its mean."""
+        """Sum of squares of b about its mean."""
         return float(np.sum(self.values**2))
 
     def loss(self, offset: float) -> float:
-        """Sum of the squares that no linear image of a, ``offset`` s later, explains of b."""
+        """Sum of squared residuals of b after regression on a, ``offset`` s later."""
         return float(np.sum(self._fit(offset)[2] ** 2))
 
     def half_width_s(self, offset: float) -> float:
-        """Half of the 95 % interval (sandwich estimate over blocks, Liang and Zeger 1986)."""
-        basis, slope, misfit = self._sloped(offset)
-        pull = np.sum(slope * misfit, axis=1)
-        blocks = np.array([part.sum() for part in np.array_split(pull, BLOCKS)])
-        # What the fit has taken up of the misfit is not seen in the pulls any more.
+        """Half width of the 95 % interval (sandwich estimate over blocks, Liang and Zeger 1986)."""
+        basis, slope, misfit = self._fit_with_slope(offset)
+        gradient = np.sum(slope * misfit, axis=1)
+        blocks = np.array([part.sum() for part in np.array_split(gradient, BLOCKS)])
+        # Degrees of freedom: the regression reduces the misfit.
         columns = self.values.shape[1]
         freedom = BLOCKS * columns - (basis.shape[1] + 1) * columns - 1
         scatter = math.sqrt(float(np.sum(blocks**2)) * BLOCKS * columns / freedom)
-        # Not the sum of squared slopes: the noise of the curve is in them and would be taken for
-        # motion. The loss itself has that noise at every offset, so its curvature is of motion.
+        # The sum of squared slopes would count noise of the spline as motion. The loss contains
+        # that noise at every offset, so its curvature is due to motion only.
         beside = self.loss(offset - CURVATURE_S) + self.loss(offset + CURVATURE_S)
         curvature = (beside - 2.0 * self.loss(offset)) / (2.0 * CURVATURE_S**2)
         sigma = scatter / curvature if curvature > 0.0 else math.inf
         return student_quantile(0.975, BLOCKS - 1) * sigma
 
     def drift_s(self, offset: float) -> float:
-        """How much more the offset is at the end than at the beginning, to first order."""
-        _, slope, misfit = self._sloped(offset)
+        """Change of the offset in s from the first to the last sample, to first order."""
+        _, slope, misfit = self._fit_with_slope(offset)
         weights = np.sum(slope**2, axis=1)
-        apart = self.times - np.average(self.times, weights=weights)
-        rate = float(apart @ np.sum(slope * misfit, axis=1)) / float(apart**2 @ weights)
+        centred = self.times - np.average(self.times, weights=weights)
+        rate = float(centred @ np.sum(slope * misfit, axis=1)) / float(centred**2 @ weights)
         return rate * float(np.ptp(self.times))
 
-    def _sloped(self, offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The basis, how what it explains rises with the offset (n, d), and the misfit."""
+    def _fit_with_slope(self, offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the basis, the derivative of the fit by the offset, and the misfit (n, d)."""
         basis, weights, misfit = self._fit(offset)
         slope = -(self.slope(self.times - offset) @ weights)
         return basis, slope - basis @ (basis.T @ slope), misfit
 
     def _fit(self, offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Orthonormal basis of a's columns at this offset, their weights in b, and the misfit."""
+        """Return an orthonormal basis of a at ``offset``, the regression weights and the misfit."""
         columns = self.curve(self.times - offset)
         centred = columns - columns.mean(axis=0)
         left, values, right = np.linalg.svd(centred, full_matrices=False)
-        kept = values > RANK_TOLERANCE * values[0]
-        basis = left[:, kept]
-        inside = basis.T @ self.values
-        weights = right[kept].T @ (inside / values[kept, None])
-        return basis, np.asarray(weights), np.asarray(self.values - basis @ inside)
+        significant = values > RANK_TOLERANCE * values[0]
+        basis = left[:, significant]
+        coefficients = basis.T @ self.values
+        weights = right[significant].T @ (coefficients / values[significant, None])
+        return basis, np.asarray(weights), np.asarray(self.values - basis @ coefficients)
 
 
-def _curve(times: FloatArray, columns: FloatArray) -> BSpline:
-    """Least-squares quintic spline through samples (n, d), knots at every few of them.
+def _fit_spline(times: FloatArray, columns: FloatArray) -> BSpline:
+    """Fit a quintic least-squares spline to samples (n, d).
 
-    Not an interpolating one: between noisy samples that has less noise than at them, which pulls
-    the offset towards half sample periods.
+    An interpolating spline has less noise between samples than at them, which biases the offset
+    towards half sample periods.
     """
     period = float(np.median(np.diff(times)))
     stride = max(SAMPLES_PER_KNOT, round(KNOT_S / period))

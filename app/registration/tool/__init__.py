@@ -1,1 +1,1 @@
-"""Where the tip of a tracked tool is, and which way its shaft points."""
+"""Calibration of a tracked tool: its tip and its shaft."""

@@ -1,9 +1,9 @@
-"""Pivot calibration: where the tip of a tracked tool is, from poses that turn about it.
+"""Pivot calibration: the tip of a tracked tool from poses that rotate about it.
 
-``reference_from_tool[i]`` maps the tip to one and the same point, the pivot. Least squares of
-``R_i tip + t_i - pivot`` shortens the tip when the rotations are noisy, more so the narrower the
-cone, and its residual does not show it. So rotation noise is part of the likelihood here, and what
-a pivot is accepted by is the uncertainty of the tip, not the residual.
+Every ``reference_from_tool[i]`` maps the tip to the same point, the pivot. Plain least squares of
+``R_i tip + t_i - pivot`` is biased by rotation noise: it shortens the tip, more for a narrow cone,
+and the residual does not show it. Therefore rotation noise is part of the likelihood, and the
+uncertainty of the tip, not the residual, decides the acceptance.
 """
 
 import math
@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry import FloatArray, Transform
-from app.registration.consensus import agreeing
+from app.registration.consensus import find_consensus
 from app.registration.errors import DegenerateMotionError, ShapeError
 from app.registration.poses import PoseNoise, PoseStack
 from app.registration.tool.pivot_fit import (
     NOMINAL_NOISE,
     PivotFit,
+    fit_linear,
+    fit_with_noise_estimate,
     jacobian_of,
-    linear,
     maximum_likelihood,
     whitened,
-    with_estimated_noise,
 )
 from app.registration.tool.tip_frame import tip_transform
 from app.registration.uncertainty.result import checked_covariance, read_only
@@ -32,31 +32,32 @@ from app.registration.uncertainty.result import checked_covariance, read_only
 MIN_POSES = 10
 
 MIN_TURN_RAD = math.radians(15.0)
-"""Below this nothing can be said of the tip, and nothing is."""
+"""Minimum of the largest rotation between two poses; below it no tip is computed."""
 
 MIN_SWING_RAD = math.radians(30.0)
-"""Below this the tip along the shaft hangs on the noise being what it is thought to be: real
-dwells of 20 to 30 degrees put it up to 8 mm apart with residuals of 0.2 mm."""
+"""Minimum swing for acceptance. Below it the tip along the shaft depends on the assumed noise: in
+real recordings of 20 to 30 degrees it varied by up to 8 mm with residuals of 0.2 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PivotResult:
-    """The tip (3,) in mm in the tool frame, the pivot (3,) in mm in the reference frame.
+    """The tip (3,) in mm in the tool frame and the pivot (3,) in mm in the reference frame.
 
     ``covariance`` (6, 6)
-        Of tip and pivot, mm2.
+        Of tip and pivot, in mm2.
     ``residuals_mm`` (n,)
-        Distance of the tip from the pivot in each pose, dropped poses included.
+        Distance of the tip from the pivot in each pose, outliers included.
     ``rms_mm``
-        Root mean square of the used residuals; says nothing of the tip when the swing is small.
+        Root mean square of the residuals without outliers. It does not measure the error of the tip
+        if the swing is small.
     ``noise``
-        Of one pose: handed in, or estimated from the residuals along and across the shaft.
+        Noise of one pose, given or estimated from the residuals along and across the shaft.
     ``condition``
-        Condition number of the fit: by how much worse the worst direction is known than the best.
+        Condition number of the fit: sigma of the worst over that of the best known direction.
     ``swing_rad``
-        Opening of the cone that the shaft filled: largest angle between two of its directions, or
-        2.8 times their RMS angle from the middle where that is less, so that one pose makes no
-        cone.
+        Opening angle of the cone that the shaft fills: the largest angle between two of its
+        directions, but at most 2.8 times their RMS angle from the mean direction, so that a single
+        pose does not widen the cone.
     """
 
     tool_frame: str
@@ -80,12 +81,13 @@ class PivotResult:
 
     @property
     def tip_sigma_mm(self) -> float:
-        """3-D root mean square error of the tip that is to be expected."""
+        """Expected 3-D root mean square error of the tip."""
         return math.sqrt(float(np.trace(self.covariance[:3, :3])))
 
     def tool_from_tip(self, tip_frame: str, shaft: FloatArray | None = None) -> Transform:
-        """The tip's frame as `tip_transform` has it; the shaft from the sensor to the tip unless a
-        spin found a better one.
+        """Return the tip's frame as in `tip_transform`.
+
+        ``shaft`` (3,) is from a spin calibration; by default it points from the sensor to the tip.
         """
         return tip_transform(
             self.tip_mm,
@@ -101,61 +103,66 @@ def calibrate_pivot(
     noise: PoseNoise | None = None,
     max_tip_sigma_mm: float = 0.5,
 ) -> PivotResult:
-    """The tip of a tool from n >= 10 poses that turn about it.
+    """Compute the tip of a tool from n >= 10 poses that rotate about it.
 
-    ``noise`` of one pose; without it both parts are estimated from the residuals. Not accepted
-    when the shaft swings over less than `MIN_SWING_RAD`, or when ``max_tip_sigma_mm`` is below the
-    sigma of the tip. Raises `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose
-    repeated, hardly any turn, one axis only) or `NoConsensusError`.
+    ``noise`` is that of one pose; by default both its parts are estimated from the residuals. Not
+    accepted if the swing of the shaft is below `MIN_SWING_RAD` or sigma of the tip is above
+    ``max_tip_sigma_mm``. Raises `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose
+    repeated, too little rotation, one axis only) or `NoConsensusError`.
     """
     if not (math.isfinite(max_tip_sigma_mm) and max_tip_sigma_mm > 0.0):
-        raise ShapeError(f"max_tip_sigma_mm is {max_tip_sigma_mm}: above 0 wanted")
-    poses = PoseStack.of(reference_from_tool, "a pivot", least=MIN_POSES)
-    _check_turn(poses)
+        raise ShapeError(
+            f"max_tip_sigma_mm is {max_tip_sigma_mm}; expected a finite number above 0"
+        )
+    poses = PoseStack.from_poses(reference_from_tool, "a pivot", min_count=MIN_POSES)
+    _check_rotations(poses)
 
-    def start(mask: NDArray[np.bool_]) -> PivotFit:
-        return linear(poses.of_poses(mask), noise or NOMINAL_NOISE)
+    def initialise(mask: NDArray[np.bool_]) -> PivotFit:
+        return fit_linear(poses.select(mask), noise or NOMINAL_NOISE)
 
     def refine(mask: NDArray[np.bool_], fit: PivotFit) -> PivotFit:
-        used = poses.of_poses(mask)
-        return with_estimated_noise(used, fit) if noise is None else maximum_likelihood(used, fit)
+        used = poses.select(mask)
+        return (
+            fit_with_noise_estimate(used, fit) if noise is None else maximum_likelihood(used, fit)
+        )
 
     def linearise(fit: PivotFit) -> tuple[FloatArray, FloatArray]:
         return whitened(fit, poses), jacobian_of(fit, poses)
 
-    good, fit = agreeing(
+    inliers, fit = find_consensus(
         len(reference_from_tool),
         "poses of a pivot",
-        draw=5,
+        sample_size=5,
         noise_known=noise is not None,
-        start=start,
+        initialise=initialise,
         refine=refine,
         linearise=linearise,
     )
-    used = poses.of_poses(good)
-    _check_turn(used)
-    return _result(poses, used, good, fit, max_tip_sigma_mm)
+    used = poses.select(inliers)
+    _check_rotations(used)
+    return _result(poses, used, inliers, fit, max_tip_sigma_mm)
 
 
-def _check_turn(poses: PoseStack) -> None:
-    turns = poses.relative_turns()
-    largest = float(np.linalg.norm(turns, axis=1).max())
+def _check_rotations(poses: PoseStack) -> None:
+    rotations = poses.relative_rotations()
+    largest = float(np.linalg.norm(rotations, axis=1).max())
     if largest < MIN_TURN_RAD:
         raise DegenerateMotionError(
-            f"the poses of a pivot turn by {math.degrees(largest):.3g} degrees at most: "
-            f"{math.degrees(MIN_TURN_RAD):g} wanted"
+            f"the poses of a pivot rotate by at most {math.degrees(largest):.3g} degrees; "
+            f"expected at least {math.degrees(MIN_TURN_RAD):g}"
         )
-    values = np.linalg.svd(turns, compute_uv=False)
+    values = np.linalg.svd(rotations, compute_uv=False)
     if values[1] < 0.02 * values[0]:
         raise DegenerateMotionError(
-            "the poses of a pivot turn about one axis only: the tip may be anywhere along it"
+            "the poses of a pivot rotate about one axis only, so the tip is undetermined along it; "
+            "expected rotations about two axes"
         )
 
 
 def _result(
     poses: PoseStack,
     used: PoseStack,
-    good: NDArray[np.bool_],
+    inliers: NDArray[np.bool_],
     fit: PivotFit,
     max_tip_sigma_mm: float,
 ) -> PivotResult:
@@ -164,20 +171,22 @@ def _result(
     residuals = np.linalg.norm(
         poses.rotations @ fit.tip + poses.translations_mm - fit.pivot, axis=1
     )
-    rms = math.sqrt(float(np.mean(residuals[good] ** 2)))
+    rms = math.sqrt(float(np.mean(residuals[inliers] ** 2)))
     directions = used.rotations @ fit.tip / max(float(np.linalg.norm(fit.tip)), 1e-9)
     swing = _swing(directions)
     sigma = math.sqrt(float(np.trace(covariance[:3, :3])))
     faults = []
     if swing < MIN_SWING_RAD:
         faults.append(
-            f"the shaft swings over {math.degrees(swing):.3g} degrees, "
-            f"{math.degrees(MIN_SWING_RAD):g} wanted"
+            f"the shaft swings over {math.degrees(swing):.3g} degrees; "
+            f"expected at least {math.degrees(MIN_SWING_RAD):g}"
         )
     if sigma > max_tip_sigma_mm:
-        faults.append(f"sigma of the tip is {sigma:.3g} mm, {max_tip_sigma_mm:g} mm allowed")
-    finding = (
-        f"sigma of the tip is {sigma:.3g} mm from {int(good.sum())} of {len(good)} poses "
+        faults.append(
+            f"sigma of the tip is {sigma:.3g} mm; expected at most {max_tip_sigma_mm:g} mm"
+        )
+    detail = (
+        f"sigma of the tip is {sigma:.3g} mm from {int(inliers.sum())} of {len(inliers)} poses "
         f"over {math.degrees(swing):.3g} degrees"
     )
     return PivotResult(
@@ -191,17 +200,18 @@ def _result(
         noise=fit.noise,
         condition=float(np.linalg.cond(jacobian)),
         swing_rad=swing,
-        outliers=tuple(np.flatnonzero(~good).tolist()),
+        outliers=tuple(np.flatnonzero(~inliers).tolist()),
         accepted=not faults,
-        reason="; ".join(faults) or finding,
+        reason="; ".join(faults) or detail,
     )
 
 
 def _swing(directions: FloatArray) -> float:
-    middle = directions.mean(axis=0)
-    cosines = directions @ middle / np.linalg.norm(middle)
-    from_middle = np.arccos(np.clip(cosines, -1.0, 1.0))
-    # An evenly filled cone of half-angle h has directions h / sqrt(2) RMS from its middle.
-    filled = 2.0 * math.sqrt(2.0 * float(np.mean(from_middle**2)))
+    """Opening angle in rad of the cone that unit vectors (n, 3) fill (see `PivotResult`)."""
+    mean = directions.mean(axis=0)
+    cosines = directions @ mean / np.linalg.norm(mean)
+    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    # In a uniformly filled cone of half-angle h the RMS angle from its axis is h / sqrt(2).
+    filled = 2.0 * math.sqrt(2.0 * float(np.mean(angles**2)))
     largest = math.acos(float(np.clip(np.min(directions @ directions.T), -1.0, 1.0)))
     return min(filled, largest)

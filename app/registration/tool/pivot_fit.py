@@ -1,4 +1,4 @@
-"""The numbers behind `pivot`: linear start, maximum likelihood, noise."""
+"""Numerics of `pivot`: linear start, maximum likelihood, noise estimate."""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ MAX_NOISE_ROUNDS = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PivotFit:
-    """A candidate tip and pivot, (3,) each in mm, and the noise it is weighed by."""
+    """Estimate of tip and pivot, (3,) each in mm, and the noise that weights the residuals."""
 
     tip: FloatArray
     pivot: FloatArray
@@ -27,17 +27,17 @@ class PivotFit:
 
     @property
     def length_mm(self) -> float:
-        """From the sensor to the tip; not 0, so that it can be divided by."""
+        """Distance from the sensor to the tip, at least 1e-9 for use as a divisor."""
         return max(float(np.linalg.norm(self.tip)), 1e-9)
 
     @property
     def across_sigma_mm(self) -> float:
-        """Standard deviation of the tip across the shaft, for each axis."""
+        """Standard deviation per axis of the tip across the shaft."""
         return math.hypot(self.noise.translation_mm, self.noise.rotation_rad * self.length_mm)
 
 
-def linear(poses: PoseStack, noise: PoseNoise) -> PivotFit:
-    """Least squares of ``[R | -1] [tip; pivot] = -t``, rotations taken for exact."""
+def fit_linear(poses: PoseStack, noise: PoseNoise) -> PivotFit:
+    """Solve ``[R | -1] [tip; pivot] = -t`` by least squares, without rotation noise."""
     count = len(poses.rotations)
     rows = np.concatenate([poses.rotations, np.broadcast_to(-np.eye(3), (count, 3, 3))], axis=2)
     solution = np.linalg.lstsq(rows.reshape(-1, 6), -poses.translations_mm.ravel(), rcond=None)[0]
@@ -45,23 +45,26 @@ def linear(poses: PoseStack, noise: PoseNoise) -> PivotFit:
 
 
 def whitened(fit: PivotFit, poses: PoseStack) -> FloatArray:
-    """Misfits (n, 3) over their standard deviations, along the shaft and across it.
+    """Return misfits (n, 3) divided by their standard deviations along and across the shaft.
 
-    A turn of the sensor moves the tip only across the line between them, in proportion to its
-    length. With that length in the weights the likelihood is that of errors in the variables
-    (total least squares), whose maximum does not shorten the tip.
+    Rotation noise of the sensor moves the tip across the shaft in proportion to the shaft's length.
+    With this length in the weights the likelihood is that of errors in variables (total least
+    squares), which is not biased towards a shorter tip.
     """
-    arms = poses.rotations @ fit.tip
-    misfits = arms + poses.translations_mm - fit.pivot
-    directions = arms / fit.length_mm
+    offsets = poses.rotations @ fit.tip
+    misfits = offsets + poses.translations_mm - fit.pivot
+    directions = offsets / fit.length_mm
     along = np.sum(misfits * directions, axis=1, keepdims=True) * directions
     return np.asarray(along / fit.noise.translation_mm + (misfits - along) / fit.across_sigma_mm)
 
 
 def maximum_likelihood(poses: PoseStack, start: PivotFit) -> PivotFit:
-    """The least squares of the whitened misfits, with the noise of ``start``."""
+    """Minimise the squared whitened misfits with the noise of ``start``.
 
-    # In steps from the start, so that coordinates far from the origin lose no digits.
+    Raises `ConvergenceError`.
+    """
+
+    # Relative to the start: coordinates far from the origin would lose digits.
     def residuals(step: FloatArray) -> FloatArray:
         fit = PivotFit(start.tip + step[:3], start.pivot + step[3:], start.noise)
         return whitened(fit, poses).ravel()
@@ -77,29 +80,33 @@ def maximum_likelihood(poses: PoseStack, start: PivotFit) -> PivotFit:
         gtol=1e-14,
     )
     if solution.status <= 0:
-        raise ConvergenceError(f"the pivot did not settle: {solution.message}")
+        raise ConvergenceError(f"pivot fit did not converge: {solution.message}")
     return PivotFit(start.tip + solution.x[:3], start.pivot + solution.x[3:], start.noise)
 
 
 def jacobian_of(fit: PivotFit, poses: PoseStack) -> FloatArray:
-    """How the whitened misfits rise, (n, 3, 6), with the tip, then the pivot."""
+    """Jacobian (n, 3, 6) of the whitened misfits by the tip and the pivot."""
     directions = poses.rotations @ fit.tip / fit.length_mm
     along = directions[:, :, None] * directions[:, None, :]
     whiten = along / fit.noise.translation_mm + (np.eye(3) - along) / fit.across_sigma_mm
     return np.concatenate([whiten @ poses.rotations, -whiten], axis=2)
 
 
-def with_estimated_noise(poses: PoseStack, start: PivotFit) -> PivotFit:
-    """Tip and noise by turns: the misfit along the shaft has no part of the rotations."""
+def fit_with_noise_estimate(poses: PoseStack, start: PivotFit) -> PivotFit:
+    """Estimate tip and noise alternately.
+
+    The misfit along the shaft contains no rotation noise, so it gives the translation noise. Raises
+    `ConvergenceError`.
+    """
     fit = start
     for _ in range(MAX_NOISE_ROUNDS):
         fit = maximum_likelihood(poses, fit)
         jacobian = jacobian_of(fit, poses)
         flat = jacobian.reshape(-1, 6)
         hat = jacobian @ np.linalg.inv(flat.T @ flat) @ np.swapaxes(jacobian, 1, 2)
-        arms = poses.rotations @ fit.tip
-        directions = arms / fit.length_mm
-        misfits = arms + poses.translations_mm - fit.pivot
+        offsets = poses.rotations @ fit.tip
+        directions = offsets / fit.length_mm
+        misfits = offsets + poses.translations_mm - fit.pivot
         along_hat = np.einsum("ni,nij,nj->n", directions, hat, directions)
         along = np.sum(misfits * directions, axis=1)
         along_freedom = float(np.sum(1.0 - along_hat))
@@ -107,18 +114,20 @@ def with_estimated_noise(poses: PoseStack, start: PivotFit) -> PivotFit:
         along_variance = float(np.sum(along**2)) / along_freedom
         across_variance = float(np.sum(misfits**2) - np.sum(along**2)) / across_freedom
         if across_variance <= along_variance:
-            together = along_variance * along_freedom + across_variance * across_freedom
-            along_variance = together / (along_freedom + across_freedom)
+            total = along_variance * along_freedom + across_variance * across_freedom
+            along_variance = total / (along_freedom + across_freedom)
             across_variance = along_variance
         noise = PoseNoise(
             max(math.sqrt(across_variance - along_variance) / fit.length_mm, NO_ROTATION_NOISE_RAD),
             max(math.sqrt(along_variance), NO_TRANSLATION_NOISE_MM),
         )
-        change = abs(math.log(noise.translation_mm / fit.noise.translation_mm))
-        turned = abs(noise.rotation_rad - fit.noise.rotation_rad) * fit.length_mm
+        translation_change = abs(math.log(noise.translation_mm / fit.noise.translation_mm))
+        rotation_change_mm = abs(noise.rotation_rad - fit.noise.rotation_rad) * fit.length_mm
         fit = PivotFit(fit.tip, fit.pivot, noise)
         if noise.translation_mm <= NO_TRANSLATION_NOISE_MM or (
-            change < 1e-5 and turned < 1e-5 * noise.translation_mm
+            translation_change < 1e-5 and rotation_change_mm < 1e-5 * noise.translation_mm
         ):
             return fit
-    raise ConvergenceError("the noise of the poses of a pivot did not settle")
+    raise ConvergenceError(
+        f"noise of the poses of a pivot did not converge in {MAX_NOISE_ROUNDS} rounds"
+    )

@@ -1,9 +1,9 @@
-"""Spin calibration: which way the shaft of a tracked tool points, from poses that turn about it.
+"""Spin calibration: the shaft direction of a tracked tool from poses that rotate about it.
 
-The shaft ``a`` in the tool frame is the direction that all poses map to one direction in the
-reference frame. ``sum |R_i a - b|^2`` is least, over ``a`` and the unknown ``b``, for the leading
-right singular vector of ``sum R_i``; for pairs of poses that is the smallest eigenvector of
-``sum (R_ij - 1)^T (R_ij - 1)``.
+All poses map the shaft ``a`` in the tool frame to one direction ``b`` in the reference frame.
+``sum |R_i a - b|^2`` is minimal over ``a`` and ``b`` for the leading right singular vector of
+``sum R_i``. Over all pairs of poses that equals the smallest eigenvector of
+``sum (R_ij - 1)^T (R_ij - 1)`` with ``R_ij = R_i^T R_j``.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.geometry import FloatArray, Transform
-from app.registration.consensus import agreeing
+from app.registration.consensus import find_consensus
 from app.registration.errors import DegenerateMotionError, ShapeError
 from app.registration.inputs import as_point
 from app.registration.poses import PoseStack
@@ -25,19 +25,19 @@ MIN_POSES = 10
 MIN_TURN_RAD = math.radians(15.0)
 
 NOMINAL_SIGMA_RAD = math.radians(0.3)
-LEAST_SIGMA_RAD = 1e-12
+MIN_SIGMA_RAD = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpinResult:
-    """``shaft`` (3,), a unit vector in the tool frame, from the sensor's side to the tip's.
+    """The unit vector ``shaft`` (3,) in the tool frame, pointing to the side of the tip.
 
     ``covariance`` (3, 3)
-        Of the shaft's direction in rad2, flat along it.
+        Of the shaft's direction, in rad2; singular along the shaft.
     ``residuals_rad`` (n,)
-        Angle of the shaft from its mean direction in each pose, dropped poses included.
+        Angle of the shaft from its mean direction in each pose, outliers included.
     ``turn_rad``
-        Largest turn between two poses.
+        Largest rotation between two poses.
     """
 
     tool_frame: str
@@ -56,7 +56,7 @@ class SpinResult:
 
     @property
     def sigma_rad(self) -> float:
-        """Root mean square angle between the shaft and the truth that is to be expected."""
+        """Expected root mean square angle between the shaft and its true direction."""
         return math.sqrt(float(np.trace(self.covariance)))
 
 
@@ -73,75 +73,75 @@ def calibrate_spin(
     tip_mm: ArrayLike,
     max_sigma_rad: float = math.radians(0.5),
 ) -> SpinResult:
-    """The shaft of a tool from n >= 10 poses that turn about it.
+    """Compute the shaft of a tool from n >= 10 poses that rotate about it.
 
-    ``tip_mm`` (3,) in the tool frame, from a pivot, tells which of the two ways along the axis is
-    the shaft's. Not accepted when the expected error of the direction is over ``max_sigma_rad``.
-    Raises `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose repeated, hardly any
-    turn, a tip beside the axis) or `NoConsensusError` (no majority turns about one axis).
+    ``tip_mm`` (3,) in the tool frame, from a pivot calibration, determines the sign of the axis.
+    Not accepted if the expected error of the direction is above ``max_sigma_rad``. Raises
+    `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose repeated, too little rotation,
+    axis across the line to the tip) or `NoConsensusError` (no majority rotates about one axis).
     """
     if not (math.isfinite(max_sigma_rad) and max_sigma_rad > 0.0):
-        raise ShapeError(f"max_sigma_rad is {max_sigma_rad}: above 0 wanted")
+        raise ShapeError(f"max_sigma_rad is {max_sigma_rad}; expected a finite number above 0")
     tip = as_point(tip_mm, "tip_mm")
-    poses = PoseStack.of(reference_from_tool, "a spin", least=MIN_POSES)
-    _largest_turn(poses)
+    poses = PoseStack.from_poses(reference_from_tool, "a spin", min_count=MIN_POSES)
+    _largest_rotation(poses)
 
-    def start(mask: NDArray[np.bool_]) -> _Fit:
-        return _axis(poses.rotations[mask], NOMINAL_SIGMA_RAD)
+    def initialise(mask: NDArray[np.bool_]) -> _Fit:
+        return _fit_axis(poses.rotations[mask], NOMINAL_SIGMA_RAD)
 
     def refine(mask: NDArray[np.bool_], fit: _Fit) -> _Fit:
-        again = _axis(poses.rotations[mask], fit.sigma_rad)
-        angles = _angles(again, poses.rotations[mask])
-        # Two numbers a pose, less two for each of the two directions that were fitted.
+        refined = _fit_axis(poses.rotations[mask], fit.sigma_rad)
+        angles = _angles(refined, poses.rotations[mask])
+        # Two residuals per pose, minus two parameters for each of the two fitted directions.
         freedom = 2 * int(mask.sum()) - 4
         sigma = math.sqrt(float(np.sum(angles**2)) / freedom)
-        return _Fit(again.shaft, again.mean_direction, max(sigma, LEAST_SIGMA_RAD))
+        return _Fit(refined.shaft, refined.mean_direction, max(sigma, MIN_SIGMA_RAD))
 
-    good, fit = agreeing(
+    inliers, fit = find_consensus(
         len(reference_from_tool),
         "poses of a spin",
-        draw=4,
+        sample_size=4,
         noise_known=False,
-        start=start,
+        initialise=initialise,
         refine=refine,
-        linearise=lambda fit: _linearised(fit, poses.rotations),
+        linearise=lambda fit: _linearise(fit, poses.rotations),
     )
-    turn = _largest_turn(poses.of_poses(good))
-    toward = float(fit.shaft @ tip)
-    if abs(toward) <= 0.1 * float(np.linalg.norm(tip)):
+    turn = _largest_rotation(poses.select(inliers))
+    along_tip = float(fit.shaft @ tip)
+    if abs(along_tip) <= 0.1 * float(np.linalg.norm(tip)):
         raise DegenerateMotionError(
-            f"the axis of the spin is across the line to the tip {tip.tolist()}: "
-            "the tool was not turned about its shaft"
+            f"the axis of the spin is across the line to the tip {tip.tolist()}; "
+            "expected a rotation of the tool about its shaft"
         )
-    covariance = _covariance(fit, poses.rotations[good])
+    covariance = _covariance(fit, poses.rotations[inliers])
     sigma = math.sqrt(float(np.trace(covariance)))
-    what = f"sigma of the shaft is {math.degrees(sigma):.3g} degrees"
+    detail = f"sigma of the shaft is {math.degrees(sigma):.3g} degrees"
     accepted = sigma <= max_sigma_rad
     return SpinResult(
         tool_frame=poses.source,
-        shaft=fit.shaft * np.sign(toward),
+        shaft=fit.shaft * np.sign(along_tip),
         covariance=covariance,
         residuals_rad=_angles(fit, poses.rotations),
         turn_rad=turn,
-        outliers=tuple(np.flatnonzero(~good).tolist()),
+        outliers=tuple(np.flatnonzero(~inliers).tolist()),
         accepted=accepted,
-        reason=f"{what} from {int(good.sum())} of {len(good)} poses"
+        reason=f"{detail} from {int(inliers.sum())} of {len(inliers)} poses"
         if accepted
-        else f"{what}, {math.degrees(max_sigma_rad):.3g} degrees allowed",
+        else f"{detail}; expected at most {math.degrees(max_sigma_rad):.3g} degrees",
     )
 
 
-def _largest_turn(poses: PoseStack) -> float:
-    largest = float(np.linalg.norm(poses.relative_turns(), axis=1).max())
+def _largest_rotation(poses: PoseStack) -> float:
+    largest = float(np.linalg.norm(poses.relative_rotations(), axis=1).max())
     if largest < MIN_TURN_RAD:
         raise DegenerateMotionError(
-            f"the poses of a spin turn by {math.degrees(largest):.3g} degrees at most: "
-            f"{math.degrees(MIN_TURN_RAD):g} wanted"
+            f"the poses of a spin rotate by at most {math.degrees(largest):.3g} degrees; "
+            f"expected at least {math.degrees(MIN_TURN_RAD):g}"
         )
     return largest
 
 
-def _axis(rotations: FloatArray, sigma_rad: float) -> _Fit:
+def _fit_axis(rotations: FloatArray, sigma_rad: float) -> _Fit:
     left, _, right = np.linalg.svd(rotations.sum(axis=0))
     return _Fit(right[0], left[:, 0], sigma_rad)
 
@@ -152,33 +152,34 @@ def _angles(fit: _Fit, rotations: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(cross, directions @ fit.mean_direction))
 
 
-def _linearised(fit: _Fit, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Misfits (n, 2) of the shaft across its mean direction, as long as the angle between them.
+def _linearise(fit: _Fit, rotations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return misfits (n, 2) of the shaft and their Jacobian (n, 2, 4), both in sigmas.
 
-    With how they answer (n, 2, 4) to turns of the shaft and of the mean direction; both in sigmas.
+    A misfit is perpendicular to the mean direction and as long as the angle in rad between shaft
+    and mean direction. The parameters are small rotations of the shaft and of the mean direction.
     """
-    beside_mean, beside_shaft = _across(fit.mean_direction), _across(fit.shaft)
-    sideways = rotations @ fit.shaft @ beside_mean
-    length = np.maximum(np.linalg.norm(sideways, axis=1), 1e-300)
-    misfits = sideways * (_angles(fit, rotations) / length)[:, None]
-    turned = beside_mean.T @ rotations @ beside_shaft
-    still = np.broadcast_to(-np.eye(2), turned.shape)
-    return misfits / fit.sigma_rad, np.concatenate([turned, still], axis=2) / fit.sigma_rad
+    mean_basis, shaft_basis = _perpendicular(fit.mean_direction), _perpendicular(fit.shaft)
+    components = rotations @ fit.shaft @ mean_basis
+    length = np.maximum(np.linalg.norm(components, axis=1), 1e-300)
+    misfits = components * (_angles(fit, rotations) / length)[:, None]
+    by_shaft = mean_basis.T @ rotations @ shaft_basis
+    by_mean = np.broadcast_to(-np.eye(2), by_shaft.shape)
+    return misfits / fit.sigma_rad, np.concatenate([by_shaft, by_mean], axis=2) / fit.sigma_rad
 
 
-def _across(direction: FloatArray) -> FloatArray:
-    """Two unit vectors across a direction and each other, as columns (3, 2)."""
+def _perpendicular(direction: FloatArray) -> FloatArray:
+    """Orthonormal basis (3, 2) of the plane perpendicular to a direction (3,)."""
     return np.asarray(np.linalg.svd(direction[None])[2][1:].T)
 
 
 def _covariance(fit: _Fit, rotations: FloatArray) -> FloatArray:
-    """``sigma^2`` over the information ``n - M^T M / n`` across the shaft, M the sum of the poses.
+    """Covariance (3, 3) of the shaft: ``sigma^2 (n - M^T M / n)^-1`` across it, M = ``sum R_i``.
 
-    First order: a pose whose noise turns the shaft by ``e_i`` pulls the estimate by ``R_i^T e_i``,
-    less what the unknown mean direction takes up.
+    First order: noise ``e_i`` of the shaft direction in a pose changes the estimate by
+    ``R_i^T e_i``, minus its part that the unknown mean direction absorbs.
     """
     count, total = len(rotations), rotations.sum(axis=0)
     information = count * np.eye(3) - total.T @ total / count
-    across = _across(fit.shaft)
-    inverse = np.linalg.inv(across.T @ information @ across)
-    return np.asarray(fit.sigma_rad**2 * across @ inverse @ across.T)
+    basis = _perpendicular(fit.shaft)
+    inverse = np.linalg.inv(basis.T @ information @ basis)
+    return np.asarray(fit.sigma_rad**2 * basis @ inverse @ basis.T)

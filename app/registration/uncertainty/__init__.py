@@ -1,1 +1,1 @@
-"""How far a registration may be trusted: its result, its errors, its acceptance, its drift."""
+"""Uncertainty of a registration: its result, predicted errors, acceptance and drift."""

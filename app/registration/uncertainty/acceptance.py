@@ -1,9 +1,9 @@
-"""Whether a registration may be used: by its predicted error at the target, never by its FRE.
+"""Acceptance of a registration by its predicted target error, not by its FRE.
 
-Goodness of fit says nothing about the target error of the registration at hand (Fitzpatrick 2009,
-"Fiducial registration error and target registration error are uncorrelated"). What can be judged
-is the predicted error where it matters, with the luck of few points taken into account, and
-whether the points foretell each other.
+The fiducial registration error (FRE) says nothing about the target error of one registration
+(Fitzpatrick 2009, "Fiducial registration error and target registration error are uncorrelated").
+The criteria are the predicted error at the targets, with a confidence bound for few points, and
+the leave-one-out errors.
 """
 
 from dataclasses import dataclass, replace
@@ -19,10 +19,10 @@ from app.registration.uncertainty.tre import tre_upper_bound
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceLimits:
-    """Bounds in mm on the 95 % upper bound of sigma TRE, and on every leave-one-out error.
+    """Limits in mm of the 95 % upper bound of sigma TRE and of every leave-one-out error.
 
-    The values that stand here are for EM tracking beside soft tissue: a clean EM field is good to
-    about 1 mm in an operating room, so a point that the others miss by 5 mm is a blunder.
+    The defaults are for EM tracking of soft tissue. In an undistorted field EM tracking is accurate
+    to about 1 mm in an operating room, so a leave-one-out error of 5 mm is a gross error.
     """
 
     tre_mm: float = 2.0
@@ -32,41 +32,48 @@ class AcceptanceLimits:
         for name in ("tre_mm", "leave_one_out_mm"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
-                raise ShapeError(f"{name} of the acceptance limits is {value}: above 0 wanted")
+                raise ShapeError(
+                    f"{name} of the acceptance limits is {value}; expected a finite number above 0"
+                )
 
 
-def judge(
+def evaluate_acceptance(
     result: RegistrationResult, targets_mm: ArrayLike, limits: AcceptanceLimits
 ) -> RegistrationResult:
-    """The same result with the verdict for targets (m, 3) in mm in the fixed frame.
+    """Return ``result`` with ``accepted`` and ``reason`` for targets (m, 3) in mm.
 
-    Raises `CovarianceError` for a given registration: there is nothing to judge it by.
+    The targets are in the fixed frame. Raises `CovarianceError` for a registration without a
+    covariance.
     """
     if result.covariance is None:
-        raise CovarianceError(f"a {result.method!r} registration cannot be judged: no covariance")
+        raise CovarianceError(
+            f"acceptance of a {result.method!r} registration cannot be evaluated; "
+            "expected a registration with a covariance"
+        )
     targets = as_points(targets_mm, "targets_mm")
     bounds = tre_upper_bound(result, targets)
     worst = int(np.argmax(bounds))
-    findings = [
-        f"predicted TRE of {bounds[worst]:.3g} mm RMS at most (95 %) at the worst of "
+    details = [
+        f"predicted TRE is at most {bounds[worst]:.3g} mm RMS (95 %) at the worst of "
         f"{len(targets)} targets"
     ]
     faults = []
-    # What is no number is not below a limit; `argmax` finds it first.
+    # `not <=` also rejects NaN, which `argmax` returns first.
     if not bounds[worst] <= limits.tre_mm:
         faults.append(
             f"predicted TRE may be {bounds[worst]:.3g} mm RMS (95 %) at target {worst} "
-            f"({', '.join(f'{x:.1f}' for x in targets[worst])}), {limits.tre_mm:g} mm allowed"
+            f"({', '.join(f'{x:.1f}' for x in targets[worst])}); "
+            f"expected at most {limits.tre_mm:g} mm"
         )
-    left_out = result.leave_one_out_mm
-    if np.isfinite(left_out).any():
-        point = int(np.nanargmax(left_out))
-        findings.append(f"leave-one-out at most {left_out[point]:.3g} mm")
-        if left_out[point] > limits.leave_one_out_mm:
+    leave_one_out = result.leave_one_out_mm
+    if np.isfinite(leave_one_out).any():
+        point = int(np.nanargmax(leave_one_out))
+        details.append(f"leave-one-out error is at most {leave_one_out[point]:.3g} mm")
+        if leave_one_out[point] > limits.leave_one_out_mm:
             faults.append(
-                f"the other points miss point {point} by {left_out[point]:.3g} mm "
-                f"(leave-one-out), {limits.leave_one_out_mm:g} mm allowed"
+                f"leave-one-out error of point {point} is {leave_one_out[point]:.3g} mm; "
+                f"expected at most {limits.leave_one_out_mm:g} mm"
             )
     else:
-        findings.append("leave-one-out not possible")
-    return replace(result, accepted=not faults, reason="; ".join(faults or findings))
+        details.append("leave-one-out error is not available")
+    return replace(result, accepted=not faults, reason="; ".join(faults or details))

@@ -1,6 +1,6 @@
-"""Whether a registration still holds: the tool where the robot says, against where it is seen.
+"""Drift of a registration: the tool's pose by the robot compared with its tracked pose.
 
-A base that was bumped, a reference that slipped or metal in the field shows here first.
+Detects a robot base that was moved, a reference sensor that slipped, and metal in the EM field.
 """
 
 import math
@@ -19,7 +19,7 @@ from app.registration.uncertainty.tre import predict_tre
 
 @dataclass(frozen=True, slots=True)
 class DriftBound:
-    """Largest difference between predicted and measured pose that is still noise."""
+    """Largest difference between predicted and measured pose that counts as noise."""
 
     translation_mm: float
     rotation_rad: float
@@ -33,10 +33,11 @@ class DriftBound:
         *,
         sigmas: float,
     ) -> "DriftBound":
-        """``sigmas`` times what is to be expected at ``tool_mm`` (3,) in the reference frame.
+        """Return ``sigmas`` times the expected difference at ``tool_mm`` (3,), reference frame.
 
-        From the covariance of the registration and the noise of one tracked pose; the error of the
-        sensor's mount on the tool comes on top. Raises `CovarianceError` for a given registration.
+        Includes the covariance of the registration and the noise of one tracked pose, but not the
+        error of the sensor's mount on the tool. Raises `CovarianceError` for a registration without
+        a covariance.
         """
         sigma_mm = float(predict_tre(registration, as_point(tool_mm, "tool_mm")[None])[0])
         covariance = np.asarray(registration.covariance)
@@ -49,12 +50,14 @@ class DriftBound:
         for name in ("translation_mm", "rotation_rad"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise ShapeError(f"{name} of a drift bound is {value}: above 0 wanted")
+                raise ShapeError(
+                    f"{name} of a drift bound is {value}; expected a finite number above 0"
+                )
 
 
 @dataclass(frozen=True, slots=True)
 class RegistrationDrift:
-    """How far apart two poses of ``frame`` are, and what was allowed."""
+    """Difference between two poses of ``frame``, and its bound."""
 
     frame: str
     translation_mm: float
@@ -63,7 +66,7 @@ class RegistrationDrift:
 
     @property
     def accepted(self) -> bool:
-        """Whether both are within the bound."""
+        """True if translation and rotation are within the bound."""
         return bool(
             self.translation_mm <= self.bound.translation_mm
             and self.rotation_rad <= self.bound.rotation_rad
@@ -71,20 +74,20 @@ class RegistrationDrift:
 
     @property
     def reason(self) -> str:
-        """The line that says so."""
+        """One line that describes the difference and the bound."""
         return (
             f"{self.frame} is {self.translation_mm:.3g} mm and "
-            f"{math.degrees(self.rotation_rad):.3g} degrees from where the registration puts it, "
-            f"{self.bound.translation_mm:g} mm and {math.degrees(self.bound.rotation_rad):.3g} "
-            "degrees allowed"
+            f"{math.degrees(self.rotation_rad):.3g} degrees from its pose by the registration; "
+            f"expected at most {self.bound.translation_mm:g} mm and "
+            f"{math.degrees(self.bound.rotation_rad):.3g} degrees"
         )
 
 
 def check_drift(predicted: Transform, measured: Transform, bound: DriftBound) -> RegistrationDrift:
-    """Compare two poses of one tool in one frame, taken at the same moment.
+    """Compare two poses of one tool in one frame at the same time.
 
-    ``predicted`` goes by way of the registration (base, kinematics, mount), ``measured`` by the
-    tracker. Raises `FrameError` when they are not between the same frames.
+    ``predicted`` is computed from registration, kinematics and mount, ``measured`` by the tracker.
+    Raises `FrameError` if their frames differ.
     """
     return RegistrationDrift(
         frame=predicted.source,

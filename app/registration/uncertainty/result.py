@@ -1,4 +1,4 @@
-"""What a registration found, how sure it is, and whether it may be used."""
+"""The result of a registration, with its uncertainty and acceptance."""
 
 import math
 from dataclasses import dataclass
@@ -11,32 +11,32 @@ from app.registration.errors import CovarianceError, ShapeError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegistrationResult:
-    """``transform`` is ``fixed_from_moving``; everything else says how far to trust it.
+    """The transform ``fixed_from_moving`` and its quality measures.
 
     ``residuals_mm`` (n,)
-        Distance of each moved point from its fixed partner, points that were dropped included.
+        Distance of each transformed point from its fixed partner, outliers included.
     ``fre_mm``
-        Root mean square of the residuals of the points that were used. It tells of the noise of
-        the points, never of the error at a target, and is no part of ``accepted``. None when the
-        registration was given and not computed.
+        Fiducial registration error: root mean square of the residuals without outliers. It measures
+        the noise of the points, not the error at a target, and does not affect ``accepted``. None
+        for a given registration.
     ``fle_mm``
-        3-D root mean square of the localisation error of one point: estimated from ``fre_mm``,
-        or of the covariances that were handed in. None when given.
+        Fiducial localisation error: 3-D root mean square error of one point, estimated from
+        ``fre_mm`` or taken from given covariances. None for a given registration.
     ``leave_one_out_mm`` (n,)
-        Distance of each point from where a registration of the others puts it; NaN where the
-        others are too few or collinear, and for points that were dropped.
+        Distance of each point from its position by a registration of the other points; NaN if the
+        others are too few or collinear, and for outliers.
     ``covariance`` (6, 6) or None
         Of the small motion (rad, mm) defined in `app.registration.motion`, in the fixed frame.
-        None when nothing is known of it.
+        None if the uncertainty is not known.
     ``degrees_of_freedom``
-        How much data the noise level was estimated from; None when the noise was handed in.
+        Degrees of freedom of the noise estimate; None if the noise was given.
     ``condition``
-        Condition number of the fit, with rotations measured at the spread of the points, so that
-        it is 1 at best and has no unit. NaN when given.
+        Condition number of the fit, dimensionless and 1 at best: rotations are scaled by the spread
+        of the points. NaN for a given registration.
     ``outliers``
-        Indices of points that were named wrong and dropped.
+        Indices of points that were rejected.
     ``accepted``, ``reason``
-        The verdict and the one line that explains it, for either outcome.
+        Whether the registration may be used, and one line that explains it in either case.
     """
 
     transform: Transform
@@ -58,23 +58,23 @@ class RegistrationResult:
         if self.residuals_mm.shape != self.leave_one_out_mm.shape or self.residuals_mm.ndim != 1:
             raise ShapeError(
                 f"residuals_mm has shape {self.residuals_mm.shape} and leave_one_out_mm "
-                f"{self.leave_one_out_mm.shape}: (n,) for both wanted"
+                f"{self.leave_one_out_mm.shape}; expected (n,) for both"
             )
         if self.covariance is not None:
             object.__setattr__(self, "covariance", checked_covariance(self.covariance, 6))
         if not self.reason:
-            raise ShapeError("reason of a registration is empty: a line that explains it wanted")
+            raise ShapeError("reason of a registration is empty; expected a line that explains it")
 
     @property
     def used(self) -> tuple[int, ...]:
-        """Indices of the points that the transform was computed from."""
+        """Indices of the points from which the transform was computed."""
         return tuple(i for i in range(len(self.residuals_mm)) if i not in self.outliers)
 
 
 def given_registration(transform: Transform) -> RegistrationResult:
-    """A registration that somebody stated: accepted as stated, with an unknown uncertainty.
+    """Return an accepted registration from a given transform, with unknown uncertainty.
 
-    `predict_tre` refuses it, because a number for its error would be made up.
+    `predict_tre` raises `CovarianceError` for it.
     """
     return RegistrationResult(
         transform=transform,
@@ -85,40 +85,45 @@ def given_registration(transform: Transform) -> RegistrationResult:
         covariance=None,
         condition=math.nan,
         accepted=True,
-        reason="given and not computed: its error is not known",
+        reason="given, not computed: its error is not known",
         method="given",
     )
 
 
 def read_only(values: FloatArray) -> FloatArray:
-    """A read-only float copy."""
+    """Return a read-only float copy."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
 
 
 def checked_covariance(covariance: FloatArray, size: int) -> FloatArray:
-    """A read-only copy of a (size, size) covariance: finite, symmetric, not negative."""
+    """Return a read-only copy of a covariance (size, size).
+
+    Raises `CovarianceError` unless it is finite, symmetric and positive semidefinite.
+    """
     array = np.array(covariance, dtype=np.float64)
     if array.shape != (size, size) or not np.isfinite(array).all():
         raise CovarianceError(
-            f"covariance has shape {array.shape}, finite {bool(np.isfinite(array).all())}: "
-            f"finite ({size}, {size}) wanted"
+            f"covariance has shape {array.shape}, finite {bool(np.isfinite(array).all())}; "
+            f"expected finite ({size}, {size})"
         )
     scale = np.sqrt(np.abs(np.diag(array)))
     if np.any(np.diag(array) < 0.0) or np.any(
         np.abs(array - array.T) > 1e-6 * np.outer(scale, scale) + 1e-300
     ):
-        raise CovarianceError(f"covariance is not symmetric with a diagonal >= 0: {array.tolist()}")
+        raise CovarianceError(
+            f"covariance is {array.tolist()}; expected a symmetric matrix with a diagonal >= 0"
+        )
     array = 0.5 * (array + array.T)
-    # As correlations, so that rad and mm weigh alike. A sum of the entries below 0 would pass for
-    # no error at all where a target error is predicted.
+    # Correlations give rad and mm the same scale. A negative variance would predict a target error
+    # of zero.
     known = scale > 0.0
     correlations = array[np.ix_(known, known)] / np.outer(scale[known], scale[known])
-    least = float(np.linalg.eigvalsh(correlations).min(initial=0.0))
-    if least < -1e-6:
+    min_eigenvalue = float(np.linalg.eigvalsh(correlations).min(initial=0.0))
+    if min_eigenvalue < -1e-6:
         raise CovarianceError(
-            f"covariance has a negative variance along some motion (eigenvalue {least:.3g} of its "
-            f"correlations): {array.tolist()}"
+            f"covariance has a negative variance along some motion: eigenvalue "
+            f"{min_eigenvalue:.3g} of the correlations of {array.tolist()}; expected none below 0"
         )
     return read_only(array)

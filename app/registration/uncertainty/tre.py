@@ -1,6 +1,6 @@
-"""Target registration error: how far off a registered point is, to be expected.
+"""Target registration error (TRE): the expected error of a registered point.
 
-First-order theory for any noise and any weighting: a point ``p`` moves by ``J(p) m`` under the
+First-order theory for any noise and weighting: a point ``p`` moves by ``J(p) m`` under the
 small motion ``m`` between estimate and truth, so its error has covariance ``J C J^T`` (Danilchenko
 and Fitzpatrick, "General approach to first-order error prediction in rigid point registration",
 2011). With isotropic, equal noise it is the formula of Fitzpatrick, West and Maurer (1998):
@@ -28,38 +28,38 @@ from app.registration.uncertainty.result import RegistrationResult
 
 
 def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
-    """Sigma in mm, (m,), at points (m, 3) in mm in the fixed frame.
+    """Return sigma (m,) in mm at points (m, 3) in mm in the fixed frame.
 
-    Sigma is the 3-D root mean square of the error vector, so it is never below the standard
-    deviation along any single direction. Raises `CovarianceError` for a registration whose
-    uncertainty is not known (a given one).
+    Sigma is the 3-D root mean square of the error vector, an upper bound of the standard deviation
+    along any direction. Raises `CovarianceError` for a registration without a covariance.
     """
-    spread, lever, shift = _trace_terms(result)
+    quadratic, linear, constant = _trace_terms(result)
     points = as_points(points_mm, "points_mm of a target error")
-    variance = (points.dot(spread) * points).sum(axis=1) - 2.0 * points.dot(lever) + shift
+    variance = (points.dot(quadratic) * points).sum(axis=1) - 2.0 * points.dot(linear) + constant
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def tre_at(result: RegistrationResult, point_mm: FloatArray) -> float:
-    """As `predict_tre`, at one point (3,): for what asks at every step."""
-    spread, lever, shift = _trace_terms(result)
-    variance = float(point_mm.dot(spread).dot(point_mm) - 2.0 * point_mm.dot(lever) + shift)
+    """As `predict_tre`, at one point (3,): faster, for calls in every session step."""
+    quadratic, linear, constant = _trace_terms(result)
+    variance = float(point_mm.dot(quadratic).dot(point_mm) - 2.0 * point_mm.dot(linear) + constant)
     if not math.isfinite(variance):
         as_point(point_mm, "point_mm of a target error")
     return math.sqrt(max(variance, 0.0))
 
 
-@lru_cache(maxsize=16)  # asked at every step of a session, which has one registration
+@lru_cache(maxsize=16)  # called in every step of a session, which has one registration
 def _trace_terms(result: RegistrationResult) -> tuple[FloatArray, FloatArray, float]:
-    """The trace of J C J^T at a point p, written out: ``p A p - 2 b p + c``, as A, b and c."""
+    """Return A, b, c with the trace of ``J C J^T`` at a point p equal to ``p A p - 2 b p + c``."""
     covariance = _known_covariance(result)
-    turn, mixed, shift = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
-    lever = [mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]]
-    return turn.trace() * np.eye(3) - turn, np.array(lever), float(shift.trace())
+    rotation, mixed, translation = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
+    linear = [mixed[1, 2] - mixed[2, 1], mixed[2, 0] - mixed[0, 2], mixed[0, 1] - mixed[1, 0]]
+    quadratic = rotation.trace() * np.eye(3) - rotation
+    return quadratic, np.array(linear), float(translation.trace())
 
 
 def tre_covariances(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
-    """Covariance in mm2, (m, 3, 3), of the error at points (m, 3) in the fixed frame."""
+    """Return covariances (m, 3, 3) in mm2 of the error at points (m, 3) in the fixed frame."""
     covariance = _known_covariance(result)
     return _at_points(covariance, as_points(points_mm, "points_mm of a target error"))
 
@@ -67,14 +67,14 @@ def tre_covariances(result: RegistrationResult, points_mm: ArrayLike) -> FloatAr
 def tre_upper_bound(
     result: RegistrationResult, points_mm: ArrayLike, *, confidence: float = 0.95
 ) -> FloatArray:
-    """What sigma in mm, (m,), is not above, with ``confidence``, at points (m, 3).
+    """Return an upper confidence bound (m,) in mm of sigma at points (m, 3).
 
-    Equal to `predict_tre` where the noise was handed in. Where it was estimated from the residuals
-    of a few points the estimate may be small by luck: three points have 3 degrees of freedom, and
-    their bound is 2.9 times the estimate. One-sided chi-square bound on the noise variance.
+    Equal to `predict_tre` if the noise was given. Otherwise the noise was estimated from residuals
+    and may be too small by chance; the bound is the one-sided chi-square bound on its variance.
+    Three points have 3 degrees of freedom and a bound of 2.9 times the estimate.
     """
     if not 0.5 <= confidence < 1.0:
-        raise ShapeError(f"confidence {confidence} is not within 0.5 and 1")
+        raise ShapeError(f"confidence is {confidence}; expected 0.5 to below 1")
     sigma = predict_tre(result, points_mm)
     dof = result.degrees_of_freedom
     if dof is None:
@@ -89,16 +89,16 @@ def predict_layout_tre(
     *,
     matched_weights: bool,
 ) -> FloatArray:
-    """Sigma in mm, (m,), at ``targets_mm`` (m, 3) before a registration is done: for planning.
+    """Return sigma (m,) in mm at ``targets_mm`` (m, 3) for a planned registration.
 
-    ``landmarks_mm`` (n, 3) in the same frame; ``covariances_mm2`` (3, 3) or (n, 3, 3) in mm2 is
-    the localisation error of the pairs. ``matched_weights``: the registration will be weighted by
-    these covariances, as `register_points` does when it gets them; otherwise it will treat all
-    points alike. Raises a `RegistrationError` for landmarks that would be refused by it.
+    ``landmarks_mm`` (n, 3) are in the same frame; ``covariances_mm2`` (3, 3) or (n, 3, 3) is the
+    localisation error of the pairs. With ``matched_weights`` the registration will be weighted by
+    these covariances, as `register_points` does if it gets them; otherwise all points will have
+    equal weights. Raises a `RegistrationError` for landmarks that `register_points` rejects.
     """
     landmarks = as_points(landmarks_mm, "landmarks_mm")
     if len(landmarks) < MIN_POINTS:
-        raise TooFewError(f"{len(landmarks)} landmarks: at least {MIN_POINTS} wanted")
+        raise TooFewError(f"{len(landmarks)} landmarks; expected at least {MIN_POINTS}")
     check_spread(landmarks, "landmarks_mm")
     targets = as_points(targets_mm, "targets_mm")
     covariances = as_covariances(covariances_mm2, len(landmarks), "covariances_mm2")
@@ -116,8 +116,8 @@ def predict_layout_tre(
 def _known_covariance(result: RegistrationResult) -> FloatArray:
     if result.covariance is None:
         raise CovarianceError(
-            f"the uncertainty of a {result.method!r} registration is not known: "
-            "no target error can be predicted from it"
+            f"uncertainty of a {result.method!r} registration is not known; "
+            "expected a registration with a covariance"
         )
     return result.covariance
 

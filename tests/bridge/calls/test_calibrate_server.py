@@ -71,7 +71,7 @@ def test_landmark_and_what_is_refused(calibrate):
     assert landmark["status"] == "succeeded"
     assert np.allclose(point(landmark), [0.1, -0.05, 0.02], atol=0.0002)
     assert pivot["status"] == "aborted"
-    assert "at least 10 wanted" in pivot["result"]["message"]
+    assert "expected at least 10" in pivot["result"]["message"]
     assert "'nobody' in 'reference'" in unknown["result"]["message"]
     assert "method 9" in nonsense["result"]["message"]
     assert cancelled["status"] == "cancelled"

@@ -52,7 +52,7 @@ def test_pivot_over_a_narrow_cone_is_not_accepted_and_not_saved(tmp_path: Path, 
     assert main(arguments) == 1
     printed = capsys.readouterr()
     assert "NOT ACCEPTED" in printed.out
-    assert "the shaft swings over" in printed.out and "30 wanted" in printed.out
+    assert "the shaft swings over" in printed.out and "expected at least 30" in printed.out
     assert f"{tip} is not written: not accepted" in printed.err
     assert not tip.exists()
     assert plot.read_bytes().startswith(b"\x89PNG")
@@ -104,7 +104,7 @@ def test_spin_requires_the_tip(tmp_path: Path, capsys):
             ["--from-s", "100"],
             "no frame between 100 and inf s; expected .* recording, which ends at 3.95 s",
         ),
-        (["--to-s", "0.2"], "5 poses for a pivot: at least 10 wanted"),
+        (["--to-s", "0.2"], "5 poses for a pivot; expected at least 10"),
         (["--save", "tip.h5"], r"tip.h5 is no transform file: .yaml, .yml, .tfm, .txt allowed"),
         (["--plot", "tip.pdf"], "tip.pdf: wrong file type for a plot; expected .png"),
     ],

@@ -23,7 +23,7 @@ NAMES = ("A", "B", "C", "D", "E", "F", "G", "H")
 
 
 def scalene(rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
-    """Landmarks whose mutual distances all differ by a tolerance or more."""
+    """Random landmarks by name whose mutual distances all differ by 1.2 mm or more."""
     while True:
         points = rng.uniform(-90.0, 90.0, (count, 3))
         gaps = np.sort(
@@ -35,7 +35,7 @@ def scalene(rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
 
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(4, 6))
-def test_dwells_in_any_order_find_their_landmarks(seed: int, count: int) -> None:
+def test_dwells_in_any_order_are_matched(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     landmarks = scalene(rng, count)
     order = rng.permutation(count)
@@ -48,7 +48,7 @@ def test_dwells_in_any_order_find_their_landmarks(seed: int, count: int) -> None
     assert match.unmatched_dwells == () and match.missing == ()
 
 
-def test_false_dwells_and_missing_landmarks_are_said() -> None:
+def test_false_dwells_and_missing_landmarks_are_reported() -> None:
     rng = np.random.default_rng(1)
     landmarks = scalene(rng, 6)
     pose = random_transform(rng)
@@ -61,14 +61,14 @@ def test_false_dwells_and_missing_landmarks_are_said() -> None:
     assert match.unmatched_dwells == (2,) and match.missing == ("C", "E")
 
 
-def test_a_symmetric_phantom_is_said_to_be_ambiguous() -> None:
+def test_symmetric_phantom_is_ambiguous() -> None:
     corners = {"A": (0, 0, 0), "B": (90, 0, 0), "C": (90, 60, 0), "D": (0, 60, 0)}
     match = match_landmarks(list(corners.values()), corners, tolerance_mm=1.0)
     assert not match.accepted and match.pairs == ()
-    assert re.search(r"[24] ways to lay 4 dwells .*0=A 1=B 2=C 3=D", match.reason)
+    assert re.search(r"[24] assignments of 4 dwells .*0=A 1=B 2=C 3=D", match.reason)
 
 
-def test_a_mirror_image_is_no_match() -> None:
+def test_mirror_image_does_not_match() -> None:
     rng = np.random.default_rng(2)
     landmarks = scalene(rng, 6)
     mirrored = np.stack(list(landmarks.values())) * [1.0, 1.0, -1.0]
@@ -76,25 +76,27 @@ def test_a_mirror_image_is_no_match() -> None:
     assert len(match.pairs) < 6
 
 
-def test_dwells_on_something_else_are_no_match() -> None:
+def test_dwells_on_another_object_do_not_match() -> None:
     rng = np.random.default_rng(3)
     landmarks = scalene(rng, 6)
     match = match_landmarks(rng.uniform(-90, 90, (8, 3)), landmarks, tolerance_mm=0.5)
     assert not match.accepted and "fit on landmarks within" in match.reason
 
 
-def test_a_phantom_that_few_of_the_dwells_fit_is_no_match() -> None:
+def test_match_of_a_minority_of_dwells_is_not_accepted() -> None:
     rng = np.random.default_rng(4)
     landmarks = scalene(rng, 4)
-    on_it = random_transform(rng).apply(np.stack(list(landmarks.values())))
-    elsewhere = on_it.mean(axis=0) + rng.uniform(-20.0, 20.0, (5, 3))
-    assert match_landmarks(np.vstack([on_it, elsewhere[:4]]), landmarks, tolerance_mm=0.5).accepted
-    match = match_landmarks(np.vstack([on_it, elsewhere]), landmarks, tolerance_mm=0.5)
+    on_landmarks = random_transform(rng).apply(np.stack(list(landmarks.values())))
+    elsewhere = on_landmarks.mean(axis=0) + rng.uniform(-20.0, 20.0, (5, 3))
+    assert match_landmarks(
+        np.vstack([on_landmarks, elsewhere[:4]]), landmarks, tolerance_mm=0.5
+    ).accepted
+    match = match_landmarks(np.vstack([on_landmarks, elsewhere]), landmarks, tolerance_mm=0.5)
     assert not match.accepted and match.pairs == ()
     assert match.reason.startswith("4 of 9 dwells fit on landmarks")
 
 
-def test_bad_points_are_refused_by_name() -> None:
+def test_invalid_points_raise_specific_errors() -> None:
     landmarks = scalene(np.random.default_rng(4), 5)
     with pytest.raises(TooFewError, match="2 dwells"):
         match_landmarks(np.eye(3)[:2], landmarks, tolerance_mm=1.0)
@@ -149,8 +151,10 @@ def recorded_tips(folder: Path) -> tuple[list[TrackedTransform], dict[str, Float
     return samples, landmarks
 
 
-def test_real_recording_of_eight_landmarks(shared_data: Path) -> None:
-    """Against the published registration; the order of the dwells is not told."""
+def test_real_recording_of_eight_landmarks_agrees_with_the_published_registration(
+    shared_data: Path,
+) -> None:
+    """The order of the dwells is not an input."""
     folder = shared_data / "plus"
     samples, landmarks = recorded_tips(folder)
     result = detect_landmarks(samples, landmarks)
@@ -176,8 +180,8 @@ def test_real_recording_of_eight_landmarks(shared_data: Path) -> None:
     assert registration.residuals_mm.mean() < 0.21
 
 
-def test_real_recording_in_another_order_with_a_part_lost(shared_data: Path) -> None:
-    """The second half first, and a second of samples INVALID in the middle of a dwell."""
+def test_real_recording_is_matched_in_another_order_with_lost_samples(shared_data: Path) -> None:
+    """The halves are swapped, and samples of 1 s in a dwell are INVALID."""
     samples, landmarks = recorded_tips(shared_data / "plus")
     half, offset = 500, samples[-1].stamp.ns + 10**9 - samples[0].stamp.ns
     later = [

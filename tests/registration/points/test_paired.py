@@ -20,7 +20,7 @@ from app.registration import (
     UnequalCountsError,
     register_points,
 )
-from app.registration.motion import difference
+from app.registration.motion import motion_between
 from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
 
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
@@ -29,7 +29,7 @@ BOX = np.array([[0, 0, 0], [80, 0, 0], [0, 60, 0], [0, 0, 40], [70, 50, 30]], dt
 
 @settings(max_examples=150)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 12), weighted=st.booleans())
-def test_noise_free_points_give_the_truth(seed: int, count: int, weighted: bool) -> None:
+def test_noise_free_points_give_the_true_transform(seed: int, count: int, weighted: bool) -> None:
     rng = np.random.default_rng(seed)
     truth = random_transform(rng)
     moving = random_layout(rng, count)
@@ -58,8 +58,8 @@ def test_agrees_with_scipy_on_noisy_points() -> None:
     assert result.fre_mm == pytest.approx(np.sqrt(np.mean(residuals**2)))
 
 
-def test_weights_make_the_likelihood_greatest() -> None:
-    """No small motion away from the answer fits better, in the metric of the covariances."""
+def test_weighted_result_maximises_the_likelihood() -> None:
+    """Every small motion of the result increases the weighted misfit."""
     rng = np.random.default_rng(2)
     truth = random_transform(rng)
     moving = random_layout(rng, 7)
@@ -78,7 +78,7 @@ def test_weights_make_the_likelihood_greatest() -> None:
         assert cost(turn @ answer.rotation, answer.translation_mm + shift) > best
 
 
-def test_noise_of_the_moving_points_turns_with_them() -> None:
+def test_covariances_of_the_moving_points_are_rotated() -> None:
     rng = np.random.default_rng(3)
     truth = random_transform(rng)
     moving = random_layout(rng, 6)
@@ -94,8 +94,10 @@ def test_noise_of_the_moving_points_turns_with_them() -> None:
 
 @pytest.mark.parametrize("known", [True, False])
 def test_covariance_is_calibrated(known: bool) -> None:
-    """The mean normalised squared error over the trials lies in its 95 % band (99.9 % when the
-    noise is estimated, where the sum follows no tabulated law and is drawn)."""
+    """The mean normalised squared error of the trials is within its 95 % band.
+
+    With estimated noise the band is 99.9 % and drawn, as the distribution is not tabulated.
+    """
     rng = np.random.default_rng(4 + known)
     trials, count = 150, 6
     errors = []
@@ -107,7 +109,7 @@ def test_covariance_is_calibrated(known: bool) -> None:
         )
         fixed = truth.apply(moving) + draw(rng, noise)
         result = register_points(fixed, moving, covariances_mm2=noise if known else None, **FRAMES)
-        motion = difference(truth, result.transform)
+        motion = motion_between(truth, result.transform)
         errors.append(motion @ np.linalg.solve(result.covariance, motion))
     if known:
         low, high = chi2.ppf([0.025, 0.975], 6 * trials) / trials
@@ -119,7 +121,7 @@ def test_covariance_is_calibrated(known: bool) -> None:
     assert low < np.mean(errors) < high
 
 
-def test_leave_one_out_is_a_registration_of_the_others() -> None:
+def test_leave_one_out_agrees_with_registrations_of_the_others() -> None:
     rng = np.random.default_rng(6)
     moving = random_layout(rng, 6)
     fixed = random_transform(rng).apply(moving) + rng.normal(scale=0.5, size=(6, 3))
@@ -131,22 +133,21 @@ def test_leave_one_out_is_a_registration_of_the_others() -> None:
         assert result.leave_one_out_mm[point] == pytest.approx(expected, abs=1e-12)
 
 
-def test_leave_one_out_is_nan_where_the_others_are_on_a_line() -> None:
+def test_leave_one_out_is_nan_if_the_others_are_collinear() -> None:
     moving = np.array([[0, 0, 0], [50, 0, 0], [100, 0, 0], [40, 60, 0]], dtype=float)
     result = register_points(moving + 5.0, moving, **FRAMES)
     assert np.isnan(result.leave_one_out_mm).tolist() == [False, False, False, True]
 
 
-def test_three_points_are_judged_with_the_luck_of_three_points() -> None:
-    """Points that fit well by chance still carry a bound far above their sigma."""
+def test_three_points_have_three_degrees_of_freedom_and_no_leave_one_out_error() -> None:
     moving = BOX[:3]
     result = register_points(moving + np.diag([0.4, 0.4, 0.4]), moving, **FRAMES)
     assert np.isnan(result.leave_one_out_mm).all()
     assert result.degrees_of_freedom == 3
-    assert "leave-one-out not possible" in result.reason
+    assert "leave-one-out error is not available" in result.reason
 
 
-def test_a_small_fre_does_not_accept_and_a_large_one_does_not_refuse() -> None:
+def test_fre_does_not_decide_acceptance() -> None:
     rng = np.random.default_rng(7)
     moving = random_layout(rng, 6)
     fixed = random_transform(rng).apply(moving) + rng.normal(scale=0.05, size=(6, 3))
@@ -164,14 +165,14 @@ def test_a_small_fre_does_not_accept_and_a_large_one_does_not_refuse() -> None:
     assert large_fre.accepted, large_fre.reason
 
 
-def test_a_point_that_the_others_miss_is_named() -> None:
+def test_large_leave_one_out_error_is_not_accepted_and_names_the_point() -> None:
     moving = BOX.copy()
     fixed = moving.copy()
     fixed[3] += [0.0, 0.0, 9.0]
     result = register_points(
         fixed, moving, limits=AcceptanceLimits(tre_mm=1e3, leave_one_out_mm=5.0), **FRAMES
     )
-    assert not result.accepted and "miss point 3 by" in result.reason
+    assert not result.accepted and "leave-one-out error of point 3 is" in result.reason
 
 
 def with_value(value: float) -> np.ndarray:
@@ -186,9 +187,9 @@ NEAR_LINE = LINE + 0.5 * ZIGZAG
 
 
 @pytest.mark.parametrize(
-    ("fixed", "moving", "error", "words"),
+    ("fixed", "moving", "error", "message"),
     [
-        (BOX[:2], BOX[:2], TooFewError, "2 point pairs: at least 3"),
+        (BOX[:2], BOX[:2], TooFewError, "2 point pairs; expected at least 3"),
         (BOX, BOX[:4], UnequalCountsError, "5 points and moving_mm 4"),
         (BOX, with_value(np.nan), NotFiniteError, "point 2 of moving_mm"),
         (with_value(np.inf), BOX, NotFiniteError, "point 2 of fixed_mm"),
@@ -206,34 +207,34 @@ NEAR_LINE = LINE + 0.5 * ZIGZAG
         ([["a", "b", "c"]] * 3, BOX[:3], ShapeError, "not an array of numbers"),
     ],
 )
-def test_bad_points_are_refused_by_name(
-    fixed: object, moving: object, error: type[Exception], words: str
+def test_invalid_points_raise_specific_errors(
+    fixed: object, moving: object, error: type[Exception], message: str
 ) -> None:
-    with pytest.raises(error, match=words) as refusal:
+    with pytest.raises(error, match=message) as raised:
         register_points(fixed, moving, **FRAMES)
-    assert "\n" not in str(refusal.value)
+    assert "\n" not in str(raised.value)
 
 
-def test_a_twentieth_across_the_line_is_as_little_as_there_may_be() -> None:
+def test_collinearity_limit_is_a_ratio_of_one_twentieth() -> None:
     corners = np.array([[-50, -1, 0], [50, -1, 0], [50, 1, 0], [-50, 1, 0]], dtype=float)
     with pytest.raises(CollinearPointsError, match=r"2\.45 mm RMS across .* 50 mm along"):
         register_points(corners * [1, 2.45, 1], corners * [1, 2.45, 1], **FRAMES)
     register_points(corners * [1, 2.55, 1], corners * [1, 2.55, 1], **FRAMES)
 
 
-def test_small_and_large_landmark_sets_of_good_shape_pass_alike() -> None:
+def test_landmark_sets_of_any_size_are_accepted() -> None:
     for scale in (0.01, 1.0, 1000.0):
         register_points(scale * BOX, scale * BOX, **FRAMES)
 
 
-def test_mirrored_points_are_found_in_noise() -> None:
+def test_mirrored_points_are_detected_in_noise() -> None:
     rng = np.random.default_rng(8)
     mirrored = BOX * [1, 1, -1] + rng.normal(scale=0.5, size=BOX.shape)
     with pytest.raises(MirroredPointsError):
         register_points(BOX, mirrored, **FRAMES)
 
 
-def test_flat_landmarks_in_noise_are_no_mirror_image() -> None:
+def test_flat_landmarks_in_noise_are_not_mirrored() -> None:
     rng = np.random.default_rng(9)
     flat = np.array([[0, 0, 0], [80, 0, 0], [80, 60, 0], [0, 60, 0], [30, 20, 0]], dtype=float)
     for _ in range(300):
@@ -248,18 +249,18 @@ def test_flat_landmarks_in_noise_are_no_mirror_image() -> None:
     [
         (-np.eye(3), CovarianceError),
         (np.zeros((3, 3)), CovarianceError),
-        (1e-320 * np.eye(3), CovarianceError),  # numpy's own error for one
+        (1e-320 * np.eye(3), CovarianceError),  # its inverse overflows
         (np.diag([1e-30, 1.0, 1e30]), CovarianceError),
         ([[1, 0.9, 0], [0, 1, 0], [0, 0, 1]], CovarianceError),
         (np.full((3, 3), np.nan), NotFiniteError),
         (np.ones((4, 3, 3)), ShapeError),
     ],
 )
-def test_bad_covariances_are_refused(covariances: object, error: type[Exception]) -> None:
+def test_invalid_covariances_are_rejected(covariances: object, error: type[Exception]) -> None:
     with pytest.raises(error):
         register_points(BOX, BOX, covariances_mm2=covariances, **FRAMES)
 
 
-def test_frame_names_are_checked() -> None:
+def test_frame_names_are_validated() -> None:
     with pytest.raises(FrameError):
         register_points(BOX, BOX, fixed_frame="a b", moving_frame="moving")

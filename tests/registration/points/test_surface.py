@@ -15,7 +15,7 @@ from app.registration import (
     predict_tre,
     register_surface,
 )
-from app.registration.motion import difference, moved
+from app.registration.motion import apply_motion, motion_between
 from tests.registration.helpers import random_transform
 
 
@@ -24,7 +24,7 @@ def mesh_of(shape: trimesh.Trimesh) -> SurfaceMesh:
 
 
 def bone() -> trimesh.Trimesh:
-    """A lump without symmetry, some 100 mm long."""
+    """An asymmetric closed surface, about 100 mm long."""
     ball = trimesh.creation.icosphere(subdivisions=4)
     x, y, z = ball.vertices.T
     radius = 1.0 + 0.25 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.15 * np.sin(4 * z + 2 * x)
@@ -37,15 +37,15 @@ BONE = bone()
 def touched(
     rng: np.random.Generator, shape: trimesh.Trimesh, count: int, noise_mm: float
 ) -> tuple[Transform, FloatArray, Transform]:
-    """The truth, points on the surface in the probe's frame, and a rough start."""
+    """Return the true transform, noisy points (n, 3) in the probe's frame, and a rough start."""
     truth = random_transform(rng, "ct", "probe")
     points, _ = trimesh.sample.sample_surface(shape, count, seed=int(rng.integers(2**31)))
-    seen = truth.inverse().apply(points) + rng.normal(scale=noise_mm, size=(count, 3))
+    measured = truth.inverse().apply(points) + rng.normal(scale=noise_mm, size=(count, 3))
     rough = np.concatenate([rng.normal(scale=0.05, size=3), rng.normal(scale=3.0, size=3)])
-    return truth, seen, moved(truth, rough, points.mean(axis=0))
+    return truth, measured, apply_motion(truth, rough, points.mean(axis=0))
 
 
-def test_points_without_noise_find_the_truth() -> None:
+def test_noise_free_points_give_the_true_transform() -> None:
     rng = np.random.default_rng(1)
     truth, points, start = touched(rng, BONE, 60, 0.0)
     result = register_surface(points, mesh_of(BONE), start=start)
@@ -54,7 +54,7 @@ def test_points_without_noise_find_the_truth() -> None:
     assert result.accepted and result.method == "surface"
 
 
-def test_covariance_covers_the_truth_and_the_error_is_no_worse_than_icp() -> None:
+def test_covariance_holds_and_the_error_is_comparable_to_icp() -> None:
     rng = np.random.default_rng(2)
     ours, peers, squared, trials = [], [], [], 12
     for _ in range(trials):
@@ -69,24 +69,24 @@ def test_covariance_covers_the_truth_and_the_error_is_no_worse_than_icp() -> Non
             reflection=False,
             scale=False,
         )
-        motion = difference(truth, result.transform)
+        motion = motion_between(truth, result.transform)
         squared.append(motion @ np.linalg.solve(result.covariance, motion))
         centre = truth.inverse().apply(np.zeros(3))
         ours.append(np.linalg.norm(result.transform.apply(centre)))
         peers.append(np.linalg.norm(peer[:3, :3] @ centre + peer[:3, 3]))
     low, high = chi2.ppf([0.0005, 0.9995], 6 * trials) / trials
-    assert low < np.mean(squared) < 1.3 * high, "curvature of the surface is beyond first order"
+    assert low < np.mean(squared) < 1.3 * high, "curvature of the surface is not in the first order"
     assert np.mean(ours) < 1.15 * np.mean(peers)
 
 
-def test_points_off_the_surface_are_named() -> None:
+def test_points_off_the_surface_are_rejected() -> None:
     rng = np.random.default_rng(3)
     truth, points, start = touched(rng, BONE, 50, 0.2)
     points[[4, 17, 33]] += truth.inverse().rotate([[0, 0, 15.0], [12.0, 0, 0], [0, 14.0, 0]])
     result = register_surface(points, mesh_of(BONE), start=start, inlier_mm=1.5)
     far = np.flatnonzero(np.abs(trimesh.proximity.signed_distance(BONE, truth.apply(points))) > 1.5)
     assert result.outliers == tuple(far) and len(far) >= 2
-    assert np.linalg.norm(difference(truth, result.transform)[:3]) < 0.02
+    assert np.linalg.norm(motion_between(truth, result.transform)[:3]) < 0.02
 
 
 @pytest.mark.parametrize(
@@ -96,16 +96,16 @@ def test_points_off_the_surface_are_named() -> None:
         trimesh.creation.cylinder(radius=20.0, height=400.0, sections=128),
     ],
 )
-def test_a_surface_that_lets_points_slide_is_refused(shape: trimesh.Trimesh) -> None:
+def test_surface_along_which_points_slide_is_rejected(shape: trimesh.Trimesh) -> None:
     rng = np.random.default_rng(4)
     truth, points, start = touched(rng, shape, 60, 0.1)
-    here = truth.apply(points)
-    points = points[np.abs(here[:, 2]) < 150.0]  # of the cylinder, not its lids
-    with pytest.raises((FreeMotionError, NoConsensusError), match=r"slide|fit alike"):
+    mapped = truth.apply(points)
+    points = points[np.abs(mapped[:, 2]) < 150.0]  # not on the caps of the cylinder
+    with pytest.raises((FreeMotionError, NoConsensusError), match=r"slide|equally good"):
         register_surface(points, mesh_of(shape), start=start)
 
 
-def test_the_verdict_is_by_the_error_at_the_target() -> None:
+def test_target_error_decides_acceptance() -> None:
     rng = np.random.default_rng(5)
     _, points, start = touched(rng, BONE, 40, 0.3)
     near = register_surface(points, mesh_of(BONE), start=start, targets_mm=[[0.0, 0.0, 0.0]])
@@ -113,7 +113,7 @@ def test_the_verdict_is_by_the_error_at_the_target() -> None:
     assert near.accepted and not far.accepted
     assert predict_tre(far, [[900.0, 0, 0]])[0] > 4.0 * predict_tre(near, [[0.0, 0, 0]])[0]
     assert near.fre_mm == far.fre_mm
-    # Each point draws the fit towards itself: without it the others miss it by more.
+    # A point pulls the fit towards itself, so its error without it is larger.
     assert (near.leave_one_out_mm > near.residuals_mm).all()
     strict = register_surface(
         points, mesh_of(BONE), start=start, limits=AcceptanceLimits(leave_one_out_mm=0.1)
@@ -121,7 +121,7 @@ def test_the_verdict_is_by_the_error_at_the_target() -> None:
     assert not strict.accepted and "leave-one-out" in strict.reason
 
 
-def test_bad_input_is_refused_by_name() -> None:
+def test_invalid_input_raises_specific_errors() -> None:
     rng = np.random.default_rng(6)
     _, points, start = touched(rng, BONE, 40, 0.1)
     with pytest.raises(TooFewError, match="11 touched points"):

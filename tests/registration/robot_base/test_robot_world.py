@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from app.geometry import FrameError, Transform
@@ -17,7 +16,7 @@ from app.registration import (
     predict_tre,
     solve_robot_world,
 )
-from app.registration.motion import difference, moved
+from app.registration.motion import apply_motion, motion_between
 from app.registration.poses import PoseStack
 from app.registration.robot_base.robot_world_fit import (
     RobotWorld,
@@ -25,27 +24,15 @@ from app.registration.robot_base.robot_world_fit import (
     jacobian_of,
     residuals_of,
 )
+from tests.oracles.registration_robot_world import opencv_base, scipy_robot_world
 from tests.registration.helpers import disturbed, random_transform, robot_world_scene
 
 EM_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
 
 
-def opencv(robot: list[Transform], sensor: list[Transform], method: int) -> Transform:
-    """The peer's ``reference_from_base``: it wants cam_from_world and gripper_from_base."""
-    world, gripper = [p.inverse() for p in sensor], [p.inverse() for p in robot]
-    rotation, translation, _, _ = cv2.calibrateRobotWorldHandEye(
-        [p.rotation for p in world],
-        [p.translation_mm for p in world],
-        [p.rotation for p in gripper],
-        [p.translation_mm for p in gripper],
-        method=method,
-    )
-    return Transform("reference", "base", rotation, translation.ravel())
-
-
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(4, 20), known=st.booleans())
-def test_noise_free_poses_give_the_truth(seed: int, count: int, known: bool) -> None:
+def test_noise_free_poses_give_the_true_base_and_mount(seed: int, count: int, known: bool) -> None:
     rng = np.random.default_rng(seed)
     scene = robot_world_scene(rng, count, None)
     result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE if known else None)
@@ -56,19 +43,19 @@ def test_noise_free_poses_give_the_truth(seed: int, count: int, known: bool) -> 
     assert result.outliers == ()
 
 
-def test_the_closed_form_is_opencvs() -> None:
+def test_closed_form_agrees_with_opencv() -> None:
     rng = np.random.default_rng(1)
     for _ in range(20):
         scene = robot_world_scene(rng, 15, EM_NOISE)
-        robot = PoseStack.of(scene.robot, "robot", least=4)
-        sensor = PoseStack.of(scene.sensor, "sensor", least=4)
+        robot = PoseStack.from_poses(scene.robot, "robot", min_count=4)
+        sensor = PoseStack.from_poses(scene.sensor, "sensor", min_count=4)
         ours = closed_form(robot, sensor).reference_from_base
-        peer = opencv(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH)
+        peer = opencv_base(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH)
         np.testing.assert_allclose(ours.rotation, peer.rotation, atol=1e-10)
 
 
 def test_published_regression_case() -> None:
-    """OpenCV's hand-eye regression case 24871 (units of 1, here mm), known to it to 1e-12."""
+    """OpenCV's hand-eye regression case 24871, known to 1e-12 (without units, here mm)."""
     target_in_camera = [
         (
             [0.04964505493834381, 0.5136826827431226, 0.8565427426404346],
@@ -131,8 +118,8 @@ def test_published_regression_case() -> None:
     )
 
 
-def test_em_noise_costs_less_than_it_costs_the_closed_forms() -> None:
-    """A short form of the benchmark, which does 200 trials."""
+def test_error_with_em_noise_is_below_that_of_the_closed_forms() -> None:
+    """The benchmark runs 200 trials."""
     rng = np.random.default_rng(2)
     errors: dict[str, list[float]] = {"ours": [], "estimated": [], "shah": [], "li": []}
     for _ in range(20):
@@ -142,8 +129,8 @@ def test_em_noise_costs_less_than_it_costs_the_closed_forms() -> None:
         answers = {
             "ours": solve_robot_world(*poses, noise=EM_NOISE).reference_from_base,
             "estimated": solve_robot_world(*poses).reference_from_base,
-            "shah": opencv(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH),
-            "li": opencv(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI),
+            "shah": opencv_base(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_SHAH),
+            "li": opencv_base(scene.robot, scene.sensor, cv2.CALIB_ROBOT_WORLD_HAND_EYE_LI),
         }
         for name, answer in answers.items():
             errors[name].append(float(np.linalg.norm(answer.apply(middle) - scene.centre_mm)))
@@ -153,11 +140,11 @@ def test_em_noise_costs_less_than_it_costs_the_closed_forms() -> None:
     assert rms["ours"] < min(rms["shah"], rms["li"])
 
 
-def test_the_jacobian_is_the_derivative_of_the_residuals_where_they_are_large_too() -> None:
+def test_jacobian_is_the_derivative_of_large_residuals() -> None:
     rng = np.random.default_rng(8)
     scene = robot_world_scene(rng, 5, PoseNoise(0.15, 20.0))
-    robot = PoseStack.of(scene.robot, "robot", least=4)
-    sensor = PoseStack.of(scene.sensor, "sensor", least=4)
+    robot = PoseStack.from_poses(scene.robot, "robot", min_count=4)
+    sensor = PoseStack.from_poses(scene.sensor, "sensor", min_count=4)
     state, centre = RobotWorld(scene.base, scene.mount), sensor.translations_mm.mean(axis=0)
     jacobian = jacobian_of(state, robot, residuals_of(state, robot, sensor), centre)
     for column in range(12):
@@ -166,15 +153,15 @@ def test_the_jacobian_is_the_derivative_of_the_residuals_where_they_are_large_to
         ahead, behind = (
             residuals_of(
                 RobotWorld(
-                    moved(scene.base, sign * step[:6], centre),
-                    moved(scene.mount, sign * step[6:], np.zeros(3)),
+                    apply_motion(scene.base, sign * step[:6], centre),
+                    apply_motion(scene.mount, sign * step[6:], np.zeros(3)),
                 ),
                 robot,
                 sensor,
             )
             for sign in (1.0, -1.0)
         )
-        # The series of the inverse right Jacobian ends behind the square of the residual.
+        # The series of the inverse right Jacobian is truncated after the second order.
         np.testing.assert_allclose(jacobian[..., column], (behind - ahead) / 2e-6, atol=1e-3)
 
 
@@ -186,8 +173,8 @@ def test_covariance_is_calibrated() -> None:
         result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
         motion = np.concatenate(
             [
-                difference(scene.base, result.reference_from_base),
-                difference(scene.mount, result.tip_from_sensor),
+                motion_between(scene.base, result.reference_from_base),
+                motion_between(scene.mount, result.tip_from_sensor),
             ]
         )
         errors.append(motion @ np.linalg.solve(result.covariance, motion))
@@ -195,8 +182,8 @@ def test_covariance_is_calibrated() -> None:
     assert low < np.mean(errors) < high
 
 
-def test_a_few_clean_poses_are_not_cut_down_to_those_that_agree_best() -> None:
-    """The error at the target would be foretold too small, by more than half in one of two."""
+def test_small_clean_set_rarely_loses_a_pose() -> None:
+    """Otherwise the predicted target error would be too small."""
     rng = np.random.default_rng(6)
     losses = 0
     for _ in range(15):
@@ -205,7 +192,7 @@ def test_a_few_clean_poses_are_not_cut_down_to_those_that_agree_best() -> None:
     assert losses <= 2
 
 
-def test_the_noise_is_found() -> None:
+def test_noise_is_estimated() -> None:
     rng = np.random.default_rng(4)
     scene = robot_world_scene(rng, 200, EM_NOISE)
     result = solve_robot_world(scene.robot, scene.sensor)
@@ -216,7 +203,7 @@ def test_the_noise_is_found() -> None:
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_wrong_poses_are_named(known: bool) -> None:
+def test_wrong_poses_are_rejected(known: bool) -> None:
     rng = np.random.default_rng(5 + known)
     for _ in range(10):
         scene = robot_world_scene(rng, 15, EM_NOISE)
@@ -237,7 +224,7 @@ def test_wrong_poses_are_named(known: bool) -> None:
         assert np.linalg.norm(error) < 4.0 * predict_tre(result.registration, [scene.centre_mm])[0]
 
 
-def test_most_poses_wrong_is_no_answer() -> None:
+def test_majority_of_wrong_poses_is_an_error() -> None:
     rng = np.random.default_rng(6)
     scene = robot_world_scene(rng, 10, None)
     sensor = [random_transform(rng, "reference", "sensor") for _ in scene.sensor]
@@ -254,36 +241,38 @@ def turning(vectors: np.ndarray) -> list[Transform]:
 
 
 @pytest.mark.parametrize(
-    ("vectors", "words"),
+    ("vectors", "message"),
     [
         (np.outer(np.linspace(-1, 1, 8), [0.2, 0.3, 0.9]), "parallel axes"),
-        (np.random.default_rng(8).normal(scale=0.02, size=(8, 3)), "degrees at most: 15 wanted"),
-        (np.zeros((8, 3)), "degrees at most"),
+        (np.random.default_rng(8).normal(scale=0.02, size=(8, 3)), "degrees; expected at least 15"),
+        (np.zeros((8, 3)), "rotate by at most"),
     ],
 )
-def test_motion_that_leaves_the_base_free_is_refused(vectors: np.ndarray, words: str) -> None:
+def test_motion_that_does_not_determine_the_base_is_rejected(
+    vectors: np.ndarray, message: str
+) -> None:
     robot = turning(vectors)
     rng = np.random.default_rng(9)
     base = random_transform(rng, "reference", "base")
     mount = random_transform(rng, "tip", "sensor", 40.0)
-    with pytest.raises(DegenerateMotionError, match=words):
+    with pytest.raises(DegenerateMotionError, match=message):
         solve_robot_world(robot, [base @ pose @ mount for pose in robot])
 
 
-def test_bad_pose_lists_are_refused_by_name() -> None:
+def test_invalid_pose_lists_raise_specific_errors() -> None:
     rng = np.random.default_rng(10)
     scene = robot_world_scene(rng, 6, None)
     with pytest.raises(DegenerateMotionError, match="one pose repeated"):
         solve_robot_world([scene.robot[0]] * 6, [scene.sensor[0]] * 6)
     with pytest.raises(UnequalCountsError, match="6 robot poses and 5 sensor poses"):
         solve_robot_world(scene.robot, scene.sensor[:5])
-    with pytest.raises(TooFewError, match="3 poses for the robot's tip: at least 4"):
+    with pytest.raises(TooFewError, match="3 poses for the robot's tip; expected at least 4"):
         solve_robot_world(scene.robot[:3], scene.sensor[:3])
     with pytest.raises(FrameError, match="different frames"):
         solve_robot_world([*scene.robot[:5], scene.robot[5].renamed(target="other")], scene.sensor)
 
 
-def test_the_verdict_is_by_the_error_at_the_target() -> None:
+def test_target_error_decides_acceptance() -> None:
     rng = np.random.default_rng(11)
     scene = robot_world_scene(rng, 15, EM_NOISE)
     near = solve_robot_world(scene.robot, scene.sensor, targets_mm=[scene.centre_mm])
@@ -298,31 +287,10 @@ def test_the_verdict_is_by_the_error_at_the_target() -> None:
     assert "target 0" in far.reason
 
 
-def test_agrees_with_an_independent_solver() -> None:
-    """scipy's least squares on the same likelihood, from another parametrisation."""
-    from scipy.optimize import least_squares
-
+def test_agrees_with_scipy_on_the_same_likelihood() -> None:
     rng = np.random.default_rng(12)
     scene = robot_world_scene(rng, 10, EM_NOISE)
-
-    def misfit(x: np.ndarray) -> np.ndarray:
-        base, mount = Rotation.from_rotvec(x[:3]), Rotation.from_rotvec(x[6:9])
-        rows = []
-        for pose, measured in zip(scene.robot, scene.sensor, strict=True):
-            rotation = base * Rotation.from_matrix(pose.rotation) * mount
-            position = base.apply(pose.rotation @ x[9:] + pose.translation_mm) + x[3:6]
-            turn = (Rotation.from_matrix(measured.rotation) * rotation.inv()).as_rotvec()
-            rows += [turn / EM_NOISE.rotation_rad]
-            rows += [(measured.translation_mm - position) / EM_NOISE.translation_mm]
-        return np.concatenate(rows)
-
-    start = [
-        *scene.base.rotation_vector,
-        *scene.base.translation_mm,
-        *scene.mount.rotation_vector,
-        *scene.mount.translation_mm,
-    ]
-    peer = least_squares(misfit, start, xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale="jac").x
+    peer = scipy_robot_world(scene.robot, scene.sensor, EM_NOISE, scene.base, scene.mount)
     ours = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
     np.testing.assert_allclose(ours.reference_from_base.rotation_vector, peer[:3], atol=1e-7)
     np.testing.assert_allclose(ours.reference_from_base.translation_mm, peer[3:6], atol=1e-4)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from app.geometry import FloatArray, FrameError, Transform
+from app.geometry import FrameError
 from app.registration import (
     DegenerateMotionError,
     NoConsensusError,
@@ -14,29 +14,17 @@ from app.registration import (
     calibrate_pivot,
 )
 from app.registration.poses import PoseStack
-from app.registration.tool.pivot_fit import NOMINAL_NOISE, linear, with_estimated_noise
+from app.registration.tool.pivot_fit import NOMINAL_NOISE, fit_linear, fit_with_noise_estimate
+from tests.oracles.registration_tool import least_squares_pivot
 from tests.registration.helpers import pivot_scene, random_transform
 
 POSITION_NOISE = PoseNoise.from_rms(rotation_deg=1e-6, translation_mm=0.5)
 EM_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
 
 
-def plain_least_squares(poses: list[Transform]) -> FloatArray:
-    """The peer's pivot: rows beyond 3 sigma dropped once, as IGSIO does it."""
-    kept = np.ones(len(poses), dtype=bool)
-    for _ in range(2):
-        rows = np.concatenate([np.hstack([p.rotation, -np.eye(3)]) for p in poses])
-        right = -np.concatenate([p.translation_mm for p in poses])
-        used = np.repeat(kept, 3)
-        solution = np.linalg.lstsq(rows[used], right[used], rcond=None)[0]
-        misses = np.linalg.norm((rows @ solution - right).reshape(-1, 3), axis=1)
-        kept = misses < misses.mean() + 3.0 * misses.std()
-    return solution[:3]
-
-
 @settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), cone=st.floats(31.0, 120.0), known=st.booleans())
-def test_noise_free_poses_give_the_truth(seed: int, cone: float, known: bool) -> None:
+def test_noise_free_poses_give_the_true_tip(seed: int, cone: float, known: bool) -> None:
     scene = pivot_scene(np.random.default_rng(seed), 30, cone_deg=cone, noise=None)
     result = calibrate_pivot(scene.poses, noise=EM_NOISE if known else None)
     assert np.abs(result.tip_mm - scene.tip_mm).max() < 1e-9
@@ -45,7 +33,7 @@ def test_noise_free_poses_give_the_truth(seed: int, cone: float, known: bool) ->
 
 
 @pytest.mark.parametrize("noise", [POSITION_NOISE, EM_NOISE])
-def test_outliers_over_a_wide_cone(noise: PoseNoise) -> None:
+def test_outliers_in_a_wide_cone_are_rejected(noise: PoseNoise) -> None:
     rng = np.random.default_rng(1)
     ours, peers = [], []
     for _ in range(12):
@@ -55,14 +43,14 @@ def test_outliers_over_a_wide_cone(noise: PoseNoise) -> None:
         assert set(scene.wrong) <= set(result.outliers)
         assert len(result.outliers) <= len(scene.wrong) + 3
         ours.append(np.linalg.norm(result.tip_mm - scene.tip_mm))
-        peers.append(np.linalg.norm(plain_least_squares(scene.poses) - scene.tip_mm))
+        peers.append(np.linalg.norm(least_squares_pivot(scene.poses) - scene.tip_mm))
     assert max(ours) < (0.3 if noise is POSITION_NOISE else 0.45)
     assert np.mean(ours) < 0.2 * np.mean(peers)
 
 
 @pytest.mark.parametrize("noise", [POSITION_NOISE, EM_NOISE])
-def test_a_narrow_cone_is_refused_and_its_sigma_is_true(noise: PoseNoise) -> None:
-    """However small the RMS: the verdict is no, and the covariance covers the truth."""
+def test_narrow_cone_is_not_accepted_and_its_covariance_holds(noise: PoseNoise) -> None:
+    """Also with a small RMS residual."""
     rng = np.random.default_rng(2)
     covered, rms, trials = 0, [], 40
     for _ in range(trials):
@@ -73,11 +61,11 @@ def test_a_narrow_cone_is_refused_and_its_sigma_is_true(noise: PoseNoise) -> Non
         squared = error @ np.linalg.solve(result.covariance[:3, :3], error)
         covered += bool(squared < chi2.ppf(0.95, 3))
         rms.append(result.rms_mm)
-    assert np.mean(rms) < 0.9, "the residual looks as good as that of a wide cone"
+    assert np.mean(rms) < 0.9, "the residual is as small as that of a wide cone"
     assert covered / trials >= 0.85
 
 
-def test_rotation_noise_does_not_shorten_the_tip() -> None:
+def test_rotation_noise_does_not_bias_the_tip() -> None:
     rng = np.random.default_rng(3)
     ours, peers = [], []
     for _ in range(25):
@@ -85,21 +73,21 @@ def test_rotation_noise_does_not_shorten_the_tip() -> None:
         scene = pivot_scene(rng, 80, cone_deg=35.0, noise=noise)
         along = scene.tip_mm / np.linalg.norm(scene.tip_mm)
         ours.append(float((calibrate_pivot(scene.poses).tip_mm - scene.tip_mm) @ along))
-        peers.append(float((plain_least_squares(scene.poses) - scene.tip_mm) @ along))
+        peers.append(float((least_squares_pivot(scene.poses) - scene.tip_mm) @ along))
     assert np.mean(peers) < -4.0 * np.std(peers) / np.sqrt(len(peers)), (
         "plain least squares is biased towards the sensor"
     )
     assert abs(np.mean(ours)) < 3.0 * np.std(ours) / np.sqrt(len(ours))
 
 
-def test_the_noise_is_told_apart() -> None:
+def test_rotation_and_translation_noise_are_estimated() -> None:
     scene = pivot_scene(np.random.default_rng(4), 1500, cone_deg=60.0, noise=EM_NOISE)
     found = calibrate_pivot(scene.poses).noise
     assert found.rotation_rad == pytest.approx(EM_NOISE.rotation_rad, rel=0.1)
     assert found.translation_mm == pytest.approx(EM_NOISE.translation_mm, rel=0.1)
 
 
-def test_condition_and_swing_stand_beside_the_residual() -> None:
+def test_condition_and_swing_reflect_the_cone() -> None:
     rng = np.random.default_rng(5)
     wide = calibrate_pivot(pivot_scene(rng, 80, cone_deg=90.0, noise=EM_NOISE).poses)
     narrow = calibrate_pivot(pivot_scene(rng, 80, cone_deg=25.0, noise=EM_NOISE).poses)
@@ -109,13 +97,13 @@ def test_condition_and_swing_stand_beside_the_residual() -> None:
     assert narrow.tip_sigma_mm > 2.0 * wide.tip_sigma_mm
 
 
-def test_sigma_over_its_limit_is_refused() -> None:
+def test_sigma_above_its_limit_is_not_accepted() -> None:
     scene = pivot_scene(np.random.default_rng(6), 40, cone_deg=60.0, noise=EM_NOISE)
     result = calibrate_pivot(scene.poses, max_tip_sigma_mm=0.05)
-    assert not result.accepted and "0.05 mm allowed" in result.reason
+    assert not result.accepted and "expected at most 0.05 mm" in result.reason
 
 
-def test_the_tip_frame_has_its_origin_at_the_tip_and_z_along_the_shaft() -> None:
+def test_tip_frame_has_origin_at_the_tip_and_z_along_the_shaft() -> None:
     scene = pivot_scene(np.random.default_rng(7), 40, cone_deg=60.0, noise=None)
     tool_from_tip = calibrate_pivot(scene.poses).tool_from_tip("tool_tip")
     assert (tool_from_tip.target, tool_from_tip.source) == ("tool", "tool_tip")
@@ -124,14 +112,14 @@ def test_the_tip_frame_has_its_origin_at_the_tip_and_z_along_the_shaft() -> None
     np.testing.assert_allclose(tool_from_tip.rotate([0.0, 0, 1]), shaft, atol=1e-9)
 
 
-def test_poses_that_say_nothing_of_the_tip_are_refused_by_name() -> None:
+def test_degenerate_poses_raise_specific_errors() -> None:
     rng = np.random.default_rng(8)
     scene = pivot_scene(rng, 30, cone_deg=60.0, noise=EM_NOISE)
-    with pytest.raises(TooFewError, match="9 poses for a pivot: at least 10"):
+    with pytest.raises(TooFewError, match="9 poses for a pivot; expected at least 10"):
         calibrate_pivot(scene.poses[:9])
     with pytest.raises(DegenerateMotionError, match="one pose repeated"):
         calibrate_pivot([scene.poses[0]] * 30)
-    with pytest.raises(DegenerateMotionError, match="degrees at most: 15 wanted"):
+    with pytest.raises(DegenerateMotionError, match="degrees; expected at least 15"):
         still = pivot_scene(rng, 30, cone_deg=5.0, noise=EM_NOISE, spin_deg=1.0)
         calibrate_pivot(still.poses)
     with pytest.raises(DegenerateMotionError, match="one axis only"):
@@ -146,14 +134,14 @@ def test_poses_that_say_nothing_of_the_tip_are_refused_by_name() -> None:
         calibrate_pivot(scene.poses, max_tip_sigma_mm=0.0)
 
 
-def test_the_noise_of_few_poses_is_not_taken_for_smaller_than_it_is() -> None:
-    """Six numbers are fitted: what they take up of the misfits is given back."""
+def test_noise_estimate_of_few_poses_is_unbiased() -> None:
+    """The estimate accounts for the six fitted parameters."""
     rng = np.random.default_rng(31)
     found = []
     for _ in range(60):
         scene = pivot_scene(rng, 10, cone_deg=60.0, noise=EM_NOISE)
-        poses = PoseStack.of(scene.poses, "a pivot", least=10)
-        noise = with_estimated_noise(poses, linear(poses, NOMINAL_NOISE)).noise
+        poses = PoseStack.from_poses(scene.poses, "a pivot", min_count=10)
+        noise = fit_with_noise_estimate(poses, fit_linear(poses, NOMINAL_NOISE)).noise
         found.append((noise.translation_mm**2, noise.rotation_rad**2))
     expected = np.square([EM_NOISE.translation_mm, EM_NOISE.rotation_rad])
     np.testing.assert_allclose(np.mean(found, axis=0) / expected, 1.0, atol=0.2)

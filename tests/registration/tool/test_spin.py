@@ -1,12 +1,10 @@
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from app.geometry import FloatArray, Transform
+from app.geometry import FloatArray
 from app.registration import (
     DegenerateMotionError,
     NotFiniteError,
@@ -16,28 +14,21 @@ from app.registration import (
     calibrate_pivot,
     calibrate_spin,
 )
+from tests.oracles.registration_tool import eigenvector_spin
 from tests.registration.helpers import pivot_scene
 
 EM_NOISE = PoseNoise.from_rms(rotation_deg=0.3, translation_mm=0.5)
 
 
-def smallest_eigenvector(poses: list[Transform]) -> FloatArray:
-    """The peer's spin: sum of (R - 1)^T (R - 1) over successive poses."""
-    scatter = np.zeros((3, 3))
-    for first, second in pairwise(poses):
-        change = first.rotation.T @ second.rotation - np.eye(3)
-        scatter += change.T @ change
-    return np.linalg.eigh(scatter)[1][:, 0]
-
-
 def angle_deg(one: FloatArray, other: FloatArray) -> float:
+    """Angle in degrees, 0 to 90, between two axes."""
     unit = one / np.linalg.norm(one), other / np.linalg.norm(other)
     return float(np.degrees(np.arcsin(min(1.0, np.linalg.norm(np.cross(*unit))))))
 
 
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), spin=st.floats(15.0, 180.0))
-def test_noise_free_poses_give_the_shaft_and_its_sense(seed: int, spin: float) -> None:
+def test_noise_free_poses_give_the_shaft_with_its_sign(seed: int, spin: float) -> None:
     scene = pivot_scene(np.random.default_rng(seed), 25, cone_deg=0.0, noise=None, spin_deg=spin)
     result = calibrate_spin(scene.poses, tip_mm=scene.tip_mm)
     assert np.abs(result.shaft - scene.tip_mm / np.linalg.norm(scene.tip_mm)).max() < 1e-10
@@ -45,7 +36,7 @@ def test_noise_free_poses_give_the_shaft_and_its_sense(seed: int, spin: float) -
     np.testing.assert_array_equal(backwards.shaft, -result.shaft)
 
 
-def test_noise_and_wrong_poses() -> None:
+def test_wrong_poses_in_noise_are_rejected() -> None:
     rng = np.random.default_rng(1)
     ours, peers = [], []
     for _ in range(25):
@@ -53,7 +44,7 @@ def test_noise_and_wrong_poses() -> None:
         result = calibrate_spin(scene.poses, tip_mm=scene.tip_mm)
         assert result.accepted, result.reason
         ours.append(angle_deg(result.shaft, scene.tip_mm))
-        peers.append(angle_deg(smallest_eigenvector(scene.poses), scene.tip_mm))
+        peers.append(angle_deg(eigenvector_spin(scene.poses), scene.tip_mm))
     assert max(ours) < 0.3 < np.mean(peers)
 
 
@@ -70,19 +61,19 @@ def test_covariance_is_calibrated() -> None:
     assert low < np.mean(errors) < high
 
 
-def test_a_pivot_taken_for_a_spin_is_never_accepted() -> None:
+def test_pivot_motion_is_never_accepted_as_a_spin() -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
         scene = pivot_scene(rng, 60, cone_deg=50.0, noise=EM_NOISE)
         try:
             result = calibrate_spin(scene.poses, tip_mm=scene.tip_mm)
-        except DegenerateMotionError as refusal:
-            assert "not turned about its shaft" in str(refusal)
+        except DegenerateMotionError as error:
+            assert "expected a rotation of the tool about its shaft" in str(error)
         else:
-            assert not result.accepted and "degrees allowed" in result.reason
+            assert not result.accepted and "expected at most 0.5 degrees" in result.reason
 
 
-def test_spin_and_pivot_make_the_tip_frame() -> None:
+def test_pivot_and_shaft_define_the_tip_frame() -> None:
     rng = np.random.default_rng(4)
     pivot = pivot_scene(rng, 60, cone_deg=60.0, noise=None)
     result = calibrate_pivot(pivot.poses)
@@ -91,17 +82,17 @@ def test_spin_and_pivot_make_the_tip_frame() -> None:
     np.testing.assert_allclose(
         tool_from_tip.rotate([0.0, 0, 1]), shaft / np.linalg.norm(shaft), atol=1e-12
     )
-    assert tool_from_tip.rotation[0, 0] > 0.0, "+x stays on the side of the tool's own x-axis"
+    assert tool_from_tip.rotation[0, 0] > 0.0, "+x is on the side of the tool's x-axis"
 
 
-def test_poses_that_say_nothing_of_the_shaft_are_refused_by_name() -> None:
+def test_degenerate_poses_raise_specific_errors() -> None:
     rng = np.random.default_rng(5)
     scene = pivot_scene(rng, 30, cone_deg=0.0, noise=None, spin_deg=60.0)
     with pytest.raises(TooFewError, match="9 poses for a spin"):
         calibrate_spin(scene.poses[:9], tip_mm=scene.tip_mm)
     with pytest.raises(DegenerateMotionError, match="one pose repeated"):
         calibrate_spin([scene.poses[0]] * 20, tip_mm=scene.tip_mm)
-    with pytest.raises(DegenerateMotionError, match="15 wanted"):
+    with pytest.raises(DegenerateMotionError, match="expected at least 15"):
         still = pivot_scene(rng, 30, cone_deg=0.0, noise=EM_NOISE, spin_deg=4.0)
         calibrate_spin(still.poses, tip_mm=scene.tip_mm)
     with pytest.raises(DegenerateMotionError, match="across the line to the tip"):
@@ -120,7 +111,7 @@ def test_poses_that_say_nothing_of_the_shaft_are_refused_by_name() -> None:
         ([[1.0], [2.0, 3.0]], ShapeError),
     ],
 )
-def test_a_tip_that_gives_no_sense_of_the_shaft_is_refused(
+def test_tip_that_does_not_determine_the_sign_is_rejected(
     tip: list[float], error: type[Exception]
 ) -> None:
     scene = pivot_scene(np.random.default_rng(6), 20, cone_deg=0.0, noise=None, spin_deg=60.0)

@@ -9,8 +9,8 @@ from app.registration import (
     CovarianceError,
     RegistrationResult,
     ShapeError,
+    evaluate_acceptance,
     given_registration,
-    judge,
 )
 
 
@@ -31,7 +31,7 @@ def build(**changes: object) -> RegistrationResult:
     return RegistrationResult(**{**values, **changes})  # type: ignore[arg-type]
 
 
-def test_arrays_are_copies_that_cannot_be_written() -> None:
+def test_arrays_are_read_only_copies() -> None:
     residuals = np.zeros(4)
     result = build(residuals_mm=residuals)
     residuals[0] = 9.0
@@ -43,7 +43,7 @@ def test_arrays_are_copies_that_cannot_be_written() -> None:
         result.accepted = False  # type: ignore[misc]
 
 
-def test_used_leaves_out_the_outliers() -> None:
+def test_used_excludes_outliers() -> None:
     assert build().used == (0, 1, 3)
 
 
@@ -58,7 +58,7 @@ def test_used_leaves_out_the_outliers() -> None:
         ({"reason": ""}, ShapeError),
     ],
 )
-def test_inconsistent_results_are_refused(
+def test_inconsistent_results_are_rejected(
     change: dict[str, object], error: type[Exception]
 ) -> None:
     with pytest.raises(error):
@@ -66,15 +66,15 @@ def test_inconsistent_results_are_refused(
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
-def test_limits_are_checked(bad: float) -> None:
+def test_limits_are_validated(bad: float) -> None:
     with pytest.raises(ShapeError, match="tre_mm"):
         AcceptanceLimits(tre_mm=bad)
     with pytest.raises(ShapeError, match="leave_one_out_mm"):
         AcceptanceLimits(leave_one_out_mm=bad)
 
 
-def test_correlations_that_contradict_each_other_are_no_covariance() -> None:
-    """Rad and mm of very different sizes: the first two agree, and the third goes with one only."""
+def test_inconsistent_correlations_are_rejected() -> None:
+    """The scales of rad and mm differ; the third correlation contradicts the first two."""
     sigmas = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0])
     correlations = np.eye(6)
     correlations[:3, :3] = [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]
@@ -86,29 +86,31 @@ def test_correlations_that_contradict_each_other_are_no_covariance() -> None:
     assert build(covariance=np.zeros((6, 6))).covariance is not None
 
 
-def test_the_worst_target_decides() -> None:
-    """A turn of 0.1 rad about z: nothing on the axis, 10 mm a decimetre from it."""
+def test_worst_target_decides_acceptance() -> None:
+    """A rotation of 0.1 rad about z: no error on the axis, 10 mm at a distance of 100 mm."""
     turning = build(covariance=np.diag([0.0, 0.0, 0.01, 0.0, 0.0, 0.0]))
     limits = AcceptanceLimits(tre_mm=5.0)
-    assert judge(turning, [[0.0, 0.0, 50.0]], limits).accepted
-    verdict = judge(turning, [[0.0, 0.0, 50.0], [0.0, 100.0, 0.0]], limits)
-    assert not verdict.accepted
-    assert verdict.reason == (
-        "predicted TRE may be 10 mm RMS (95 %) at target 1 (0.0, 100.0, 0.0), 5 mm allowed"
+    assert evaluate_acceptance(turning, [[0.0, 0.0, 50.0]], limits).accepted
+    evaluated = evaluate_acceptance(turning, [[0.0, 0.0, 50.0], [0.0, 100.0, 0.0]], limits)
+    assert not evaluated.accepted
+    assert evaluated.reason == (
+        "predicted TRE may be 10 mm RMS (95 %) at target 1 (0.0, 100.0, 0.0); expected at most 5 mm"
     )
 
 
-def test_an_error_that_overflows_is_not_accepted() -> None:
-    """Infinite less infinite is no number, and no number is above no limit."""
+def test_overflowing_error_is_not_accepted() -> None:
+    """The difference of two infinities is NaN, which is not above any limit."""
     covariance = 100.0 * np.eye(6)
     covariance[1, 5] = covariance[5, 1] = 50.0
     covariance[2, 4] = covariance[4, 2] = -50.0
     with np.errstate(over="ignore", invalid="ignore"):
-        verdict = judge(build(covariance=covariance), [[1.7e308, 0.0, 0.0]], AcceptanceLimits())
-    assert not verdict.accepted
+        evaluated = evaluate_acceptance(
+            build(covariance=covariance), [[1.7e308, 0.0, 0.0]], AcceptanceLimits()
+        )
+    assert not evaluated.accepted
 
 
-def test_a_given_registration_cannot_be_judged() -> None:
+def test_given_registration_cannot_be_evaluated() -> None:
     given = given_registration(Transform.identity("fixed", "moving"))
     with pytest.raises(CovarianceError):
-        judge(given, [[0.0, 0.0, 0.0]], AcceptanceLimits())
+        evaluate_acceptance(given, [[0.0, 0.0, 0.0]], AcceptanceLimits())

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.geometry import FloatArray, Transform
+from app.geometry import Transform
 from app.registration import (
     CollinearPointsError,
     CovarianceError,
@@ -17,32 +17,20 @@ from app.registration import (
     tre_upper_bound,
 )
 from app.registration.points.rigid_fit import PairNoise, fit_rigid
+from tests.oracles.registration_tre import fitzpatrick_tre
 from tests.registration.helpers import draw, random_covariances, random_layout, random_transform
 
 FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
 
 
-def fitzpatrick(landmarks: FloatArray, targets: FloatArray, fle_mm: float) -> FloatArray:
-    """The published formula, written out on the principal axes."""
-    centred = landmarks - landmarks.mean(axis=0)
-    axes = np.linalg.svd(centred)[2]
-
-    def squared_distances(points: FloatArray) -> FloatArray:
-        along = (points - landmarks.mean(axis=0)) @ axes.T
-        return np.sum(along**2, axis=1, keepdims=True) - along**2
-
-    ratio = squared_distances(targets) / squared_distances(landmarks).mean(axis=0)
-    return np.sqrt(fle_mm**2 / len(landmarks) * (1.0 + ratio.sum(axis=1) / 3.0))
-
-
-def test_equal_isotropic_noise_is_fitzpatricks_formula() -> None:
+def test_isotropic_noise_agrees_with_fitzpatricks_formula() -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
         landmarks = random_layout(rng, int(rng.integers(3, 10)))
         targets = landmarks.mean(axis=0) + rng.normal(scale=80.0, size=(5, 3))
         fle = rng.uniform(0.1, 2.0)
         noise = fle**2 / 3.0 * np.eye(3)
-        expected = fitzpatrick(landmarks, targets, fle)
+        expected = fitzpatrick_tre(landmarks, targets, fle)
         moving = random_transform(rng).inverse().apply(landmarks)
         result = register_points(landmarks, moving, covariances_mm2=noise, **FRAMES)
         np.testing.assert_allclose(predict_tre(result, targets), expected, rtol=1e-9)
@@ -51,7 +39,7 @@ def test_equal_isotropic_noise_is_fitzpatricks_formula() -> None:
             np.testing.assert_allclose(planned, expected, rtol=1e-9)
 
 
-def test_sigma_is_the_root_of_the_covariances_trace() -> None:
+def test_sigma_is_the_square_root_of_the_trace_of_the_covariance() -> None:
     rng = np.random.default_rng(4)
     for _ in range(20):
         landmarks = random_layout(rng, 6)
@@ -68,7 +56,7 @@ def test_sigma_is_the_root_of_the_covariances_trace() -> None:
 
 @pytest.mark.parametrize("matched", [True, False])
 def test_anisotropic_noise_agrees_with_monte_carlo(matched: bool) -> None:
-    """A short form of the benchmark, which does 100 layouts of both kinds."""
+    """The benchmark tests 100 layouts of both kinds."""
     rng = np.random.default_rng(2)
     for _ in range(2):
         landmarks = random_layout(rng, 6)
@@ -76,14 +64,14 @@ def test_anisotropic_noise_agrees_with_monte_carlo(matched: bool) -> None:
         target = landmarks.mean(axis=0) + rng.normal(scale=80.0, size=(1, 3))
         planned = predict_layout_tre(landmarks, target, noise, matched_weights=matched)
         squared = []
-        known = PairNoise.of(noise, None, 6) if matched else None
+        known = PairNoise.from_covariances(noise, None, 6) if matched else None
         for _ in range(800):
             answer = fit_rigid(landmarks + draw(rng, noise), landmarks, known, "fixed", "moving")
             squared.append(np.sum((answer.apply(target) - target) ** 2))
         assert 0.92 < planned[0] / np.sqrt(np.mean(squared)) < 1.08
 
 
-def test_matched_weights_never_do_worse() -> None:
+def test_matched_weights_are_never_worse() -> None:
     rng = np.random.default_rng(3)
     for _ in range(30):
         landmarks = random_layout(rng, 7)
@@ -94,37 +82,37 @@ def test_matched_weights_never_do_worse() -> None:
         assert np.all(matched <= equal * (1.0 + 1e-9))
 
 
-def test_upper_bound_holds_as_often_as_it_says() -> None:
-    """Three points, 3 degrees of freedom: the bound on sigma is above the truth in 95 %."""
+def test_upper_bound_has_its_stated_confidence() -> None:
+    """Three points, 3 degrees of freedom: the bound is above the true sigma in 95 %."""
     rng = np.random.default_rng(4)
     landmarks = np.array([[0, 0, 0], [90, 0, 0], [0, 70, 0]], dtype=float)
     target = np.array([[30.0, 20.0, -60.0]])
     truth = predict_layout_tre(landmarks, target, 0.09 * np.eye(3), matched_weights=True)[0]
-    held, below = 0, 0
+    covered, below = 0, 0
     for _ in range(1000):
         fixed = landmarks + rng.normal(scale=0.3, size=(3, 3))
         result = register_points(fixed, landmarks, **FRAMES)
-        held += bool(tre_upper_bound(result, target)[0] > truth)
+        covered += bool(tre_upper_bound(result, target)[0] > truth)
         below += bool(predict_tre(result, target)[0] < truth)
-    assert 0.93 < held / 1000 < 0.97
-    assert below > 500, "the plain estimate is too small more often than not"
+    assert 0.93 < covered / 1000 < 0.97
+    assert below > 500, "the plain estimate is too small in most cases"
 
 
-def test_prediction_does_not_depend_on_where_the_origin_is() -> None:
+def test_prediction_does_not_depend_on_the_origin() -> None:
     rng = np.random.default_rng(5)
     moving = random_layout(rng, 6)
     noise = random_covariances(rng, 6)
     fixed = moving + draw(rng, noise)
-    away = np.array([5000.0, -3000.0, 800.0])
+    offset = np.array([5000.0, -3000.0, 800.0])
     target = moving.mean(axis=0)[None] + 40.0
     near = register_points(fixed, moving, covariances_mm2=noise, **FRAMES)
-    far = register_points(fixed + away, moving, covariances_mm2=noise, **FRAMES)
+    far = register_points(fixed + offset, moving, covariances_mm2=noise, **FRAMES)
     np.testing.assert_allclose(
-        predict_tre(near, target), predict_tre(far, target + away), rtol=1e-6
+        predict_tre(near, target), predict_tre(far, target + offset), rtol=1e-6
     )
 
 
-def test_a_given_registration_has_no_predicted_error() -> None:
+def test_given_registration_has_no_predicted_error() -> None:
     turn = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
     given = given_registration(Transform("reference", "robot_base", turn, np.array([1.0, 2, 3])))
     assert given.accepted and given.covariance is None and given.fre_mm is None
@@ -141,7 +129,7 @@ def test_a_given_registration_has_no_predicted_error() -> None:
         ([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0], [90.0, 0.1, 0.0]], CollinearPointsError),
     ],
 )
-def test_a_layout_that_holds_nothing_is_refused_by_name(landmarks, error):
+def test_degenerate_layout_is_rejected(landmarks, error):
     for matched in (True, False):
         with pytest.raises(error):
             predict_layout_tre(landmarks, [[0, 0, 9]], np.eye(3), matched_weights=matched)
