@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from app.bridge import ReplayScene, RosNode, topics
+from app.bridge import RosNode, topics
 from app.bridge.control import ConstraintStream
 from app.bridge.control.constraint_stream import RawPublisher
 from app.bridge.publishing.constraint import ConstraintBuilder
-from app.case import open_case
-from app.session import Session, setup_from_case
+from app.runtime import prepare_case
+from app.session import Session
 from benchmarks.rate import RATE_HZ, Times
 
 
@@ -38,12 +38,12 @@ class NotedPublisher:
 
 
 def main() -> int:
-    folder, seconds, case = Path(sys.argv[1]), float(sys.argv[2]), open_case(Path(sys.argv[3]))
-    setup = setup_from_case(case)
-    frames = list(case.frames())
+    folder, seconds, case = Path(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3])
+    prepared = prepare_case(case)
+    setup = prepared.setup
+    frames = list(prepared.case.frames())
     steps = 0
-    scene = ReplayScene(setup.static_edges, case.tumor_mesh(), None, setup.margins)
-    builder = ConstraintBuilder(scene)
+    builder = ConstraintBuilder(prepared.content)
     session = Session(setup)
     for frame in frames[:50]:
         builder.message(session.step(frame).decision)  # kernels are compiled before the run

@@ -19,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from app.case import TrackingFrame, open_case
+from app.case import TrackingFrame
 from app.fixture import MarginState, Proximity, SweptProximity
 from app.geometry import FloatArray, Stamp, Transform
-from app.session import ProximityModel, Session, SessionSetup, setup_from_case
+from app.runtime import prepare_case
+from app.session import ProximityModel, Session, SessionSetup
 from benchmarks.case_options import case_options
 from benchmarks.session_trajectory import Trajectory
 
@@ -192,10 +193,9 @@ def failures(figures: Figures) -> list[str]:
 
 def main() -> int:
     options = case_options("session", __doc__)
-    case = open_case(options.case)
-    setup = setup_from_case(case)
-    source = Trajectory(list(case.frames()), RATE_HZ)
-    figures = measure(setup, source, max(1, round(options.seconds * RATE_HZ)))
+    prepared = prepare_case(options.case)
+    source = Trajectory(list(prepared.case.frames()), RATE_HZ)
+    figures = measure(prepared.setup, source, max(1, round(options.seconds * RATE_HZ)))
     print(f"{figures.steps} steps at {RATE_HZ} Hz      p50 ms   p99 ms   max ms")
     for name, spread in (
         ("step, thread CPU time", figures.step_cpu),

@@ -34,7 +34,7 @@ MAY_IMPORT = {
         "igtl",
     },
     "scene": {"geometry", "files", "robot", "fixture", "session", "runtime"},
-    "report": {"geometry", "files", "registration", "case", "fixture", "session"},
+    "report": {"geometry", "files", "registration", "case", "fixture", "session", "runtime"},
     "viewer": {
         "geometry",
         "registration",

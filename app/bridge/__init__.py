@@ -9,17 +9,15 @@ from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.frame_tree import PublishPolicy
-from app.bridge.publishing.replay_scene import ReplayScene, root_edges, scene_of
 from app.bridge.publishing.session_publisher import SessionPublisher
+from app.bridge.replay_node import replay_node
 
 __all__ = [
     "BridgeError",
     "PlayerServices",
     "PublishPolicy",
-    "ReplayScene",
     "RosNode",
     "SessionPublisher",
     "prepare_environment",
-    "root_edges",
-    "scene_of",
+    "replay_node",
 ]

@@ -3,15 +3,17 @@
 from typing import TYPE_CHECKING
 
 from app.cli.keyframes import Reel
+from app.runtime import PassiveOutput
 
 if TYPE_CHECKING:
     from app.fixture import MarginState, Reason
     from app.geometry import TrackedTransform
+    from app.runtime import StepTiming
     from app.session import StepResult
 
 
-class SceneLog:
-    """Filled step by step; what is not wanted is not kept."""
+class SceneLog(PassiveOutput):
+    """`Output` that keeps of every step what the scene file and the movie need."""
 
     def __init__(self, *, recording: bool, pictures: int | None) -> None:
         """``pictures``: how many the movie may have; None for no movie."""
@@ -23,8 +25,8 @@ class SceneLog:
         self._reel = None if pictures is None else Reel(pictures)
         self.first_ns: int | None = None
 
-    def add(self, step: "StepResult") -> None:
-        """Keep what is wanted of ``step``."""
+    def publish(self, step: "StepResult", timing: "StepTiming") -> bool:
+        """Keep what scene file and movie need of ``step``."""
         if self.first_ns is None:
             self.first_ns = step.frame.stamp.ns
         if self._keeps_recording:
@@ -34,6 +36,7 @@ class SceneLog:
             self.states.append((step.frame.stamp.ns, decision.state, decision.reasons))
         if self._reel is not None:
             self._reel.add(step)
+        return True
 
     def keyframes(self) -> list[tuple[float, "StepResult"]]:
         """The steps of the movie with their times in s from the first frame."""

@@ -1,14 +1,11 @@
-"""Cases that another process asks for: opened below one folder, played as ``replay`` plays them."""
+"""Recorded cases that other processes open and replay, below one folder."""
 
-import argparse
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.publishing import publishing
 from app.geometry import NS_PER_S, InputError
 
 if TYPE_CHECKING:
@@ -18,66 +15,60 @@ if TYPE_CHECKING:
         ReplayProgress,
         ReplayTotals,
     )
-    from app.case import Case
-    from app.session import SessionSetup
-
-
-@dataclass(frozen=True, slots=True)
-class _Opened:
-    folder: str
-    case: "Case"
-    setup: "SessionSetup"
-    facts: "CaseInfo"
+    from app.runtime import PreparedCase
 
 
 class ServedCases:
-    """Cases below ``root``: whoever asks over the network may open no other.
+    """Cases below ``root``: a request over the network can open no other.
 
-    The case that was opened last stays open. A replay keeps the one that it began with.
+    The case that was opened last stays open. A replay keeps the one that it started with.
     """
 
     def __init__(self, root: Path, *, package_dirs: Sequence[Path], tip_only: bool) -> None:
         if not root.is_dir():
-            raise InputError(f"{root} is no folder of cases")
+            raise InputError(f"{root}: not found; expected a folder of cases")
         self._root = root
         self._package_dirs = tuple(package_dirs)
         self._tip_only = tip_only
         self._lock = threading.Lock()
-        self._opened: _Opened | None = None
+        self._folder = ""
+        self._opened: PreparedCase | None = None
 
     def load(self, folder: str) -> "CaseInfo":
-        """Open the case; empty: the one that is open. Raises `InputError` where there is none."""
-        return self._open(folder).facts
+        """Open the case; an empty name means the open one. Raises `InputError` without a case."""
+        from app.bridge.calls.replay_server import CaseInfo
+
+        opened = self._open(folder)
+        return CaseInfo(opened.content.name, opened.extent.frames, opened.extent.duration_s)
 
     def play(
         self,
         part: "ReplayPart",
-        tell: Callable[["ReplayProgress"], None],
+        report: Callable[["ReplayProgress"], None],
         stops: Callable[[Callable[[], None]], None],
     ) -> "ReplayTotals":
-        """Play ``part`` over ROS, calling ``tell`` at every frame, until it ends or is stopped."""
+        """Replay ``part`` over ROS, calling ``report`` at every frame, until its end or a stop."""
+        from app.bridge import replay_node
         from app.bridge.calls.replay_server import ReplayProgress, ReplayTotals
-        from app.case import Player
         from app.report import ReplayLog, find_breaches
-        from app.session import Session
+        from app.runtime import ReplayRun
 
-        opened = self._open(part.folder)
-        player = Player(opened.case.frames, clock_ns=time.monotonic_ns, rate=part.rate)
-        player.seek(part.start_s)
-        stops(player.stop)
-        session, log = Session(opened.setup), ReplayLog()
-        first_ns = next(opened.case.frames()).stamp.ns
-        options = argparse.Namespace(no_ros=False, tip_only=self._tip_only, rate=part.rate)
-        with publishing(opened.case, opened.setup, player, options) as publish:
-            for frame in player.play():
-                time_s = (frame.stamp.ns - first_ns) / NS_PER_S
-                if time_s > part.end_s:
-                    break
-                step = session.step(frame)
-                publish(step)
-                log.add(step, 0)
+        opened, log = self._open(part.folder), ReplayLog()
+        run = ReplayRun(
+            opened,
+            clock_ns=time.monotonic_ns,
+            rate=part.rate,
+            start_s=part.start_s,
+            end_s=part.end_s,
+            outputs=(log,),
+        )
+        stops(run.stop)
+        first_ns = opened.extent.first_ns
+        with replay_node(run, real_time=part.rate is not None):
+            for step in run.steps():
+                time_s = (step.frame.stamp.ns - first_ns) / NS_PER_S
                 row = log.rows[-1]
-                tell(ReplayProgress(time_s, len(log.rows), row.state, row.signed_distance_mm))
+                report(ReplayProgress(time_s, len(log.rows), row.state, row.signed_distance_mm))
         distances = [row.signed_distance_mm for row in log.rows]
         return ReplayTotals(
             frames=len(log.rows),
@@ -85,26 +76,19 @@ class ServedCases:
             min_signed_distance_mm=min((d for d in distances if d is not None), default=None),
         )
 
-    def _open(self, folder: str) -> _Opened:
+    def _open(self, folder: str) -> "PreparedCase":
         with self._lock:
-            if self._opened is None or folder not in ("", self._opened.folder):
-                self._opened = self._read(folder)
+            if self._opened is None or folder not in ("", self._folder):
+                self._opened, self._folder = self._read(folder), folder
             return self._opened
 
-    def _read(self, folder: str) -> _Opened:
-        from app.bridge.calls.replay_server import CaseInfo
-        from app.case import open_case
+    def _read(self, folder: str) -> "PreparedCase":
         from app.files.paths import resolve_inside
-        from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
+        from app.runtime import prepare_case
 
         if not folder:
-            raise InputError("no case is open: its folder wanted")
+            raise InputError("case_folder is empty: no case is open; expected the folder of a case")
         path = resolve_inside(self._root, folder, "case_folder")
-        opened = open_case(path, package_dirs=self._package_dirs)
-        case, _ = with_estimated_clock(with_repaired_tumor(opened))
-        setup = setup_from_case(case, tip_only=self._tip_only)
-        stamps = [frame.stamp.ns for frame in case.frames()]
-        if not stamps:
-            raise InputError(f"the recording of {path} has no frame")
-        facts = CaseInfo(case.manifest.name, len(stamps), (stamps[-1] - stamps[0]) / NS_PER_S)
-        return _Opened(folder, case, setup, facts)
+        prepared = prepare_case(path, package_dirs=self._package_dirs, tip_only=self._tip_only)
+        _ = prepared.extent  # read now, so that an empty recording is refused here
+        return prepared

@@ -1,4 +1,4 @@
-"""The steps of a live session that are worth a line to a person who watches."""
+"""Select the steps of a live session that deserve a line on the terminal."""
 
 from collections.abc import Iterable, Iterator
 
@@ -7,35 +7,35 @@ from app.geometry import NS_PER_S
 from app.session import StepResult
 
 LASTED_NS = 2 * NS_PER_S
-"""For so long, by the frames' stamps, have reasons to be better than those that were told last."""
+"""Better reasons are printed after they have lasted this long, by the stamps of the frames."""
 
 _RANK = {reason: rank for rank, reason in enumerate(Reason)}
 
 
-def news(steps: Iterable[StepResult]) -> Iterator[StepResult]:
-    """Those with another state or hold, or worse reasons, at once; better reasons late.
+def state_changes(steps: Iterable[StepResult]) -> Iterator[StepResult]:
+    """Yield steps with another state or hold, or worse reasons, at once; better reasons late.
 
-    Close to a bound the reasons change at every other frame while state and hold stay. So what
-    was told last holds, or is worse than what has held since, for `LASTED_NS` at most.
+    Close to a threshold the reasons change at every other frame while state and hold stay. The
+    line that was printed last is therefore true, or worse than the truth for at most `LASTED_NS`.
     """
-    told: FixtureDecision | None = None
+    printed: FixtureDecision | None = None
     better_since_ns: int | None = None
     for step in steps:
         decision, now_ns = step.decision, step.frame.stamp.ns
-        if told is not None and (decision.state, decision.hold) == (told.state, told.hold):
-            badness, badness_told = _badness(decision), _badness(told)
-            if badness == badness_told:
+        if printed is not None and (decision.state, decision.hold) == (printed.state, printed.hold):
+            severity, severity_printed = _severity(decision), _severity(printed)
+            if severity == severity_printed:
                 better_since_ns = None
                 continue
-            if badness < badness_told:
+            if severity < severity_printed:
                 if better_since_ns is None or now_ns < better_since_ns:  # the clock went back
                     better_since_ns = now_ns
                 if now_ns - better_since_ns < LASTED_NS:
                     continue
-        told, better_since_ns = decision, None
+        printed, better_since_ns = decision, None
         yield step
 
 
-def _badness(decision: FixtureDecision) -> tuple[int, ...]:
-    """Larger for worse reasons: the worst of them first, then for more of them."""
+def _severity(decision: FixtureDecision) -> tuple[int, ...]:
+    """Larger for worse reasons: compares the worst reason first, then the number of reasons."""
     return tuple(-_RANK[reason] for reason in decision.reasons)

@@ -2,7 +2,7 @@ from .breaches import Breach, find_breaches
 from .checks import Check, check_expected
 from .errors import ReportError
 from .margin_csv import margin_csv
-from .record import ReplayLog, ReplayRecord
+from .record import ReplayLog, ReplayRecord, record_of
 from .rows import ReportRow
 from .summary import all_passed, summarise
 from .write import REPORT_FILES, check_writable, write_report
@@ -20,6 +20,7 @@ __all__ = [
     "check_writable",
     "find_breaches",
     "margin_csv",
+    "record_of",
     "summarise",
     "write_report",
 ]

@@ -1,35 +1,34 @@
 """Input of a report: the results of a replay."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 
 from app.case import Expected
-from app.fixture import MarginParameters
+from app.fixture import MarginParameters, MarginState
 from app.registration import RegistrationResult
 from app.report.rows import ReportRow
+from app.runtime import PassiveOutput, ReplayRun, StepTiming
 from app.session import StepResult
 
 
 @dataclass(slots=True)
-class ReplayLog:
-    """Collects the steps of a replay while it runs.
-
-    Keeps a `ReportRow` of every step, and the `StepResult` of the deepest one for its picture.
-    """
+class ReplayLog(PassiveOutput):
+    """`Output` that keeps a `ReportRow` of every step, and the whole of the deepest step."""
 
     rows: list[ReportRow] = field(default_factory=list)
     durations_ns: list[int] = field(default_factory=list)
     deepest: StepResult | None = None
     _deepest_mm: float | None = None
 
-    def add(self, step: StepResult, duration_ns: int) -> None:
-        """Add ``step``, which took ``duration_ns`` to compute."""
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Keep the row of ``step`` and the time that it took to compute."""
         row = ReportRow.from_step(step)
         self.rows.append(row)
-        self.durations_ns.append(duration_ns)
+        self.durations_ns.append(timing.duration_ns)
         distance = row.signed_distance_mm
         if distance is not None and (self._deepest_mm is None or distance < self._deepest_mm):
             self._deepest_mm, self.deepest = distance, step
+        return True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,3 +49,42 @@ class ReplayRecord:
     durations_ns: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     tip_only: bool = False
+
+
+def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
+    """The record of ``run``, whose steps ``log`` has received."""
+    prepared = run.prepared
+    case, setup = prepared.case, prepared.setup
+    clock = prepared.clock
+    estimated = () if clock is None else (f"offset of the joints' clock: {clock.reason}",)
+    return ReplayRecord(
+        case=case.manifest.name,
+        provenance=asdict(case.manifest.provenance),
+        rows=tuple(log.rows),
+        margins=setup.margins,
+        registration=None if setup.robot is None else setup.robot.registration,
+        expected=case.expected(),
+        durations_ns=tuple(log.durations_ns),
+        notes=(*estimated, *case.notes(), *_notes_of(run, log)),
+        tip_only=prepared.tip_only,
+    )
+
+
+def _notes_of(run: ReplayRun, log: ReplayLog) -> Iterator[str]:
+    """What a reader of the report should know, though it is no error."""
+    session = run.session
+    if all(row.state is MarginState.UNKNOWN for row in log.rows):
+        frames = ", ".join(session.known_frames) or "none"
+        yield f"no frame was valid; the recording has the frames {frames}"
+    for target, source in session.never_changed:
+        yield f"{target} -> {source} never changed: taken for a fixed transform"
+    robot = session.setup.robot
+    if robot is None:
+        if run.prepared.case.manifest.registration is not None:
+            yield "registration is given, but there is no robot to register: it is not used"
+        return
+    yield from robot.robot.warnings
+    if session.frames_problem:
+        yield session.frames_problem
+    for problem, count in run.robot_problems.items():
+        yield f"robot not shown in {count} of {len(log.rows)} frames: {problem}"

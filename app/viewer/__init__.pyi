@@ -4,12 +4,14 @@ from .errors import ViewerError
 from .readout.timeline import LiveTimeline, ReplayTimeline
 from .server import Title, Viewer
 from .steps.feeds import LiveFeed, ReplayFeed
+from .steps.live_output import LiveOutput
 from .steps.margin_surface import stop_surface
 from .steps.view_state import ViewState, Watcher
 
 __all__ = [
     "Address",
     "LiveFeed",
+    "LiveOutput",
     "LiveTimeline",
     "ReplayFeed",
     "ReplayTimeline",

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from app.bridge.latest_value import SWITCH_INTERVAL_S
+from app.runtime.latest_value import SWITCH_INTERVAL_S
 from benchmarks.latency.results import Run
 from benchmarks.latency.ways import Kind, Way
 

@@ -51,7 +51,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         """Make the panel and the default ROS node; without ROS it is one line that says why."""
         ScriptedLoadableModuleWidget.setup(self)
         try:
-            from app.bridge.latest_value import SWITCH_INTERVAL_S
+            from app.runtime.latest_value import SWITCH_INTERVAL_S
             from ROS2Lib.logic import Ros2Api, offer_classes
         except ImportError as error:
             self.layout.addWidget(

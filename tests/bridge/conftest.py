@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.bridge.publishing.replay_scene import ReplayScene
 from app.case.frames.samples import JointSample, TrackingFrame
 from app.fixture import (
     AppliedMargin,
@@ -26,11 +25,11 @@ from app.fixture import (
     Reason,
     Witnesses,
 )
-from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
-from app.registration import given_registration
+from app.geometry import Stamp, TrackedTransform, TrackingStatus, Transform
+from app.runtime import SessionContent
 from app.session import StepResult
-from tests.doubles import PARAMETERS
 from tests.ros_domain import domain_id as domain_id
+from tests.session_content import ONE_LINK_URDF, one_link_content
 
 HERE = Path(__file__).resolve().parent
 RECEIVER = HERE / "receiver.py"
@@ -172,27 +171,14 @@ def start_cyclone(start_receiver: StartReceiver) -> StartReceiver:
 
 START_NS = 1_700_000_000_000_000_001
 FRAME_NS = 20_000_000
-TETRAHEDRON = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]], dtype=float)
-FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 
 @pytest.fixture
-def scene() -> ReplayScene:
+def content(tmp_path: Path) -> SessionContent:
     """A tetrahedron for a tumour and a smaller one for a tool, a robot whose root has a name."""
-    registration = Transform("reference", "robot_base", np.eye(3), [500.0, 0.0, -250.0])
-    return ReplayScene(
-        static_edges=(
-            Transform("cautery", "cautery_tip", np.eye(3), [0.0, 0.0, 120.0]),
-            Transform("needle", "tumor", np.eye(3), [1.0, 2.0, 3.0]),
-            registration,
-            Transform.identity("robot_base", "base_link"),
-        ),
-        tumor=SurfaceMesh("tumor", TETRAHEDRON, FACES),
-        tool=SurfaceMesh("cautery_tip", TETRAHEDRON / 10.0, FACES),
-        margins=PARAMETERS,
-        robot_description="<robot name='arm'><link name='base_link'/></robot>",
-        registration=given_registration(registration),
-    )
+    urdf = tmp_path / "one_link.urdf"
+    urdf.write_text(ONE_LINK_URDF)
+    return one_link_content(urdf)
 
 
 MakeStep = Callable[..., StepResult]

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.case import TrackingFrame
-from app.cli.state_changes import news
+from app.cli.state_changes import state_changes
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp
 from app.session import StepResult
@@ -49,7 +49,7 @@ def steps_of(decisions: Iterable[FixtureDecision], frame_ns: int = FRAME_NS) -> 
 
 
 def told(steps: Sequence[StepResult]) -> list[tuple[Reason, ...]]:
-    return [step.decision.reasons for step in news(steps)]
+    return [step.decision.reasons for step in state_changes(steps)]
 
 
 def test_a_tool_that_trembles_at_the_warning_distance_is_told_once() -> None:
@@ -88,7 +88,7 @@ def test_better_reasons_are_told_once_they_have_lasted() -> None:
     worse = decided(Reason.STOP_DISTANCE, Reason.WARNING_DISTANCE)
     better = decided(Reason.WARNING_DISTANCE)
     steps = steps_of([worse] + [better] * 200)
-    late = list(news(steps))[1]
+    late = list(state_changes(steps))[1]
     assert late.decision is better
     assert late.frame.stamp.ns == FRAME_NS + 2 * NS_PER_S
     assert len(told(steps)) == 2
@@ -122,7 +122,7 @@ def test_nobody_is_left_with_less_than_what_holds(runs) -> None:
         for _ in range(times)
     ]
     steps = steps_of(decisions, NS_PER_S // 4)
-    lines = {id(line) for line in news(steps)}
+    lines = {id(line) for line in state_changes(steps)}
     last, since_ns = None, 0
     for one in steps:
         now, ns = one.decision, one.frame.stamp.ns
@@ -140,5 +140,5 @@ def test_nobody_is_left_with_less_than_what_holds(runs) -> None:
 @given(st.lists(st.booleans(), max_size=200), st.integers(1, NS_PER_S))
 def test_two_reasons_in_any_order_make_a_line_a_second_at_most(turns, frame_ns) -> None:
     kinds = (decided(Reason.WARNING_DISTANCE), decided(Reason.RELEASING))
-    lines = list(news(steps_of([kinds[turn] for turn in turns], frame_ns)))
+    lines = list(state_changes(steps_of([kinds[turn] for turn in turns], frame_ns)))
     assert len(lines) <= 2 + len(turns) * frame_ns / NS_PER_S

@@ -7,6 +7,7 @@ import pytest
 from app.fixture import AppliedMargin, FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import Stamp, Transform
 from app.report import ReplayLog, ReportError, ReportRow
+from app.runtime import StepTiming
 
 
 def step(distance_mm: float | None, *, ns: int = 5, tip: bool = True) -> SimpleNamespace:
@@ -65,7 +66,7 @@ def test_log_keeps_the_deepest_step_only() -> None:
     log = ReplayLog()
     steps = [step(distance) for distance in (3.0, None, -2.0, -1.0)]
     for number, one in enumerate(steps):
-        log.add(one, 100 + number)
+        log.publish(one, StepTiming(duration_ns=100 + number))
     assert log.deepest is steps[2]
     assert log.durations_ns == [100, 101, 102, 103]
     assert [row.signed_distance_mm for row in log.rows] == [3.0, None, -2.0, -1.0]
@@ -73,5 +74,5 @@ def test_log_keeps_the_deepest_step_only() -> None:
 
 def test_log_without_a_distance_has_no_deepest_step() -> None:
     log = ReplayLog()
-    log.add(step(None), 1)
+    log.publish(step(None), StepTiming(duration_ns=1))
     assert log.deepest is None

@@ -19,8 +19,8 @@ CASE = Path(__file__).resolve().parents[2] / "data" / "recorded_case"
 if str(FOLDER) not in sys.path:
     sys.path.insert(0, str(FOLDER))  # as Slicer does with --additional-module-paths
 
+from app.runtime import PreparedCase, prepare_case  # noqa: E402
 from app.scene import SceneApplication  # noqa: E402
-from MarginGuardLib.replay_steps import OpenedCase, open_recorded  # noqa: E402
 
 PATIENCE_SPINS = 6000
 """Of 20 ms each: a first run compiles for a minute."""
@@ -33,9 +33,9 @@ def application() -> SceneApplication:
 
 
 @functools.cache
-def opened_case() -> OpenedCase:
+def opened_case() -> PreparedCase:
     """The recorded case, opened once; nothing in it changes."""
-    return open_recorded(CASE)
+    return prepare_case(CASE)
 
 
 def spin_until(guard: Any, wanted: Callable[[Any], bool]) -> Any:

@@ -91,10 +91,10 @@ def test_a_configuration_that_is_wrong_is_one_line(guard, tmp_path):
         guard.set_margins(1.0, 5.0)
 
 
-class WaitingSteps:
+class WaitingRun:
     """TEST DOUBLE: a live session whose tracker says nothing."""
 
-    changes = None
+    commands = None
 
     def __init__(self, config):
         self._halted = threading.Event()
@@ -103,7 +103,7 @@ class WaitingSteps:
         self._halted.wait()
         yield from ()
 
-    def halt(self):
+    def stop(self):
         self._halted.set()
 
 
@@ -114,8 +114,8 @@ def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(guard, mo
         go_on.wait()
         opened.set()
 
-    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", open_slowly)
-    monkeypatch.setattr("MarginGuardLib.logic.LiveSteps", WaitingSteps)
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", open_slowly)
+    monkeypatch.setattr("MarginGuardLib.logic.LiveOpening", WaitingRun)
     guard.load_case(CASE)
     assert guard.spin().message == "opening the case ..."
     guard.connect(CASE)

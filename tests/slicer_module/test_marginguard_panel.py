@@ -212,7 +212,7 @@ def test_a_timer_that_fails_leaves_no_banner_as_it_was(panel, monkeypatch, broke
 
 
 def test_a_replayed_case_is_shown(panel, desktop, monkeypatch):
-    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened_case())
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
 
     def until(wanted):
         for _ in range(PATIENCE_SPINS):
@@ -310,7 +310,7 @@ def test_the_module_tells_slicer_what_it_is(desktop):
 
 def test_the_test_for_slicer_runs_here_too(desktop, application, monkeypatch):
     in_slicer(monkeypatch, application)
-    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened_case())
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
     desktop.MarginGuardTest().runTest()
 
 

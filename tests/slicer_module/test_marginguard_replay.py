@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 import slicer
 
-from app.bridge.control import SessionChanges
 from app.fixture import MarginState
 from app.geometry import MarginGuardError
 from app.report import ReplayLog
 from app.report.margin_csv import margin_csv
+from app.runtime import OperatorCommands, StepThread, StepTiming
 from app.scene import Preset, load_scene, save_scene
 from app.session import Session
 from tests.slicer_module.marginguard_module import CASE, PATIENCE_SPINS, opened_case, spin_until
 from tests.slicer_module.marginguard_module import application as application
 
 from MarginGuardLib.logic import GuardLogic  # isort: skip
-from MarginGuardLib.run import Run  # isort: skip
+from MarginGuardLib.jobs import one_line  # isort: skip
 
 GREY, RED = MarginState.UNKNOWN.color, MarginState.POSITIVE.color
 RUN_IN_S = 2.0
@@ -59,9 +59,9 @@ def rows(opened):
     session, log = Session(opened.setup), ReplayLog()
     times_s = []
     for frame in opened.case.frames():
-        seconds = (frame.stamp.ns - opened.first_ns) / 1e9
+        seconds = (frame.stamp.ns - opened.extent.first_ns) / 1e9
         if any(-RUN_IN_S < seconds - moment < RUN_IN_S for moment in MOMENTS_S.values()):
-            log.add(session.step(frame), 0)
+            log.publish(session.step(frame), StepTiming())
             times_s.append(round(seconds, 3))
     rows = dict(zip(times_s, csv.DictReader(margin_csv(log.rows).splitlines()), strict=True))
     assert {row["state"] for row in rows.values()} == set(MarginState.__members__)
@@ -76,7 +76,7 @@ def clock():
 @pytest.fixture
 def guard(application, opened, clock, monkeypatch):
     """The logic with the case loaded, paused at its beginning; nothing ages by itself."""
-    monkeypatch.setattr("MarginGuardLib.logic.open_recorded", lambda folder: opened)
+    monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened)
     logic = GuardLogic(application.scene, application.logic, clock)
     logic.load_case(CASE)
     spin_until(logic, at(0.0))
@@ -184,7 +184,7 @@ def test_a_paused_recording_does_not_age_but_one_that_plays_and_stops_delivering
     assert tumor_color(application) == RED
 
     with (
-        guard.session.run.steps.between_steps()
+        guard.session.thread.run.between_steps()
     ):  # the worker cannot step: it has stopped delivering
         guard.play()
         clock.ns += 61_000_000
@@ -248,7 +248,7 @@ def test_a_model_becomes_the_tumour(guard, application):
 def test_a_rearm_needs_a_margin_that_is_known(guard):
     guard.seek(22.3)
     spin_until(guard, at(22.3))
-    with pytest.raises(MarginGuardError, match="the margin that is shown is UNKNOWN"):
+    with pytest.raises(MarginGuardError, match="the displayed margin is UNKNOWN"):
         guard.rearm()
 
 
@@ -264,8 +264,8 @@ def test_a_rearm_is_for_what_was_seen_and_not_for_a_fault_that_came_since(guard)
         if player.time_ns - begun_ns > 2_900_000_000:
             break
         pause.wait(0.005)
-    assert guard.session.run.fault_seq > 1
-    with pytest.raises(MarginGuardError, match="a fault came after step 1, which is shown"):
+    assert guard.session.thread.fault_seq > 1
+    with pytest.raises(MarginGuardError, match="a fault came after the displayed step 1"):
         guard.rearm()
     status = spin_until(guard, at(24.0))
     assert status.state is not MarginState.UNKNOWN
@@ -279,7 +279,7 @@ def test_a_rearm_is_not_for_a_margin_that_was_changed_since(guard):
     guard.seek(5.0)
     spin_until(guard, at(5.0))
     guard.set_margins(2.0, 9.0)
-    with pytest.raises(MarginGuardError, match="what was changed is not shown yet"):
+    with pytest.raises(MarginGuardError, match="the last change is not displayed yet"):
         guard.rearm()
 
 
@@ -326,7 +326,7 @@ def test_a_colour_that_is_no_states_is_not_taken_for_one(guard, application):
 
 
 def test_a_tumour_for_a_session_that_is_gone_is_not_told_as_set(guard, application, monkeypatch):
-    monkeypatch.setattr(SessionChanges, "set_tumor", lambda *_: "the one that was set")
+    monkeypatch.setattr(OperatorCommands, "set_tumor", lambda *_: "the one that was set")
     points = application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "Around")
     for point in 10.0 * np.vstack([np.eye(3), -np.eye(3)]):
         points.AddControlPoint(point.tolist())
@@ -405,7 +405,7 @@ def test_views_opacity_and_the_patients_place(guard, application):
 
 def test_what_cannot_be_is_refused_and_what_fails_later_is_one_line(guard, application, tmp_path):
     for command, message in (
-        (lambda: guard.seek(76.0), "0 to 75.4 s wanted"),
+        (lambda: guard.seek(76.0), "expected 0 to 75.4 s"),
         (lambda: guard.set_rate(-1.0), "rate -1.0"),
         (lambda: guard.load_case(tmp_path / "none"), "no such folder"),
     ):
@@ -452,16 +452,16 @@ def test_nothing_is_left_in_the_scene(guard, application):
 
 
 def test_a_run_that_fails_says_so_and_what_it_showed_ages(clock):
-    class FailingSteps:
+    class FailingRun:
         """TEST DOUBLE: a session that breaks."""
 
-        changes = None
+        commands = None
 
         def steps(self):
             raise ValueError("broken\ninside")
             yield
 
-        def halt(self):
+        def stop(self):
             pass
 
         @contextmanager
@@ -471,8 +471,8 @@ def test_a_run_that_fails_says_so_and_what_it_showed_ages(clock):
         def pace(self):
             return 0.0
 
-    run = Run(FailingSteps(), clock)
-    run.stop()
-    assert run.is_over
-    assert run.failure == "unexpected ValueError: broken inside (the log has all of it)"
-    assert run.newest(0.0) is None
+    thread = StepThread(FailingRun(), clock, one_line)
+    thread.stop()
+    assert thread.is_over
+    assert thread.failure == "unexpected ValueError: broken inside (the log has all of it)"
+    assert thread.newest(0.0) is None

@@ -6,7 +6,6 @@ from app.bridge.control.guidance_wrench import GuidancePublisher
 from app.bridge.control.lifecycle import LifecycleRosNode, Managed
 from app.bridge.control.margin_parameters import MarginParameterServer
 from app.bridge.control.operator_services import OperatorServices
-from app.bridge.control.session_changes import SessionChanges
 
 __all__ = [
     "ConstraintStream",
@@ -15,6 +14,5 @@ __all__ = [
     "Managed",
     "MarginParameterServer",
     "OperatorServices",
-    "SessionChanges",
     "TwistLimiter",
 ]

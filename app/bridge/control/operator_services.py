@@ -6,11 +6,11 @@ from marginguard_msgs.srv import Register, SetTumor
 
 from app.bridge import messages
 from app.bridge.calls.service_server import ServiceServer
-from app.bridge.control.session_changes import SessionChanges
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
 from app.registration import register_points
+from app.runtime import OperatorCommands
 
 MOST_TRIANGLES = 500_000
 MOST_POINTS = 1_000
@@ -24,13 +24,13 @@ class OperatorServices:
     taken, in which samples have to be heard.
     """
 
-    def __init__(self, ros: RosNode, changes: SessionChanges) -> None:
-        self._changes = changes
+    def __init__(self, ros: RosNode, commands: OperatorCommands) -> None:
+        self._commands = commands
         ServiceServer(ros, SetTumor, "~/set_tumor", self._set_tumor, in_thread=True)
         ServiceServer(ros, Register, "~/register", self._register, in_thread=True)
 
     def _set_tumor(self, request: SetTumor.Request, response: SetTumor.Response) -> None:
-        frame = self._changes.setup.frame_from_tumor.source
+        frame = self._commands.setup.frame_from_tumor.source
         tumor = _surface(request, frame)
         pose = request.pose
         place, turn = pose.position, pose.orientation
@@ -40,7 +40,7 @@ class OperatorServices:
             target=request.header.frame_id,
             source=frame,
         )
-        response.model_id = self._changes.set_tumor(frame_from_tumor, tumor)
+        response.model_id = self._commands.set_tumor(frame_from_tumor, tumor)
         response.success = True
 
     def _register(self, request: Register.Request, response: Register.Response) -> None:
@@ -55,7 +55,7 @@ class OperatorServices:
             fixed_frame=request.fixed_frame,
             moving_frame=request.moving_frame,
         )
-        response.registration_id = self._changes.set_registration(result)
+        response.registration_id = self._commands.set_registration(result)
         response.transform = messages.transform_message(result.transform, Stamp(0)).transform
         response.fre = float("nan") if result.fre_mm is None else result.fre_mm / messages.MM_PER_M
         response.success = True

@@ -1,12 +1,12 @@
-"""A live session on the ROS graph: where its samples come from, what an operator may do to it."""
+"""A live session on the ROS graph: its sources, its outputs, its recorder, its lifecycle."""
 
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.lifecycle import LiveNodeLifecycle
-from app.bridge.live.live_node import LiveNode, guarding
+from app.bridge.live.live_node import LiveNode, live_node
 from app.bridge.live.rearming import RearmService
 from app.bridge.live.recorder import RosRecorder
 from app.bridge.live.session_watch import SessionWatch
-from app.bridge.live.source import Source, TfSource, TrackedTransformSource, source_of
+from app.bridge.live.source import TfSource, TrackedTransformSource, source_of
 
 __all__ = [
     "LiveNode",
@@ -14,10 +14,9 @@ __all__ = [
     "RearmService",
     "RosRecorder",
     "SessionWatch",
-    "Source",
     "TfSource",
     "TrackedTransformSource",
-    "guarding",
     "listen_to_joints",
+    "live_node",
     "source_of",
 ]

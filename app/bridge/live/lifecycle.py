@@ -1,4 +1,4 @@
-"""A live session that other nodes lead through its life cycle: ``marginguard live --lifecycle``."""
+"""A live session that other nodes control by ROS lifecycle: ``marginguard live --lifecycle``."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -12,9 +12,9 @@ from app.session import StepResult
 class LiveNodeLifecycle:
     """What `app.bridge.control.LifecycleRosNode` manages: a `LiveNode`, made at each *configure*.
 
-    ``opened(ros)`` makes it; ``follow(steps)`` goes through its steps while it is active, in a
-    thread of its own, and ends when they do. ``failed(error)`` is told there of an error that ended
-    them: a node that is active and says nothing must not stay.
+    ``opened(ros)`` makes it. ``follow(steps)`` iterates over its steps while it is active, in a
+    thread of its own. ``failed(error)`` is called there with an error that ended the steps: an
+    active node that publishes nothing must not remain.
     """
 
     def __init__(
@@ -27,37 +27,37 @@ class LiveNodeLifecycle:
         self._follow = follow
         self._failed = failed
         self._open = ExitStack()
-        self._guard: LiveNode | None = None
+        self._node: LiveNode | None = None
         self._thread: threading.Thread | None = None
 
     def configure(self, ros: RosNode) -> None:
-        """Read everything, listen to the source, serve the operator."""
-        self._guard = self._open.enter_context(self._opened(ros))
+        """Read all files, subscribe to the source, serve the operator."""
+        self._node = self._open.enter_context(self._opened(ros))
 
     def activate(self) -> None:
         """Take steps. After an earlier *deactivate* the hold is latched until `~/rearm`."""
-        if self._guard is not None:
-            self._guard.live.resume()
+        if self._node is not None:
+            self._node.live_run.live.resume()
             self._thread = threading.Thread(
-                target=self._run, args=(self._guard,), name="guard", daemon=True
+                target=self._run, args=(self._node,), name="live steps", daemon=True
             )
             self._thread.start()
 
     def deactivate(self) -> None:
-        """Take none any more, with hold as the last word."""
-        if self._guard is not None and self._thread is not None:
-            self._guard.live.stop()
+        """Stop stepping; the last constraint is on hold."""
+        if self._node is not None and self._thread is not None:
+            self._node.stop()
             self._thread.join()
             self._thread = None
 
     def clean_up(self) -> None:
         """Leave the source, and close what `configure` made."""
-        self._guard = None
+        self._node = None
         self._open.close()
 
-    def _run(self, guard: LiveNode) -> None:
+    def _run(self, node: LiveNode) -> None:
         try:
-            with closing(guard.steps()) as steps:
+            with closing(node.live_run.steps()) as steps:
                 self._follow(steps)
         except Exception as error:  # handed over to the thread that can end the process
             self._failed(error)

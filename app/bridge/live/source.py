@@ -1,8 +1,7 @@
-"""Where a live session's tracked transforms come from."""
+"""Sources of tracked transforms on the ROS graph, and the source that a ``live.yaml`` names."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
 
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 
@@ -13,25 +12,9 @@ from app.bridge.qos import INCOMING, Topic
 from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry
 from app.case.messages.ros_messages import TF_MESSAGE, TRACKED_TRANSFORM
 from app.case.messages.values import PoseValues
-from app.geometry import MarginGuardError, TrackedTransform
+from app.geometry import MarginGuardError
 from app.igtl import IgtlSource
-
-Deliver = Callable[[Sequence[TrackedTransform]], None]
-"""Takes samples that arrived together, from any thread, and does not wait."""
-
-
-class Source(Protocol):
-    """Anything that tracks: a ROS topic, a socket. It delivers from its construction to `close`.
-
-    Stamps are the source's own. A lost pose is delivered too, with its status. What cannot be
-    used is left out and counted.
-    """
-
-    def counts(self) -> Mapping[str, int]:
-        """What came and what was left out, for diagnostics."""
-
-    def close(self) -> None:
-        """Deliver nothing more; a second call does nothing."""
+from app.runtime import Deliver, Source
 
 
 class TfSource:

@@ -7,9 +7,9 @@ from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from std_msgs.msg import Header
 
 from app.bridge import messages
-from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import Constraint, FixtureDecision, MarginState
 from app.geometry import Stamp
+from app.runtime import SessionContent
 
 
 class ConstraintBuilder:
@@ -20,17 +20,17 @@ class ConstraintBuilder:
     newer than it is. Without planes both are zero, a time long past, and ``hold`` is set.
     """
 
-    def __init__(self, scene: ReplayScene) -> None:
+    def __init__(self, content: SessionContent) -> None:
         self._planes_from: Stamp | None = None
-        self.use(scene)
+        self.use(content)
 
-    def use(self, scene: ReplayScene) -> None:
-        """Take margins, tumour and registration from ``scene`` from the next message on."""
-        self._frame = scene.tumor.frame
-        self._stale_after_ns = scene.margins.stale_after_ns
-        self._k_tre = scene.margins.k_tre
-        self._model_id = scene.model_id
-        self._registration_id = scene.registration_id
+    def use(self, content: SessionContent) -> None:
+        """Take margins, tumour and registration from ``content`` from the next message on."""
+        self._frame = content.tumor.frame
+        self._stale_after_ns = content.margins.stale_after_ns
+        self._k_tre = content.margins.k_tre
+        self._model_id = content.model_id
+        self._registration_id = content.registration_id
 
     def message(self, decision: FixtureDecision) -> FixtureConstraint:
         """The message for ``decision``; its ``seq`` is left to whoever sends it."""

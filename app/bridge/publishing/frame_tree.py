@@ -1,4 +1,4 @@
-"""Which frames a step moves: the edges of ``/tf``, each with the stamp of its own sample."""
+"""The moving edges of ``/tf``: which frames a step moves, each with the stamp of its sample."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -10,10 +10,11 @@ from app.session import StepResult
 
 @dataclass(frozen=True, slots=True)
 class PublishPolicy:
-    """What is said of that which others may say too. A replay is alone and says all of it.
+    """Which topics that other nodes may publish too are published by this node.
 
-    ``clock``: the session's time is the time of the graph; ``measured``: the tracker's edges;
-    ``robot``: its joints and its links.
+    A replay is alone on the graph and publishes all of them. ``clock``: the session's time is the
+    time of the graph; ``measured``: the tracker's edges; ``robot``: its description, joints and
+    links.
     """
 
     clock: bool = True
@@ -21,23 +22,24 @@ class PublishPolicy:
     robot: bool = True
 
 
-ALONE = PublishPolicy()
+PUBLISH_ALL = PublishPolicy()
 
 
 def moving_edges(
-    step: StepResult, voice: PublishPolicy = ALONE
+    step: StepResult, policy: PublishPolicy = PUBLISH_ALL
 ) -> Iterator[tuple[Transform, Stamp]]:
     """Every transform that ``step`` knows, with the time at which it was true.
 
-    Measured edges are as they were measured, lost ones left out: tf has no word for "lost", its
-    absence and ``/diagnostics`` say it. The robot's links hang from its root like a star, so no
-    joint is needed to place them. The fixture has the stamp of the oldest sample that went in;
-    while the margin is UNKNOWN the last plane still holds, but nothing newer is known to send.
+    Measured edges are published as measured. Lost ones are left out: tf cannot represent a lost
+    pose, so its absence and ``/diagnostics`` report it. The links of the robot are all children of
+    its root, so that no joint is needed to place them. The fixture has the stamp of the oldest
+    sample that went in; while the margin is UNKNOWN the last plane still holds, but nothing newer
+    is known.
     """
-    for sample in step.frame.poses if voice.measured else ():
+    for sample in step.frame.poses if policy.measured else ():
         if sample.transform is not None:
             yield sample.transform, sample.stamp
-    if step.joints is not None and voice.robot:
+    if step.joints is not None and policy.robot:
         for link, root_from_link in step.links.items():
             if link != root_from_link.target:
                 yield root_from_link, step.joints.stamp
@@ -51,20 +53,20 @@ def moving_edges(
 
 
 class FrameTree:
-    """Keeps what goes to tf a tree, and hands out each sample once.
+    """Selects the edges of each step that tf can hold, and each sample once.
 
     A tracker may report more edges than a tree holds (``StylusToTracker`` beside
-    ``StylusToReference``), but tf gives a frame one parent and no loop: the edge that came first
-    stays, a calibration in ``static_edges`` before all. tf2 also complains about a transform that
-    comes again with the stamp that it had, as a joint sample does when the tracker is faster than
-    the robot. When the player seeks back, all samples are new again. Static edges that are no tree
-    by themselves raise `FrameError`.
+    ``StylusToReference``), but in tf a frame has one parent and there are no loops: the edge that
+    came first stays, the calibrations of ``static_edges`` before all. tf2 also complains about a
+    transform that is published again with its stamp, as for a joint sample when the tracker is
+    faster than the robot. When the player seeks back, all samples are new again. Raises
+    `FrameError` for static edges that form no tree by themselves.
     """
 
     def __init__(
-        self, static_edges: Iterable[Transform] = (), voice: PublishPolicy = ALONE
+        self, static_edges: Iterable[Transform] = (), policy: PublishPolicy = PUBLISH_ALL
     ) -> None:
-        self._voice = voice
+        self._policy = policy
         self._parents: dict[str, str] = {}
         self._static: frozenset[str] = frozenset()
         self._newest_ns: dict[str, int] = {}
@@ -73,16 +75,18 @@ class FrameTree:
         """Edges (parent, child) that did not fit, and why."""
         for edge in static_edges:
             if not self._fits(edge):
-                raise FrameError(f"fixed frames: {self.left_out[edge.target, edge.source]}")
+                raise FrameError(
+                    f"static transforms: {self.left_out[edge.target, edge.source]}; expected a tree"
+                )
         self._static = frozenset(self._parents)
 
-    def news(self, step: StepResult) -> list[tuple[Transform, Stamp]]:
+    def new_edges(self, step: StepResult) -> list[tuple[Transform, Stamp]]:
         """The moving edges of ``step`` that are newer than the last of the same child frame."""
         if self._now_ns is not None and step.frame.stamp.ns < self._now_ns:
             self._newest_ns.clear()
         self._now_ns = step.frame.stamp.ns
         found = []
-        for transform, stamp in moving_edges(step, self._voice):
+        for transform, stamp in moving_edges(step, self._policy):
             newest_ns = self._newest_ns.get(transform.source)
             if self._fits(transform) and (newest_ns is None or stamp.ns > newest_ns):
                 self._newest_ns[transform.source] = stamp.ns
@@ -95,10 +99,10 @@ class FrameTree:
         if known == parent and child not in self._static:
             return True
         if known is not None:
-            self.left_out[parent, child] = f"{child!r} hangs from {known!r} already"
+            self.left_out[parent, child] = f"{child!r} has the parent {known!r} already"
             return False
         if child == parent or child in self._ancestors(parent):
-            self.left_out[parent, child] = f"{parent!r} hangs from {child!r}: it would be a loop"
+            self.left_out[parent, child] = f"{parent!r} is below {child!r}: this would be a loop"
             return False
         self._parents[child] = parent
         return True

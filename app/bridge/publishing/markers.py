@@ -14,9 +14,9 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge.messages import color_message, metres, point_message
-from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import FixtureDecision, MarginState
 from app.geometry import SurfaceMesh
+from app.runtime import SessionContent
 
 TUMOR_ALPHA = 0.4
 TOOL_RGB = (1.0, 1.0, 0.0)
@@ -25,14 +25,14 @@ TEXT_ABOVE_TUMOR_MM = 10.0
 
 
 class Markers:
-    """Builds the markers of one scene. The triangles are converted once, whatever the colours."""
+    """Builds the markers of one session. The triangles are converted once for all colours."""
 
-    def __init__(self, scene: ReplayScene) -> None:
-        self._tumor_frame = scene.tumor.frame
-        self._tumor_points = _triangle_points(scene.tumor)
-        self._tool_frame = None if scene.tool is None else scene.tool.frame
-        self._tool_points = [] if scene.tool is None else _triangle_points(scene.tool)
-        lowest, highest = scene.tumor.bounds_mm
+    def __init__(self, content: SessionContent) -> None:
+        self._tumor_frame = content.tumor.frame
+        self._tumor_points = _triangle_points(content.tumor)
+        self._tool_frame = None if content.tool is None else content.tool.frame
+        self._tool_points = [] if content.tool is None else _triangle_points(content.tool)
+        lowest, highest = content.tumor.bounds_mm
         self._text_at_mm = (lowest + highest) / 2.0
         self._text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
 

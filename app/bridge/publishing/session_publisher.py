@@ -1,4 +1,4 @@
-"""A session on the ROS graph: each step as messages with the stamps of its samples."""
+"""Publish a session on the ROS graph: each step as messages with the stamps of its samples."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -14,18 +14,18 @@ from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint import ConstraintBuilder
 from app.bridge.publishing.diagnostics import Diagnostics
-from app.bridge.publishing.frame_tree import ALONE, FrameTree, PublishPolicy
+from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
-from app.bridge.publishing.replay_scene import ReplayScene
 from app.bridge.qos import Topic
 from app.bridge.tf.broadcaster import tf_message
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
+from app.runtime import SessionContent, StepTiming, SwitchContent
 from app.session import StepResult
 
 NODE_NAME = "marginguard"
 
-_NOTHING_KNOWN = FixtureDecision(
+_UNKNOWN_DECISION = FixtureDecision(
     state=MarginState.UNKNOWN,
     reasons=(Reason.STARTING,),
     proximity=None,
@@ -38,133 +38,148 @@ _NOTHING_KNOWN = FixtureDecision(
 
 
 class SessionPublisher:
-    """``with SessionPublisher(scene) as ros: ... ros.publish(session.step(frame))``.
+    """`Output` of a run that publishes tf, constraint, markers, margin and diagnostics.
 
-    What does not change (static frames, the robot's description, grey surfaces) is latched on
-    construction. ``heartbeat_hz`` repeats the constraint in a thread between steps, for a session
-    that follows real time; None sends one constraint a step. ``voice`` tells what is left to
-    others, ``counts`` what diagnostics say of a live source. `publish` and `use` are for one
-    thread. With ``ros`` it speaks through a node that is there already, and stays there;
-    it is closed in that node's own thread then.
+    Use as ``with SessionPublisher(content) as publisher: publisher.publish(step, timing)``.
+
+    Everything that does not change (static frames, the robot's description, grey surfaces) is
+    published latched on construction. ``heartbeat_hz`` repeats the constraint from a thread
+    between steps, for a session that follows real time; None publishes one constraint a step.
+    ``policy`` selects the shared topics that this node publishes, ``counts`` are those of a live
+    source, for diagnostics. `publish` and the switch of `prepare` are for one thread at a time.
+    With ``ros`` it uses an existing node and leaves it open; it is then closed in that node's
+    thread.
     """
 
     def __init__(
         self,
-        scene: ReplayScene,
+        content: SessionContent,
         *,
         name: str = NODE_NAME,
         namespace: str = "",
         ros_args: Sequence[str] = (),
         domain_id: int | None = None,
         heartbeat_hz: float | None = None,
-        voice: PublishPolicy = ALONE,
+        policy: PublishPolicy = PUBLISH_ALL,
         counts: Callable[[], Mapping[str, int]] | None = None,
         ros: RosNode | None = None,
     ) -> None:
-        self._voice = voice
-        self._scene = scene
-        self._opened: list[Publisher] = []
+        self._policy = policy
+        self._content = content
+        self._created: list[Publisher] = []
         self._surfaces_state: MarginState | None = None
         with ExitStack() as opening:
             self.ros = ros or opening.enter_context(
                 RosNode(name, namespace=namespace, ros_args=ros_args, domain_id=domain_id)
             )
             if ros is not None:
-                opening.callback(self._leave)
+                opening.callback(self._withdraw)
             self._publishers = {
                 topic.name: self._publisher(topic)
                 for topic in topics.EVERY_STEP
-                if self._speaks_on(topic)
+                if self._publishes(topic)
             }
             self._surfaces_publisher = self._publisher(topics.MARKERS)
             self._static_publisher = self._publisher(topics.TF_STATIC)
             self._edges_left_out: set[tuple[str, str]] = set()
             self._diagnostics = Diagnostics(counts)
-            self._constraint_builder = ConstraintBuilder(scene)
-            self._shapes = PreparedShapes(scene)
-            self._latch(scene)
-            if scene.robot_description is not None:
-                description = self._publisher(topics.ROBOT_DESCRIPTION)
-                description.publish(String(data=scene.robot_description))
+            self._constraint_builder = ConstraintBuilder(content)
+            self._shapes = PreparedShapes(content)
+            self._latch(content)
+            description = content.robot_description() if policy.robot else None
+            if description is not None:
+                self._publisher(topics.ROBOT_DESCRIPTION).publish(String(data=description))
             self.constraints = ConstraintStream(
                 self._publishers[topics.CONSTRAINT.name], heartbeat_hz
             )
             opening.callback(self.constraints.close)
             self._open = opening.pop_all()
 
-    def publish(self, step: StepResult, spent_ns: int = 0) -> bool:
-        """Send everything that ``step`` found; the clock first, so that no sample is from later.
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Publish everything of ``step``; the clock first, so that no sample is from its future.
 
-        ``spent_ns``: how long ago its frame was the present, on a clock that is not ours.
-        False when it came too late: the constraint before has been told to be stale meanwhile,
-        this one is sent on hold, and the session has to latch that (`Session.hold`).
+        False when the step came too late: the previous constraint has expired meanwhile, this one
+        is published on hold, and the session has to latch that hold (`Session.hold`).
         """
-        if self._voice.clock:
+        if self._policy.clock:
             self._send(topics.CLOCK, messages.clock_message(step.frame.stamp))
         self._publish_frames(step)
-        for sample in step.frame.joints if self._voice.robot else ():
+        for sample in step.frame.joints if self._policy.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
         in_time = self.constraints.newest(
-            self._constraint_builder.message(step.decision), lasts_ns=self._lasts_ns(step, spent_ns)
+            self._constraint_builder.message(step.decision),
+            lasts_ns=self._lasts_ns(step, timing.spent_ns),
         )
         self._publish_margin(step.decision)
-        report = self._diagnostics.report(step, self._scene.margins.stale_after_ns)
+        report = self._diagnostics.report(step, self._content.margins.stale_after_ns)
         if report is not None:
             self._send(topics.DIAGNOSTICS, report)
         return in_time
 
-    def use(self, scene: ReplayScene, shapes: PreparedShapes | None = None) -> None:
-        """Go on with other margins, another tumour or registration from the next step on.
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Serialise the surfaces of ``content`` where they are new; return the switch to it.
 
-        Of another tumour or registration nothing is known up to that step, and that is said now.
-        ``shapes`` are those of ``scene``, made before because that takes long; None where tumour
-        and tool stay as they are. Raises `BridgeError` for those of another scene. The robot's
-        description stays as it was.
+        After a switch to another tumour or registration the margin is UNKNOWN until the next step,
+        and that is published at once. The robot's description stays as it was. Raises
+        `FrameError` for static transforms that form no tree.
         """
-        shapes = shapes or self._shapes
-        if not shapes.are_of(scene):
-            raise BridgeError("the shapes that were prepared are not those of the scene")
-        before, self._scene = self._scene, scene
-        self._constraint_builder.use(scene)
-        if shapes is not self._shapes or scene.static_edges != before.static_edges:
-            self._shapes = shapes
-            # First of all: the planes of what was there before are no way to retreat from this.
-            message = self._constraint_builder.message(_NOTHING_KNOWN)
-            speaks = self.constraints.forget(message)
-            self._latch(scene)
-            if speaks:
-                self._publish_margin(_NOTHING_KNOWN)
+        FrameTree(content.tf_static_edges, self._policy)
+        shapes = self._shapes if self._shapes.match(content) else PreparedShapes(content)
+        return lambda switched: self._use(switched, shapes)
+
+    def revoke(self) -> None:
+        """Nothing to withdraw here: what comes next is published on hold."""
+
+    def end(self) -> None:
+        """Publish hold as the final constraint."""
+        self.constraints.rest("inactive")
 
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. A second call does nothing."""
         self._open.close()
 
-    def _publisher(self, topic: Topic) -> Publisher:
-        self._opened.append(self.ros.publisher(topic))
-        return self._opened[-1]
+    def _use(self, content: SessionContent, shapes: PreparedShapes) -> None:
+        if not shapes.match(content):
+            raise BridgeError(
+                "prepared surfaces: made of another tumour or tool; expected those of the content"
+            )
+        before, self._content = self._content, content
+        self._constraint_builder.use(content)
+        if shapes is not self._shapes or content.static_edges != before.static_edges:
+            self._shapes = shapes
+            # First of all: the planes of the content before do not lead away from this one.
+            message = self._constraint_builder.message(_UNKNOWN_DECISION)
+            has_started = self.constraints.forget(message)
+            self._latch(content)
+            if has_started:
+                self._publish_margin(_UNKNOWN_DECISION)
 
-    def _leave(self) -> None:
-        for publisher in self._opened:
+    def _publisher(self, topic: Topic) -> Publisher:
+        self._created.append(self.ros.publisher(topic))
+        return self._created[-1]
+
+    def _withdraw(self) -> None:
+        for publisher in self._created:
             self.ros.withdraw(publisher)
 
     def _lasts_ns(self, step: StepResult, spent_ns: int) -> int | None:
         """For how long a heartbeat may repeat the constraint of ``step``.
 
-        None for one that allows no approach anyway, and for a time of ours, which can be paused.
+        None for one that allows no approach anyway, and in a replay, whose time can be paused.
         """
         decision = step.decision
-        if self._voice.clock or decision.state is MarginState.UNKNOWN or decision.stamp is None:
+        if self._policy.clock or decision.state is MarginState.UNKNOWN or decision.stamp is None:
             return None
-        limits = self._scene.margins.freshness_limits
+        limits = self._content.margins.freshness_limits
         return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits) - spent_ns)
 
-    def _speaks_on(self, topic: Topic) -> bool:
+    def _publishes(self, topic: Topic) -> bool:
         if topic is topics.CLOCK:
-            return self._voice.clock
-        return self._voice.robot or topic is not topics.JOINT_STATES
+            return self._policy.clock
+        return self._policy.robot or topic is not topics.JOINT_STATES
 
     def _publish_frames(self, step: StepResult) -> None:
-        edges = self._frame_tree.news(step)
+        edges = self._frame_tree.new_edges(step)
         if edges:
             self._send(topics.TF, tf_message(edges))
         for edge, reason in self._frame_tree.left_out.items():
@@ -188,11 +203,12 @@ class SessionPublisher:
             self._surfaces_publisher.publish(self._shapes.surfaces(state))
             self._surfaces_state = state
 
-    def _latch(self, scene: ReplayScene) -> None:
-        """Say what stays the same for as long as ``scene`` does; the surfaces are grey again."""
+    def _latch(self, content: SessionContent) -> None:
+        """Publish what stays the same with ``content``; the surfaces become grey."""
+        edges = content.tf_static_edges
         never = Stamp(0)
-        self._frame_tree = FrameTree(scene.static_edges, self._voice)
-        self._static_publisher.publish(tf_message((edge, never) for edge in scene.static_edges))
+        self._frame_tree = FrameTree(edges, self._policy)
+        self._static_publisher.publish(tf_message((edge, never) for edge in edges))
         self._surfaces_state = None
         self._show_surfaces(MarginState.UNKNOWN)
 

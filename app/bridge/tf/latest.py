@@ -3,9 +3,9 @@
 import time
 from collections.abc import Sequence
 
-from app.bridge.latest_value import LatestValue
 from app.bridge.tf.buffer import PoseSet, TransformBuffer
 from app.bridge.tf.errors import TfError
+from app.runtime.latest_value import LatestValue
 
 
 class LatestPoses:

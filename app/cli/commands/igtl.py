@@ -9,7 +9,7 @@ import argparse
 import sys
 import time
 
-from app.cli.publishing import bridge_loaded
+from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 
 SUMMARY = "publish the transforms of an OpenIGTLink server (PLUS) over ROS 2"
@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Publish until a signal comes."""
     with note_signals() as received:
-        bridge_loaded("this command is of no use without it")
+        load_bridge("this command is of no use without it")
+        print_reach()
         from app.bridge import RosNode
         from app.bridge.igtl_publisher import IgtlPublisher
         from app.igtl import IgtlSource, SampleQueue

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs
-from app.cli.publishing import bridge_loaded
+from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SUMMARY = "guard the margin live, with samples as they arrive over ROS 2"
 
-MOST_HZ = 1000.0
+MAX_HZ = 1000.0
 """How often the constraint may be repeated."""
 
 
@@ -42,9 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--constraint-hz",
         type=_rate_hz,
-        default=MOST_HZ,
+        default=MAX_HZ,
         metavar="HZ",
-        help=f"how often the constraint is repeated, up to {MOST_HZ:g}; default: {MOST_HZ:g}",
+        help=f"how often the constraint is repeated, up to {MAX_HZ:g}; default: {MAX_HZ:g}",
     )
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
@@ -60,27 +60,29 @@ def _rate_hz(text: str) -> float:
     try:
         rate_hz = float(text)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is no rate in Hz") from error
-    if not 0.0 < rate_hz <= MOST_HZ:
-        raise argparse.ArgumentTypeError(f"{text} Hz: more than 0, up to {MOST_HZ:g} Hz allowed")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a rate in Hz") from error
+    if not 0.0 < rate_hz <= MAX_HZ:
+        raise argparse.ArgumentTypeError(f"{text} Hz; expected more than 0, up to {MAX_HZ:g} Hz")
     return rate_hz
 
 
 def run(options: argparse.Namespace) -> int:
     """Step and publish until a signal comes."""
     with note_signals() as received:
-        bridge_loaded("a live session is ROS")
+        load_bridge("a live session is ROS")
+        print_reach()
         if options.lifecycle:
-            _be_managed(options, received)
+            _run_managed(options, received)
         else:
-            with _opened(options, received) as guard:
-                received.stops(guard.live.stop)
-                with closing(guard.steps()) as steps:
-                    _tell(steps)
+            with _opened(options, received) as node:
+                received.stops(node.stop)
+                with closing(node.live_run.steps()) as steps:
+                    _print_changes(steps)
     return received.exit_status
 
 
-def _be_managed(options: argparse.Namespace, received: SignalState) -> None:
+def _run_managed(options: argparse.Namespace, received: SignalState) -> None:
+    """Run as a lifecycle node until a signal comes or its session fails."""
     from app.bridge.control import LifecycleRosNode
     from app.bridge.live import LiveNodeLifecycle
     from app.bridge.publishing.session_publisher import NODE_NAME
@@ -93,8 +95,8 @@ def _be_managed(options: argparse.Namespace, received: SignalState) -> None:
         ended.set()
 
     received.stops(ended.set)
-    life = LiveNodeLifecycle(lambda ros: _opened(options, received, ros), _tell, failed)
-    with LifecycleRosNode(NODE_NAME, life, namespace=options.namespace):
+    managed = LiveNodeLifecycle(lambda ros: _opened(options, received, ros), _print_changes, failed)
+    with LifecycleRosNode(NODE_NAME, managed, namespace=options.namespace):
         print("unconfigured: configure and activate it", file=sys.stderr, flush=True)
         ended.wait()
     if errors:
@@ -106,36 +108,29 @@ def _opened(
     options: argparse.Namespace, received: SignalState, ros: "RosNode | None" = None
 ) -> Iterator["LiveNode"]:
     with received.ends_at_once():
-        from app.bridge.live import guarding
-        from app.case import open_live
-        from app.session import setup_from_case, with_repaired_tumor
+        from app.bridge.live import live_node
+        from app.runtime import prepare_live
 
-        config = open_live(options.config, package_dirs=options.package_dirs)
-        case = with_repaired_tumor(config.case)
-        for note in case.notes():
+        prepared = prepare_live(
+            options.config, package_dirs=options.package_dirs, tip_only=options.tip_only
+        )
+        for note in prepared.case.notes():
             print(note, file=sys.stderr)
-        setup = setup_from_case(case, tip_only=options.tip_only)
-    with guarding(
-        config,
-        case,
-        setup,
-        namespace=options.namespace,
-        constraint_hz=options.constraint_hz,
-        tip_only=options.tip_only,
-        ros=ros,
-    ) as guard:
-        yield guard
+    with live_node(
+        prepared, namespace=options.namespace, constraint_hz=options.constraint_hz, ros=ros
+    ) as node:
+        yield node
 
 
-def _tell(steps: "Iterator[StepResult]") -> None:
-    from app.cli.state_changes import news
+def _print_changes(steps: "Iterator[StepResult]") -> None:
+    from app.cli.state_changes import state_changes
 
-    for step in news(steps):
+    for step in state_changes(steps):
         print(as_line(step), flush=True)
 
 
 def as_line(step: "StepResult") -> str:
-    """State, distance and reasons of a step, for a person who watches."""
+    """One line with state, distance and reasons of a step."""
     decision = step.decision
     distance = (
         "" if decision.proximity is None else f" {decision.proximity.signed_distance_mm:.2f} mm"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.options import add_package_dirs, folder_path
-from app.cli.publishing import bridge_loaded
+from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 
 if TYPE_CHECKING:
@@ -69,7 +69,8 @@ def run(options: argparse.Namespace) -> int:
         stop = threading.Event()
         received.stops(stop.set)
         topics, live = _wanted(options)
-        bridge_loaded("a recording is of ROS")
+        load_bridge("a recording is of ROS")
+        print_reach()
         from app.bridge import RosNode
         from app.case import RECORDING_FOLDER, BagWriter, begin_case
 

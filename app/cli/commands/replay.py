@@ -7,32 +7,23 @@ signal came: the report is there whole or not at all.
 import argparse
 import json
 import time
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
+from contextlib import nullcontext
 
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
-from app.cli.publishing import publishing
-from app.cli.scene_log import SceneLog
+from app.cli.ros import published
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter
 from app.cli.signals import SignalState, note_signals
 from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
-
-if TYPE_CHECKING:
-    from app.case import Case, Player
-    from app.report import ReplayLog, ReplayRecord
-    from app.session import Session, SessionSetup, StepResult
 
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
 
 PICTURES_PER_S = 12.5
 """Of a movie."""
 
-_MOST_MOVIE_S = 60.0
+_MAX_MOVIE_S = 60.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,59 +66,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Replay the case; what is published and what is reported come from the same steps."""
+    """Replay the case; published messages and report come from the same steps."""
     with note_signals() as received, GcPause() as memory:
-        status = _replay(options, received, memory)
+        drawings = _drawings(options)
+        painting = ScenePainter() if drawings else nullcontext()
+        with painting as painter:
+            status = _replay(options, received, memory, drawings, painter)
     return received.exit_status or status
 
 
-def _replay(options: argparse.Namespace, received: SignalState, memory: GcPause) -> int:
-    if not _wanted(options):
-        return _played(options, received, memory, None)
-    with ScenePainter() as painter:
-        return _played(options, received, memory, painter)
-
-
-def _played(
+def _replay(
     options: argparse.Namespace,
     received: SignalState,
     memory: GcPause,
+    drawings: tuple[str, ...],
     painter: ScenePainter | None,
 ) -> int:
     watch = Stopwatch()
     with received.ends_at_once():
         from app import __version__
-        from app.case import Player, open_case
+        from app.cli.scene_log import SceneLog
         from app.files import write_file
-        from app.report import all_passed, summarise, write_report
-        from app.runtime import content_of
-        from app.session import setup_from_case, with_estimated_clock, with_repaired_tumor
+        from app.report import ReplayLog, all_passed, record_of, summarise, write_report
+        from app.runtime import ReplayRun, prepare_case
 
         watch.lap("load the program")
-        _check(options)
-        wanted = _wanted(options)
-        opened = open_case(options.case, package_dirs=options.package_dirs)
-        case, clock = with_estimated_clock(with_repaired_tumor(opened))
-        watch.lap("open the case")
-        setup = setup_from_case(case, tip_only=options.tip_only)
+        _check(options, drawings)
+        prepared = prepare_case(
+            options.case,
+            package_dirs=options.package_dirs,
+            tip_only=options.tip_only,
+            on_stage=watch.lap,
+        )
         memory.settle()
-        watch.lap("meshes, robot, registration")
-    player = Player(case.frames, clock_ns=time.monotonic_ns, rate=options.rate, loop=options.loop)
-    received.stops(player.stop)
+    log = ReplayLog()
     scene_log = SceneLog(
-        recording=SCENE in wanted,
-        pictures=round(PICTURES_PER_S * options.movie_seconds) if MOVIE in wanted else None,
+        recording=SCENE in drawings,
+        pictures=round(PICTURES_PER_S * options.movie_seconds) if MOVIE in drawings else None,
     )
-    record, deepest = _play(case, setup, player, options, scene_log)
+    replay = ReplayRun(
+        prepared,
+        clock_ns=time.monotonic_ns,
+        stopwatch_ns=time.perf_counter_ns,
+        rate=options.rate,
+        loop=options.loop,
+        outputs=() if options.loop else (log, scene_log),
+    )
+    received.stops(replay.stop)
+    real_time = options.rate is not None
+    with nullcontext() if options.no_ros else published(replay, real_time=real_time):
+        for _ in with_progress(replay.steps(), "replaying frame"):
+            pass
     watch.lap("read the frames and step")
     if received.number is not None:
         return received.exit_status
-    if clock is not None:
-        notes = (f"offset of the joints' clock: {clock.reason}", *record.notes)
-        record = replace(record, notes=notes)
-    if painter is not None and deepest is not None:
-        content = content_of(case, setup, tip_only=options.tip_only)
-        painter.begin(content, deepest, outputs=wanted, log=scene_log)
+    record = record_of(replay, log)
+    if painter is not None and log.deepest is not None:
+        painter.begin(prepared.content, log.deepest, outputs=drawings, log=scene_log)
     if painter is None or options.report is None:
         summary = summarise(record)
     else:
@@ -141,20 +136,20 @@ def _played(
                 write_file(path, painter.content(name))
         watch.lap("write scene and movie")
     if options.timing:
-        watch.tell()
+        watch.print_laps()
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
     return 0 if all_passed(summary) else 1
 
 
-def _check(options: argparse.Namespace) -> None:
-    """Refuse, before anything is read, what could not be done or not be written in the end."""
+def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
+    """Reject, before anything is read, options that contradict each other or cannot be written."""
     from app.case.frames.player import checked_rate
     from app.files import check_output_path
     from app.geometry import InputError
     from app.report import check_writable
 
     checked_rate(options.rate)
-    if options.loop and (options.rate is None or _wanted(options)):
+    if options.loop and (options.rate is None or drawings):
         raise InputError(
             "--loop is for watching: it takes --rate, and no --report, --save-scene or --movie"
         )
@@ -165,8 +160,8 @@ def _check(options: argparse.Namespace) -> None:
             check_output_path(path)
 
 
-def _wanted(options: argparse.Namespace) -> tuple[str, ...]:
-    """What 3D Slicer's scene is to give."""
+def _drawings(options: argparse.Namespace) -> tuple[str, ...]:
+    """The outputs that need 3D Slicer's scene."""
     asked = {PICTURE: options.report, SCENE: options.save_scene, MOVIE: options.movie}
     return tuple(name for name, path in asked.items() if path is not None)
 
@@ -175,71 +170,7 @@ def _movie_seconds(text: str) -> float:
     try:
         seconds = float(text)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds") from error
-    if not 1.0 <= seconds <= _MOST_MOVIE_S:
-        raise argparse.ArgumentTypeError(f"{text} s: 1 to {_MOST_MOVIE_S:g} s allowed")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from error
+    if not 1.0 <= seconds <= _MAX_MOVIE_S:
+        raise argparse.ArgumentTypeError(f"{text} s; expected 1 to {_MAX_MOVIE_S:g} s")
     return seconds
-
-
-def _play(
-    case: "Case",
-    setup: "SessionSetup",
-    player: "Player",
-    options: argparse.Namespace,
-    scene_log: SceneLog,
-) -> tuple["ReplayRecord", "StepResult | None"]:
-    from app.report import ReplayLog, ReplayRecord
-    from app.session import Session
-
-    session, log = Session(setup), ReplayLog()
-    robot_problems: Counter[str] = Counter()
-    first_of_kind: dict[str, str] = {}
-    with publishing(case, setup, player, options) as publish:
-        for frame in with_progress(player.play(), "replaying frame"):
-            started_ns = time.perf_counter_ns()
-            step = session.step(frame)
-            duration_ns = time.perf_counter_ns() - started_ns
-            if not options.loop:
-                log.add(step, duration_ns)
-                scene_log.add(step)
-                # Where a tool is out of reach is another place in every frame: the first is told.
-                kind = step.robot_problem.partition(":")[0]
-                robot_problems[first_of_kind.setdefault(kind, step.robot_problem)] += 1
-            publish(step)
-    provenance = case.manifest.provenance
-    record = ReplayRecord(
-        case=case.manifest.name,
-        provenance=asdict(provenance),
-        rows=tuple(log.rows),
-        margins=setup.margins,
-        registration=None if setup.robot is None else setup.robot.registration,
-        expected=case.expected(),
-        durations_ns=tuple(log.durations_ns),
-        notes=(*case.notes(), *_notes_of(case, session, log, robot_problems)),
-        tip_only=options.tip_only,
-    )
-    return record, log.deepest
-
-
-def _notes_of(
-    case: "Case", session: "Session", log: "ReplayLog", robot_problems: Counter[str]
-) -> Iterator[str]:
-    """What a reader of the report should know, though it is no error."""
-    from app.fixture import MarginState
-
-    if all(row.state is MarginState.UNKNOWN for row in log.rows):
-        frames = ", ".join(session.known_frames) or "none"
-        yield f"no frame was valid; the recording has the frames {frames}"
-    for target, source in session.never_changed:
-        yield f"{target} -> {source} never changed: taken for a fixed transform"
-    robot = session.setup.robot
-    if robot is None:
-        if case.manifest.registration is not None:
-            yield "registration is given, but there is no robot to register: it is not used"
-        return
-    yield from robot.robot.warnings
-    if session.frames_problem:
-        yield session.frames_problem
-    for problem, count in robot_problems.items():
-        if problem:
-            yield f"robot not shown in {count} of {len(log.rows)} frames: {problem}"

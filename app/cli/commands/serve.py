@@ -11,6 +11,7 @@ import threading
 from pathlib import Path
 
 from app.cli.options import add_package_dirs
+from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 
 SUMMARY = "replay and calibrate for other processes, as ROS 2 actions"
@@ -38,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM, which is the way to end it: exit status 0."""
     with note_signals() as received:
-        from app.bridge import RosNode, prepare_environment
+        load_bridge("cases are served over ROS")
+        from app.bridge import RosNode
         from app.bridge.calls.calibrate_server import CalibrateServer
         from app.bridge.calls.replay_server import ReplayServer
         from app.bridge.tf import TransformBuffer
@@ -51,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
         if options.load:
             with received.ends_at_once():
                 cases.load(options.load)
-        print(prepare_environment(), file=sys.stderr)
+        print_reach()
         ended = threading.Event()
         received.stops(ended.set)
         with RosNode(NODE_NAME) as ros:

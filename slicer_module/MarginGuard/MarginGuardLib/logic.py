@@ -19,17 +19,17 @@ from slicer import (
 from app.fixture import MarginParameters
 from app.geometry import InputError, MarginGuardError
 from app.registration import RegistrationResult
+from app.runtime import PreparedCase, prepare_case
 from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
 from .jobs import Jobs, one_line
-from .live_steps import LiveSteps
+from .live_opening import LiveOpening
 from .registering import (
     registration_of_case,
     registration_of_landmarks,
     registration_text,
 )
-from .replay_steps import OpenedCase, ReplaySteps, open_recorded
 from .shown_session import ShownSession
 from .status import PanelStatus
 from .tumor_input import surface_of
@@ -69,11 +69,11 @@ class GuardLogic:
         """
         self._check_not_live()
         self.forget_scene()
-        self.session.begin(LiveSteps(config))
+        self.session.begin(LiveOpening(config))
 
     def disconnect(self) -> None:
         """End the session, as soon as it can leave; what it showed turns grey."""
-        self.session.running().steps.halt()
+        self.session.running().run.stop()
 
     def load_case(self, folder: Path) -> None:
         """Open and register a recorded case beside this thread; it then waits at its beginning.
@@ -84,14 +84,11 @@ class GuardLogic:
         if not folder.is_dir():
             raise InputError(f"{folder} is no case: no such folder")
 
-        def opened(case: OpenedCase) -> None:
+        def opened(case: PreparedCase) -> None:
             self._end()
-            steps = ReplaySteps(
-                case, case.setup, case.scene, start_s=0.0, rate=self.session.rate, paused=True
-            )
-            self.session.begin(steps, case)
+            self.session.begin_replay(case)
 
-        self._jobs.begin("opening the case", lambda: open_recorded(folder), opened)
+        self._jobs.begin("opening the case", lambda: prepare_recorded(folder), opened)
 
     def play(self) -> None:
         """Go on with the replay; from the beginning when it has ended."""
@@ -125,26 +122,26 @@ class GuardLogic:
 
     def margins(self) -> MarginParameters | None:
         """The margins of the session; None without one."""
-        run = self.session.run
-        changes = None if run is None else run.steps.changes
-        return None if changes is None else changes.scene.margins
+        thread = self.session.thread
+        commands = None if thread is None else thread.run.commands
+        return None if commands is None else commands.content.margins
 
     def set_margins(self, stop_mm: float, warn_mm: float) -> None:
         """Use these from the next step on; refused whole when one of them cannot be."""
-        self.session.running().steps.set_margins(stop_mm, warn_mm)
+        self.session.running().run.set_margins(stop_mm, warn_mm)
 
     def set_tumor(self, node: vtkMRMLNode | None, segment: str = "") -> None:
         """Guard what ``node`` marks now; its field is built beside this thread."""
-        changes = self.session.changes()
-        edge = changes.setup.frame_from_tumor
+        commands = self.session.commands()
+        edge = commands.setup.frame_from_tumor
         mesh = surface_of(node, segment, edge.source, self.session.shown().tumor_node())
 
         def done(model_id: str) -> None:
-            if changes is not self.session.changes():
+            if commands is not self.session.commands():
                 raise InputError("another session has begun meanwhile: set it again")
             self._message = f"the tumour is now {model_id}"
 
-        self._jobs.begin("setting the tumour", lambda: changes.set_tumor(edge, mesh), done)
+        self._jobs.begin("setting the tumour", lambda: commands.set_tumor(edge, mesh), done)
 
     def register_case(self, folder: Path) -> None:
         """Find the registration of a recorded case beside this thread, to be accepted."""
@@ -158,7 +155,7 @@ class GuardLogic:
         ``in_reference`` is taken where the scene has it, relative to the reference's node;
         ``in_base`` by its own coordinates.
         """
-        robot = self.session.changes().setup.robot
+        robot = self.session.commands().setup.robot
         if in_reference is None or in_base is None:
             raise InputError("two lists of landmarks are wanted: in the reference, in the base")
         if robot is None:
@@ -169,10 +166,10 @@ class GuardLogic:
 
     def accept_registration(self) -> None:
         """Use the registration that was found, from the next step on."""
-        changes = self.session.changes()
+        commands = self.session.commands()
         if self.candidate is None:
             raise InputError("there is no registration to accept: register first")
-        changes.set_registration(self.candidate)
+        commands.set_registration(self.candidate)
         self.candidate = None
         self._message = "the registration is in use"
 
@@ -215,8 +212,8 @@ class GuardLogic:
             self._message = failed
         session = self.session
         session.take(wait_s)
-        if session.run is not None and session.run.failure:
-            self._message = session.run.failure
+        if session.thread is not None and session.thread.failure:
+            self._message = session.thread.failure
         if session.failure:
             self._message = session.failure
         self._look_along_tool()
@@ -276,7 +273,7 @@ class GuardLogic:
             registration="" if self.candidate is None else registration_text(self.candidate),
             message=f"{self._jobs.at_work} ..." if self._jobs.at_work else self._message,
             position_s=session.position_s,
-            duration_s=0.0 if session.opened is None else session.opened.duration_s,
+            duration_s=0.0 if session.opened is None else session.opened.extent.duration_s,
             is_live=self._is_live,
             has_session=session.is_running,
             is_playing=session.is_playing,
@@ -290,3 +287,10 @@ class GuardLogic:
         if camera is None:
             raise InputError("the scene has no 3D view to look through")
         return camera
+
+
+def prepare_recorded(folder: Path) -> PreparedCase:
+    """Open and register the case; reads its extent, so that an empty recording is refused here."""
+    prepared = prepare_case(folder)
+    _ = prepared.extent
+    return prepared

@@ -2,16 +2,15 @@
 
 from pathlib import Path
 
-from app.case import open_case
 from app.geometry import FloatArray, InputError
 from app.registration import RegistrationResult, register_points
-from app.session import REFERENCE, robot_from_case, with_estimated_clock, with_repaired_tumor
+from app.runtime import register_case
+from app.session import REFERENCE
 
 
 def registration_of_case(folder: Path) -> RegistrationResult:
     """What ``marginguard register`` finds in the case; takes seconds."""
-    case, _ = with_estimated_clock(with_repaired_tumor(open_case(folder)))
-    robot = robot_from_case(case)
+    robot = register_case(folder).robot
     if robot is None or robot.registration is None:
         raise InputError(f"{folder} has no robot: there is nothing to register")
     return robot.registration

@@ -1,20 +1,24 @@
 """One session at a time in the scene: what runs, what was shown last, how old that is."""
 
+import time
 from collections.abc import Callable
 
 from slicer import vtkMRMLApplicationLogic, vtkMRMLScene, vtkMRMLTransformNode
 
-from app.bridge.control import SessionChanges
-from app.bridge.publishing.replay_scene import ReplayScene
 from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S, InputError
-from app.runtime import SessionContent
+from app.runtime import (
+    DeliveredStep,
+    OperatorCommands,
+    PreparedCase,
+    ReplayRun,
+    StepRun,
+    StepThread,
+)
 from app.scene import TransformHealth
 
 from .display import NOTHING_YET, SessionDisplay
 from .jobs import one_line
-from .replay_steps import OpenedCase, ReplaySteps
-from .run import Delivered, Run, Steps
 
 
 class ShownSession:
@@ -32,44 +36,56 @@ class ShownSession:
         self.opacity = 0.4
         self.patient_to_ras: vtkMRMLTransformNode | None = None
         self.rate = 1.0
-        self.run: Run | None = None
+        self.thread: StepThread | None = None
         self.display: SessionDisplay | None = None
-        self.opened: OpenedCase | None = None
+        self.opened: PreparedCase | None = None
         self.health: tuple[TransformHealth, ...] = ()
         self.failure = ""
         self._mrml_scene = mrml_scene
         self._logic = logic
         self._clock_ns = clock_ns
-        self._last: Delivered | None = None
-        self._content: tuple[ReplayScene, SessionContent] | None = None
+        self._last: DeliveredStep | None = None
 
-    def begin(self, steps: Steps, opened: OpenedCase | None = None) -> None:
-        """End what there is, and run ``steps``, of the case ``opened`` when they are a replay."""
+    def begin(self, run: StepRun, opened: PreparedCase | None = None) -> None:
+        """End the present run and start ``run``, of the case ``opened`` when it is a replay."""
         self.end()
         self.opened = opened
-        self.run = Run(steps, self._clock_ns)
+        self._start(run)
+
+    def begin_replay(self, opened: PreparedCase) -> None:
+        """Replay ``opened``, paused at its first frame."""
+        run = ReplayRun(opened, clock_ns=time.monotonic_ns, rate=self.rate, paused=True)
+        self.begin(run, opened)
 
     def end(self) -> None:
         """Stop the run, and take the display out of the scene."""
-        if self.run is not None:
-            self.run.stop()
+        if self.thread is not None:
+            self.thread.stop()
         if self.display is not None:
             self.display.clear()
-        self.run = self.opened = self._last = self.display = None
+        self.thread = self.opened = self._last = self.display = None
         self.health = ()
         self.failure = ""
 
     def seek(self, seconds: float, *, paused: bool) -> None:
         """Replay the case from there, as it was changed since it was opened."""
-        case, changes = self.case(), self.changes()
-        if not 0.0 <= seconds <= case.duration_s:
-            raise InputError(f"seek to {seconds:g} s: 0 to {case.duration_s:.1f} s wanted")
-        if self.run is not None:
-            self.run.stop()
-        steps = ReplaySteps(
-            case, changes.setup, changes.scene, start_s=seconds, rate=self.rate, paused=paused
+        case, commands = self.case(), self.commands()
+        duration_s = case.extent.duration_s
+        if not 0.0 <= seconds <= duration_s:
+            raise InputError(f"seek to {seconds:g} s; expected 0 to {duration_s:.1f} s")
+        if self.thread is not None:
+            self.thread.stop()
+        self._start(
+            ReplayRun(
+                case,
+                clock_ns=time.monotonic_ns,
+                rate=self.rate,
+                start_s=seconds,
+                paused=paused,
+                setup=commands.setup,
+                content=commands.content,
+            )
         )
-        self.run = Run(steps, self._clock_ns)
 
     def take(self, wait_s: float) -> None:
         """Show the newest step, waited for at most ``wait_s``, and grey what has become old.
@@ -77,53 +93,40 @@ class ShownSession:
         What cannot be brought up to date, as when the user has deleted a node, is taken out of the
         scene: ``failure`` says why, and the next step shows all of it anew.
         """
-        if self.run is None:
+        if self.thread is None:
             return
-        delivered = self.run.newest(wait_s)
+        delivered = self.thread.newest(wait_s)
         try:
-            self._show(self.run, delivered)
+            self._show(self.thread, delivered)
         except Exception as error:  # whatever it is, nothing may stay as it was
             self.failure = one_line(error)
             display, self.display, self.health = self.display, None, ()
             if display is not None:
                 display.clear()
 
-    def _show(self, run: Run, delivered: Delivered | None) -> None:
-        changes = run.steps.changes
-        if delivered is not None and changes is not None:
-            content = self._content_of(changes)
+    def _start(self, run: StepRun) -> None:
+        self.thread = StepThread(run, self._clock_ns, one_line)
+
+    def _show(self, thread: StepThread, delivered: DeliveredStep | None) -> None:
+        commands = thread.run.commands
+        if delivered is not None and commands is not None:
             if self.display is None:
                 self.display = SessionDisplay(
                     self._mrml_scene,
-                    content,
+                    commands.content,
                     opacity=self.opacity,
                     patient_to_ras=self.patient_to_ras,
                     logic=self._logic,
                 )
-            elif self._last is None or self._last.run is not run:
+            elif self._last is None or self._last.thread is not thread:
                 self.display.restart()
             self._last = delivered
-            self.health = self.display.show(delivered.step, content, run.present_ns(delivered))
+            self.health = self.display.show(
+                delivered.step, commands.content, thread.present_ns(delivered)
+            )
             self.failure = ""
         elif self._last is not None and self.display is not None:
-            self.health = self.display.check(run.present_ns(self._last))
-
-    def _content_of(self, changes: SessionChanges) -> SessionContent:
-        """The content that ``changes`` holds now, the same object until it is changed."""
-        scene = changes.scene
-        if self._content is None or self._content[0] is not scene:
-            setup = changes.setup
-            content = SessionContent(
-                name="",
-                tumor=scene.tumor,
-                tool=scene.tool,
-                tip_frame=setup.tool_from_tip.source,
-                static_edges=setup.static_edges,
-                margins=scene.margins,
-                robot=setup.robot,
-            )
-            self._content = scene, content
-        return self._content[1]
+            self.health = self.display.check(thread.present_ns(self._last))
 
     def rearm(self) -> None:
         """End the hold of an earlier fault, for an operator who sees what is shown now.
@@ -131,24 +134,25 @@ class ShownSession:
         Refused while that is UNKNOWN, and when a fault or another tumour, tool, registration or
         margin came after it: nobody can have looked at them.
         """
-        run, shown, changes = self.running(), self._last, self.changes()
+        thread, shown, commands = self.running(), self._last, self.commands()
         if shown is None or self.display is None or self.readout()[0] is MarginState.UNKNOWN:
-            raise InputError("the margin that is shown is UNKNOWN: its cause must end first")
-        seq = shown.step.decision.seq
-        with run.steps.between_steps() as session:
-            is_newest = self._content is not None and self._content[0] is changes.scene
-            if shown.run is not run or not is_newest:
-                raise InputError("what was changed is not shown yet: look at the margin again")
-            if seq < run.fault_seq:
+            raise InputError("the displayed margin is UNKNOWN: its cause must end first")
+        seq, displayed = shown.step.decision.seq, self.display.content
+
+        def check() -> None:
+            if shown.thread is not thread or displayed is not commands.content:
+                raise InputError("the last change is not displayed yet: look at the margin again")
+            if seq < thread.fault_seq:
                 raise InputError(
-                    f"a fault came after step {seq}, which is shown: look at the margin again"
+                    f"a fault came after the displayed step {seq}: look at the margin again"
                 )
-            session.rearm()
+
+        commands.rearm(check)
 
     @property
     def is_running(self) -> bool:
         """Whether steps may come."""
-        return self.run is not None and not self.run.is_over
+        return self.thread is not None and not self.thread.is_over
 
     @property
     def is_playing(self) -> bool:
@@ -160,7 +164,7 @@ class ShownSession:
         """Seconds from the first frame of the case to the frame that was shown last."""
         if self.opened is None or self._last is None:
             return None
-        return (self._last.step.frame.stamp.ns - self.opened.first_ns) / NS_PER_S
+        return (self._last.step.frame.stamp.ns - self.opened.extent.first_ns) / NS_PER_S
 
     def readout(self) -> tuple[MarginState, str]:
         """The state and the banner, as the scene shows them."""
@@ -180,7 +184,7 @@ class ShownSession:
 
     def text(self) -> str:
         """What the session is, and what it does."""
-        if self.run is None:
+        if self.thread is None:
             return "no session"
         if self.opened is not None:
             manifest = self.opened.case.manifest
@@ -190,31 +194,31 @@ class ShownSession:
             return "live session has ended"
         return "connecting ..." if self._last is None else "live"
 
-    def running(self) -> Run:
-        """The run; `InputError` when none takes steps."""
-        if self.run is None or self.run.is_over:
+    def running(self) -> StepThread:
+        """The thread of the run; `InputError` when none takes steps."""
+        if self.thread is None or self.thread.is_over:
             raise InputError("there is no session: connect or load a case first")
-        return self.run
+        return self.thread
 
-    def changes(self) -> SessionChanges:
-        """What changes the session; `InputError` before it has begun."""
-        changes = None if self.run is None else self.run.steps.changes
-        if changes is None:
+    def commands(self) -> OperatorCommands:
+        """The commands of the session; `InputError` before it has started."""
+        commands = None if self.thread is None else self.thread.run.commands
+        if commands is None:
             raise InputError("there is no session: connect or load a case first")
-        return changes
+        return commands
 
-    def case(self) -> OpenedCase:
+    def case(self) -> PreparedCase:
         """The case that is replayed; `InputError` without one."""
         if self.opened is None:
             raise InputError("no case is loaded: load one first")
         return self.opened
 
-    def replay(self) -> ReplaySteps:
+    def replay(self) -> ReplayRun:
         """The replay; `InputError` when the session is none."""
-        steps = None if self.run is None else self.run.steps
-        if not isinstance(steps, ReplaySteps):
+        run = None if self.thread is None else self.thread.run
+        if not isinstance(run, ReplayRun):
             raise InputError("no case is loaded: load one first")
-        return steps
+        return run
 
     def shown(self) -> SessionDisplay:
         """The display; `InputError` before there is one."""

@@ -7,8 +7,8 @@ from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.calls import ActionClient, CallError, GoalEndedError
 from app.bridge.convert import action_type, type_name
-from app.bridge.latest_value import LatestValue
 from app.geometry import MarginGuardError
+from app.runtime.latest_value import LatestValue
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 from ROS2Lib.ros_message import message_of, value_of

@@ -2,9 +2,9 @@
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.latest_value import LatestValue
 from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
 from app.robot import Robot
+from app.runtime.latest_value import LatestValue
 from app.scene import RobotModel, SceneError
 from app.scene.nodes.convert import vtk_matrix
 from app.scene.nodes.node_integrity import Upkeep

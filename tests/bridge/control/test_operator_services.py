@@ -7,26 +7,36 @@ from pathlib import Path
 
 import pytest
 
-from app.bridge.control import OperatorServices, SessionChanges, session_changes
-from app.bridge.publishing.prepared_shapes import PreparedShapes
+from app.bridge.control import OperatorServices
 from app.case import open_case
 from app.geometry import SurfaceMesh
+from app.runtime import OperatorCommands, PassiveOutput, content_of
 from app.session import Session, setup_from_case
 from tests.bridge.conftest import DEADLINE_S
 
 CALLER = Path(__file__).resolve().parent / "operator_caller.py"
 
 
-class Shown:
-    """What a publisher is told to show."""
+class Watched(PassiveOutput):
+    """Test double of a publisher: the contents that it prepared and the ones it switched to."""
 
-    def __init__(self):
-        self.scenes = []
-        self.shapes = []
+    def __init__(self, stepping):
+        self.contents = []
+        self.prepared = []
+        self.locked_while_preparing = []
+        self.revoked = 0
+        self._stepping = stepping
 
-    def use(self, scene, shapes=None):
-        self.scenes.append(scene)
-        self.shapes.append(shapes)
+    def publish(self, step, timing):
+        return True
+
+    def prepare(self, content):
+        self.prepared.append(content)
+        self.locked_while_preparing.append(self._stepping.locked())
+        return self.contents.append
+
+    def revoke(self):
+        self.revoked += 1
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +52,6 @@ def setup(case):
 @pytest.fixture
 def session(setup):
     return Session(setup)
-
-
-@pytest.fixture
-def shown():
-    return Shown()
 
 
 class StepLock:
@@ -73,7 +78,12 @@ def stepping():
 
 
 @pytest.fixture
-def changes(ros, session, shown, scene, case, setup, stepping):
+def shown(stepping):
+    return Watched(stepping)
+
+
+@pytest.fixture
+def commands(ros, session, shown, case, setup, stepping):
     """On a session of the recorded case, with the node serving."""
 
     @contextmanager
@@ -81,21 +91,16 @@ def changes(ros, session, shown, scene, case, setup, stepping):
         with stepping:
             yield session
 
-    real = replace(
-        scene,
-        tumor=case.tumor_mesh(),
-        static_edges=setup.static_edges,
-        registration=setup.robot.registration,
-    )
-    made = SessionChanges(between_steps, shown, real)
+    content = replace(content_of(case, setup, tip_only=True), tool=case.tool_mesh())
+    made = OperatorCommands(between_steps, content, (shown,))
     OperatorServices(ros, made)
     return made
 
 
 def test_a_sound_tumor_is_taken_and_others_leave_what_was(
-    changes, session, setup, shown, start_receiver
+    commands, session, setup, shown, start_receiver
 ):
-    before = changes.scene
+    before = commands.content
     elsewhere, is_open = ("0.03", "nowhere", "sound"), ("0.03", "needle", "open")
     nan, good = ("nan", "needle", "sound"), ("0.03", "needle", "sound")
     caller = start_receiver(*elsewhere, *is_open, *nan, *good, script=CALLER)
@@ -107,9 +112,9 @@ def test_a_sound_tumor_is_taken_and_others_leave_what_was(
     assert is_open["message"]
     (taken,) = caller.take(1)
     assert (taken["success"], taken["message"]) == (True, "")
-    assert taken["id"] == changes.scene.model_id != before.model_id
-    assert len(shown.scenes) == 1
-    scene = shown.scenes[0]
+    assert taken["id"] == commands.content.model_id != before.model_id
+    assert len(shown.contents) == 1
+    scene = shown.contents[0]
     assert scene.tumor.vertices_mm.max() == pytest.approx(30.0)
     assert session.setup.frame_from_tumor.translation_mm.tolist() == [1.0, 0.0, 0.0]
     edges = {(edge.target, edge.source): edge for edge in scene.static_edges}
@@ -118,27 +123,17 @@ def test_a_sound_tumor_is_taken_and_others_leave_what_was(
     assert session.setup.proximity is not setup.proximity
 
 
-def test_the_session_goes_on_while_all_of_a_new_tumor_is_made(
-    changes, shown, case, stepping, monkeypatch
-):
-    held_up = []
-
-    class Watched(PreparedShapes):
-        def __init__(self, scene):
-            held_up.append(stepping.locked())
-            super().__init__(scene)
-
-    monkeypatch.setattr(session_changes, "PreparedShapes", Watched)
+def test_the_session_goes_on_while_all_of_a_new_tumor_is_made(commands, shown, case):
     other = case.tumor_mesh()
     other = SurfaceMesh(other.frame, other.vertices_mm * 0.9, other.faces)
-    changes.set_tumor(changes.setup.frame_from_tumor, other)
-    assert held_up == [False]
-    assert shown.shapes[0].are_of(shown.scenes[0])
-    assert shown.scenes[0].tumor is other
+    commands.set_tumor(commands.setup.frame_from_tumor, other)
+    assert shown.locked_while_preparing == [False]
+    assert shown.prepared[0].tumor is shown.contents[0].tumor is other
+    assert shown.revoked == 1
 
 
 def test_the_node_hears_others_while_a_change_waits_for_a_step(
-    ros, changes, stepping, start_receiver
+    ros, commands, stepping, start_receiver
 ):
     heard = threading.Event()
     with stepping:
@@ -151,7 +146,7 @@ def test_the_node_hears_others_while_a_change_waits_for_a_step(
 
 
 def test_a_good_registration_is_used_and_a_bad_one_leaves_what_was(
-    changes, session, setup, shown, start_receiver
+    commands, session, setup, shown, start_receiver
 ):
     caller = start_receiver("register", "0.05", "0.00001", script=CALLER)
     bad, good = caller.take(2)
@@ -160,10 +155,10 @@ def test_a_good_registration_is_used_and_a_bad_one_leaves_what_was(
     assert (good["success"], good["message"]) == (True, "")
     assert good["x"] == pytest.approx(0.5, abs=1e-3)
     assert 0.0 < good["fre"] < 2e-5
-    assert good["id"] == changes.scene.registration_id
-    assert len(shown.scenes) == 1
+    assert good["id"] == commands.content.registration_id
+    assert len(shown.contents) == 1
     registration = session.setup.robot.registration
     assert registration.transform.translation_mm[0] == pytest.approx(500.0, abs=1.0)
-    assert shown.scenes[0].registration is registration
-    assert registration.transform in shown.scenes[0].static_edges
-    assert len(shown.scenes[0].static_edges) == len(setup.static_edges)
+    assert shown.contents[0].registration is registration
+    assert registration.transform in shown.contents[0].static_edges
+    assert len(shown.contents[0].static_edges) == len(setup.static_edges)

@@ -13,9 +13,9 @@ def ns(time):
     return time.sec * 10**9 + time.nanosec
 
 
-def test_every_field_is_in_metres(scene, make_step):
+def test_every_field_is_in_metres(content, make_step):
     step = make_step(0)
-    message = ConstraintBuilder(scene).message(step.decision)
+    message = ConstraintBuilder(content).message(step.decision)
     assert message.header.frame_id == "tumor"
     assert ns(message.header.stamp) == step.frame.stamp.ns - 3_000_000
     assert ns(message.valid_until) == ns(message.header.stamp) + 200_000_000
@@ -27,7 +27,10 @@ def test_every_field_is_in_metres(scene, make_step):
     assert message.stop_distance == pytest.approx(0.00175)
     assert message.warn_distance == pytest.approx(0.00575)
     assert message.sigma_tre == pytest.approx(0.00025)
-    assert (message.model_id, message.registration_id) == (scene.model_id, scene.registration_id)
+    assert (message.model_id, message.registration_id) == (
+        content.model_id,
+        content.registration_id,
+    )
     (plane,) = message.half_spaces
     assert (plane.normal.x, plane.normal.y, plane.normal.z) == (0.0, 0.0, 1.0)
     assert plane.offset == 0.0125
@@ -37,15 +40,15 @@ def test_every_field_is_in_metres(scene, make_step):
 
 
 @pytest.mark.parametrize("state", MarginState)
-def test_the_states_have_the_numbers_of_the_message(scene, make_step, state):
-    message = ConstraintBuilder(scene).message(make_step(0, state=state).decision)
+def test_the_states_have_the_numbers_of_the_message(content, make_step, state):
+    message = ConstraintBuilder(content).message(make_step(0, state=state).decision)
     assert message.state == getattr(message, state.name)
 
 
 def test_while_unknown_the_old_planes_keep_their_old_stamp_and_nothing_else_is_said(
-    scene, make_step
+    content, make_step
 ):
-    builder = ConstraintBuilder(scene)
+    builder = ConstraintBuilder(content)
     good = builder.message(make_step(0).decision)
     message = builder.message(make_step(1, lost=True).decision)
     assert message.state == message.UNKNOWN
@@ -58,26 +61,26 @@ def test_while_unknown_the_old_planes_keep_their_old_stamp_and_nothing_else_is_s
         assert math.isnan(getattr(message, name)), name
 
 
-def test_planes_of_the_present_have_its_stamp_also_while_the_state_is_unknown(scene, make_step):
+def test_planes_of_the_present_have_its_stamp_also_while_the_state_is_unknown(content, make_step):
     """As with a registration that has drifted: what the tracker measured is as good as ever."""
-    builder = ConstraintBuilder(scene)
+    builder = ConstraintBuilder(content)
     builder.message(make_step(0).decision)
     step = make_step(1, state=MarginState.UNKNOWN)
     message = builder.message(step.decision)
     assert ns(message.header.stamp) == step.decision.stamp.ns
 
 
-def test_what_was_known_of_another_tumor_is_no_time_of_the_new_one(scene, make_step):
-    builder = ConstraintBuilder(scene)
+def test_what_was_known_of_another_tumor_is_no_time_of_the_new_one(content, make_step):
+    builder = ConstraintBuilder(content)
     builder.message(make_step(0).decision)
-    builder.use(scene)
+    builder.use(content)
     decision = replace(make_step(1, lost=True).decision, constraint=None)
     message = builder.message(decision)
     assert ns(message.header.stamp) == ns(message.valid_until) == 0
     assert len(message.half_spaces) == 0
 
 
-def test_before_the_first_good_step_it_is_long_past_and_holds(scene, make_step):
+def test_before_the_first_good_step_it_is_long_past_and_holds(content, make_step):
     starting = FixtureDecision(
         state=MarginState.UNKNOWN,
         reasons=(Reason.STARTING,),
@@ -88,7 +91,7 @@ def test_before_the_first_good_step_it_is_long_past_and_holds(scene, make_step):
         stamp=make_step(0).decision.stamp,
         seq=0,
     )
-    message = ConstraintBuilder(scene).message(starting)
+    message = ConstraintBuilder(content).message(starting)
     assert message.hold
     assert len(message.half_spaces) == 0
     assert ns(message.header.stamp) == ns(message.valid_until) == 0

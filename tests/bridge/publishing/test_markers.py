@@ -9,13 +9,13 @@ from app.bridge.publishing.markers import Markers, margin_text
 from app.fixture import MarginState
 
 
-def test_the_triangles_are_those_of_the_mesh_in_metres(scene):
-    tumor, tool = Markers(scene).surfaces(MarginState.NEGATIVE).markers
+def test_the_triangles_are_those_of_the_mesh_in_metres(content):
+    tumor, tool = Markers(content).surfaces(MarginState.NEGATIVE).markers
     assert tumor.type == tumor.TRIANGLE_LIST
     assert (tumor.header.frame_id, tool.header.frame_id) == ("tumor", "cautery_tip")
     corners = np.array([[point.x, point.y, point.z] for point in tumor.points])
-    assert corners.reshape(-1, 3, 3) * 1000.0 == pytest.approx(scene.tumor.triangles_mm)
-    assert len(tool.points) == 3 * len(scene.tool.faces)
+    assert corners.reshape(-1, 3, 3) * 1000.0 == pytest.approx(content.tumor.triangles_mm)
+    assert len(tool.points) == 3 * len(content.tool.faces)
     assert (tumor.scale.x, tumor.scale.y, tumor.scale.z) == (1.0, 1.0, 1.0)
     assert tumor.pose.orientation.w == 1.0
 
@@ -29,25 +29,25 @@ def test_the_triangles_are_those_of_the_mesh_in_metres(scene):
         (MarginState.UNKNOWN, (0.5, 0.5, 0.5)),
     ],
 )
-def test_tumor_marker_has_the_color_of_the_state(scene, state, rgb):
-    color = Markers(scene).surfaces(state).markers[0].color
+def test_tumor_marker_has_the_color_of_the_state(content, state, rgb):
+    color = Markers(content).surfaces(state).markers[0].color
     assert (color.r, color.g, color.b) == rgb == state.color
     assert 0.0 < color.a < 1.0
 
 
-def test_a_marker_is_drawn_at_the_newest_pose(scene):
-    for marker in Markers(scene).surfaces(MarginState.NEGATIVE).markers:
+def test_a_marker_is_drawn_at_the_newest_pose(content):
+    for marker in Markers(content).surfaces(MarginState.NEGATIVE).markers:
         assert marker.frame_locked
         assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (0, 0)
 
 
-def test_without_a_tool_mesh_there_is_only_the_tumour(scene):
-    markers = Markers(replace(scene, tool=None)).surfaces(MarginState.NEGATIVE).markers
+def test_without_a_tool_mesh_there_is_only_the_tumour(content):
+    markers = Markers(replace(content, tool=None)).surfaces(MarginState.NEGATIVE).markers
     assert [marker.ns for marker in markers] == ["tumor"]
 
 
-def test_the_words_stand_above_the_tumour(scene, make_step):
-    (marker,) = Markers(scene).words(make_step(0).decision).markers
+def test_the_words_stand_above_the_tumour(content, make_step):
+    (marker,) = Markers(content).words(make_step(0).decision).markers
     assert marker.text == "CLEAR +7.5 mm"
     position = marker.pose.position
     assert (position.x, position.y, position.z) == pytest.approx((0.005, 0.005, 0.02))

@@ -10,11 +10,12 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from app.bridge import topics
 from app.bridge.errors import BridgeError
 from app.bridge.publishing.frame_tree import PublishPolicy
-from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.fixture import MarginState
 from app.geometry import SurfaceMesh, Transform
 from app.registration import given_registration
+from app.runtime import StepTiming
+from tests.session_content import registered
 
 TF = "/tf:tf2_msgs/msg/TFMessage"
 TF_STATIC = "/tf_static:tf2_msgs/msg/TFMessage"
@@ -55,14 +56,14 @@ MESSAGES_A_CHANGE = 2  # surfaces, diagnostics
 
 
 @pytest.fixture
-def heard(domain_id, scene, make_step, start_receiver):
+def heard(domain_id, content, make_step, start_receiver):
     """Messages by topic: five steps, of which the third has lost the tool."""
-    with SessionPublisher(scene, domain_id=domain_id) as ros:
+    with SessionPublisher(content, domain_id=domain_id) as ros:
         receiver = start_receiver(*EVERYTHING)
         wait_for_one_subscriber(ros, *topics.EVERY_STEP)
         lines = receiver.take(MESSAGES_AT_START)
         for index in range(5):
-            ros.publish(make_step(index, lost=index == 2))
+            ros.publish(make_step(index, lost=index == 2), StepTiming())
             # All of a step before the next: topics that promise the newest only may drop what a
             # faster publisher overwrites.
             changed = index in {0, 2, 3}
@@ -74,13 +75,13 @@ def heard(domain_id, scene, make_step, start_receiver):
     return by_topic
 
 
-def test_every_topic_carries_its_values(heard, scene, make_step):
+def test_every_topic_carries_its_values(heard, content, make_step):
     now_ns = [make_step(index).frame.stamp.ns for index in range(5)]
     check_tf(heard["/tf"], now_ns)
     check_static(heard["/tf_static"])
     check_joints(heard["/joint_states"], now_ns)
     check_constraints(heard["/marginguard/constraint"], now_ns)
-    assert heard["/robot_description"] == [{"data": scene.robot_description}]
+    assert heard["/robot_description"] == [{"data": content.robot_description()}]
     distances = [message["data"] for message in heard["/marginguard/margin_mm"]]
     assert distances == pytest.approx([7.5, 7.5, float("nan"), 7.5, 7.5], nan_ok=True)
     colors = [(color["r"], color["g"], color["b"]) for color in heard["/marginguard/margin_color"]]
@@ -164,10 +165,10 @@ def check_markers(messages):
         assert len(surface["tumor"]["points"]) == len(surface["tool"]["points"]) == 12
 
 
-def test_a_late_joiner_gets_all_that_is_latched(domain_id, scene, make_step, start_receiver):
-    with SessionPublisher(scene, domain_id=domain_id) as ros:
+def test_a_late_joiner_gets_all_that_is_latched(domain_id, content, make_step, start_receiver):
+    with SessionPublisher(content, domain_id=domain_id) as ros:
         for index in range(3):
-            ros.publish(make_step(index, state=MarginState.WARNING))
+            ros.publish(make_step(index, state=MarginState.WARNING), StepTiming())
         received = start_receiver(
             f"{TF_STATIC}:1:latched",
             f"{DESCRIPTION}:1:latched",
@@ -186,12 +187,12 @@ def test_a_late_joiner_gets_all_that_is_latched(domain_id, scene, make_step, sta
     assert color == pytest.approx(MarginState.WARNING.color, abs=1e-7)
 
 
-def test_the_constraint_beats_between_steps(domain_id, scene, make_step, start_receiver):
-    with SessionPublisher(scene, domain_id=domain_id, heartbeat_hz=200.0) as ros:
+def test_the_constraint_beats_between_steps(domain_id, content, make_step, start_receiver):
+    with SessionPublisher(content, domain_id=domain_id, heartbeat_hz=200.0) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:20")
         wait_for_one_subscriber(ros, topics.CONSTRAINT)
         step = make_step(0)
-        ros.publish(step)
+        ros.publish(step, StepTiming())
         beats = [line["message"] for line in receiver.messages()]
     numbers = [beat["seq"] for beat in beats]
     assert numbers == sorted(set(numbers))
@@ -199,13 +200,13 @@ def test_the_constraint_beats_between_steps(domain_id, scene, make_step, start_r
 
 
 def test_a_step_that_is_old_when_it_is_published_is_stale_from_the_first(
-    domain_id, scene, make_step, start_receiver
+    domain_id, content, make_step, start_receiver
 ):
-    voice = PublishPolicy(clock=False)
-    with SessionPublisher(scene, domain_id=domain_id, heartbeat_hz=10.0, voice=voice) as ros:
+    policy = PublishPolicy(clock=False)
+    with SessionPublisher(content, domain_id=domain_id, heartbeat_hz=10.0, policy=policy) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:1")
         wait_for_one_subscriber(ros, topics.CONSTRAINT)
-        ros.publish(make_step(0), scene.margins.stale_after_ns)
+        ros.publish(make_step(0), StepTiming(spent_ns=content.margins.stale_after_ns))
         (first,) = [line["message"] for line in receiver.messages()]
     assert (first["hold"], first["reasons"]) == (True, ["stale"])
 
@@ -220,8 +221,8 @@ def test_a_step_that_is_old_when_it_is_published_is_stale_from_the_first(
         (topics.CONSTRAINT, DurabilityPolicy.VOLATILE, 1),
     ],
 )
-def test_the_quality_of_service_is_what_the_graph_sees(domain_id, scene, topic, durability, depth):
-    with SessionPublisher(scene, domain_id=domain_id) as ros:
+def test_graph_sees_the_quality_of_service(domain_id, content, topic, durability, depth):
+    with SessionPublisher(content, domain_id=domain_id) as ros:
         name = topic.name.replace("~", "/marginguard")
         seen = ros.ros.node.get_publishers_info_by_topic(name)
         assert seen
@@ -231,27 +232,27 @@ def test_the_quality_of_service_is_what_the_graph_sees(domain_id, scene, topic, 
     assert topic.qos.depth == depth
 
 
-def test_a_case_without_robot_has_no_description(domain_id, scene, make_step):
-    freehand = replace(scene, robot_description=None, registration=None)
+def test_a_case_without_robot_has_no_description(domain_id, content, make_step):
+    freehand = replace(content, robot=None, robot_file=None)
     with SessionPublisher(freehand, domain_id=domain_id) as ros:
-        ros.publish(replace(make_step(0), joints=None, links={}))
+        ros.publish(replace(make_step(0), joints=None, links={}), StepTiming())
         names = dict(ros.ros.node.get_topic_names_and_types())
     assert "/robot_description" not in names
     assert "/tf" in names
 
 
 def test_another_tumor_is_shown_by_the_shapes_that_were_made_of_it(
-    domain_id, scene, make_step, start_receiver
+    domain_id, content, make_step, start_receiver
 ):
-    larger = SurfaceMesh("tumor", 2.0 * scene.tumor.vertices_mm, scene.tumor.faces)
-    after = replace(scene, tumor=larger)
-    with SessionPublisher(scene, domain_id=domain_id) as ros:
+    larger = SurfaceMesh("tumor", 2.0 * content.tumor.vertices_mm, content.tumor.faces)
+    after = replace(content, tumor=larger)
+    with SessionPublisher(content, domain_id=domain_id) as ros:
         receiver = start_receiver(f"{MARKERS}:4:latched")
         receiver.take(1)
-        with pytest.raises(BridgeError, match="not those of the scene"):
-            ros.use(after)
-        ros.use(after, PreparedShapes(after))
-        ros.publish(make_step(0))
+        with pytest.raises(BridgeError, match="made of another tumour"):
+            ros.prepare(content)(after)
+        ros.prepare(after)(after)
+        ros.publish(make_step(0), StepTiming())
         tumors = [
             marker
             for line in receiver.take(3)
@@ -264,8 +265,8 @@ def test_another_tumor_is_shown_by_the_shapes_that_were_made_of_it(
         assert max(point["x"] for point in marker["points"]) == 0.02
 
 
-def test_closing_twice_is_closing_once(domain_id, scene):
-    ros = SessionPublisher(scene, domain_id=domain_id, heartbeat_hz=100.0)
+def test_closing_twice_is_closing_once(domain_id, content):
+    ros = SessionPublisher(content, domain_id=domain_id, heartbeat_hz=100.0)
     ros.close()
     ros.close()
     assert not ros.ros.is_open
@@ -273,24 +274,21 @@ def test_closing_twice_is_closing_once(domain_id, scene):
 
 @pytest.mark.parametrize("what", ["tumour", "registration"])
 def test_of_another_tumor_or_base_nothing_is_known_at_once(
-    domain_id, scene, make_step, start_receiver, what
+    domain_id, content, make_step, start_receiver, what
 ):
     """Without a step in between, and while what was there before is still valid."""
     if what == "tumour":
-        larger = SurfaceMesh("tumor", 2.0 * scene.tumor.vertices_mm, scene.tumor.faces)
-        after = replace(scene, tumor=larger)
-        shapes = PreparedShapes(after)
+        larger = SurfaceMesh("tumor", 2.0 * content.tumor.vertices_mm, content.tumor.faces)
+        after = replace(content, tumor=larger)
     else:
         moved = Transform("reference", "robot_base", np.eye(3), [501.0, 0.0, -250.0])
-        kept = [edge for edge in scene.static_edges if edge.source != "robot_base"]
-        given = given_registration(moved)
-        after, shapes = replace(scene, static_edges=(*kept, moved), registration=given), None
-    with SessionPublisher(scene, domain_id=domain_id) as ros:
+        after = registered(content, given_registration(moved))
+    with SessionPublisher(content, domain_id=domain_id) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:2", f"{MARGIN_MM}:2", f"{COLOR}:2:latched")
         wait_for_one_subscriber(ros, topics.CONSTRAINT, topics.MARGIN_MM, topics.MARGIN_COLOR)
-        ros.publish(make_step(0))
+        ros.publish(make_step(0), StepTiming())
         lines = receiver.take(3)
-        ros.use(after, shapes)
+        ros.prepare(after)(after)
         lines += receiver.messages()
     by_topic = {}
     for line in lines:

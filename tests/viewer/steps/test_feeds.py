@@ -22,7 +22,8 @@ def clock():
 
 @pytest.fixture
 def live(parts, clock):
-    return LiveFeed(Watcher(parts.setup, parts.content), STALE_NS, clock)
+    prepared = parts.run.prepared
+    return LiveFeed(Watcher(prepared.setup, prepared.content), STALE_NS, clock)
 
 
 def steps(parts):

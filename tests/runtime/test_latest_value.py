@@ -2,7 +2,7 @@
 
 import threading
 
-from app.bridge.latest_value import LatestValue
+from app.runtime.latest_value import LatestValue
 
 DEADLINE_S = 60.0
 

@@ -1,0 +1,70 @@
+"""Outputs of a live node beside its publisher: allowed twists, guidance, the log."""
+
+from app.bridge.control import GuidancePublisher, TwistLimiter
+from app.bridge.node import RosNode
+from app.fixture import MarginParameters
+from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
+from app.session import StepResult
+
+
+class TwistOutput:
+    """`Output` that lets ``limiter`` allow the motion of the last step while its data are valid."""
+
+    def __init__(self, limiter: TwistLimiter, margins: MarginParameters) -> None:
+        self._limiter = limiter
+        self._stale_after_ns = margins.stale_after_ns
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Allow the motion of ``step``; none if an earlier output found the step too late."""
+        if timing.in_time:
+            self._limiter.allow(step, self._stale_after_ns, timing.spent_ns)
+        else:
+            self._limiter.forbid()
+        return True
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Nothing is slow here."""
+        return self._use
+
+    def revoke(self) -> None:
+        """Allow no motion until the next step."""
+        self._limiter.forbid()
+
+    def end(self) -> None:
+        """Allow no motion."""
+        self._limiter.forbid()
+
+    def _use(self, content: SessionContent) -> None:
+        self._stale_after_ns = content.margins.stale_after_ns
+
+
+class GuidanceOutput(PassiveOutput):
+    """`Output` that publishes the guidance wrench of each step, and zero at the end."""
+
+    def __init__(self, guidance: GuidancePublisher) -> None:
+        self._guidance = guidance
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Publish the wrench of ``step``."""
+        self._guidance.publish(step)
+        return True
+
+    def end(self) -> None:
+        """Publish a zero wrench."""
+        self._guidance.rest()
+
+
+class FramesProblemLog(PassiveOutput):
+    """`Output` that logs each kind of problem with the tracker's frames once."""
+
+    def __init__(self, ros: RosNode) -> None:
+        self._ros = ros
+        self._logged: set[str] = set()
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Log a new kind of problem; the details behind its colon may change."""
+        kind = step.frames_problem.partition(":")[0]
+        if kind and kind not in self._logged:
+            self._logged.add(kind)
+            self._ros.node.get_logger().warning(step.frames_problem)
+        return True

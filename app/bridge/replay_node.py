@@ -1,0 +1,28 @@
+"""The ROS node of a replay: its publisher and the services of its player."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from app.bridge.node import RosNode
+from app.bridge.player_services import PlayerServices
+from app.bridge.publishing.session_publisher import SessionPublisher
+from app.runtime import ReplayRun
+
+HEARTBEAT_HZ = 100.0
+"""How often the constraint is repeated while a replay follows real time."""
+
+
+@contextmanager
+def replay_node(run: ReplayRun, *, real_time: bool) -> Iterator[RosNode]:
+    """Publish the steps of ``run`` over ROS and let other nodes control its player.
+
+    ``real_time``: the replay follows a clock, so the constraint is repeated between its steps.
+    """
+    heartbeat_hz = HEARTBEAT_HZ if real_time else None
+    with SessionPublisher(run.commands.content, heartbeat_hz=heartbeat_hz) as publisher:
+        PlayerServices(publisher.ros, run.player)
+        run.outputs.append(publisher)
+        try:
+            yield publisher.ros
+        finally:
+            run.outputs.remove(publisher)

@@ -1,0 +1,40 @@
+"""Load ROS for a command, and publish a replay with it."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from app.runtime import ReplayRun
+
+
+def load_bridge(alternative: str) -> None:
+    """Import ROS. Raises `InputError` without it; ``alternative`` ends the message."""
+    try:
+        import app.bridge  # noqa: F401
+    except ImportError as error:
+        from app.geometry import InputError
+
+        raise InputError(
+            f"ROS 2 cannot be loaded ({error}): "
+            f"'marginguard doctor' says what to install, {alternative}"
+        ) from error
+
+
+def print_reach() -> None:
+    """Prepare the environment for ROS, and print which hosts the nodes of this process reach."""
+    from app.bridge import prepare_environment
+
+    print(prepare_environment(), file=sys.stderr)
+
+
+@contextmanager
+def published(run: "ReplayRun", *, real_time: bool) -> Iterator[None]:
+    """Within the context the steps of ``run`` are published and ROS controls its player."""
+    load_bridge("--no-ros replays without it")
+    print_reach()
+    from app.bridge import replay_node
+
+    with replay_node(run, real_time=real_time):
+        yield

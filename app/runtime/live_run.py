@@ -1,0 +1,64 @@
+"""A live session with its outputs: every step is published as it happens."""
+
+from collections.abc import Generator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing
+
+from app.runtime.commands import OperatorCommands
+from app.runtime.content import SessionContent
+from app.runtime.outputs import Output, StepTiming
+from app.session import LiveSession, Session, StepResult
+
+
+class LiveRun:
+    """``for step in run.steps(): ...`` publishes each step to ``outputs``, in their order.
+
+    When an output reports that a step came too late, the session latches a hold and all outputs
+    withdraw what they permitted. ``commands`` changes the session from any thread.
+    """
+
+    def __init__(
+        self, live: LiveSession, content: SessionContent, outputs: Sequence[Output]
+    ) -> None:
+        self.live = live
+        self.outputs = tuple(outputs)
+        self.commands = OperatorCommands(live.between_steps, content, self.outputs)
+
+    def steps(self) -> Generator[StepResult]:
+        """Publish and yield each step as it happens; ends with `stop`.
+
+        At the end, also after an error, every output has withdrawn what it permitted and has
+        published its final state.
+        """
+        with ExitStack() as at_end:
+            # In reverse order: all permissions are withdrawn before the first output ends.
+            for output in self.outputs:
+                at_end.callback(self._end, output)
+            for output in self.outputs:
+                at_end.callback(output.revoke)
+            # Close at once: otherwise an error would keep the session locked.
+            with closing(self.live.steps()) as steps:
+                for step in steps:
+                    self._publish(step)
+                    yield step
+
+    def stop(self) -> None:
+        """End `steps` soon; from any thread."""
+        self.live.stop()
+
+    def between_steps(self) -> AbstractContextManager[Session]:
+        """Exclusive access to the session between two steps."""
+        return self.live.between_steps()
+
+    def _publish(self, step: StepResult) -> None:
+        in_time = True
+        for output in self.outputs:
+            timing = StepTiming(spent_ns=self.live.spent_ns(), in_time=in_time)
+            if not output.publish(step, timing) and in_time:
+                in_time = False
+                self.live.hold()
+                for each in self.outputs:
+                    each.revoke()
+
+    def _end(self, output: Output) -> None:
+        with self.live.between_steps():
+            output.end()

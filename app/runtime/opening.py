@@ -1,0 +1,116 @@
+"""Open a case or a ``live.yaml`` and set up its session: the one sequence that all shells use."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from app.case import Case, LiveCase, open_case, open_live
+from app.geometry import NS_PER_S, InputError
+from app.registration import TimeOffset
+from app.runtime.content import SessionContent, content_of
+from app.session import (
+    RobotSetup,
+    SessionSetup,
+    robot_from_case,
+    setup_from_case,
+    tumor_motion_parameters,
+    with_estimated_clock,
+    with_repaired_tumor,
+)
+
+OnStage = Callable[[str], None]
+"""Called with the name of each stage of opening when it is done, for a display of progress."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCase:
+    """A recorded case, repaired, synchronised and registered: ready to be replayed.
+
+    ``clock`` is the estimated offset of the joints' clock, None where the case gives it.
+    ``tip_only``: the tool is its tip alone.
+    """
+
+    case: Case
+    setup: SessionSetup
+    content: SessionContent
+    clock: TimeOffset | None
+    tip_only: bool
+
+    @cached_property
+    def extent(self) -> "RecordingExtent":
+        """Frames and duration; reads the recording once. Raises `InputError` for an empty one."""
+        stamps = [frame.stamp.ns for frame in self.case.frames()]
+        if not stamps:
+            raise InputError(f"recording {self.case.recording_path}: 0 frames; expected 1 or more")
+        return RecordingExtent(len(stamps), stamps[0], (stamps[-1] - stamps[0]) / NS_PER_S)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingExtent:
+    """Number of frames, stamp of the first frame and duration from first to last."""
+
+    frames: int
+    first_ns: int
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegisteredCase:
+    """A recorded case and its registered robot, None for a case without one."""
+
+    case: Case
+    robot: RobotSetup | None
+    clock: TimeOffset | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedLive:
+    """A ``live.yaml`` whose case is repaired and whose session is set up."""
+
+    config: LiveCase
+    case: Case
+    setup: SessionSetup
+    content: SessionContent
+
+
+def prepare_case(
+    folder: Path,
+    *,
+    package_dirs: Sequence[Path] = (),
+    tip_only: bool = False,
+    on_stage: OnStage = lambda stage: None,
+) -> PreparedCase:
+    """Open the case in ``folder``, repair its tumour, estimate its clock, register its robot.
+
+    Takes seconds. Raises `InputError` for a case that cannot be used, and `FrameError` for a
+    recording in which nothing connects the tool with the tumour.
+    """
+    opened = open_case(folder, package_dirs=package_dirs)
+    case, clock = with_estimated_clock(with_repaired_tumor(opened))
+    on_stage("open the case")
+    setup = setup_from_case(case, tip_only=tip_only)
+    content = content_of(case, setup, tip_only=tip_only)
+    on_stage("meshes, robot, registration")
+    return PreparedCase(case, setup, content, clock, tip_only)
+
+
+def register_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> "RegisteredCase":
+    """Open the case in ``folder`` and register its robot; nothing else of the session is set up.
+
+    Takes seconds. Raises `InputError` for a case that cannot be used or that has no robot.
+    """
+    opened = open_case(folder, package_dirs=package_dirs)
+    case, clock = with_estimated_clock(with_repaired_tumor(opened))
+    return RegisteredCase(case, robot_from_case(case), clock)
+
+
+def prepare_live(
+    config_file: Path, *, package_dirs: Sequence[Path] = (), tip_only: bool = False
+) -> PreparedLive:
+    """Open a ``live.yaml`` and set up its session. Raises as `prepare_case` does."""
+    config = open_live(config_file, package_dirs=package_dirs)
+    case = with_repaired_tumor(config.case)
+    setup = setup_from_case(case, tip_only=tip_only)
+    setup = replace(setup, tumor_motion=tumor_motion_parameters(config))
+    return PreparedLive(config, case, setup, content_of(case, setup, tip_only=tip_only))

@@ -1,0 +1,60 @@
+"""What receives the steps of a run: ROS publishers, the scene, a report, a recorder."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from app.runtime.content import SessionContent
+from app.session import StepResult
+
+SwitchContent = Callable[[SessionContent], None]
+"""Makes an output use a content from the next step on. Quick; called between two steps."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepTiming:
+    """How a step came about.
+
+    ``duration_ns``: time that the session took to compute it. ``spent_ns``: time since its frame
+    was the present, 0 in a replay. ``in_time`` is False when an earlier output found the step too
+    late: it must not permit any motion then.
+    """
+
+    duration_ns: int = 0
+    spent_ns: int = 0
+    in_time: bool = True
+
+
+class Output(Protocol):
+    """Receives every step of a run, in the thread that steps."""
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Process ``step``; False when it came too late, so that the session has to hold."""
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Do the slow part of switching to ``content``, from any thread; return the quick part.
+
+        Raises `MarginGuardError` for a content that this output cannot use; nothing has changed
+        then. The returned function may be called with a content that has other margins and static
+        edges, but the same tumour and tool.
+        """
+
+    def revoke(self) -> None:
+        """Withdraw every permission of the last step at once; from any thread."""
+
+    def end(self) -> None:
+        """Publish the final state: no step follows. Called between two steps, once a run."""
+
+
+class PassiveOutput:
+    """Base of outputs that permit nothing and keep nothing of a content."""
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Nothing to prepare."""
+        return lambda content: None
+
+    def revoke(self) -> None:
+        """Nothing to withdraw."""
+
+    def end(self) -> None:
+        """Nothing to publish."""

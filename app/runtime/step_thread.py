@@ -1,0 +1,110 @@
+"""Run a session in a thread of its own and keep its newest step for the thread that displays."""
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from app.fixture import FixtureDecision, MarginState
+from app.runtime.commands import OperatorCommands
+from app.runtime.latest_value import LatestValue
+from app.session import StepResult
+
+_JOIN_S = 10.0
+
+
+class StepRun(Protocol):
+    """What a `StepThread` runs: a replay or a live session."""
+
+    @property
+    def commands(self) -> OperatorCommands | None:
+        """Changes the session; None until the session exists."""
+
+    def steps(self) -> Iterator[StepResult]:
+        """Yield the steps; an operator's command waits while one is being taken."""
+
+    def stop(self) -> None:
+        """End `steps` soon; from any thread."""
+
+    def set_margins(self, stop_mm: float, warn_mm: float) -> None:
+        """Use these from the next step on; raises `MarginGuardError` and changes nothing."""
+
+    def pace(self) -> float:
+        """How fast the time of the stamps passes, at most 1: 0 while it stands still."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeliveredStep:
+    """A step of ``thread``, and when it was ready on the host's steady clock."""
+
+    thread: "StepThread"
+    step: StepResult
+    at_ns: int
+
+
+class StepThread:
+    """Runs ``run`` until it ends, fails or is stopped.
+
+    ``clock_ns`` is a steady clock. ``describe`` makes one line of the error that ended the run;
+    it is kept in ``failure``.
+    """
+
+    def __init__(
+        self, run: StepRun, clock_ns: Callable[[], int], describe: Callable[[Exception], str] = str
+    ) -> None:
+        self.run = run
+        self.failure = ""
+        self._fault_seq = 0
+        self._on_hold = True
+        self._clock_ns = clock_ns
+        self._describe = describe
+        self._latest: LatestValue[DeliveredStep] = LatestValue()
+        self._thread = threading.Thread(target=self._work, name="MarginGuard steps", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_over(self) -> bool:
+        """True when no further step will come."""
+        return not self._thread.is_alive()
+
+    def newest(self, wait_s: float) -> DeliveredStep | None:
+        """Return the newest step that was not returned yet; waits at most ``wait_s`` for one.
+
+        The wait lets this thread's run work where a GUI's event loop keeps the interpreter.
+        """
+        return self._latest.take(wait_s)
+
+    def present_ns(self, last: DeliveredStep) -> int:
+        """The present on the clock of the stamps, when ``last`` is the last step that came.
+
+        Time passes after a run has ended, and after another run has replaced it, so that what it
+        delivered becomes stale.
+        """
+        is_running = last.thread is self and not self.is_over
+        pace = self.run.pace() if is_running else 1.0
+        return last.step.frame.stamp.ns + round(pace * (self._clock_ns() - last.at_ns))
+
+    @property
+    def fault_seq(self) -> int:
+        """``seq`` of the last decision that reported a fault, taken or not; 0 before any."""
+        return self._fault_seq
+
+    def stop(self) -> None:
+        """End the run and wait until its thread has ended."""
+        self.run.stop()
+        self._thread.join(_JOIN_S)
+
+    def _work(self) -> None:
+        try:
+            for step in self.run.steps():
+                self._note_fault(step.decision)
+                self._latest.put(DeliveredStep(self, step, self._clock_ns()))
+        except Exception as error:  # any error: the display reports it and turns grey
+            self.failure = self._describe(error)
+
+    def _note_fault(self, decision: FixtureDecision) -> None:
+        """Runs while the step is being taken, so a re-arm between two steps sees its result."""
+        begins = decision.hold and not self._on_hold
+        if begins or decision.state is MarginState.UNKNOWN:
+            self._fault_seq = decision.seq
+        self._on_hold = decision.hold

@@ -1,0 +1,57 @@
+"""The page as an output of a live run: every step with the content that it was taken with."""
+
+import sys
+from concurrent.futures import Executor, Future
+
+from app.geometry import MarginGuardError, SurfaceMesh
+from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
+from app.session import StepResult
+from app.viewer.steps.feeds import LiveFeed
+from app.viewer.steps.margin_surface import stop_surface
+
+
+class LiveOutput(PassiveOutput):
+    """`Output` that puts every step into ``feed``.
+
+    The margin surface of a new content takes a second to compute in ``workers``; until then there
+    is none, never that of the content before.
+    """
+
+    def __init__(
+        self,
+        feed: LiveFeed,
+        content: SessionContent,
+        margin_surface: SurfaceMesh | None,
+        workers: Executor,
+    ) -> None:
+        self._feed = feed
+        self._content = content
+        self._margin_surface = margin_surface
+        self._workers = workers
+        self._computing: Future[SurfaceMesh | None] | None = None
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Put ``step`` into the feed."""
+        if self._computing is not None and self._computing.done():
+            self._margin_surface = _result(self._computing)
+            self._computing = None
+        self._feed.put(step, self._content, self._margin_surface)
+        return True
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Nothing is slow here: the surface is computed after the switch."""
+        return self._use
+
+    def _use(self, content: SessionContent) -> None:
+        self._content = content
+        self._margin_surface = None
+        self._computing = self._workers.submit(stop_surface, content)
+
+
+def _result(computing: "Future[SurfaceMesh | None]") -> SurfaceMesh | None:
+    """The surface; None where it cannot be made, which does not end the session."""
+    try:
+        return computing.result()
+    except MarginGuardError as error:
+        print(f"no margin surface is shown: {error}", file=sys.stderr)
+        return None

@@ -1,0 +1,101 @@
+"""The page of a live session that is given another tumour, margin or registration."""
+
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from app.geometry import MeshError, SurfaceMesh
+from app.registration import register_points
+from app.runtime import SessionContent, StepTiming
+from app.viewer import LiveOutput
+from tests.session_content import one_link_content, registered
+
+
+def ball(radius_mm: float) -> SurfaceMesh:
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius_mm)
+    return SurfaceMesh("tumor", mesh.vertices, mesh.faces)
+
+
+class Feed:
+    """Test double of a feed: what was put into it last."""
+
+    def __init__(self) -> None:
+        self.content: SessionContent | None = None
+        self.margin_surface: SurfaceMesh | None = None
+
+    def put(self, step, content, margin_surface) -> None:
+        self.content, self.margin_surface = content, margin_surface
+
+
+@pytest.fixture
+def feed() -> Feed:
+    return Feed()
+
+
+@pytest.fixture
+def content() -> SessionContent:
+    return replace(one_link_content(), tumor=ball(10.0))
+
+
+@pytest.fixture
+def workers() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(max_workers=1) as workers:
+        yield workers
+
+
+class FailingWorkers:
+    """Test double of a pool whose work fails."""
+
+    def submit(self, *work: object) -> Future:
+        made: Future = Future()
+        made.set_exception(MeshError("the margin surface is not closed"))
+        return made
+
+
+def test_without_a_change_content_and_surface_stay_the_same_objects(feed, content, workers):
+    surface = ball(11.0)
+    LiveOutput(feed, content, surface, workers).publish("step", StepTiming())
+    assert feed.content is content
+    assert feed.margin_surface is surface
+
+
+def test_another_tumour_has_its_own_margin_surface_and_never_the_one_before(feed, content, workers):
+    before = ball(11.0)
+    output = LiveOutput(feed, content, before, workers)
+    other = replace(content, tumor=ball(5.0))
+    output.prepare(other)(other)
+    output.publish("step", StepTiming())
+    assert feed.content is other
+    assert feed.margin_surface is not before
+    workers.shutdown()
+    output.publish("step", StepTiming())
+    assert feed.content is other
+    assert feed.margin_surface is not None
+    assert abs(feed.margin_surface.vertices_mm).max() == pytest.approx(6.0, abs=0.1)
+
+
+def test_another_registration_is_in_the_content_of_the_next_step(feed, content, workers):
+    output = LiveOutput(feed, content, None, workers)
+    corners = 50.0 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    off = corners + np.diag([0.1, 0.2, 0.1, 0.0])[:, :3]
+    found = register_points(corners, off, fixed_frame="reference", moving_frame="robot_base")
+    other = registered(content, found)
+    output.prepare(other)(other)
+    output.publish("step", StepTiming())
+    assert feed.content.registration is found
+    assert found.transform in feed.content.static_edges
+
+
+def test_session_goes_on_when_no_margin_surface_can_be_made(feed, content, capsys):
+    output = LiveOutput(feed, content, ball(11.0), FailingWorkers())
+    other = replace(content, tumor=ball(5.0))
+    output.prepare(other)(other)
+    output.publish("step", StepTiming())
+    assert feed.margin_surface is None
+    assert feed.content is other
+    error = capsys.readouterr().err
+    assert error == "no margin surface is shown: the margin surface is not closed\n"
