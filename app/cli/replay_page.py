@@ -13,7 +13,7 @@ from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
     from app.report import ReplayLog
-    from app.runtime import ReplayRun
+    from app.runtime import ReplayRun, SessionContent
     from app.viewer import ReplayFeed, ReplayTimeline, Viewer
 
 
@@ -26,6 +26,11 @@ class ReplayParts:
     feed: "ReplayFeed"
     timeline: "ReplayTimeline"
 
+    @property
+    def content(self) -> "SessionContent":
+        """What the session is about."""
+        return self.run.prepared.content
+
     def report(self) -> bytes:
         """The ``report.html`` that ``replay --report`` writes, of the same steps."""
         from app import __version__
@@ -34,7 +39,7 @@ class ReplayParts:
         record = record_of(self.run, self.log)
         with ScenePainter() as painter, TemporaryDirectory() as folder:
             if self.log.deepest is not None:
-                painter.begin(self.run.prepared.content, self.log.deepest)
+                painter.begin(self.content, self.log.deepest)
             write_report(Path(folder), record, scene_png=painter.picture, version=__version__)
             return (Path(folder) / "report.html").read_bytes()
 
@@ -72,6 +77,5 @@ def replay_page(parts: ReplayParts) -> "Viewer":
     """A page for a case that was stepped through."""
     from app.viewer import SceneView, Title, Viewer
 
-    content = parts.run.prepared.content
-    title = Title(content.name, live=False, report=parts.report)
-    return Viewer(SceneView(content), parts.feed, parts.timeline, title, parts.feed.control)
+    title = Title(parts.content.name, live=False, report=parts.report)
+    return Viewer(SceneView(parts.content), parts.feed, parts.timeline, title, parts.feed.control)

@@ -67,7 +67,7 @@ def main() -> None:
         SceneView(parts.content),
         shown,
         parts.timeline,
-        Title(parts.run.prepared.content.name, live=False),
+        Title(parts.content.name, live=False),
         parts.feed.control,
         area=lambda view: StampedArea(view, shown),
         schedule=SCHEDULES[options.schedule],
