@@ -88,7 +88,7 @@ def used_by_monitor(stamp_ns: int) -> bool:
 
 def shown_by_lamp(stamp_ns: int) -> bool:
     watchdog = TransformWatchdog(STALE_NS)
-    watchdog.saw(sample(stamp_ns))
+    watchdog.observe(sample(stamp_ns))
     (health,) = watchdog.check(NOW_NS)
     return health.freshness is Freshness.VALID
 

@@ -14,7 +14,7 @@ from .pictures.movie import movie_gif
 from .pictures.offscreen import use_offscreen_rendering
 from .pictures.picture import scene_png
 from .pictures.step_scene import StepScene, step_png
-from .pictures.view import OffscreenView, draw_once_an_update, offscreen_view
+from .pictures.view import OffscreenView, draw_once_per_update, offscreen_view
 from .presenter import ScenePresenter
 from .robot_model import RobotModel
 from .scene import MarginGuardScene
@@ -42,7 +42,7 @@ __all__ = [
     "TransformWatchdog",
     "add_sequences",
     "bullseye",
-    "draw_once_an_update",
+    "draw_once_per_update",
     "forward_of",
     "load_scene",
     "look_through",

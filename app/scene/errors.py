@@ -1,4 +1,4 @@
-"""What can go wrong in the scene."""
+"""Errors of the scene."""
 
 from app.geometry import MarginGuardError
 
@@ -8,4 +8,4 @@ class SceneError(MarginGuardError):
 
 
 class OffscreenError(MarginGuardError):
-    """This machine cannot draw without a screen; the message says what to install."""
+    """This machine cannot draw without a screen; the message names what to install."""

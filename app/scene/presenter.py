@@ -112,7 +112,7 @@ class ScenePresenter:
         with scene.update():
             if scene.watchdog is not None:
                 for sample in step.frame.poses:
-                    scene.watchdog.saw(sample)
+                    scene.watchdog.observe(sample)
             poses = self._poses(scene, step, edges)
             scene.place(poses.values(), self._placed_static_edges(poses))
             self._add_parts(scene, step)
@@ -161,7 +161,7 @@ class ScenePresenter:
             REFERENCE if REFERENCE in connected else holder,
             stale_after_ns=self.content.margins.stale_after_ns if self._is_live else None,
             logic=self._logic,
-            go_on=self._adopt_nodes,
+            adopt_nodes=self._adopt_nodes,
         )
         if self.scene.watchdog is not None:
             for target, source in self._measured:

@@ -1,4 +1,4 @@
-"""A robot in the scene: a transform node and a model node a link."""
+"""A robot in the scene: one transform node and one model node per link."""
 
 from collections.abc import Mapping
 
@@ -18,11 +18,12 @@ _DEFAULT_COLOR: Rgb = (0.78, 0.80, 0.83)
 
 
 class RobotModel:
-    """The links of ``robot``, its root link at ``base``, the node of the frame ``base_frame``.
+    """Nodes of the links of ``robot``, whose root link is at ``base``, the node of ``base_frame``.
 
-    The root link has a node ``<Root>To<BaseFrame>`` (or is ``base`` when it has that name), every
-    other link a node ``<Link>To<Root>`` under it. A link with visuals has a model ``<link>_model``
-    that holds all of them in their colours. Links are at their zero pose until `set_links`.
+    The root link has a node ``<Root>To<BaseFrame>``, or is ``base`` itself if its name is
+    ``base_frame``. Every other link has a node ``<Link>To<Root>`` under it. A link with visuals has
+    one model ``<link>_model`` of all of them in their colours. Links are at their zero pose until
+    `set_links`.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class RobotModel:
         root = base if self._root == base_frame else self._add_root(base_frame)
         moving = [link.name for link in robot.links if link.name != self._root]
         self._moving = PoseNodes(scene, self._root, moving, root, self._batch)
-        self._places = {link: place for place, link in enumerate(moving)}
+        self._indices = {link: index for index, link in enumerate(moving)}
         self._root_from_links = np.tile(np.eye(4), (len(moving), 1, 1))
         self.transforms: dict[str, vtkMRMLLinearTransformNode] = {
             self._root: root,
@@ -54,34 +55,34 @@ class RobotModel:
         self.set_links(robot.forward_kinematics({}))
 
     def set_links(self, links: Mapping[str, Transform]) -> None:
-        """Move every link of ``links`` to its ``root_from_link``; others stay where they were set.
+        """Move each link in ``links`` to its ``root_from_link``; the others stay where they are.
 
-        A link that is there already tells nobody. A name that is not the robot's raises
-        `SceneError` and moves nothing.
+        A link that does not move notifies no observer. Raises `SceneError`, and moves nothing, for
+        a name that is no link of the robot.
         """
         for name in links:
             if name not in self.transforms:
                 raise SceneError(
-                    f"link {name!r} is not of the robot in the scene: "
-                    f"{', '.join(sorted(self.transforms))} are"
+                    f"link {name!r} is not a link of the robot; expected one of "
+                    f"{', '.join(sorted(self.transforms))}"
                 )
         if not links:
             return
         root_from_links = self._root_from_links.copy()
         for name, root_from_link in links.items():
             if name != self._root:
-                matrix = root_from_links[self._places[name]]
+                matrix = root_from_links[self._indices[name]]
                 matrix[:3, :3] = root_from_link.rotation
                 matrix[:3, 3] = root_from_link.translation_mm
         self._moving.move(root_from_links)
         self._root_from_links = root_from_links
 
     def restore(self) -> None:
-        """Put the links that somebody else has moved back to where they were set."""
+        """Put links that a user has moved back to where they were set."""
         self._moving.move(self._root_from_links)
 
     def set_known(self, known: bool) -> None:
-        """Show the links in their colours, or in grey while nobody knows where they are."""
+        """Show the links in their colours if their poses are ``known``, else in grey."""
         if known == self._known:
             return
         self._known = known
@@ -93,7 +94,7 @@ class RobotModel:
                 display.SetColor(*(self._colors[link] if known else STALE_COLOR))
 
     def remove(self) -> None:
-        """Take every node of the robot out of the scene; ``base`` is not the robot's and stays."""
+        """Remove the robot's nodes from the scene; ``base`` stays."""
         for model in self.models.values():
             remove_displayed(self._scene, model)
         self._moving.remove()

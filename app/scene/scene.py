@@ -1,4 +1,4 @@
-"""The scene that a surgeon sees, in the MRML scene that is handed in."""
+"""The MRML nodes of tumour, tool, robots and margin."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -21,33 +21,35 @@ from app.scene.frames.transform_tree import RAS, TransformTree
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.scene.margin.margin_display import MarginDisplay
 from app.scene.margin.shown_margin import shown_margin
-from app.scene.nodes.adopted_nodes import PART, SURFACE, Earlier, mark
+from app.scene.nodes.adopted_nodes import PART, SURFACE, AdoptedNodes, mark
 from app.scene.nodes.batch import Batch
 from app.scene.nodes.models import add_model, ball, remove_displayed, smooth_surface
-from app.scene.nodes.node_integrity import Upkeep
+from app.scene.nodes.node_integrity import NodeIntegrity
 from app.scene.robot_model import RobotModel
 
 TOOL_COLOR = (0.95, 0.80, 0.10)
 _TUMOR_OPACITY = 0.4
-_MARGIN_COLOR = (0.55, 0.62, 0.70)  # none of the colours of a state
+_MARGIN_COLOR = (0.55, 0.62, 0.70)  # differs from the colour of each state
 _MARGIN_OPACITY = 0.15
 _TIP_RADIUS_MM = 1.5
 
 
 class MarginGuardScene:
-    """Tumour, tool, robots and margin, as nodes of ``scene``; nothing global is used.
+    """Nodes of one session in ``scene``. Uses no global state. Not thread-safe.
 
-    ``reference`` is the frame of the sensor on the patient: everything hangs from its node
-    ``ReferenceToRas``. Where the patient lies in RAS is not known to a tracker, so that node is
-    for display only: the identity unless ``ras_from_reference`` says otherwise.
+    `ScenePresenter` fills it from a session; a program with other sources may do so itself.
 
-    With ``stale_after_ns`` the scene is a live one: `show` and `check` are told the present, and
-    what is older than that is grey. None makes a picture of a moment, which does not age.
-    ``logic`` is the application's, whose views then draw once an `update`.
+    ``reference`` is the root frame, that of the sensor on the patient. Its node is
+    ``ReferenceToRas``. A tracker does not know where the patient is in RAS: ``ras_from_reference``
+    is for display only, the identity by default.
 
-    With ``go_on`` it takes over what an earlier one left in ``scene``, which was saved and is open
-    again: frames, tumour and tool keep their nodes, with whatever hangs from them, and the rest is
-    made anew. No other may be showing anything in ``scene`` then.
+    ``stale_after_ns`` makes a live scene: `show` and `check` take the present, and older data are
+    shown grey. With None the scene does not age. ``logic`` is the application's: its views draw
+    once per `update`.
+
+    ``adopt_nodes``: reuse the frames, the tumour and the tool that an earlier object of this class
+    left in ``scene`` before it was saved and loaded again, together with the nodes below them. All
+    other nodes are created again. No other object may show anything in ``scene`` then.
     """
 
     def __init__(
@@ -58,16 +60,16 @@ class MarginGuardScene:
         *,
         stale_after_ns: int | None = None,
         logic: vtkMRMLApplicationLogic | None = None,
-        go_on: bool = False,
+        adopt_nodes: bool = False,
     ) -> None:
         self.scene = scene
         self.reference = reference
         self.batch = Batch(scene, logic)
         self.watchdog = None if stale_after_ns is None else TransformWatchdog(stale_after_ns)
-        earlier = Earlier.in_scene(scene) if go_on else Earlier()
-        self._earlier_surfaces = earlier.surfaces
-        self.tree = TransformTree(scene, self.batch, earlier.frames)
-        self._upkeep = Upkeep()
+        adopted = AdoptedNodes.in_scene(scene) if adopt_nodes else AdoptedNodes()
+        self._adopted_surfaces = adopted.surfaces
+        self.tree = TransformTree(scene, self.batch, adopted.frames)
+        self._integrity = NodeIntegrity()
         self.tree.set(ras_from_reference or Transform.identity(RAS, reference))
         self.tumor: vtkMRMLModelNode | None = None
         self.margin_surface: vtkMRMLModelNode | None = None
@@ -79,24 +81,23 @@ class MarginGuardScene:
         self._shown_ns: int | None = None
 
     def update(self) -> AbstractContextManager[None]:
-        """``with scene.update():`` around the changes of one frame.
+        """Context of the changes of one frame: ``with scene.update(): ...``.
 
-        At its end, also after an error, every node that was changed tells its observers once and
-        the views draw once (`Batch.on_end`). Updates may be nested: the outermost counts. Raises
-        `SceneError` where somebody else has taken a node of ours out, as by closing the scene, or
-        has changed the surface of one: `clear` takes out what is left then. What was hung elsewhere
-        is hung back.
+        At its end, also after an error, each changed node notifies its observers once and each view
+        draws once (`Batch.on_end`). Updates may be nested; the outermost one counts. A node that a
+        user has put under another parent is put back. Raises `SceneError` if a node was removed, as
+        by closing the scene, or its surface was replaced: call `clear` then.
         """
         if not self.batch.is_open:
-            self._upkeep.restore(self._nodes())
+            self._integrity.restore(self._nodes())
         return self.batch.changes()
 
     def set_poses(self, measured: Iterable[Transform], fixed: Iterable[Transform] = ()) -> None:
         """Move the frames: measured ones under the reference, fixed ones under their targets.
 
-        ``measured`` edges may have any direction and pass through frames such as the tracker's;
-        a frame that they do not connect with the reference stays where it is. A fixed edge whose
-        target is in the scene neither before nor through an earlier edge raises `SceneError`.
+        ``measured`` edges may have any direction and pass through frames such as the tracker's. A
+        frame that they do not connect with the reference stays where it is. Raises `SceneError` for
+        a fixed edge whose target has no node, also not through an edge before it.
         """
         self.place(poses_in(self.reference, measured).values(), fixed)
 
@@ -110,9 +111,9 @@ class MarginGuardScene:
                 self.tree.set(edge)
 
     def add_tumor(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
-        """Show the tumour, translucent, in the frame of ``mesh``; once a scene."""
+        """Add the translucent tumour in the frame of ``mesh``; `SceneError` for a second one."""
         if self.tumor is not None:
-            raise SceneError("the scene has a tumour already: one allowed")
+            raise SceneError("the scene already has a tumour; expected 1")
         pose = self._pose_node(mesh.frame)
         with self._content():
             self.tumor = add_model(
@@ -122,26 +123,25 @@ class MarginGuardScene:
                 MarginState.UNKNOWN.color,  # until the first decision
                 opacity=_TUMOR_OPACITY,
                 parent=pose,
-                node=self._earlier_surfaces.pop("Tumor", None),
+                node=self._adopted_surfaces.pop("Tumor", None),
             )
             mark(self.tumor, SURFACE)
             self.margin = MarginDisplay(self.scene, self.batch, self.tumor, pose, mesh.frame)
         return self.tumor
 
     def set_tumor(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
-        """Show another tumour in the place of the one that is there, or the first one.
+        """Replace the tumour's surface, or add the first tumour.
 
-        Nothing that was said of the other holds any more: its marks and its margin surface go,
-        and it is grey until the next decision. Its node stays, with whatever refers to it; a mesh
-        in another frame than the first one's raises `SceneError`.
+        Breach marks and margin surface are removed, and the tumour is grey until the next decision.
+        The node stays, with whatever refers to it. Raises `SceneError` for a mesh in another frame.
         """
         if self.tumor is None or self.margin is None:
             return self.add_tumor(mesh)
-        self._upkeep.restore(self._nodes())
+        self._integrity.restore(self._nodes())
         if mesh.frame != self.margin.frame:
             raise SceneError(
-                f"the new tumour is in frame {mesh.frame!r}: that of the present one, "
-                f"{self.margin.frame!r}, wanted"
+                f"new tumour: frame is {mesh.frame!r}; expected {self.margin.frame!r}, that of the "
+                "present one"
             )
         with self._content():
             self.remove_margin_surface()
@@ -152,9 +152,9 @@ class MarginGuardScene:
         return self.tumor
 
     def add_margin_surface(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
-        """Show ``mesh``, the surface at the stop margin (`app.fixture.margin_surface`), faintly.
+        """Add or replace the surface at the stop margin (`app.fixture.margin_surface`).
 
-        In its own frame, the tumour's. Another one takes the place of the one before.
+        ``mesh`` is in the tumour's frame. It is drawn nearly transparent.
         """
         pose = self._pose_node(mesh.frame)
         surface = smooth_surface(mesh)
@@ -182,21 +182,21 @@ class MarginGuardScene:
                 self.margin_surface = None
 
     def add_tool(self, mesh: SurfaceMesh) -> vtkMRMLModelNode:
-        """Show the tool in the frame of ``mesh``, its tip's."""
+        """Add the tool; the frame of ``mesh`` is the tip's."""
         return self._add_tool(smooth_surface(mesh), mesh.frame)
 
     def add_tip(self, frame: str) -> vtkMRMLModelNode:
-        """Show a tool without a mesh as a small ball at its tip, the origin of ``frame``."""
+        """Add a tool without a mesh: a small ball at its tip, the origin of ``frame``."""
         return self._add_tool(ball(_TIP_RADIUS_MM), frame)
 
     def add_robot(self, name: str, robot: Robot, base_frame: str) -> RobotModel:
-        """Show ``robot`` with its root link at ``base_frame``; ``name`` tells several apart.
+        """Add ``robot`` with its root link at ``base_frame``; each robot has a ``name`` of its own.
 
-        In a live scene it is grey until somebody says where its links are: `show`, or whoever moves
-        it by `RobotModel.set_links` and `RobotModel.set_known` from a source of its own.
+        In a live scene it is grey until its links are known: by `show`, or from another source by
+        `RobotModel.set_links` and `RobotModel.set_known`.
         """
         if name in self.robots:
-            raise SceneError(f"robot {name!r} is in the scene already: another name wanted")
+            raise SceneError(f"robot {name!r} is already in the scene; expected another name")
         base = self._pose_node(base_frame)
         with self._content():
             model = RobotModel(self.scene, robot, base, base_frame, self.batch)
@@ -205,13 +205,13 @@ class MarginGuardScene:
         return model
 
     def remove_robot(self, name: str) -> None:
-        """Take the robot and all its nodes out of the scene."""
+        """Remove the robot's nodes from the scene."""
         robot = self._robot(name)
         with self.batch.content():
             robot.remove()
         del self.robots[name]
         self._links_known.pop(name, None)
-        self._upkeep.note(self._parts())
+        self._integrity.record(self._parts())
 
     def show(
         self,
@@ -219,29 +219,26 @@ class MarginGuardScene:
         links: Mapping[str, Mapping[str, Transform]],
         now_ns: int | None = None,
     ) -> None:
-        """Show one step: the decision, and ``root_from_link`` of every link of each robot.
+        """Show the decision of one step, and each robot's links by their ``root_from_link``.
 
-        A robot with no links at all is where nobody knows: it turns grey, and so does one that
-        ``links`` had once and has no more. In a live scene
-        ``now_ns`` is the present on the clock of the decision's stamp, as in `check`; a picture of
-        a moment takes none. Raises `SceneError` for the other way round, without a tumour, and for
-        a constraint that is not in the tumour's frame: its plane would be drawn elsewhere.
+        A robot with an empty mapping is grey, and so is one that is missing in ``links`` but was in
+        it before. ``now_ns``: the present of a live scene on the clock of the decision's stamp;
+        None for a scene that does not age. Raises `SceneError` if ``now_ns`` does not fit the
+        scene, without a tumour, and for a constraint in another frame than the tumour's.
         """
         if self.margin is None:
-            raise SceneError("a decision cannot be shown: the scene has no tumour yet")
+            raise SceneError("decision: the scene has no tumour; expected add_tumor before")
         constraint = decision.constraint
         if constraint is not None and constraint.frame != self.margin.frame:
             raise SceneError(
-                f"the constraint is in frame {constraint.frame!r}: the tumour's, "
-                f"{self.margin.frame!r}, wanted"
+                f"constraint: frame is {constraint.frame!r}; expected {self.margin.frame!r}, the "
+                "tumour's"
             )
         for name in links:
             self._robot(name)
         if (now_ns is None) is not (self.watchdog is None):
-            raise SceneError(
-                f"now_ns {now_ns} for a decision in a scene that "
-                f"{'does not age: None' if self.watchdog is None else 'ages: the present'} wanted"
-            )
+            expected = "None in a scene" if self.watchdog is None else "the present in a live scene"
+            raise SceneError(f"decision: now_ns is {now_ns}; expected {expected}")
         with self.update():
             self._decision, self._shown_ns = decision, now_ns
             self._show_margin(self.margin, now_ns)
@@ -252,17 +249,15 @@ class MarginGuardScene:
             self._show_robots(known=True)
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
-        """Grey what has become too old by ``now_ns``, and tell how every watched transform is.
+        """Show in grey what is too old at ``now_ns``; return the health of each watched transform.
 
-        What a user has moved by hand is put back, but for what is watched for edits.
-
-        To be called by a timer of the shell, so that a source that has died is seen although
-        nothing is shown any more: tumour and tool by the decision's stamp, robots by when they
-        were shown last. The clock is that of the stamps. Raises `SceneError` for a scene that does
-        not age.
+        Call it from a timer, so that a source that has stopped is noticed. Tumour and tool age by
+        the decision's stamp, robots by the last `show`, both on the clock of the stamps. Frames and
+        links that a user has moved are put back, except those that are watched for edits. Raises
+        `SceneError` for a scene that does not age.
         """
         if self.watchdog is None:
-            raise SceneError("a scene without stale_after_ns does not age: nothing to check")
+            raise SceneError("check: the scene has no stale_after_ns; expected a live scene")
         with self.update():
             self.tree.restore()
             for robot in self.robots.values():
@@ -273,9 +268,9 @@ class MarginGuardScene:
         return self.watchdog.check(now_ns)
 
     def clear(self) -> None:
-        """Take everything of this scene out of ``scene``; what others put there stays.
+        """Remove all nodes of this object from ``scene``; nodes of others stay.
 
-        It is over then: another `MarginGuardScene` shows what comes next.
+        The object cannot be used afterwards.
         """
         with self.batch.content():
             for name in tuple(self.robots):
@@ -285,31 +280,31 @@ class MarginGuardScene:
             for node in (self.tumor, self.margin_surface, self.tool):
                 if node is not None:
                     remove_displayed(self.scene, node)
-            for node in self._earlier_surfaces.values():
+            for node in self._adopted_surfaces.values():
                 remove_displayed(self.scene, node)
-            self._earlier_surfaces.clear()
+            self._adopted_surfaces.clear()
             self.tumor = self.margin_surface = self.tool = self.margin = None
             self._decision = self._shown_ns = None
             self.tree.clear()
-            self._upkeep.note(())
+            self._integrity.record(())
 
     @contextmanager
     def _content(self) -> Iterator[None]:
-        """`update` in which nodes are added or removed."""
-        self._upkeep.restore(self._nodes())
+        """Context of changes that add or remove nodes."""
+        self._integrity.restore(self._nodes())
         with self.batch.content():
             yield
             for node in self._nodes():
                 mark(node, PART)
-            self._upkeep.note(self._parts())
+            self._integrity.record(self._parts())
 
     def _nodes(self) -> Iterator[vtkMRMLNode]:
-        """All that is ours and should be in the scene."""
+        """All nodes of this object."""
         yield from self.tree.nodes()
         yield from self._parts()
 
     def _parts(self) -> Iterator[vtkMRMLNode]:
-        """What hangs from the tree, and from each other."""
+        """The nodes that are not frames of the tree."""
         for node in (self.tumor, self.margin_surface, self.tool):
             if node is not None:
                 yield node
@@ -333,16 +328,17 @@ class MarginGuardScene:
 
     def _robot(self, name: str) -> RobotModel:
         if name not in self.robots:
-            raise SceneError(f"no robot {name!r} in the scene: {sorted(self.robots)} are")
+            known = ", ".join(sorted(self.robots)) or "none"
+            raise SceneError(f"robot {name!r} is not in the scene; expected one of {known}")
         return self.robots[name]
 
     def _add_tool(self, surface: vtkPolyData, frame: str) -> vtkMRMLModelNode:
         if self.tool is not None:
-            raise SceneError("the scene has a tool already: one allowed")
+            raise SceneError("the scene already has a tool; expected 1")
         pose = self._pose_node(frame)
         color = TOOL_COLOR if self.watchdog is None else MarginState.UNKNOWN.color
         with self._content():
-            node = self._earlier_surfaces.pop("Tool", None)
+            node = self._adopted_surfaces.pop("Tool", None)
             self.tool = add_model(self.scene, "Tool", surface, color, parent=pose, node=node)
             mark(self.tool, SURFACE)
         return self.tool
@@ -350,5 +346,5 @@ class MarginGuardScene:
     def _pose_node(self, frame: str) -> vtkMRMLLinearTransformNode:
         node = self.tree.node(frame)
         if node is None:
-            raise SceneError(f"frame {frame!r} has no pose in the scene yet: set_poses first")
+            raise SceneError(f"frame {frame!r} has no pose in the scene; expected set_poses before")
         return node

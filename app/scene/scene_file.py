@@ -1,4 +1,4 @@
-"""A scene as a file: MRML's own bundle (``.mrb``), which 3D Slicer opens by a double click."""
+"""Save and load a scene as MRML's own bundle (``.mrb``), which 3D Slicer opens."""
 
 import struct
 import tempfile
@@ -23,17 +23,16 @@ SCENE_ENDING = ".mrb"
 
 _MAX_FILES = 20_000
 _MAX_BYTES = 4 * 1024**3
-"""Of all files of a bundle, unpacked."""
+"""Limit of all files of a bundle together, unpacked."""
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
-"""What `zipfile` raises for damaged bytes, for a password and for methods that it does not know."""
+"""Errors of `zipfile` for damaged bytes, a password and an unknown compression method."""
 
 
 def save_scene(scene: vtkMRMLScene, path: Path) -> None:
-    """Write ``scene`` with all its data to ``path`` (``.mrb``), whole or not at all.
+    """Write ``scene`` with all its data to ``path`` (``.mrb``) atomically.
 
-    Transforms, points and colours are kept to the last digit, sequences of transforms to six
-    digits. Raises `SceneError` for another ending, a place that cannot be written, and whatever
-    MRML refuses to write.
+    Transforms, points and colours keep all digits, sequences of transforms six. Raises `SceneError`
+    for another suffix, for a path that cannot be written, and for errors of MRML.
     """
     _check_place(path)
     # MRML names the bundle's content after the file, and writes data at absolute paths only.
@@ -42,15 +41,15 @@ def save_scene(scene: vtkMRMLScene, path: Path) -> None:
         with _quiet():
             written = scene.WriteToMRB(str(partial), None, messages)
         if not (written and partial.is_file()):
-            raise SceneError(f"{path} cannot be written: {_said(messages)}")
+            raise SceneError(f"{path}: cannot be written: {_last_error(messages)}")
 
 
 def load_scene(scene: vtkMRMLScene, path: Path) -> None:
-    """Add all that the bundle ``path`` holds to ``scene``, which a `SceneApplication` has taken.
+    """Add all nodes of the bundle ``path`` to ``scene``, the scene of a `SceneApplication`.
 
-    By MRML's own reader, with nothing fetched from a network. Raises `SceneError`, in one line, for
-    a file that is no bundle, one that is damaged, and one that grows too large; what MRML had read
-    by then stays in the scene.
+    Uses MRML's own reader and fetches nothing from a network. Raises `SceneError` for a file that
+    is no bundle, is damaged or unpacks too large; nodes that MRML had read by then stay in the
+    scene.
     """
     _check_bundle(path)
     messages = vtkMRMLMessageCollection()
@@ -58,38 +57,40 @@ def load_scene(scene: vtkMRMLScene, path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder, _unpacking_into(scene, folder), _quiet():
         read = scene.ReadFromMRB(str(path.absolute()), False, messages)
     if not read or messages.GetNumberOfMessagesOfType(vtkCommand.ErrorEvent):
-        raise SceneError(f"{path} cannot be read as a scene: {_said(messages)}")
+        raise SceneError(f"{path}: cannot be read as a scene: {_last_error(messages)}")
     if scene.GetNumberOfNodes() == before:
-        raise SceneError(f"{path} cannot be read as a scene: it has no nodes")
+        raise SceneError(f"{path}: cannot be read as a scene: 0 nodes; expected 1 or more")
 
 
 def _check_bundle(path: Path) -> None:
-    """What libarchive unpacks without a word: too much, elsewhere, and damaged bytes."""
+    """Reject what libarchive unpacks without an error: too much, outside the folder, damaged."""
     try:
         with zipfile.ZipFile(path) as bundle:
             files = bundle.infolist()
             size = sum(file.file_size for file in files)
             if len(files) > _MAX_FILES or size > _MAX_BYTES:
                 raise SceneError(
-                    f"{path} unpacks to {len(files)} files of {size} bytes: "
-                    f"{_MAX_FILES} files of {_MAX_BYTES} bytes allowed"
+                    f"{path}: unpacks to {len(files)} files of {size} bytes; expected at most "
+                    f"{_MAX_FILES} files of {_MAX_BYTES} bytes"
                 )
             if not any(file.filename.lower().endswith(".mrml") for file in files):
-                raise SceneError(f"{path} is no scene bundle: no .mrml file is in it")
-            astray = _astray([file.filename for file in files])
-            if astray is not None:
-                raise SceneError(f"{path} would be unpacked to {astray!r}: a file inside wanted")
+                raise SceneError(f"{path}: no .mrml file in it; expected a scene bundle")
+            outside = _path_outside([file.filename for file in files])
+            if outside is not None:
+                raise SceneError(
+                    f"{path}: unpacks to {outside!r}; expected files inside the folder"
+                )
             damaged = bundle.testzip()
     except OSError as error:
-        raise SceneError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from error
     except _DAMAGE as error:
-        raise SceneError(f"{path} is no whole scene bundle: {error}") from error
+        raise SceneError(f"{path}: damaged: {error}; expected a scene bundle") from error
     if damaged is not None:
-        raise SceneError(f"{path} is damaged: {damaged} in it is not what was saved")
+        raise SceneError(f"{path}: damaged: wrong checksum of {damaged}; expected a scene bundle")
 
 
-def _astray(names: list[str]) -> str | None:
-    """The first name that leads out of the folder: by itself, or through a link among the files."""
+def _path_outside(names: list[str]) -> str | None:
+    """The first of ``names`` that leads out of the folder, by itself or through a link; or None."""
     files = {name for name in names if not name.endswith("/")}
     for name in names:
         place = PurePosixPath(name)
@@ -101,15 +102,15 @@ def _astray(names: list[str]) -> str | None:
 
 def _check_place(path: Path) -> None:
     if path.suffix.lower() != SCENE_ENDING:
-        raise SceneError(f"{path} is no scene file: {SCENE_ENDING} wanted")
+        raise SceneError(f"{path}: suffix is {path.suffix!r}; expected {SCENE_ENDING!r}")
     check_output_path(path, SceneError)
 
 
 @contextmanager
 def _unpacking_into(scene: vtkMRMLScene, folder: str) -> Iterator[None]:
-    """MRML unpacks bundles into the cache for remote files; without URI handlers none is fetched.
+    """Let MRML unpack bundles into ``folder``, its cache for remote files.
 
-    Desktop Slicer's scene has one already, and gets it back.
+    Without URI handlers nothing is fetched. The data manager of the scene is restored at the end.
     """
     cache, manager = vtkCacheManager(), vtkDataIOManager()
     cache.SetRemoteCacheDirectory(folder)
@@ -124,7 +125,7 @@ def _unpacking_into(scene: vtkMRMLScene, folder: str) -> Iterator[None]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """MRML prints each file that it packs and each error: its collection of messages has those."""
+    """Keep MRML from printing each file that it packs and each error."""
     window, verbosity = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
     vtkOutputWindow.SetInstance(vtkStringOutputWindow())
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -135,11 +136,11 @@ def _quiet() -> Iterator[None]:
         vtkOutputWindow.SetInstance(window)
 
 
-def _said(messages: vtkMRMLMessageCollection) -> str:
-    """The last error, which is the nearest to what was asked, without the place in MRML's code."""
+def _last_error(messages: vtkMRMLMessageCollection) -> str:
+    """The last error, which is the most general, without the place in MRML's code."""
     errors = [
         messages.GetNthMessageText(number)
         for number in range(messages.GetNumberOfMessages())
         if messages.GetNthMessageType(number) == vtkCommand.ErrorEvent
     ]
-    return " ".join(errors[-1].split("): ")[-1].split()) if errors else "MRML does not say why"
+    return " ".join(errors[-1].split("): ")[-1].split()) if errors else "MRML gives no reason"

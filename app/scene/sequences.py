@@ -1,7 +1,7 @@
-"""A recording as Slicer sequences: what was tracked, and what the scene showed, over time.
+"""A recording as Slicer sequences: measured transforms and displayed margin over time.
 
-A sequence of transforms keeps six digits and no status, so a lost sample is not in it: when it was
-lost, and how, stands in an attribute of the sequence. `app.case` reads both again.
+A sequence of transforms keeps six digits and no status. A lost sample is not an item of it; its
+time and status are in an attribute of the sequence. `app.case` reads both.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,12 +30,12 @@ BROWSER_NAME = "MarginGuard"
 CLOCK_NAME = "ReplayTime"
 """A text node: seconds since the recording's first frame, while it is played."""
 LOST_ATTRIBUTE = "MarginGuard.Lost"
-"""Of a sequence: ``1.020000000=INVALID 1.040000000=MISSING``, the samples that it does not hold."""
+"""Attribute of a sequence: its lost samples, ``1.020000000=INVALID 1.040000000=MISSING``."""
 DERIVED_ATTRIBUTE = "MarginGuard.Derived"
-"""Marks a sequence that was computed of measured ones: it moves the scene, it is no measurement."""
+"""Attribute of a sequence that was computed from measured ones to move a node."""
 
-Judged = tuple[int, MarginState, tuple[Reason, ...]]
-"""A stamp in ns, what was judged then, and why."""
+StateSample = tuple[int, MarginState, tuple[Reason, ...]]
+"""A stamp in ns, the state at that time, and its reasons."""
 
 _T = TypeVar("_T")
 
@@ -43,32 +43,32 @@ _T = TypeVar("_T")
 def add_sequences(
     scene: MarginGuardScene,
     frames: Iterable[Sequence[TrackedTransform]],
-    states: Iterable[Judged],
+    states: Iterable[StateSample],
     now_ns: int,
 ) -> vtkMRMLSequenceBrowserNode:
-    """Add a recording to ``scene``, which shows its moment ``now_ns``; Slicer plays the result.
+    """Add a recording to ``scene``, which shows the step at ``now_ns``; Slicer can play it.
 
-    ``frames`` are the samples of one acquisition each, stamps rising; ``states`` is what was judged
-    when (ns), and why. Every measured edge becomes a sequence, and so does every pose in the
-    reference that a node of the scene shows, marked as derived. While they are played, colours and
-    banner follow the states, grey before the first; distance, line, plane and robots are known,
-    and shown, at ``now_ns`` alone.
-    Raises `SceneError`, and adds nothing, where times do not rise, for sequences are ordered by
-    time, for more than `app.scene.tracks.MOST_ITEMS` poses, and for a recording without a good
-    sample of the frames in the scene.
+    ``frames`` are the samples of one acquisition each, with increasing stamps; ``states`` the
+    margin's states over time. Every measured edge becomes a sequence, and so does every pose in the
+    reference that a node of the scene shows, marked as derived. During playback colours and banner
+    follow the states, grey before the first one. Distance, line, plane and robots are known only at
+    ``now_ns`` and hidden at other times.
+
+    Raises `SceneError`, and adds nothing, if stamps do not increase, for more than
+    `app.scene.tracks.MAX_POSES` poses, and without a good sample of a frame in the scene.
     """
     tracks = tracks_of(scene, frames)
     played = {name: track for name, track in tracks.items() if track.node is not None}
     if not played:
-        raise SceneError("the recording has no good sample of the frames in the scene")
+        raise SceneError("recording: 0 good samples of the frames in the scene; expected 1 or more")
     sequences = {name: _transforms(scene.scene, name, track) for name, track in tracks.items()}
     stamps = sorted({ns for track in played.values() for ns in track.poses})
     browser = scene.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", BROWSER_NAME)
     browser.SetIndexDisplayFormat("%.3f")
     if len(stamps) > 1:
         browser.SetPlaybackRateFps((len(stamps) - 1) * NS_PER_S / (stamps[-1] - stamps[0]))
-    # The first one is the master. Of transforms it may not be: their reader empties the sequence
-    # first, so that a browser that is loaded would go to its first item, and take the node along.
+    # The first sequence is the master. It may not be one of transforms: their reader empties the
+    # sequence first, and a browser that is loaded would then move the node to the first item.
     clock = scene.scene.AddNewNodeByClass("vtkMRMLTextNode", CLOCK_NAME)
     times = {ns: f"{(ns - stamps[0]) / NS_PER_S:.3f} s" for ns in stamps}
     _play(browser, _texts(scene.scene, CLOCK_NAME, times), clock)
@@ -81,7 +81,7 @@ def add_sequences(
 
 
 def _transforms(scene: vtkMRMLScene, name: str, track: Track) -> vtkMRMLSequenceNode:
-    node = vtkMRMLLinearTransformNode()  # the sequence keeps copies
+    node = vtkMRMLLinearTransformNode()  # the sequence stores copies
     node.SetName(name)
     sequence = _sequence(scene, name)
     for ns, pose in track.poses.items():
@@ -97,31 +97,31 @@ def _transforms(scene: vtkMRMLScene, name: str, track: Track) -> vtkMRMLSequence
 
 def _margin(
     scene: MarginGuardScene,
-    states: Sequence[Judged],
+    states: Sequence[StateSample],
     stamps: Sequence[int],
     now_ns: int,
 ) -> Iterator[tuple[vtkMRMLSequenceNode, vtkMRMLNode]]:
-    """What the margin showed, with the node that shows it; entries only where it changed."""
+    """Sequences of what the margin showed, each with its node; one item per change."""
     margin, tumor = scene.margin, scene.tumor
     if margin is None or tumor is None:
         return
     if not states or states[0][0] > stamps[0]:
         states = [(stamps[0], MarginState.UNKNOWN, ()), *states]
     after_ns = next((ns for ns in stamps if ns > now_ns), None)
-    told = {ns: banner(state, None, reasons) for ns, state, reasons in states}
-    texts = _changes(told)
+    banners = {ns: banner(state, None, reasons) for ns, state, reasons in states}
+    texts = _changes(banners)
     texts[now_ns] = margin.status.GetText()
-    if after_ns in told:
-        texts[after_ns] = told[after_ns]
+    if after_ns in banners:
+        texts[after_ns] = banners[after_ns]
     yield _texts(scene.scene, margin.status.GetName(), texts), margin.status
 
-    began = _changes({ns: state for ns, state, _ in states})
-    colors = {ns: state.color for ns, state in began.items()}
+    changes = _changes({ns: state for ns, state, _ in states})
+    colors = {ns: state.color for ns, state in changes.items()}
     yield _displays(scene.scene, tumor, colors), tumor.GetDisplayNode()
     if scene.tool is not None:
         tool = {
             ns: state.color if state is MarginState.UNKNOWN else TOOL_COLOR
-            for ns, state in began.items()
+            for ns, state in changes.items()
         }
         yield _displays(scene.scene, scene.tool, tool), scene.tool.GetDisplayNode()
     links = [model for robot in scene.robots.values() for model in robot.models.values()]
@@ -133,12 +133,12 @@ def _margin(
 
 
 def _changes(values: Mapping[int, _T]) -> dict[int, _T]:
-    """The first of ``values``, and each that is another than the one before."""
+    """The first of ``values``, and each that differs from the one before."""
     times = list(values)
     return {
         ns: values[ns]
-        for place, ns in enumerate(times)
-        if place == 0 or values[ns] != values[times[place - 1]]
+        for index, ns in enumerate(times)
+        if index == 0 or values[ns] != values[times[index - 1]]
     }
 
 
@@ -154,7 +154,7 @@ def _texts(scene: vtkMRMLScene, name: str, texts: Mapping[int, str]) -> vtkMRMLS
 def _displays(
     scene: vtkMRMLScene, node: vtkMRMLDisplayableNode, changes: Mapping[int, Rgb | bool]
 ) -> vtkMRMLSequenceNode:
-    """The display of ``node`` as it is, but for another colour, or whether it is seen."""
+    """Copies of the display of ``node`` with another colour or another visibility."""
     sequence = _sequence(scene, f"{node.GetName()}Display")
     for ns in sorted(changes):
         display = node.GetDisplayNode().NewInstance()
@@ -169,7 +169,7 @@ def _displays(
 
 
 def _sequence(scene: vtkMRMLScene, source: str) -> vtkMRMLSequenceNode:
-    """An empty sequence over time, named as Slicer would name it when it is read again."""
+    """An empty sequence over time with the name that Slicer gives it when it is loaded."""
     sequence = scene.AddNewNodeByClass("vtkMRMLSequenceNode", f"{BROWSER_NAME}-{source}-Seq")
     sequence.SetAttribute("Sequences.Source", source)
     sequence.SetIndexName("time")
@@ -181,7 +181,7 @@ def _sequence(scene: vtkMRMLScene, source: str) -> vtkMRMLSequenceNode:
 def _play(
     browser: vtkMRMLSequenceBrowserNode, sequence: vtkMRMLSequenceNode, node: vtkMRMLNode
 ) -> None:
-    modifying = browser.StartModify()  # or the sequences logic would make a node of its own
+    modifying = browser.StartModify()  # otherwise the sequences logic creates a node of its own
     browser.AddSynchronizedSequenceNode(sequence.GetID())
     browser.AddProxyNode(node, sequence, False)
     browser.EndModify(modifying)

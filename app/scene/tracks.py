@@ -1,4 +1,4 @@
-"""A recording as poses over time, edge by edge: what a sequence is made of."""
+"""A recording as poses over time, edge by edge: the input of Slicer sequences."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,16 +17,16 @@ from app.scene.errors import SceneError
 from app.scene.frames.frame_graph import poses_in
 from app.scene.scene import MarginGuardScene
 
-MOST_ITEMS = 200_000
-"""Poses of all sequences together. MRML makes a node of each, and so does who loads the scene."""
+MAX_POSES = 200_000
+"""Limit of all sequences together. MRML creates a node for each pose, also on loading."""
 
 SAME_INDEX_S = 1e-9
-"""Of a sequence: times that are no further apart are one."""
+"""Times of a sequence that are no further apart are one time."""
 
 
 @dataclass(slots=True)
 class Track:
-    """One edge over time, by stamp in ns; ``node`` shows it, where one does."""
+    """Poses and lost samples of one edge by stamp in ns; ``node`` shows it, None if none does."""
 
     derived: bool
     node: vtkMRMLLinearTransformNode | None
@@ -37,9 +37,9 @@ class Track:
 def tracks_of(
     scene: MarginGuardScene, frames: Iterable[Sequence[TrackedTransform]]
 ) -> dict[str, Track]:
-    """Every edge with a good sample, by its name, and every pose that a node of ``scene`` shows.
+    """Tracks by name: each edge with a good sample, and each pose that a node of ``scene`` shows.
 
-    Raises `SceneError` where times do not rise, and for more than `MOST_ITEMS` poses.
+    Raises `SceneError` if stamps do not increase, and for more than `MAX_POSES` poses.
     """
     measured: dict[str, Track] = {}
     derived: dict[str, Track] = {}
@@ -51,8 +51,8 @@ def tracks_of(
         first_ns = ns if first_ns is None else first_ns
         if last_ns is not None and ns / NS_PER_S - last_ns / NS_PER_S <= SAME_INDEX_S:
             raise SceneError(
-                f"a frame at {index_text(ns)} s comes after one at {index_text(last_ns)} s: "
-                "sequences are ordered by time, which is a double"
+                f"recording: a frame at {index_text(ns)} s comes after one at "
+                f"{index_text(last_ns)} s; expected increasing times, at least 1 ns apart"
             )
         last_ns = ns
         for sample in samples:
@@ -65,12 +65,12 @@ def tracks_of(
         for frame, pose in poses_in(scene.reference, known).items():
             if frame != scene.reference and scene.tree.node(frame) is not None:
                 _track(derived, scene, scene.reference, frame, derived=True).poses[ns] = pose
-        if sum(len(track.poses) for track in (*measured.values(), *derived.values())) > MOST_ITEMS:
+        if sum(len(track.poses) for track in (*measured.values(), *derived.values())) > MAX_POSES:
             raise SceneError(
-                f"the recording is longer than {index_text(ns - first_ns)} s: "
-                f"{MOST_ITEMS} poses are allowed in a scene, which takes 9 kB for each"
+                f"recording: more than {MAX_POSES} poses after {index_text(ns - first_ns)} s; "
+                f"expected at most {MAX_POSES}, because a scene takes 9 kB for each"
             )
-    # A pose that was measured as the node shows it is not told twice.
+    # A measured edge that the node shows replaces the derived track of that name.
     return derived | {name: track for name, track in measured.items() if track.poses}
 
 

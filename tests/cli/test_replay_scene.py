@@ -130,9 +130,7 @@ def without_robot(case: Path, recording: str) -> Path:
     return case
 
 
-def test_the_scene_replays_as_the_recording_that_it_was_saved_of(
-    saved: Path, tmp_path: Path
-) -> None:
+def test_saved_scene_replays_like_its_recording(saved: Path, tmp_path: Path) -> None:
     case = tmp_path / "case"
     shutil.copytree(RECORDED, case)
     shutil.copyfile(saved, case / "x.mrb")
@@ -159,7 +157,7 @@ def test_the_scene_replays_as_the_recording_that_it_was_saved_of(
             assert mine.signed_distance_mm == pytest.approx(known.signed_distance_mm, abs=0.01)
 
 
-def test_a_case_of_a_scene_refuses_joints(
+def test_case_with_a_scene_as_recording_refuses_joints(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     case = tmp_path / "case"
@@ -172,7 +170,7 @@ def test_a_case_of_a_scene_refuses_joints(
     assert "robot.joint_states is given: x.mrb cannot hold joints" in capsys.readouterr().err
 
 
-def test_a_scene_of_a_small_case_with_the_movie_and_the_report(
+def test_scene_movie_and_report_of_a_small_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
@@ -199,7 +197,7 @@ def test_a_scene_of_a_small_case_with_the_movie_and_the_report(
         assert level == tuple(round(255 * part) for part in worst.color)
 
 
-def test_a_clock_that_jumps_back_costs_the_recording_and_not_the_scene(
+def test_clock_that_jumps_back_leaves_a_scene_without_recording(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     case, mrb = write_small_case(tmp_path / "case"), tmp_path / "s.mrb"
@@ -222,7 +220,7 @@ def test_a_clock_that_jumps_back_costs_the_recording_and_not_the_scene(
         (["--movie", "m.gif", "--movie-seconds", "0"], "0 s: 1 to 60 s allowed"),
     ],
 )
-def test_options_that_cannot_be(
+def test_invalid_options_are_refused(
     options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as stop:
@@ -231,7 +229,7 @@ def test_options_that_cannot_be(
     assert message in capsys.readouterr().err
 
 
-def test_a_place_that_is_not_there_is_said_before_the_replay(
+def test_missing_folder_is_reported_before_the_replay(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     case = write_small_case(tmp_path / "case")

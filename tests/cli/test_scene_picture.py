@@ -32,7 +32,7 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str) -> None:
 
 
 @pytest.mark.parametrize(("end", "status"), [("exit 1", 1), ("kill -9 $$", -9)])
-def test_a_process_that_fails_costs_the_picture_alone(
+def test_failed_process_costs_only_the_picture(
     end: str,
     status: int,
     tmp_path: Path,
@@ -50,7 +50,7 @@ def test_a_process_that_fails_costs_the_picture_alone(
 
 
 @pytest.mark.parametrize("cut", [1, 20])
-def test_half_an_answer_is_none(
+def test_truncated_answer_gives_no_picture(
     cut: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stand_in(tmp_path, monkeypatch, "exit 0")
@@ -62,7 +62,7 @@ def test_half_an_answer_is_none(
 
 
 @pytest.mark.parametrize(("end", "status"), [("exit 3", 3), ("kill -11 $$", -11)])
-def test_a_whole_picture_counts_however_the_process_ended(
+def test_complete_picture_is_used_whatever_the_exit_status(
     end: str,
     status: int,
     tmp_path: Path,
@@ -80,7 +80,7 @@ def test_a_whole_picture_counts_however_the_process_ended(
     assert told == f"drawing the scene ended with status {status}, after all was drawn\n"
 
 
-def test_what_is_handed_over_can_be_written_to_no_more_than_here(
+def test_arrays_of_the_request_stay_read_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = open_case(write_small_case(tmp_path / "case"))
@@ -96,13 +96,13 @@ def test_what_is_handed_over_can_be_written_to_no_more_than_here(
     assert not request.step.tumor_from_tip.rotation.flags.writeable
 
 
-def test_a_moment_that_was_never_known_gives_no_file() -> None:
+def test_no_file_without_a_step_of_known_distance() -> None:
     never = r"no scene: the distance .* was never known"
     with ScenePainter() as painter, pytest.raises(InputError, match=never):
         painter.content(SCENE)
 
 
-def test_the_process_ends_with_the_context() -> None:
+def test_process_ends_with_the_context() -> None:
     with ScenePainter() as painter:
         process = painter._process
         assert process.poll() is None
@@ -110,7 +110,7 @@ def test_the_process_ends_with_the_context() -> None:
     assert process.poll() is not None
 
 
-def test_the_process_finds_the_package_from_any_folder(
+def test_process_finds_the_package_from_any_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -120,7 +120,7 @@ def test_the_process_finds_the_package_from_any_folder(
     assert (status, capfd.readouterr().err) == (0, "")
 
 
-def test_without_slicer_it_says_what_to_do(tmp_path: Path) -> None:
+def test_missing_slicer_names_the_remedy(tmp_path: Path) -> None:
     (tmp_path / "slicer.py").write_text("raise ImportError('no slicer here')\n")
     found = subprocess.run(
         PROCESS,
@@ -135,6 +135,6 @@ def test_without_slicer_it_says_what_to_do(tmp_path: Path) -> None:
     assert found.stderr == b""
 
 
-def test_it_ends_quietly_when_nothing_is_to_be_drawn() -> None:
+def test_process_without_a_request_ends_silently() -> None:
     found = subprocess.run(PROCESS, input=b"", capture_output=True, check=True)
     assert (found.stdout, found.stderr) == (b"", b"")

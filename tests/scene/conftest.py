@@ -100,7 +100,7 @@ def revolute(
 
 @pytest.fixture
 def edges() -> tuple[Transform, ...]:
-    """What a tracker says: every tool in the tracker's own frame, the chest among them."""
+    """Edges as a tracker measures them: each sensor, the reference included, in its own frame."""
     tracker_from_reference = Transform.from_rotation_vector(
         [0.2, 0.5, 1.0], [300.0, 20.0, 10.0], target="tracker", source="reference"
     )

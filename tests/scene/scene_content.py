@@ -1,4 +1,4 @@
-"""What a scene holds, as plain values, read by MRML's own calls: also a program of its own.
+"""The nodes of a scene as plain values, read by MRML's own calls; also a program.
 
 ``python -m tests.scene.scene_content FILE`` loads a bundle into a fresh process and prints it.
 """

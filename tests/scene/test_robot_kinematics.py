@@ -81,10 +81,10 @@ def assert_where_the_peer_has_them(
 ) -> None:
     assert set(model.transforms) == {link.name for link in peer.robot.links}
     for link, node in model.transforms.items():
-        wanted = ras_from_base @ peer.root_from(link)
+        expected = ras_from_base @ peer.root_from(link)
         found = world_matrix(node)
-        np.testing.assert_allclose(found[:3, 3], wanted[:3, 3], rtol=0, atol=WORLD_MM)
-        np.testing.assert_allclose(found[:3, :3], wanted[:3, :3], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found[:3, 3], expected[:3, 3], rtol=0, atol=WORLD_MM)
+        np.testing.assert_allclose(found[:3, :3], expected[:3, :3], rtol=0, atol=1e-9)
     for link, shown in model.models.items():
         assert shown.GetParentTransformNode() is model.transforms[link]
         assert shown.GetName() == f"{link}_model"
@@ -100,7 +100,7 @@ def ras_from(side: str) -> np.ndarray:
     return RAS_FROM_REFERENCE.matrix @ BASES[side].matrix
 
 
-def test_two_robots_at_once_are_each_where_pinocchio_puts_them(
+def test_two_robots_have_the_poses_of_pinocchio(
     example_urdfs: tuple[Path, Path],
 ) -> None:
     scene = new_scene()
@@ -128,7 +128,7 @@ def assert_one_robot_agrees(urdf: Path, robot: Robot) -> None:
         assert_where_the_peer_has_them(model, peer, ras_from("left"))
 
 
-def test_our_arm(project_root: Path) -> None:
+def test_arm_has_the_poses_of_pinocchio(project_root: Path) -> None:
     urdf = project_root / "data" / "robots" / "touch" / "touch.urdf"
     assert_one_robot_agrees(urdf, load_robot(urdf))
 
@@ -139,7 +139,7 @@ def test_omni(shared_data: Path) -> None:
     assert_one_robot_agrees(urdf, load_robot(urdf, package_dirs=(folder,)))
 
 
-def test_the_comparison_can_fail(project_root: Path) -> None:
+def test_comparison_detects_a_moved_link(project_root: Path) -> None:
     urdf = project_root / "data" / "robots" / "touch" / "touch.urdf"
     robot = load_robot(urdf)
     scene = new_scene()
@@ -178,9 +178,9 @@ def test_every_visual_of_a_collada_robot_is_where_pinocchio_and_trimesh_put_it(
         placed.setdefault(frame.name, []).append(1000.0 * points @ link[:3, :3].T + link[:3, 3])
     assert set(placed) == set(model.models)
     for name, parts in placed.items():
-        wanted, found = np.concatenate(parts), world_points(model.models[name])
-        np.testing.assert_allclose(found.min(axis=0), wanted.min(axis=0), atol=1e-3)
-        np.testing.assert_allclose(found.max(axis=0), wanted.max(axis=0), atol=1e-3)
+        expected, found = np.concatenate(parts), world_points(model.models[name])
+        np.testing.assert_allclose(found.min(axis=0), expected.min(axis=0), atol=1e-3)
+        np.testing.assert_allclose(found.max(axis=0), expected.max(axis=0), atol=1e-3)
 
 
 def vertices_m(path: Path) -> np.ndarray:

@@ -42,7 +42,7 @@ def test_names_parents_and_colors(scene: MarginGuardScene, arm: Robot) -> None:
     assert fore.GetDisplayNode().GetScalarVisibility()
 
 
-def test_every_visual_of_a_link_is_there(scene: MarginGuardScene, arm: Robot) -> None:
+def test_every_visual_of_a_link_is_in_its_model(scene: MarginGuardScene, arm: Robot) -> None:
     points = world_points(scene.add_robot("one", arm, "robot_base").models["fore_arm"])
     base_from_link = arm.forward_kinematics({})["fore_arm"].renamed(target="robot_base")
     ras_from_link = RAS_FROM_REFERENCE @ REFERENCE_FROM_BASE @ base_from_link
@@ -65,7 +65,7 @@ def nodes_by_class(scene: MarginGuardScene) -> Counter[str]:
     return Counter(node.GetClassName() for node in everything)
 
 
-def test_two_robots_and_removal_without_leftovers(
+def test_removed_robot_leaves_no_node(
     scene: MarginGuardScene, arm: Robot, project_root: Path
 ) -> None:
     touch = load_robot(project_root / "data" / "robots" / "touch" / "touch.urdf")
@@ -90,7 +90,7 @@ def resident_mb() -> float:
 def test_robots_that_come_and_go_leave_no_memory(
     scene: MarginGuardScene, example_urdfs: tuple[Path, Path]
 ) -> None:
-    """A surface of the UR5 that were kept once a round would be some 10 MB each time."""
+    """A leak of the UR5's surfaces would be about 10 MB per round."""
     robot = load_robot(example_urdfs[0])
 
     def rounds(count: int) -> float:
@@ -103,7 +103,7 @@ def test_robots_that_come_and_go_leave_no_memory(
     assert rounds(15) - settled < 3.0
 
 
-def test_links_that_nobody_knows_are_grey(scene: MarginGuardScene, arm: Robot) -> None:
+def test_unknown_links_are_grey(scene: MarginGuardScene, arm: Robot) -> None:
     model = scene.add_robot("one", arm, "robot_base")
     fore = model.models["fore_arm"].GetDisplayNode()
     own = fore.GetColor()
@@ -146,14 +146,14 @@ def test_shapes_of_every_kind_are_shown_with_their_scale(
     robot = load_robot(tmp_path / "kinds.urdf")
     model = scene.add_robot("kinds", robot, "robot_base").models["root"]
     points = numpy_array(model.GetPolyData().GetPoints().GetData())
-    wanted = (
+    expected = (
         ((900, -200, -300), (1100, 200, 300)),
         ((-50, -50, -50), (50, 50, 50)),
         ((-500, 1900, -100), (500, 2100, 100)),
         ((-50, -100, -1200), (50, 100, -800)),
     )
     found = 0
-    for low, high in wanted:
+    for low, high in expected:
         inside = ((points >= np.array(low) - 1e-3) & (points <= np.array(high) + 1e-3)).all(axis=1)
         np.testing.assert_allclose(points[inside].min(axis=0), low, atol=1.0)
         np.testing.assert_allclose(points[inside].max(axis=0), high, atol=1.0)
@@ -163,13 +163,15 @@ def test_shapes_of_every_kind_are_shown_with_their_scale(
     assert (colors == [0, 0, 255]).all(axis=1).sum() == 12  # the box alone is blue
 
 
-def test_robots_that_do_not_fit_are_refused(scene: MarginGuardScene, arm: Robot) -> None:
+def test_unknown_robots_links_and_frames_are_refused(scene: MarginGuardScene, arm: Robot) -> None:
     model = scene.add_robot("one", arm, "robot_base")
-    with pytest.raises(SceneError, match="robot 'one' is in the scene already"):
+    with pytest.raises(
+        SceneError, match="robot 'one' is already in the scene; expected another name"
+    ):
         scene.add_robot("one", arm, "robot_base")
     with pytest.raises(SceneError, match="frame 'elsewhere' has no pose"):
         scene.add_robot("two", arm, "elsewhere")
-    with pytest.raises(SceneError, match="link 'leg' is not of the robot"):
+    with pytest.raises(SceneError, match="link 'leg' is not a link of the robot; expected one of"):
         model.set_links({"leg": Transform.identity("base", "leg")})
-    with pytest.raises(SceneError, match="no robot 'two'"):
+    with pytest.raises(SceneError, match="robot 'two' is not in the scene; expected one of"):
         scene.remove_robot("two")

@@ -22,7 +22,7 @@ def shown(fill: Fill) -> MarginGuardScene:
     return fill(MarginGuardScene(vtkMRMLScene()))
 
 
-def test_names_are_those_of_slicer_igt(shown: MarginGuardScene) -> None:
+def test_node_names_are_those_of_slicer_igt(shown: MarginGuardScene) -> None:
     for name in (
         "ReferenceToRas",
         "NeedleToReference",
@@ -40,19 +40,19 @@ def test_names_are_those_of_slicer_igt(shown: MarginGuardScene) -> None:
         assert shown.scene.GetFirstNodeByName(name) is not None, name
 
 
-def test_surfaces_are_where_the_tracker_saw_them(
+def test_surfaces_have_the_measured_poses(
     shown: MarginGuardScene,
     edges: tuple[Transform, ...],
     fixed: tuple[Transform, ...],
     tumor: SurfaceMesh,
 ) -> None:
-    # The chain is written out here: it must not come from the code that is tested.
+    # The product is written out here, independent of the code that is tested.
     tracker_from_reference, tracker_from_needle, _ = edges
     reference_from_tumor = tracker_from_reference.inverse() @ tracker_from_needle @ fixed[1]
-    wanted = reference_from_tumor.apply(tumor.vertices_mm)
+    expected = reference_from_tumor.apply(tumor.vertices_mm)
     found = world_points(shown.tumor)
-    assert np.allclose(found.mean(axis=0), wanted.mean(axis=0), atol=1e-4)
-    assert np.allclose(np.sort(found[:, 0]), np.sort(wanted[:, 0]), atol=1e-3)
+    assert np.allclose(found.mean(axis=0), expected.mean(axis=0), atol=1e-4)
+    assert np.allclose(np.sort(found[:, 0]), np.sort(expected[:, 0]), atol=1e-3)
     tip = world_matrix(shown.tree.node("cautery_tip"))
     assert np.allclose(tip, (tracker_from_reference.inverse() @ edges[2] @ fixed[0]).matrix)
 
@@ -103,7 +103,7 @@ def test_show_moves_the_links(shown: MarginGuardScene, decision: Decide, arm: Ro
     )
 
 
-def test_clear_takes_everything_of_ours(
+def test_clear_removes_all_nodes_of_the_scene_object(
     shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh
 ) -> None:
     shown.add_margin_surface(margin_surface(tumor, 2.0, spacing_mm=2.0))
@@ -114,7 +114,7 @@ def test_clear_takes_everything_of_ours(
     assert [node.GetName() for node in left] == ["Theirs"]
 
 
-def test_a_scene_that_the_user_closed_says_so_and_can_be_cleared(
+def test_closed_scene_is_reported_and_can_be_cleared(
     shown: MarginGuardScene,
     decision: Decide,
     edges: tuple[Transform, ...],
@@ -122,7 +122,7 @@ def test_a_scene_that_the_user_closed_says_so_and_can_be_cleared(
     arm: Robot,
 ) -> None:
     shown.scene.Clear(0)
-    with pytest.raises(SceneError, match="node 'ReferenceToRas' was taken out of the scene"):
+    with pytest.raises(SceneError, match="node 'ReferenceToRas' was removed from the scene"):
         shown.set_poses(edges)
     for change in (
         lambda: shown.show(decision(MarginState.NEGATIVE, 9.0), {}),
@@ -130,7 +130,7 @@ def test_a_scene_that_the_user_closed_says_so_and_can_be_cleared(
         lambda: shown.add_margin_surface(tumor),
         lambda: shown.add_robot("other", arm, "robot_base"),
     ):
-        with pytest.raises(SceneError, match="taken out of the scene by somebody else"):
+        with pytest.raises(SceneError, match="removed from the scene outside of MarginGuard"):
             change()
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
@@ -139,18 +139,18 @@ def test_a_scene_that_the_user_closed_says_so_and_can_be_cleared(
 @pytest.mark.parametrize(
     "name", ["Tumor", "Tool", "upper_model", "ForeArmToBase", "MarginStatus", "ClosestPoints"]
 )
-def test_a_node_that_the_user_deleted_is_named_and_the_rest_can_be_cleared(
+def test_deleted_node_is_named_and_the_rest_can_be_cleared(
     shown: MarginGuardScene, decision: Decide, name: str
 ) -> None:
     shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name))
-    with pytest.raises(SceneError, match=f"node '{name}' was taken out of the scene"):
+    with pytest.raises(SceneError, match=f"node '{name}' was removed from the scene"):
         shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
 
 
-def test_what_a_user_put_into_a_scene_that_was_closed_stays(shown: MarginGuardScene) -> None:
-    """MRML gives the IDs of our display nodes a second time."""
+def test_clear_after_close_keeps_nodes_of_the_user(shown: MarginGuardScene) -> None:
+    """After a close MRML gives the IDs of our display nodes again."""
     ids = {node.GetDisplayNodeID() for node in (shown.tumor, shown.tool, shown.margin.line)}
     shown.scene.Clear(0)
     theirs = [shown.scene.AddNewNodeByClass(f"vtkMRML{kind}Node")
@@ -162,7 +162,7 @@ def test_what_a_user_put_into_a_scene_that_was_closed_stays(shown: MarginGuardSc
     assert all(node.GetDisplayNode() is not None for node in theirs)
 
 
-def test_a_display_that_another_node_shares_stays(shown: MarginGuardScene) -> None:
+def test_clear_keeps_a_display_that_another_node_shares(shown: MarginGuardScene) -> None:
     theirs = shown.scene.AddNewNodeByClass("vtkMRMLModelNode", "Theirs")
     theirs.SetAndObserveDisplayNodeID(shown.tumor.GetDisplayNodeID())
     shown.clear()
@@ -170,11 +170,9 @@ def test_a_display_that_another_node_shares_stays(shown: MarginGuardScene) -> No
 
 
 @pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model", "ClosestPoints", "FixturePlane"])
-def test_a_display_that_the_user_deleted_is_named(
-    shown: MarginGuardScene, decision: Decide, name: str
-) -> None:
+def test_deleted_display_is_named(shown: MarginGuardScene, decision: Decide, name: str) -> None:
     shown.scene.RemoveNode(shown.scene.GetFirstNodeByName(name).GetDisplayNode())
-    with pytest.raises(SceneError, match=f"the display of node '{name}' was taken out"):
+    with pytest.raises(SceneError, match=f"the display of node '{name}' was removed"):
         shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
@@ -193,10 +191,10 @@ def test_a_display_that_the_user_deleted_is_named(
         "BreachMarkers",
     ],
 )
-def test_what_a_user_hung_elsewhere_comes_back(
+def test_node_moved_under_another_parent_is_put_back(
     shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh, name: str
 ) -> None:
-    """A tool in green beside a tumour that it has left alone would be a lie."""
+    """Otherwise the tool would be drawn at a wrong place."""
     shown.add_margin_surface(tumor)
     node = shown.scene.GetFirstNodeByName(name)
     before = world_matrix(node.GetParentTransformNode())
@@ -208,7 +206,7 @@ def test_what_a_user_hung_elsewhere_comes_back(
         assert node.GetTransformNodeID() not in (None, aside.GetID())
 
 
-def test_nothing_is_kept_of_what_has_left(shown: MarginGuardScene, decision: Decide) -> None:
+def test_removed_nodes_are_not_referenced(shown: MarginGuardScene, decision: Decide) -> None:
     shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     (robot,) = shown.robots.values()
     gone = [weakref.ref(node) for node in (*robot.models.values(), shown.tool)]
@@ -222,8 +220,8 @@ def test_nothing_is_kept_of_what_has_left(shown: MarginGuardScene, decision: Dec
 
 
 @pytest.mark.parametrize("name", ["CauteryToReference", "CauteryTipToCautery", "ForeArmToBase"])
-def test_what_a_user_moved_comes_back_although_no_step_comes(fill: Fill, name: str) -> None:
-    """A replay that is paused has no next step, and its tool stands where it was judged."""
+def test_check_puts_back_what_a_user_moved(fill: Fill, name: str) -> None:
+    """A paused replay has no next step."""
     shown = fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=10**9))
     node = shown.scene.GetFirstNodeByName(name)
     before = world_matrix(node)
@@ -233,7 +231,7 @@ def test_what_a_user_moved_comes_back_although_no_step_comes(fill: Fill, name: s
     assert np.array_equal(world_matrix(node), before)
 
 
-def test_the_root_and_what_is_watched_for_edits_are_the_users_to_move(fill: Fill) -> None:
+def test_check_leaves_the_root_and_watched_frames_where_a_user_moved_them(fill: Fill) -> None:
     shown = fill(MarginGuardScene(vtkMRMLScene(), stale_after_ns=10**9))
     edits: list[Transform] = []
     shown.tree.on_edit("cautery", edits.append, pytest.fail)
@@ -247,20 +245,18 @@ def test_the_root_and_what_is_watched_for_edits_are_the_users_to_move(fill: Fill
 
 
 @pytest.mark.parametrize("name", ["Tumor", "Tool", "upper_model"])
-def test_a_surface_that_a_user_changed_is_named(
-    shown: MarginGuardScene, decision: Decide, name: str
-) -> None:
-    """Hardened, it would stay behind; emptied, it would be clear of everything."""
+def test_replaced_surface_is_named(shown: MarginGuardScene, decision: Decide, name: str) -> None:
+    """A hardened surface would not move; an empty one would not be seen."""
     model = shown.scene.GetFirstNodeByName(name)
     for change in (model.HardenTransform, lambda: model.SetAndObservePolyData(None)):
         change()
-        with pytest.raises(SceneError, match=f"the surface of node '{name}' was changed by some"):
+        with pytest.raises(SceneError, match=f"the surface of node '{name}' was replaced outside"):
             shown.show(decision(MarginState.NEGATIVE, 9.0), {})
     shown.clear()
     assert shown.scene.GetNumberOfNodes() == 0
 
 
-def test_line_and_plane_that_a_user_hid_stay_hidden_until_they_are_known_anew(
+def test_line_and_plane_hidden_by_a_user_stay_hidden_until_they_become_known_again(
     shown: MarginGuardScene, decision: Decide
 ) -> None:
     known = constrained(decision(MarginState.NEGATIVE, 9.0))
@@ -278,7 +274,7 @@ def test_line_and_plane_that_a_user_hid_stay_hidden_until_they_are_known_anew(
     assert [plane for _, plane in seen] == [line for line, _ in seen]
 
 
-def test_a_tumour_that_a_user_coloured_by_its_points_has_the_colour_of_its_state(
+def test_point_colours_set_by_a_user_do_not_hide_the_state(
     shown: MarginGuardScene, decision: Decide
 ) -> None:
     display = shown.tumor.GetDisplayNode()
@@ -305,7 +301,7 @@ def constrained(
     )
 
 
-def test_plane_is_shown_where_it_is_known(shown: MarginGuardScene, decision: Decide) -> None:
+def test_plane_is_shown_while_it_is_known(shown: MarginGuardScene, decision: Decide) -> None:
     plane = shown.margin.plane.node
     assert not plane.GetDisplayNode().GetVisibility()
     shown.show(constrained(decision(MarginState.NEGATIVE, 9.0)), {})
@@ -314,7 +310,7 @@ def test_plane_is_shown_where_it_is_known(shown: MarginGuardScene, decision: Dec
     plane.GetCenterWorld(center)
     ras_from_tumor = world_matrix(shown.tree.node("tumor"))
     assert np.allclose(center, (ras_from_tumor @ [0, 0, 13, 1])[:3])
-    # The last known planes belong to a place that the tool may have left.
+    # The last known plane is that of a pose that the tool may have left.
     shown.show(constrained(decision(MarginState.UNKNOWN, 9.0), current=False), {})
     assert not plane.GetDisplayNode().GetVisibility()
     shown.show(decision(MarginState.NEGATIVE, 9.0), {})
@@ -322,11 +318,13 @@ def test_plane_is_shown_where_it_is_known(shown: MarginGuardScene, decision: Dec
 
 
 @pytest.mark.parametrize("current", [True, False])
-def test_planes_of_another_frame_are_refused(
+def test_constraint_in_another_frame_is_refused(
     shown: MarginGuardScene, decision: Decide, current: bool
 ) -> None:
     elsewhere = constrained(decision(MarginState.NEGATIVE, 9.0), current=current, frame="needle")
-    with pytest.raises(SceneError, match="constraint is in frame 'needle': the tumour's, 'tumor'"):
+    with pytest.raises(
+        SceneError, match="constraint: frame is 'needle'; expected 'tumor', the tumour's"
+    ):
         shown.show(elsewhere, {})
     assert shown.margin.state is MarginState.UNKNOWN
     assert not shown.margin.plane.node.GetDisplayNode().GetVisibility()
@@ -406,7 +404,7 @@ def assert_shown_green(scene: MarginGuardScene) -> None:
         (-1_500_000_000, "data from 1.5 s ahead"),
     ],
 )
-def test_a_decision_of_old_data_is_shown_grey(
+def test_decision_of_old_data_is_grey(
     live: MarginGuardScene, decision: Decide, age_ns: int, why: str | None
 ) -> None:
     clear = constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=10**12)
@@ -415,13 +413,13 @@ def test_a_decision_of_old_data_is_shown_grey(
         assert_shown_green(live)
     else:
         assert_shown_stale(live, why)
-        # An alarm is not hidden by its age either: it is grey, and leaves no mark.
+        # Also an old breach is grey, and leaves no mark.
         live.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=clear.stamp), {}, 0)
         assert live.tumor.GetDisplayNode().GetColor() == GREY
         assert len(live.margin.breaches) == 0
 
 
-def test_a_source_that_died_turns_everything_grey_although_nothing_is_shown(
+def test_check_turns_everything_grey_after_the_source_stopped(
     live: MarginGuardScene, decision: Decide, arm: Robot
 ) -> None:
     links = {"arm": arm.forward_kinematics({})}
@@ -450,12 +448,12 @@ def test_before_the_first_decision_everything_is_grey(live: MarginGuardScene) ->
     assert_shown_stale(live, "no data yet")
 
 
-def test_a_decision_without_a_stamp_is_not_green(live: MarginGuardScene, decision: Decide) -> None:
+def test_decision_without_a_stamp_is_not_green(live: MarginGuardScene, decision: Decide) -> None:
     live.show(replace(decision(MarginState.NEGATIVE, 9.0), stamp=None), {}, 10**12)
     assert_shown_stale(live, "no data yet")
 
 
-def test_unknown_says_why(live: MarginGuardScene, decision: Decide) -> None:
+def test_unknown_banner_has_the_reasons(live: MarginGuardScene, decision: Decide) -> None:
     lost = replace(
         decision(MarginState.UNKNOWN, None),
         reasons=(Reason.MISSING, Reason.FROZEN, Reason.LATCHED),
@@ -465,10 +463,10 @@ def test_unknown_says_why(live: MarginGuardScene, decision: Decide) -> None:
     assert_shown_stale(live, "missing, frozen")
 
 
-def test_planes_of_an_unknown_margin_go_when_their_data_are_old(
+def test_plane_of_an_unknown_margin_is_hidden_when_its_data_are_old(
     live: MarginGuardScene, decision: Decide
 ) -> None:
-    """Where the registration alone is at fault, the planes are those of the present."""
+    """If only the registration is at fault, the plane is current."""
     drifted = constrained(decision(MarginState.UNKNOWN, 9.0), stamp_ns=0)
     live.show(drifted, {}, 0)
     assert live.margin.plane.node.GetDisplayNode().GetVisibility()
@@ -484,7 +482,7 @@ def test_tool_is_grey_while_the_margin_is_unknown(
         assert (shown.tool.GetDisplayNode().GetColor() == GREY) == (state is MarginState.UNKNOWN)
 
 
-def test_a_robot_whose_links_are_not_known_is_grey_and_stays_so_until_they_are(
+def test_robot_is_grey_until_its_links_are_known(
     live: MarginGuardScene, decision: Decide, arm: Robot
 ) -> None:
     link = live.robots["arm"].models["upper"].GetDisplayNode()
@@ -495,10 +493,10 @@ def test_a_robot_whose_links_are_not_known_is_grey_and_stays_so_until_they_are(
         assert link.GetScalarVisibility() == known
 
 
-def test_a_robot_that_nobody_tells_of_any_more_is_grey(
+def test_robot_without_further_links_is_grey(
     live: MarginGuardScene, decision: Decide, arm: Robot
 ) -> None:
-    """The decisions go on, the joints do not."""
+    """Decisions continue without joints."""
     link = live.robots["arm"].models["upper"].GetDisplayNode()
     live.show(constrained(decision(MarginState.NEGATIVE, 9.0), stamp_ns=0),
               {"arm": arm.forward_kinematics({})}, 0)  # fmt: skip
@@ -517,7 +515,7 @@ def test_no_state_is_shown_without_a_distance(
     assert_shown_stale(live, "no distance")
 
 
-def test_planes_of_a_margin_that_has_no_stamp_are_hidden(
+def test_plane_of_a_decision_without_a_stamp_is_hidden(
     live: MarginGuardScene, decision: Decide
 ) -> None:
     drifted = replace(constrained(decision(MarginState.UNKNOWN, 9.0)), stamp=None, reasons=())
@@ -525,18 +523,20 @@ def test_planes_of_a_margin_that_has_no_stamp_are_hidden(
     assert not live.margin.plane.node.GetDisplayNode().GetVisibility()
 
 
-def test_the_present_is_told_where_the_scene_ages_and_only_there(
+def test_now_ns_is_required_in_a_live_scene_and_refused_in_others(
     shown: MarginGuardScene, live: MarginGuardScene, decision: Decide
 ) -> None:
-    with pytest.raises(SceneError, match="now_ns None for a decision in a scene that ages"):
+    with pytest.raises(SceneError, match="now_ns is None; expected the present in a live scene"):
         live.show(decision(MarginState.NEGATIVE, 9.0), {})
-    with pytest.raises(SceneError, match="now_ns 5 for a decision in a scene that does not age"):
+    with pytest.raises(SceneError, match="now_ns is 5; expected None in a scene"):
         shown.show(decision(MarginState.NEGATIVE, 9.0), {}, 5)
-    with pytest.raises(SceneError, match="does not age: nothing to check"):
+    with pytest.raises(
+        SceneError, match="check: the scene has no stale_after_ns; expected a live scene"
+    ):
         shown.check(5)
 
 
-def test_another_tumor_in_the_same_node(
+def test_set_tumor_keeps_the_node(
     live: MarginGuardScene, decision: Decide, tumor: SurfaceMesh
 ) -> None:
     node, now_ns = live.tumor, 10**12
@@ -554,11 +554,11 @@ def test_another_tumor_in_the_same_node(
     assert_shown_stale(live, "no data yet")
     live.check(now_ns)
     assert_shown_stale(live, "no data yet")
-    with pytest.raises(SceneError, match="the new tumour is in frame 'needle'"):
+    with pytest.raises(SceneError, match="new tumour: frame is 'needle'; expected 'tumor'"):
         live.set_tumor(SurfaceMesh("needle", tumor.vertices_mm, tumor.faces))
 
 
-def test_scenes_do_not_share_anything(
+def test_scenes_share_nothing(
     shown: MarginGuardScene, edges: tuple[Transform, ...], fixed: tuple[Transform, ...]
 ) -> None:
     other = MarginGuardScene(vtkMRMLScene())
@@ -568,17 +568,17 @@ def test_scenes_do_not_share_anything(
     assert shown.scene.GetNumberOfNodesByClass("vtkMRMLModelNode") == 5
 
 
-def test_what_does_not_fit_is_refused(
+def test_second_parts_and_unknown_names_are_refused(
     shown: MarginGuardScene, decision: Decide, tumor: SurfaceMesh, tool: SurfaceMesh
 ) -> None:
-    with pytest.raises(SceneError, match="a tumour already"):
+    with pytest.raises(SceneError, match="already has a tumour; expected 1"):
         shown.add_tumor(tumor)
-    with pytest.raises(SceneError, match="a tool already"):
+    with pytest.raises(SceneError, match="already has a tool; expected 1"):
         shown.add_tool(tool)
-    with pytest.raises(SceneError, match="no robot 'other' in the scene"):
+    with pytest.raises(SceneError, match="robot 'other' is not in the scene; expected one of"):
         shown.show(decision(MarginState.NEGATIVE, 9.0), {"other": {}})
     empty = MarginGuardScene(vtkMRMLScene())
     with pytest.raises(SceneError, match="frame 'tumor' has no pose"):
         empty.add_tumor(tumor)
-    with pytest.raises(SceneError, match="no tumour yet"):
+    with pytest.raises(SceneError, match="the scene has no tumour; expected add_tumor before"):
         empty.show(decision(MarginState.NEGATIVE, 9.0), {})

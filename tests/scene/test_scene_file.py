@@ -62,26 +62,26 @@ def in_a_fresh_process(path: Path) -> dict[str, Any]:
     return found
 
 
-def assert_same(found: Any, wanted: Any, place: str = "") -> None:
+def assert_same(found: Any, expected: Any, place: str = "") -> None:
     """Equal names, texts and structure; numbers to the last digits of a double."""
-    if isinstance(wanted, dict):
-        assert found.keys() == wanted.keys(), place
-        for key in wanted:
-            assert_same(found[key], wanted[key], f"{place}/{key}")
-    elif isinstance(wanted, list):
-        assert len(found) == len(wanted), place
-        if all(isinstance(value, float) for value in wanted):
-            np.testing.assert_allclose(found, wanted, rtol=DIGITS, atol=DIGITS, err_msg=place)
+    if isinstance(expected, dict):
+        assert found.keys() == expected.keys(), place
+        for key in expected:
+            assert_same(found[key], expected[key], f"{place}/{key}")
+    elif isinstance(expected, list):
+        assert len(found) == len(expected), place
+        if all(isinstance(value, float) for value in expected):
+            np.testing.assert_allclose(found, expected, rtol=DIGITS, atol=DIGITS, err_msg=place)
         else:
-            for one, other in zip(found, wanted, strict=True):
+            for one, other in zip(found, expected, strict=True):
                 assert_same(one, other, place)
-    elif isinstance(wanted, float):
-        assert found == pytest.approx(wanted, rel=DIGITS, abs=DIGITS), place
+    elif isinstance(expected, float):
+        assert found == pytest.approx(expected, rel=DIGITS, abs=DIGITS), place
     else:
-        assert found == wanted, place
+        assert found == expected, place
 
 
-def test_a_place_in_the_current_folder_will_do(
+def test_scene_is_saved_in_the_current_folder(
     shown: MarginGuardScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -92,18 +92,18 @@ def test_a_place_in_the_current_folder_will_do(
     assert_same(content(loaded), content(shown.scene))
 
 
-def test_a_fresh_process_finds_the_same_scene(
+def test_another_process_loads_the_same_scene(
     shown: MarginGuardScene, saved: Path, edges: tuple[Transform, ...], arm: Robot
 ) -> None:
     found = in_a_fresh_process(saved)
     assert_same(found, content(shown.scene))
-    # And against what was put in, without MRML between.
+    # And against the input, independent of MRML.
     tracker_from_reference, tracker_from_needle, _ = edges
     needle = (tracker_from_reference.inverse() @ tracker_from_needle).matrix
     np.testing.assert_allclose(
         np.reshape(found["NeedleToReference"]["to_world"], (4, 4)), needle, atol=1e-9
     )
-    assert found["Tumor"]["display"]["color"] == [1.0, 0.0, 0.0]
+    assert found["Tumor"]["display"]["color"] == list(MarginState.POSITIVE.color)
     assert found["Tumor"]["display"]["opacity"] == 0.4
     assert found["Tumor"]["parent"] == "TumorToNeedle"
     assert found["MarginStatus"]["text"] == "POSITIVE: in the tumour, -3.2 mm"
@@ -113,7 +113,7 @@ def test_a_fresh_process_finds_the_same_scene(
     assert {f"{link.name}_model" for link in arm.links} <= found.keys()
 
 
-def test_what_was_loaded_can_be_saved_again(saved: Path, shown: MarginGuardScene) -> None:
+def test_loaded_scene_can_be_saved_again(saved: Path, shown: MarginGuardScene) -> None:
     again = saved.with_name("again.mrb")
     loaded = SceneApplication(vtkMRMLScene())
     load_scene(loaded.scene, saved)
@@ -123,7 +123,7 @@ def test_what_was_loaded_can_be_saved_again(saved: Path, shown: MarginGuardScene
     assert_same(content(third.scene), content(shown.scene))
 
 
-def test_the_functions_of_slicer_find_the_nodes(
+def test_functions_of_slicer_find_the_nodes(
     saved: Path, shown: MarginGuardScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     theirs = SlicerApp()
@@ -133,8 +133,8 @@ def test_the_functions_of_slicer_find_the_nodes(
     matrix = slicer.util.arrayFromTransformMatrix(
         slicer.util.getNode("ForeArmToBase"), toWorld=True
     )
-    wanted = content(shown.scene)["ForeArmToBase"]["to_world"]
-    np.testing.assert_allclose(matrix.ravel(), wanted, atol=1e-9)
+    expected = content(shown.scene)["ForeArmToBase"]["to_world"]
+    np.testing.assert_allclose(matrix.ravel(), expected, atol=1e-9)
     points = slicer.util.arrayFromModelPoints(slicer.util.getNode("Tumor"))
     np.testing.assert_array_equal(points, content(shown.scene)["Tumor"]["points"])
 
@@ -166,7 +166,7 @@ def test_slicer_util_load_scene(
     assert_same(content(loaded.scene), content(shown.scene))
 
 
-def test_a_scene_takes_the_place_of_another_and_leaves_nothing_beside(
+def test_saving_replaces_a_file_and_leaves_no_other(
     application: SceneApplication, saved: Path
 ) -> None:
     before = saved.read_bytes()
@@ -179,12 +179,12 @@ def test_a_scene_takes_the_place_of_another_and_leaves_nothing_beside(
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("scene.mrml", "is no scene file: .mrb wanted"),
+        ("scene.mrml", "suffix is '.mrml'; expected '.mrb'"),
         ("none/scene.mrb", "parent directory does not exist"),
         ("folder.mrb", "is a directory"),
     ],
 )
-def test_places_that_cannot_be_written(
+def test_paths_that_cannot_be_written_are_refused(
     application: SceneApplication, tmp_path: Path, name: str, message: str
 ) -> None:
     (tmp_path / "folder.mrb").mkdir()
@@ -209,10 +209,10 @@ MODEL = (
     ("write", "message"),
     [
         (lambda path: path, "cannot be read: No such file"),
-        (lambda path: path.write_text("hello"), "is no whole scene bundle: .*not a zip"),
-        (lambda path: bundle(path, other="x"), "no .mrml file is in it"),
+        (lambda path: path.write_text("hello"), "damaged: .*not a zip"),
+        (lambda path: bundle(path, other="x"), "no .mrml file in it; expected a scene bundle"),
         (lambda path: bundle(path, scene="<MRML>"), "cannot be read as a scene: Syntax error"),
-        (lambda path: bundle(path, scene="<MRML></MRML>"), "it has no nodes"),
+        (lambda path: bundle(path, scene="<MRML></MRML>"), "0 nodes; expected 1 or more"),
         (lambda path: bundle(path, scene=MODEL), "Failed to read node x"),
     ],
     ids=["missing", "no zip", "no scene", "cut", "empty", "no data"],
@@ -233,7 +233,7 @@ def test_foreign_files_are_refused_in_one_line(
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255))
-def test_a_damaged_byte_is_seen_or_changes_nothing(
+def test_damaged_byte_is_detected_or_changes_nothing(
     saved: Path, shown: MarginGuardScene, place: float, bits: int
 ) -> None:
     damaged = bytearray(saved.read_bytes())
@@ -249,7 +249,7 @@ def test_a_damaged_byte_is_seen_or_changes_nothing(
         assert_same(content(loaded.scene), content(shown.scene))
 
 
-def test_a_bundle_that_grows_too_large_is_not_unpacked(
+def test_bundle_that_unpacks_too_large_is_refused(
     application: SceneApplication, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.scene.scene_file._MAX_BYTES", 10_000)
@@ -257,7 +257,7 @@ def test_a_bundle_that_grows_too_large_is_not_unpacked(
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("a/a.mrml", "<MRML></MRML>")
         file.writestr("a/Data/much", bytes(20_000))
-    with pytest.raises(SceneError, match=r"2 files of 20013 bytes: .* 10000 bytes"):
+    with pytest.raises(SceneError, match=r"2 files of 20013 bytes; expected .* 10000 bytes"):
         load_scene(application.scene, path)
 
 
@@ -277,7 +277,7 @@ def link_to(target: Path) -> dict[zipfile.ZipInfo | str, str]:
     ],
     ids=["absolute", "upwards", "backslash", "through a link"],
 )
-def test_a_bundle_that_would_be_unpacked_elsewhere_is_refused(
+def test_bundle_that_unpacks_outside_its_folder_is_refused(
     application: SceneApplication,
     tmp_path: Path,
     files: Callable[[Path], dict[zipfile.ZipInfo | str, str]],
@@ -290,6 +290,6 @@ def test_a_bundle_that_would_be_unpacked_elsewhere_is_refused(
         file.writestr("a/a.mrml", "<MRML></MRML>")
         for entry, text in files(outside).items():
             file.writestr(entry, text)
-    with pytest.raises(SceneError, match=f"would be unpacked to '{name}'"):
+    with pytest.raises(SceneError, match=f"unpacks to '{name}'; expected"):
         load_scene(application.scene, path)
     assert list(outside.iterdir()) == []

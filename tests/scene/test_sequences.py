@@ -1,4 +1,4 @@
-"""Sequences as MRML writes them, played by MRML, and read by the reader of cases."""
+"""Sequences written by MRML, played by MRML, and read by the reader of cases."""
 
 from pathlib import Path
 
@@ -95,12 +95,12 @@ def saved(
     return path
 
 
-def assert_read(path: Path, wanted: Frames) -> None:
+def assert_read(path: Path, expected: Frames) -> None:
     notes: list[str] = []
     found = list(read_mrml(path, notes.append))
     assert notes == []
-    assert [frame.stamp for frame in found] == [samples[0].stamp for samples in wanted]
-    for frame, samples in zip(found, wanted, strict=True):
+    assert [frame.stamp for frame in found] == [samples[0].stamp for samples in expected]
+    for frame, samples in zip(found, expected, strict=True):
         by_edge = {(pose.target, pose.source): pose for pose in frame.poses}
         assert by_edge.keys() == {(sample.target, sample.source) for sample in samples}
         for sample in samples:
@@ -120,13 +120,13 @@ def assert_read(path: Path, wanted: Frames) -> None:
             )
 
 
-def test_a_case_reads_what_was_tracked_and_nothing_that_was_derived(
+def test_case_reads_measured_sequences_and_ignores_derived_ones(
     saved: Path, frames: Frames
 ) -> None:
     assert_read(saved, frames)
 
 
-def test_the_scene_that_is_loaded_shows_the_moment_and_can_be_played(
+def test_loaded_scene_shows_the_saved_step_and_can_be_played(
     saved: Path, shown: MarginGuardScene, frames: Frames
 ) -> None:
     application = SceneApplication(vtkMRMLScene())
@@ -162,11 +162,11 @@ def test_the_scene_that_is_loaded_shows_the_moment_and_can_be_played(
         assert grey == (text.startswith("UNKNOWN"))
         assert node("ReplayTime").GetText() == f"{index * 0.020000001:.3f} s"
         reference, _, tracked = (sample.transform for sample in frames[index])
-        wanted = (reference.inverse() @ tracked).matrix
-        np.testing.assert_allclose(world_matrix(cautery), wanted, atol=2 * SIX_DIGITS_MM)
+        expected = (reference.inverse() @ tracked).matrix
+        np.testing.assert_allclose(world_matrix(cautery), expected, atol=2 * SIX_DIGITS_MM)
 
 
-def test_every_name_is_that_of_slicer_igt(saved: Path, shown: MarginGuardScene) -> None:
+def test_sequence_names_are_those_of_slicer_igt(saved: Path, shown: MarginGuardScene) -> None:
     names = {
         f"MarginGuard-{edge}-Seq"
         for edge in (
@@ -188,10 +188,10 @@ def test_every_name_is_that_of_slicer_igt(saved: Path, shown: MarginGuardScene) 
     assert measured.GetNthIndexValue(1) == "1700000000.143456790"
 
 
-def test_an_edge_that_is_measured_late_is_a_measurement_all_the_same(
+def test_edge_that_is_measured_late_is_not_marked_as_derived(
     shown: MarginGuardScene, frames: Frames, edges: tuple[Transform, ...], tmp_path: Path
 ) -> None:
-    """At first it can be computed alone; then it is measured too, and lost at last."""
+    """At first it can only be computed; then it is measured, too; at last it is lost."""
     direct = edges[0].inverse() @ edges[1]
     late = [
         (*frames[0],),
@@ -206,7 +206,7 @@ def test_an_edge_that_is_measured_late_is_a_measurement_all_the_same(
     assert_read(tmp_path / "late.mrb", late)
 
 
-def test_what_was_not_judged_and_robots_elsewhere_are_not_shown_as_known(
+def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
     shown: MarginGuardScene,
     frames: Frames,
     states: list[tuple[int, MarginState, tuple[Reason, ...]]],
@@ -233,7 +233,7 @@ def test_what_was_not_judged_and_robots_elsewhere_are_not_shown_as_known(
 
 @pytest.mark.parametrize("storage", [None, "vtkMRMLSequenceStorageNode"])
 @pytest.mark.parametrize("named", [True, False])
-def test_recordings_of_slicer_itself(
+def test_recordings_of_slicer_are_read(
     frames: Frames, tmp_path: Path, storage: str | None, named: bool
 ) -> None:
     """Made by MRML's calls alone, as Slicer's sequence browser makes them, in both its storages."""
@@ -260,20 +260,22 @@ def test_recordings_of_slicer_itself(
                 sequence.SetDataNodeAtValue(item, f"{ns // 10**9}.{ns % 10**9:09d}")
     path = tmp_path / "theirs.mrb"
     save_scene(scene, path)
-    # A sample that was lost is not in it, and nothing says so.
+    # It has no lost samples, and no attribute for them.
     assert_read(path, [tuple(s for s in samples if s.transform) for samples in frames])
 
 
-def test_what_is_no_sequence_is_refused_and_adds_nothing(
+def test_refused_recording_adds_nothing(
     shown: MarginGuardScene, frames: Frames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = shown.scene.GetNumberOfNodes()
     with pytest.raises(SceneError, match=r"a frame at 1700000000\.\d+ s comes after one at .* s"):
         add_sequences(shown, [frames[1], frames[0]], [], stamp(0).ns)
-    with pytest.raises(SceneError, match="no good sample"):
+    with pytest.raises(SceneError, match="0 good samples"):
         add_sequences(shown, [], [], stamp(0).ns)
     # Three edges, and the three poses in the reference that come of them.
-    monkeypatch.setattr("app.scene.tracks.MOST_ITEMS", 18)
-    with pytest.raises(SceneError, match=r"longer than 0\.060000003 s: 18 poses are allowed"):
+    monkeypatch.setattr("app.scene.tracks.MAX_POSES", 18)
+    with pytest.raises(
+        SceneError, match=r"more than 18 poses after 0\.060000003 s; expected at most 18"
+    ):
         add_sequences(shown, frames, [], stamp(0).ns)
     assert shown.scene.GetNumberOfNodes() == before

@@ -1,4 +1,4 @@
-"""A transform that the user moves by hand, as a value of ours."""
+"""Reports edits of a transform node by the user as `Transform`."""
 
 from collections.abc import Callable
 
@@ -13,13 +13,13 @@ OnRefused = Callable[[MarginGuardError], None]
 
 
 class EditedTransform:
-    """Calls ``on_edit`` with ``target_from_source`` when somebody else moves ``node``.
+    """Calls ``on_edit`` with ``target_from_source`` when a user moves ``node``.
 
-    ``target`` is the frame of the node's parent, ``source`` that of the node itself. What we move
-    ourselves is announced by `expect` and not reported: so nothing that came from ROS goes back
-    as an echo. A parent that moves is not reported either. A matrix that is not rigid, and a move
-    under another parent than ours, whose frame has no name, go to ``on_refused``, and so does a
-    `MarginGuardError` of ``on_edit``: VTK would only print an error that leaves an observer.
+    ``target`` is the frame of the node's parent, ``source`` that of the node. A move announced by
+    `expect` is not reported, so that a pose from ROS is not sent back; nor is a move of a parent.
+    ``on_refused`` gets the error for a matrix that is not rigid, for a node under another parent,
+    whose frame is unknown, and for a `MarginGuardError` of ``on_edit``: VTK would only print an
+    error raised in an observer.
     """
 
     def __init__(
@@ -40,13 +40,13 @@ class EditedTransform:
         )
 
     def expect(self, target_from_source: Transform) -> None:
-        """Say that we are about to put the node here, under the parent that it has now."""
+        """Announce the next pose of the node under its present parent; it is not reported."""
         self.target = target_from_source.target
         self._parent_id = self._node.GetTransformNodeID()
         self._known = tuple(target_from_source.matrix.ravel().tolist())
 
     def close(self) -> None:
-        """Stop watching; a second time does nothing."""
+        """Stop watching; idempotent."""
         if self._observer is not None:
             self._node.RemoveObserver(self._observer)
             self._observer = None
@@ -65,9 +65,9 @@ class EditedTransform:
         if self._node.GetTransformNodeID() != self._parent_id:
             parent = self._node.GetParentTransformNode()
             raise SceneError(
-                f"{self._node.GetName()} was moved under "
-                f"{'the world' if parent is None else parent.GetName()}: its pose in "
-                f"{self.target!r} wanted"
+                f"{self._node.GetName()}: parent is "
+                f"{'the world' if parent is None else parent.GetName()}; expected the node of "
+                f"{self.target!r}"
             )
         return Transform.from_matrix(matrix, target=self.target, source=self.source)
 

@@ -1,4 +1,4 @@
-"""From measured edges in any direction to the pose of every frame in one."""
+"""Poses of all frames in a root frame, from measured edges in any direction."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ from app.geometry import Transform
 def poses_in(root: str, edges: Iterable[Transform]) -> dict[str, Transform]:
     """``root_from_frame`` for every frame that ``edges`` connect with ``root``, itself included.
 
-    The way with the fewest edges is taken; of two edges between the same frames the later one.
+    Uses the path with the fewest edges; of two edges between the same frames the later one.
     """
     neighbours: dict[str, dict[str, Transform]] = {}
     for edge in edges:
@@ -18,9 +18,9 @@ def poses_in(root: str, edges: Iterable[Transform]) -> dict[str, Transform]:
     poses = {root: Transform.identity(root, root)}
     queue = deque([root])
     while queue:
-        at = queue.popleft()
-        for beyond, step in neighbours.get(at, {}).items():
-            if beyond not in poses:
-                poses[beyond] = poses[at] @ step
-                queue.append(beyond)
+        frame = queue.popleft()
+        for neighbour, edge in neighbours.get(frame, {}).items():
+            if neighbour not in poses:
+                poses[neighbour] = poses[frame] @ edge
+                queue.append(neighbour)
     return poses

@@ -1,4 +1,4 @@
-"""Many frames of one root in the scene, moved together and often."""
+"""Transform nodes of several frames under one root, moved together."""
 
 from collections.abc import Sequence
 
@@ -13,11 +13,11 @@ from app.scene.nodes.models import remove_node
 
 
 class PoseNodes:
-    """A node ``<Frame>To<Root>`` for each of ``frames``, all of them under ``parent``.
+    """A node ``<Frame>To<Root>`` for each of ``frames``, under ``parent``.
 
-    ``parent`` is the node of ``root``; without one, ``root`` is the scene's world. A node that
-    somebody else has moved is put back by the next `move`. Call it in the thread that owns the
-    scene.
+    ``parent`` is the node of ``root``; None: ``root`` is the scene's world. A node that a user has
+    moved is put back by the next `move`. Call it in the thread that owns the scene. Raises
+    `SceneError` for a frame that is given twice.
     """
 
     def __init__(
@@ -29,11 +29,13 @@ class PoseNodes:
         batch: Batch | None = None,
     ) -> None:
         if len(set(frames)) < len(frames):
-            raise SceneError(f"frames of {root!r} are given twice: {', '.join(sorted(frames))}")
+            raise SceneError(
+                f"frames of {root!r}: {', '.join(sorted(frames))}; expected each frame once"
+            )
         self._scene = scene
         self._batch = batch or Batch(scene)
         self._frames = tuple(frames)
-        self._present, self._wanted = vtkMatrix4x4(), vtkMatrix4x4()
+        self._present, self._next = vtkMatrix4x4(), vtkMatrix4x4()
         self.nodes: dict[str, vtkMRMLLinearTransformNode] = {}
         for frame in frames:
             name = join_transform_name(frame, root)
@@ -43,19 +45,19 @@ class PoseNodes:
             self.nodes[frame] = node
 
     def move(self, root_from_frames: FloatArray) -> int:
-        """Put every frame where it is, (n, 4, 4) in mm in their order; how many have moved.
+        """Set the poses (n, 4, 4) in mm in the order of the frames; return how many have changed.
 
-        A frame that has moved tells its observers once, one that has not tells nobody. All
-        observers have been called at the end of the batch, which is on return where none is open.
-        Raises `SceneError`, and moves nothing, for another shape or a value that is not finite.
+        A node that has moved notifies its observers once, at the end of the open batch or at once
+        without one. Raises `SceneError`, and moves nothing, for another shape and for a value that
+        is not finite.
         """
-        wanted = (len(self._frames), 4, 4)
-        if root_from_frames.shape != wanted:
-            raise SceneError(f"poses have shape {root_from_frames.shape}: {wanted} wanted")
+        shape = (len(self._frames), 4, 4)
+        if root_from_frames.shape != shape:
+            raise SceneError(f"poses: shape is {root_from_frames.shape}; expected {shape}")
         if not np.isfinite(root_from_frames).all():
             bad = ~np.isfinite(root_from_frames).all(axis=(1, 2))
             frame = self._frames[int(np.argmax(bad))]
-            raise SceneError(f"the pose of frame {frame!r} is not finite")
+            raise SceneError(f"pose of frame {frame!r}: not finite; expected finite numbers")
         moved = 0
         rows = map(tuple, root_from_frames.reshape(-1, 16).tolist())
         with self._batch.changes():
@@ -63,13 +65,13 @@ class PoseNodes:
                 node.GetMatrixTransformToParent(self._present)
                 if self._present.GetData() != row:
                     self._batch.hold(node)
-                    self._wanted.DeepCopy(row)
-                    node.SetMatrixTransformToParent(self._wanted)
+                    self._next.DeepCopy(row)
+                    node.SetMatrixTransformToParent(self._next)
                     moved += 1
         return moved
 
     def remove(self) -> None:
-        """Take the nodes out of the scene."""
+        """Remove the nodes from the scene."""
         for node in self.nodes.values():
             remove_node(self._scene, node)
         self.nodes.clear()

@@ -1,4 +1,4 @@
-"""How old is what the scene shows of each transform; the present is handed in, never read."""
+"""Freshness of each measured transform that the scene shows. Reads no clock."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from app.scene.errors import SceneError
 
 @dataclass(frozen=True, slots=True)
 class TransformHealth:
-    """One transform at one moment: ``name`` as ``CauteryToTracker``.
+    """Freshness of one transform at one time; ``name`` such as ``CauteryToTracker``.
 
     ``freshness`` is VALID, STALE (too old, or from the future) or MISSING (never seen, or the
     newest sample is a lost one). ``age_ns`` is that of its last good sample, None without one.
@@ -28,7 +28,7 @@ class TransformHealth:
 
     @property
     def text(self) -> str:
-        """For a lamp: ``CauteryToTracker: stale, 0.4 s``."""
+        """Text of an indicator: ``CauteryToTracker: stale, 0.4 s``."""
         if self.age_ns is None:
             return f"{self.name}: {self.freshness.value}, never seen"
         ahead = " ahead" if self.age_ns < 0 else ""
@@ -45,11 +45,11 @@ class _Edge:
 
 
 class TransformWatchdog:
-    """Knows for every transform when its last good sample was acquired.
+    """Keeps the stamp of the last good sample of each measured edge.
 
-    By the source's own stamps and per edge: a parent that moves changes where a child is drawn,
-    and says nothing of the child (watchdogs that listen to a node's events take it for news).
-    ``stale_after_ns`` is above 0. All times are on one clock, that of the samples.
+    Stamps are those of the source, per edge. A watchdog that listens to a node's events takes a
+    moving parent for a sample of its child; this one does not. All times are on the clock of the
+    samples. Raises `SceneError` unless ``stale_after_ns`` is above 0.
     """
 
     def __init__(self, stale_after_ns: int) -> None:
@@ -64,15 +64,15 @@ class TransformWatchdog:
         self._limits = FreshnessLimits(stale_after_ns)
 
     def expect(self, target: str, source: str) -> None:
-        """Watch this edge from now on: it is missing until it is seen."""
+        """Watch this edge; it is missing until its first sample."""
         self._edges.setdefault((target, source), _Edge())
 
-    def saw(self, sample: TrackedTransform) -> None:
-        """Take note of a sample, good or lost.
+    def observe(self, sample: TrackedTransform) -> None:
+        """Record a sample, good or lost.
 
-        One that is older than the newest is no news, and of two of one moment the lost one counts.
-        Older by more than ``stale_after_ns`` is news again: then a clock was put back, or a stamp
-        from the future was taken for the newest.
+        A sample older than the newest is ignored; of two with the same stamp the lost one counts. A
+        sample older by more than ``stale_after_ns`` is recorded: the clock was set back, or the
+        newest stamp was from the future.
         """
         edge = self._edges.setdefault((sample.target, sample.source), _Edge())
         ns, is_good = sample.stamp.ns, sample.status is TrackingStatus.OK
@@ -85,21 +85,21 @@ class TransformWatchdog:
             edge.good_ns = ns
 
     def restart(self) -> None:
-        """Forget all samples, as after a seek; the edges stay watched."""
+        """Forget all samples, as after a seek; keep the edges."""
         self._edges = {names: _Edge() for names in self._edges}
 
     def is_fresh(self, stamp_ns: int | None, now_ns: int) -> bool:
-        """Whether data of that stamp may be shown at ``now_ns``; none at all and the future not."""
+        """True if data of that stamp may be shown at ``now_ns``; False for None and the future."""
         return freshness_of(stamp_ns, now_ns, self._limits) is Freshness.VALID
 
     def check(self, now_ns: int) -> tuple[TransformHealth, ...]:
-        """Every watched transform at ``now_ns``, in the order in which they were first named."""
+        """Health of each watched transform at ``now_ns``, in the order of their first samples."""
         return tuple(self._health(*names, edge, now_ns) for names, edge in self._edges.items())
 
     def _health(self, target: str, source: str, edge: _Edge, now_ns: int) -> TransformHealth:
         age_ns = None if edge.good_ns is None else now_ns - edge.good_ns
         freshness = freshness_of(None if edge.is_lost else edge.good_ns, now_ns, self._limits)
         if freshness is Freshness.FUTURE:
-            # Lamps have no fourth colour; the text says "ahead" beside the age.
+            # Indicators have no fourth colour; their text has "ahead" beside the age.
             freshness = Freshness.STALE
         return TransformHealth(join_transform_name(source, target), freshness, age_ns)

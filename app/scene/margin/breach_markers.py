@@ -11,8 +11,8 @@ from app.scene.nodes.batch import Batch
 from app.scene.nodes.models import remove_displayed
 
 SPACING_MM = 1.0
-MOST_MARKS = 1000
-"""Slicer places all of them anew when the tumour moves: 1.6 ms for as many, and 35 ms to draw."""
+MAX_MARKS = 1000
+"""Slicer updates all marks when the tumour moves: 1.6 ms for this many, and 35 ms to draw them."""
 
 _NAME = "BreachMarkers"
 _SIZE_MM = 1.0
@@ -22,11 +22,11 @@ Point = list[float]
 
 
 class BreachMarkers:
-    """A node of points in the tumour's frame, no two of them nearer than ``spacing_mm``.
+    """A node of points in the tumour's frame, at least ``spacing_mm`` apart.
 
-    They stay with the tumour when it moves, until `clear`. `MOST_MARKS` at most: where one more is
-    wanted, ``spacing_mm`` is doubled, and what is nearer than that to an earlier mark goes. A
-    breach has a mark within twice the spacing, whatever was thinned.
+    The points move with the tumour and stay until `clear`. Above `MAX_MARKS` points ``spacing_mm``
+    is doubled and points nearer than that to an earlier one are removed: each breach still has a
+    mark within twice the spacing.
     """
 
     def __init__(self, scene: vtkMRMLScene, batch: Batch, tumor_pose: vtkMRMLTransformNode) -> None:
@@ -51,39 +51,39 @@ class BreachMarkers:
         return int(self.node.GetNumberOfControlPoints())
 
     def add(self, point_mm: FloatArray) -> bool:
-        """Mark ``point_mm`` (3,) in the tumour's frame; False where a mark is near already."""
+        """Mark ``point_mm`` (3,) in the tumour's frame; False if another mark is too near."""
         point = point_mm.tolist()
         if not self._take(point):
             return False
         self._batch.hold(self.node)
         self.node.AddControlPoint(point)
-        if len(self) > MOST_MARKS:
+        if len(self) > MAX_MARKS:
             self._thin()
         return True
 
     def clear(self) -> None:
-        """Take all marks away; the node stays."""
+        """Remove all marks; the node stays."""
         self._cells.clear()
         self.spacing_mm = SPACING_MM
         self.node.RemoveAllControlPoints()
 
     def remove(self) -> None:
-        """Take the node out of the scene."""
+        """Remove the node from the scene."""
         remove_displayed(self._scene, self.node)
 
     def _take(self, point: Point) -> bool:
-        """Whether ``point`` is far enough from all before, which it is one of then."""
+        """True if ``point`` is far enough from all marks; it is recorded as one then."""
         cell = [floor(value / self.spacing_mm) for value in point]
-        for step in _NEIGHBOURS:
-            near = tuple(a + b for a, b in zip(cell, step, strict=True))
+        for offset in _NEIGHBOURS:
+            near = tuple(a + b for a, b in zip(cell, offset, strict=True))
             if any(dist(point, other) < self.spacing_mm for other in self._cells.get(near, ())):
                 return False
         self._cells.setdefault(tuple(cell), []).append(point)
         return True
 
     def _thin(self) -> None:
-        marks = [list(self.node.GetNthControlPointPosition(place)) for place in range(len(self))]
-        while len(marks) > MOST_MARKS:
+        marks = [list(self.node.GetNthControlPointPosition(index)) for index in range(len(self))]
+        while len(marks) > MAX_MARKS:
             self.spacing_mm *= 2.0
             self._cells.clear()
             marks = [mark for mark in marks if self._take(mark)]

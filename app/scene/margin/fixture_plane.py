@@ -1,4 +1,4 @@
-"""The plane that the tool may not pass."""
+"""The constraint plane in the scene."""
 
 from slicer import vtkMRMLMarkupsPlaneNode, vtkMRMLScene, vtkMRMLTransformNode
 
@@ -14,10 +14,10 @@ _OPACITY = 0.25
 
 
 class FixturePlane:
-    """The governing half-space of a constraint as a square, around the tool's point on it.
+    """The governing half-space of a constraint, drawn as a square at the tool's point on it.
 
-    Hidden until `show`. In the frame of the constraint, which is ``pose``'s; its normal points to
-    where motion is allowed. It is blue as seen from there, and grey from the tumour's side.
+    It is in the frame of the constraint, the frame of the node ``pose``. The normal points to the
+    allowed side; the square is blue on that side and grey on the other. Hidden until `show`.
     """
 
     def __init__(self, scene: vtkMRMLScene, batch: Batch, pose: vtkMRMLTransformNode) -> None:
@@ -43,7 +43,7 @@ class FixturePlane:
         display.SetVisibility(False)
 
     def show(self, constraint: Constraint | None) -> None:
-        """Put the plane where ``constraint`` has it; None hides it."""
+        """Draw the plane of ``constraint``; None hides it."""
         display = self.node.GetDisplayNode()
         self._batch.hold(self.node)
         self._batch.hold(display)
@@ -61,5 +61,5 @@ class FixturePlane:
         self.node.EndModify(modifying)
 
     def remove(self) -> None:
-        """Take the node out of the scene."""
+        """Remove the node from the scene."""
         remove_displayed(self._scene, self.node)

@@ -1,4 +1,4 @@
-"""The margin in the scene: the tumour's colour, line, plane and marks, the banner's text node."""
+"""The margin in the scene: the tumour's colour, line, plane, breach marks and banner text."""
 
 from slicer import (
     vtkMRMLMarkupsDisplayNode,
@@ -25,12 +25,12 @@ _LINE_MM = 0.35
 
 
 class MarginDisplay:
-    """Colours ``tumor`` and keeps what tells of its margin; ``tumor_pose`` is where ``frame`` is.
+    """Colours ``tumor`` and owns the nodes that show its margin.
 
-    The line runs from the tool's governing point to the tumour's nearest one and carries the
-    signed distance; the plane is the one that the tool may not pass. Both are hidden while they
-    are not known. The text node holds the banner. Red marks stay where the tool was in the tumour.
-    ``state`` is the one that is shown; ``frame`` is the tumour's, in which all of it is drawn.
+    ``tumor_pose`` is the node of the tumour's ``frame``, in which everything is drawn. The line
+    runs from the tumour's to the tool's closest point, with the signed distance as its label; the
+    plane is that of the constraint. Both are hidden while they are unknown. The text node holds the
+    banner. Marks show where the tool was inside the tumour. ``state`` is the state shown now.
     """
 
     def __init__(
@@ -75,12 +75,12 @@ class MarginDisplay:
         self.breaches = BreachMarkers(scene, batch, tumor_pose)
 
     def show(self, shown: ShownMargin) -> None:
-        """Show this, and mark where the tool is in the tumour."""
+        """Show ``shown``, and mark where the tool is inside the tumour."""
         self.state = shown.state
         display = self._tumor.GetDisplayNode()
         self._batch.hold(display)
         display.SetColor(*shown.state.color)
-        display.SetScalarVisibility(False)  # the colours of its points would hide that of the state
+        display.SetScalarVisibility(False)  # point colours would hide the state's colour
         self._batch.hold(self.status)
         self.status.SetText(shown.text)
         self._show_line(shown.proximity)
@@ -89,11 +89,11 @@ class MarginDisplay:
             self.breaches.add(shown.proximity.on_tool_mm)
 
     def nodes(self) -> tuple[vtkMRMLNode, ...]:
-        """The nodes that were added for it."""
+        """The nodes of this display, without the tumour."""
         return (self.line, self.status, self.plane.node, self.breaches.node)
 
     def remove(self) -> None:
-        """Take all of this out of the scene; the tumour keeps its last colour."""
+        """Remove the nodes from the scene; the tumour keeps its last colour."""
         remove_displayed(self._scene, self.line)
         remove_node(self._scene, self.status)
         self.plane.remove()
@@ -111,13 +111,13 @@ class MarginDisplay:
         self._drawn = proximity
         modifying = self.line.StartModify()
         self.line.RemoveAllControlPoints()
-        # The words stand at the outer end of the line, where they cover less of the tumour.
-        words = distance_text(proximity.signed_distance_mm)
+        # The label is at the outer end of the line, where it covers less of the tumour.
+        label = distance_text(proximity.signed_distance_mm)
         is_inside = proximity.signed_distance_mm < 0.0
-        self._add_point(proximity.on_tumor_mm, words if is_inside else "")
-        self._add_point(proximity.on_tool_mm, "" if is_inside else words)
+        self._add_point(proximity.on_tumor_mm, label if is_inside else "")
+        self._add_point(proximity.on_tool_mm, "" if is_inside else label)
         self.line.EndModify(modifying)
 
     def _add_point(self, point_mm: FloatArray, label: str) -> None:
         index = self.line.AddControlPoint(point_mm.tolist(), label)
-        self.line.SetNthControlPointLabel(index, label)  # an empty one is replaced by a number
+        self.line.SetNthControlPointLabel(index, label)  # AddControlPoint replaces an empty label

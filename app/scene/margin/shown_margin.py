@@ -1,4 +1,4 @@
-"""What may be shown of a decision: nothing that is old, from the future or not a number."""
+"""The margin that the scene shows: UNKNOWN for data that are old, from the future or not finite."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,15 +7,14 @@ from app.fixture import Constraint, FixtureDecision, MarginState, Proximity, Rea
 from app.geometry import NS_PER_S
 from app.scene.frames.watchdog import TransformWatchdog
 
-_MOST_REASONS = 3
+_MAX_REASONS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownMargin:
-    """The state that colours the scene, and the words of its banner.
+    """The state that colours the scene, and the text of its banner.
 
-    ``proximity`` is known where the state is, and None while it is UNKNOWN. ``constraint`` is that
-    of the present, None where it is not known.
+    ``proximity`` is None while the state is UNKNOWN. ``constraint`` is None unless it is current.
     """
 
     state: MarginState
@@ -27,9 +26,9 @@ class ShownMargin:
 def shown_margin(
     decision: FixtureDecision | None, watchdog: TransformWatchdog | None, now_ns: int | None
 ) -> ShownMargin:
-    """What there is to show of ``decision``, of which there may be none yet, at ``now_ns``.
+    """The margin to show at ``now_ns``; ``decision`` is None before the first one.
 
-    Without ``watchdog`` it is the picture of a moment, and does not age.
+    Without ``watchdog`` the decision does not age.
     """
     if decision is None:
         return _unknown(age_text(None))
@@ -40,7 +39,7 @@ def shown_margin(
         if not watchdog.is_fresh(stamp_ns, now_ns):
             if is_known or stamp_ns is not None:
                 return _unknown(age_text(None if stamp_ns is None else now_ns - stamp_ns))
-            constraint = None  # why nothing is known the decision says itself
+            constraint = None  # the reasons are in the decision
     if not is_known:
         text = banner(decision.state, None, decision.reasons)
         return ShownMargin(decision.state, text, constraint=constraint)
@@ -51,19 +50,19 @@ def shown_margin(
 
 
 def banner(state: MarginState, proximity: Proximity | None, reasons: Iterable[Reason] = ()) -> str:
-    """The state in capitals, in words, and the signed distance in mm where it is known.
+    """The state's name and description, and the signed distance in mm if it is known.
 
-    Of an UNKNOWN state also the faults among ``reasons``, worst first, `_MOST_REASONS` at most.
+    For UNKNOWN also the faults among ``reasons``, worst first, at most `_MAX_REASONS`.
     """
     text = f"{state.name}: {state.display.description}"
     if state is MarginState.UNKNOWN:
         faults = [reason.value.replace("_", " ") for reason in reasons if reason.is_fault]
-        return ", ".join([text, *faults[:_MOST_REASONS]])
+        return ", ".join([text, *faults[:_MAX_REASONS]])
     return text if proximity is None else f"{text}, {distance_text(proximity.signed_distance_mm)}"
 
 
 def age_text(age_ns: int | None) -> str:
-    """Why data of this age are not shown."""
+    """The reason why data of this age are not shown."""
     if age_ns is None:
         return "no data yet"
     if age_ns < 0:
@@ -72,9 +71,9 @@ def age_text(age_ns: int | None) -> str:
 
 
 def distance_text(signed_distance_mm: float) -> str:
-    """The distance with its sign and 0.1 mm."""
+    """The distance with its sign, to 0.1 mm."""
     return f"{signed_distance_mm:.1f} mm"
 
 
-def _unknown(why: str) -> ShownMargin:
-    return ShownMargin(MarginState.UNKNOWN, f"{banner(MarginState.UNKNOWN, None)}, {why}")
+def _unknown(reason: str) -> ShownMargin:
+    return ShownMargin(MarginState.UNKNOWN, f"{banner(MarginState.UNKNOWN, None)}, {reason}")

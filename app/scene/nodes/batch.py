@@ -1,4 +1,4 @@
-"""Many changes of the scene as one: each node tells its observers once, each view draws once."""
+"""Groups changes of a scene: each node notifies its observers once, each view draws once."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -7,11 +7,11 @@ from slicer import vtkMRMLApplicationLogic, vtkMRMLNode, vtkMRMLScene, vtkMRMLTr
 
 
 class Batch:
-    """Holds the events of the nodes that are changed in `changes` until it ends.
+    """Holds the events of the nodes that are changed within `changes` until it ends.
 
-    MRML's own batch state is kept for nodes that come and go (`content`): at its end every widget
-    and every displayable manager looks at the whole scene anew, which is too much for each frame
-    of a tracker. ``logic`` is the application's: its views do not draw while a batch is open.
+    MRML's own batch state is used only where nodes are added or removed (`content`): at its end
+    every widget and every displayable manager processes the whole scene, which is too slow for each
+    frame of a tracker. The views of the application's ``logic`` do not draw while a batch is open.
     """
 
     def __init__(self, scene: vtkMRMLScene, logic: vtkMRMLApplicationLogic | None = None) -> None:
@@ -23,16 +23,16 @@ class Batch:
 
     @property
     def is_open(self) -> bool:
-        """Whether `changes` are being made."""
+        """True within `changes`."""
         return self._depth > 0
 
     def on_end(self, listener: Callable[[], None]) -> None:
-        """Call ``listener`` at the end of each batch, when all of it is in place: draw now."""
+        """Call ``listener`` at the end of each batch, after all nodes have been notified."""
         self._listeners.append(listener)
 
     @contextmanager
     def changes(self) -> Iterator[None]:
-        """One batch, or a part of the one that is open; it ends also when an error passes."""
+        """Context of one batch, or of a part of the open one; ends also after an error."""
         self._depth += 1
         if self._depth == 1 and self._logic is not None:
             self._logic.PauseRender()
@@ -45,7 +45,7 @@ class Batch:
 
     @contextmanager
     def content(self) -> Iterator[None]:
-        """`changes` in which nodes are added or removed."""
+        """Context of `changes` that add or remove nodes."""
         with self.changes():
             self._scene.StartState(vtkMRMLScene.BatchProcessState)
             try:
@@ -54,13 +54,13 @@ class Batch:
                 self._scene.EndState(vtkMRMLScene.BatchProcessState)
 
     def hold(self, node: vtkMRMLNode) -> None:
-        """To be called before ``node`` is changed: in a batch its events wait for the end."""
+        """Delay the events of ``node``, which is changed next, to the end of the batch."""
         if self._depth and node not in self._held:
             self._held[node] = node.StartModify()
 
     def _release(self) -> None:
         held, self._held = self._held, {}
-        # A transform tells what hangs from it: parents first, so that a child that moved as well
+        # A transform notifies its children: parents go first, so that a child that has moved, too,
         # has one event for both.
         depths: dict[vtkMRMLNode, int] = {}
         for node, was_held in sorted(held.items(), key=lambda item: _depth_of(item[0], depths)):
@@ -72,7 +72,7 @@ class Batch:
 
 
 def _depth_of(node: vtkMRMLNode, known: dict[vtkMRMLNode, int]) -> int:
-    """How many transforms ``node`` hangs from; kept in ``known``, for many nodes share them."""
+    """Number of transforms above ``node``; cached in ``known``, because many nodes share them."""
     if node not in known:
         can_hang = isinstance(node, vtkMRMLTransformableNode)
         parent = node.GetParentTransformNode() if can_hang else None

@@ -14,14 +14,14 @@ from app.geometry import FloatArray, SurfaceMesh, Transform
 
 
 def vtk_array(values: NDArray[Any], name: str = "") -> vtkDataArray:
-    """A copy of ``values`` (n,) or (n, components)."""
+    """Copy ``values`` (n,) or (n, components) to a VTK array."""
     array: vtkDataArray = numpy_to_vtk(values, deep=True)
     array.SetName(name)
     return array
 
 
 def numpy_array(array: vtkDataArray) -> NDArray[Any]:
-    """The values of ``array``, (n,) or (n, components): a view, good while the array lives."""
+    """The values of ``array``, (n,) or (n, components): a view, valid while the array exists."""
     values: NDArray[Any] = vtk_to_numpy(array)
     return values
 
@@ -34,14 +34,14 @@ def vtk_matrix(transform: Transform) -> vtkMatrix4x4:
 
 
 def is_at(node: vtkMRMLLinearTransformNode, matrix: vtkMatrix4x4) -> bool:
-    """Whether ``matrix`` is, number by number, what the node has to its parent already."""
+    """True if the node's matrix to its parent equals ``matrix`` exactly."""
     present = vtkMatrix4x4()
     node.GetMatrixTransformToParent(present)
     return bool(present.GetData() == matrix.GetData())
 
 
 def poly_data(mesh: SurfaceMesh) -> vtkPolyData:
-    """The triangles of ``mesh``; its arrays are copied."""
+    """Copy the triangles of ``mesh``."""
     points = vtkPoints()
     points.SetData(vtk_array(mesh.vertices_mm))
     offsets = np.arange(0, 3 * len(mesh.faces) + 1, 3, dtype=np.int64)
@@ -57,7 +57,7 @@ def poly_data(mesh: SurfaceMesh) -> vtkPolyData:
 
 
 def world_matrix(node: vtkMRMLTransformNode | None) -> FloatArray:
-    """``ras_from_node`` (4, 4) through all parents; the identity for no node."""
+    """``ras_from_node`` (4, 4) through all parents; the identity for None."""
     matrix = vtkMatrix4x4()
     if node is not None:
         node.GetMatrixTransformToWorld(matrix)

@@ -23,7 +23,7 @@ from app.scene.nodes.convert import poly_data, vtk_array
 Rgb = tuple[float, float, float]
 
 _FEATURE_DEGREES = 35.0
-"""Edges sharper than this look like edges; flatter ones are shaded smooth."""
+"""Edges with a larger angle between their faces are drawn sharp, others smooth."""
 _COLOR_ARRAY = "color"
 
 
@@ -37,9 +37,9 @@ def add_model(
     parent: vtkMRMLTransformNode | None = None,
     node: vtkMRMLModelNode | None = None,
 ) -> vtkMRMLModelNode:
-    """A visible model under ``parent``; cell colours of the surface go before ``color``.
+    """Add a visible model under ``parent``; cell colours of ``surface`` override ``color``.
 
-    With ``node`` that one, which is in the scene already.
+    ``node``: use this node of the scene instead of a new one.
     """
     node = node or scene.AddNewNodeByClass("vtkMRMLModelNode", name)
     node.SetAndObservePolyData(surface)
@@ -48,7 +48,7 @@ def add_model(
     display.SetVisibility(True)
     display.SetColor(*color)
     display.SetOpacity(opacity)
-    # Some light of its own: a lone headlight leaves the sides black, and a state must show there.
+    # Ambient light, because a single headlight leaves the sides black and hides the state's colour.
     display.SetAmbient(0.3)
     display.SetDiffuse(0.75)
     display.SetSpecular(0.15)
@@ -64,39 +64,39 @@ def add_model(
 
 
 def show_while_known(display: vtkMRMLDisplayNode, known: bool, was_known: bool) -> None:
-    """Hide what is not known, show what is known anew; what a user hid meanwhile stays hidden."""
+    """Hide what becomes unknown, show what becomes known; keep what a user has hidden meanwhile."""
     if not (known and was_known):
         display.SetVisibility(known)
 
 
 def remove_node(scene: vtkMRMLScene, node: vtkMRMLNode) -> None:
-    """Take ``node`` out of the scene, unless somebody else has done so."""
+    """Remove ``node`` from the scene if it is still in it."""
     if scene.IsNodePresent(node):
         scene.RemoveNode(node)
 
 
 def remove_displayed(scene: vtkMRMLScene, node: vtkMRMLDisplayableNode) -> None:
-    """Take ``node`` out of the scene, and its display nodes, which MRML would leave.
+    """Remove ``node`` and its display nodes, which MRML would leave in the scene.
 
-    Those that another node has stay.
+    Display nodes that another node uses stay.
     """
     ids = [node.GetNthDisplayNodeID(n) for n in range(node.GetNumberOfDisplayNodes())]
     remove_node(scene, node)
     for display in map(scene.GetNodeByID, ids):
-        # Shared with another's node, or of one: a scene that was closed gives IDs a second time.
+        # Another node may use it, or own it: after a scene was closed, IDs are given again.
         if display is not None and display.GetDisplayableNode() is None:
             scene.RemoveNode(display)
 
 
 def smooth_surface(mesh: SurfaceMesh) -> vtkPolyData:
-    """The surface with normals, sharp edges kept: as a closed mesh of a scan or of CAD looks."""
+    """The surface of ``mesh`` with normals; sharp edges stay sharp."""
     return _with_normals(poly_data(mesh))
 
 
 def colored_surface(parts: list[tuple[SurfaceMesh, FloatArray]]) -> vtkPolyData:
-    """Several meshes of one frame as one surface; each has one RGB(A) (0 to 1), or one a face."""
+    """Join meshes of one frame to one surface; each has one RGB(A) (0 to 1), or one per face."""
     colors = [np.atleast_2d(color) for _, color in parts]
-    # Alpha for all of them or for none: what is opaque is drawn faster without it.
+    # Alpha for all or for none: opaque surfaces are drawn faster without it.
     channels = 4 if any(rows.shape[1] == 4 and (rows[:, 3] < 1.0).any() for rows in colors) else 3
     append = vtkAppendPolyData()
     for (mesh, _), rows in zip(parts, colors, strict=True):
@@ -111,7 +111,7 @@ def colored_surface(parts: list[tuple[SurfaceMesh, FloatArray]]) -> vtkPolyData:
 
 
 def ball(radius_mm: float) -> vtkPolyData:
-    """A sphere around the origin."""
+    """A sphere around the origin, as a surface."""
     sphere = vtkSphereSource()
     sphere.SetRadius(radius_mm)
     sphere.SetThetaResolution(32)

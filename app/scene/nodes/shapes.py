@@ -1,7 +1,7 @@
-"""Surfaces and points that stand in the scene, as our values.
+"""Surfaces and points of a scene as values.
 
-Everything in MRML's memory is in RAS axes: LPS exists in files alone, and Slicer turns it when it
-reads or writes them.
+MRML holds everything in RAS axes. LPS exists only in files: Slicer converts when it reads or
+writes them.
 """
 
 import numpy as np
@@ -25,15 +25,15 @@ from app.scene.nodes.convert import numpy_array, vtk_array
 def mesh_of_model(
     model: vtkMRMLModelNode, frame: str, frame_node: vtkMRMLTransformNode | None
 ) -> SurfaceMesh:
-    """The surface of ``model`` in ``frame``, which is that of ``frame_node`` (None: the world).
+    """The surface of ``model`` in ``frame``, the frame of ``frame_node`` (None: the world).
 
-    Through all parent transforms, bent ones included. Equal corners are merged and what is no
-    triangle is split or dropped; a reflection on the way keeps normals outward. Whether it is
-    closed is for its user to judge. Raises `SceneError` for a model without a triangle.
+    Applies all parent transforms, also non-linear ones. Merges equal vertices, splits polygons into
+    triangles and drops other cells. Normals stay outward under a reflection. Does not check that
+    the surface is closed. Raises `SceneError` for a model without a triangle.
     """
     surface = model.GetPolyData()
     if surface is None or surface.GetNumberOfPolys() + surface.GetNumberOfStrips() == 0:
-        raise SceneError(f"model {model.GetName()!r} has no triangle: a surface wanted")
+        raise SceneError(f"model {model.GetName()!r}: 0 triangles; expected a surface")
     return _mesh(surface, model, frame, frame_node)
 
 
@@ -45,23 +45,24 @@ def mesh_of_segment(
 ) -> SurfaceMesh:
     """The closed surface of the segment called ``segment``, as `mesh_of_model`.
 
-    It is made where the segmentation has none yet, and as the segmentation says. Raises
-    `SceneError` for a name that no segment or several have, and for an empty one.
+    Creates the segmentation's closed surface if it has none. Raises `SceneError` unless one segment
+    has that name, and for an empty segment.
     """
     segments = segmentation.GetSegmentation()
-    ids = [segments.GetNthSegmentID(place) for place in range(segments.GetNumberOfSegments())]
+    ids = [segments.GetNthSegmentID(index) for index in range(segments.GetNumberOfSegments())]
     names = [segments.GetSegment(each).GetName() for each in ids]
     if names.count(segment) != 1:
         raise SceneError(
-            f"{names.count(segment)} segments of {segmentation.GetName()!r} are called "
-            f"{segment!r}: 1 wanted among {', '.join(names) or 'none'}"
+            f"segmentation {segmentation.GetName()!r}: {names.count(segment)} segments are named "
+            f"{segment!r}; expected 1 among {', '.join(names) or 'none'}"
         )
     surface = vtkPolyData()
     segmentation.CreateClosedSurfaceRepresentation()
     found = segmentation.GetClosedSurfaceRepresentation(ids[names.index(segment)], surface)
     if not found or surface.GetNumberOfPolys() == 0:
         raise SceneError(
-            f"segment {segment!r} of {segmentation.GetName()!r} has no surface: is it empty?"
+            f"segment {segment!r} of {segmentation.GetName()!r} has no surface; expected one that "
+            "is not empty"
         )
     return _mesh(surface, segmentation, frame, frame_node)
 
@@ -69,14 +70,14 @@ def mesh_of_segment(
 def points_of_markups(
     markups: vtkMRMLMarkupsNode, frame_node: vtkMRMLTransformNode | None
 ) -> FloatArray:
-    """The control points (n, 3) that have been placed, in the frame of ``frame_node``, in mm.
+    """The placed control points (n, 3) in the frame of ``frame_node``, in mm; n may be 0.
 
-    Through all parent transforms; n may be 0. Points that are still being placed are left out.
+    Applies all parent transforms. Leaves out points that are still being placed.
     """
     placed = [
-        markups.GetNthControlPointPosition(place)
-        for place in range(markups.GetNumberOfControlPoints())
-        if markups.GetNthControlPointPositionStatus(place) == vtkMRMLMarkupsNode.PositionDefined
+        markups.GetNthControlPointPosition(index)
+        for index in range(markups.GetNumberOfControlPoints())
+        if markups.GetNthControlPointPositionStatus(index) == vtkMRMLMarkupsNode.PositionDefined
     ]
     points = np.array(placed, dtype=np.float64).reshape(-1, 3)
     return _moved(points, markups.GetParentTransformNode(), frame_node)
@@ -112,10 +113,10 @@ def _moved(
     frame_node: vtkMRMLTransformNode | None,
 ) -> FloatArray:
     """``points`` (n, 3) of a node under ``parent``, in the frame of ``frame_node``."""
-    way = vtkGeneralTransform()
-    vtkMRMLTransformNode.GetTransformBetweenNodes(parent, frame_node, way)
+    transform = vtkGeneralTransform()
+    vtkMRMLTransformNode.GetTransformBetweenNodes(parent, frame_node, transform)
     source, moved = vtkPoints(), vtkPoints()
     source.SetData(vtk_array(np.ascontiguousarray(points)))
     moved.SetDataTypeToDouble()
-    way.TransformPoints(source, moved)
+    transform.TransformPoints(source, moved)
     return np.array(numpy_array(moved.GetData()), dtype=np.float64).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Where to look from: the usual directions, and along the tool. Points and directions in RAS, mm.
+"""Cameras at the sides of the patient and along the tool. Points and directions in RAS, mm.
 
 Pure functions from poses to a `Camera`; `look_through` applies one to a view's camera node.
 """
@@ -34,7 +34,7 @@ def preset_camera(
     angle_deg: float = VIEW_ANGLE_DEG,
     aspect: float = 1.0,
 ) -> Camera:
-    """From the side ``preset``, all of ``points`` (n, 3) in the picture, superior up.
+    """A camera at the side ``preset`` that shows all of ``points`` (n, 3), superior up.
 
     From above and below, anterior is up. ``ras_from_patient`` (3, 3) turns the sides where the
     patient's axes are not those of RAS. ``angle_deg`` and ``aspect`` as for `fit`.
@@ -53,41 +53,47 @@ def bullseye(
     distance_mm: float,
     previous_up: FloatArray | None = None,
 ) -> Camera:
-    """Along the tool: from ``distance_mm`` behind its tip, the tip in the middle of the picture.
+    """A camera ``distance_mm`` behind the tool's tip that looks along the tool at the tip.
 
-    ``forward`` (3,) points along the shaft towards the tip and beyond, in the tip's frame
-    (`forward_of`). The tool's own axes give what is up, so that the picture turns with the hand;
-    with ``previous_up`` (3,) that of the last picture is kept as far as it can be.
+    ``forward`` (3,) is the direction of the shaft towards the tip, in the tip's frame
+    (`forward_of`). The up direction is fixed to the tool, so that the picture turns with it; with
+    ``previous_up`` (3,) it stays as near to that as possible. Raises `SceneError` for a zero or
+    infinite ``forward`` and a distance that is not above 0.
     """
     length = float(np.linalg.norm(forward))
     if not (length > 0.0 and np.isfinite(length)) or not distance_mm > 0.0:
         raise SceneError(
-            f"forward {np.asarray(forward).tolist()} at {distance_mm:g} mm gives no view along a "
-            "tool: a direction and a distance above 0 wanted"
+            f"view along the tool: forward is {np.asarray(forward).tolist()}, distance_mm is "
+            f"{distance_mm:g}; expected a finite direction and a distance above 0"
         )
     along = np.asarray(forward, dtype=np.float64) / length
     tip = ras_from_tip.translation_mm
     direction = ras_from_tip.rotate(along)
-    wanted = ras_from_tip.rotate(_across(along)) if previous_up is None else previous_up
-    up = wanted - (wanted @ direction) * direction
+    hint = ras_from_tip.rotate(_across(along)) if previous_up is None else previous_up
+    up = hint - (hint @ direction) * direction
     size = float(np.linalg.norm(up))
-    if size < 1e-6:  # the last up lies along the tool now
+    if size < 1e-6:  # the previous up direction is along the tool
         up = ras_from_tip.rotate(_across(along))
         size = float(np.linalg.norm(up))
     return Camera(tip - distance_mm * direction, tip.copy(), up / size)
 
 
 def forward_of(tool: SurfaceMesh) -> FloatArray:
-    """The unit direction (3,) from the middle of ``tool`` to its tip, the origin of its frame."""
+    """Unit direction (3,) from the middle of ``tool`` to its tip, the origin of its frame.
+
+    Raises `SceneError` for a mesh whose middle is at the tip.
+    """
     middle = 0.5 * np.sum(tool.bounds_mm, axis=0)
     length = float(np.linalg.norm(middle))
     if length < 1e-6:
-        raise SceneError("the tool's mesh lies around its tip: it has no direction to look along")
+        raise SceneError(
+            "tool mesh: its middle is at its tip; expected a mesh on one side of the tip"
+        )
     return np.asarray(-middle / length)
 
 
 def look_through(node: vtkMRMLCameraNode, camera: Camera, angle_deg: float) -> None:
-    """Put the camera node of a view there; its observers are told once."""
+    """Apply ``camera`` to the camera node of a view; its observers are notified once."""
     modifying = node.StartModify()
     node.SetPosition(camera.position.tolist())
     node.SetFocalPoint(camera.focal_point.tolist())
@@ -98,7 +104,7 @@ def look_through(node: vtkMRMLCameraNode, camera: Camera, angle_deg: float) -> N
 
 
 def _across(along: FloatArray) -> FloatArray:
-    """A unit vector (3,) across ``along``: the coordinate axis that leans least, straightened."""
+    """Unit vector (3,) perpendicular to ``along``, nearest to a coordinate axis."""
     axis = np.zeros(3)
     axis[int(np.argmin(np.abs(along)))] = 1.0
     across = axis - (axis @ along) * along

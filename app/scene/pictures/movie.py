@@ -11,24 +11,24 @@ from app.runtime import SessionContent
 from app.scene.errors import SceneError
 from app.scene.pictures.cameras import VIEW_ANGLE_DEG
 from app.scene.pictures.framing import Camera, best_direction, fit
-from app.scene.pictures.picture import content_points, upright
+from app.scene.pictures.picture import content_points, up_direction
 from app.scene.pictures.pixels import Pixels, state_strip
 from app.scene.pictures.step_scene import StepScene
 from app.scene.pictures.view import offscreen_view
 from app.session import StepResult
 
 PICTURE_MS = 80
-"""A GIF counts in hundredths of a second: this is 12.5 pictures a second."""
+"""A GIF counts in 1/100 s: 12.5 pictures per second."""
 MOVIE_SIZE = (800, 450)
 
 _BANNER_PIXELS = 40
 _BACKGROUND = (0.93, 0.95, 0.97)
-"""Of one colour: a gradient would make the file several times as large."""
+"""One colour: a gradient makes the file several times as large."""
 _COLORS = 128
-_SAME_LEVELS = 8
+_LEVELS_PER_BIN = 8
 _CAMERA_KEYFRAMES, _POINT_STRIDE = 16, 8
-_SEEN_RADII = 3.6
-"""How far around the tumour the picture reaches, in the tumour's radii."""
+_REACH_RADII = 3.6
+"""Distance from the tumour that the picture shows, in tumour radii."""
 
 
 def movie_gif(
@@ -70,14 +70,14 @@ def movie_gif(
 def _camera(shown: StepScene, steps: Sequence[StepResult], aspect: float) -> Camera:
     tumor, others = content_points(shown.scene)
     center = tumor.mean(axis=0)
-    reach = _SEEN_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
+    reach = _REACH_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
     near = others[np.linalg.norm(others - center, axis=1) < reach]
     # From where robot and tool hide the tumour least during the whole movie.
     passing = [others[::_POINT_STRIDE]]
     for step in steps[:: max(1, len(steps) // _CAMERA_KEYFRAMES)]:
         shown.presenter.show(step)
         passing.append(content_points(shown.scene)[1][::_POINT_STRIDE])
-    up = upright(shown.scene)
+    up = up_direction(shown.scene)
     towards = best_direction(tumor, np.concatenate(passing), up)
     points = np.concatenate([tumor, near])
     return fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=aspect)
@@ -94,13 +94,13 @@ def _first_of_each_state(
 
 
 def _palette(pictures: Sequence[Pixels]) -> Image.Image:
-    """The states' colours and the background as they are, and what else ``pictures`` hold.
+    """The exact colours of the states and the background, and colours of ``pictures``.
 
-    Each of these counts once, however large it is in the pictures.
+    Each colour counts once, whatever area it has in the pictures.
     """
     exact = np.round(255.0 * np.array([*(state.color for state in MarginState), _BACKGROUND]))
-    colors = np.unique(np.concatenate(pictures).reshape(-1, 3) // _SAME_LEVELS, axis=0)
-    everything = Image.fromarray((_SAME_LEVELS * colors + _SAME_LEVELS // 2)[np.newaxis])
+    colors = np.unique(np.concatenate(pictures).reshape(-1, 3) // _LEVELS_PER_BIN, axis=0)
+    everything = Image.fromarray((_LEVELS_PER_BIN * colors + _LEVELS_PER_BIN // 2)[np.newaxis])
     others = everything.quantize(_COLORS - len(exact), method=Image.Quantize.MEDIANCUT)
     palette = Image.new("P", (1, 1))
     palette.putpalette([*exact.astype(int).ravel().tolist(), *(others.getpalette() or ())])
@@ -108,7 +108,7 @@ def _palette(pictures: Sequence[Pixels]) -> Image.Image:
 
 
 def _indexed(picture: Pixels, palette: Image.Image) -> Image.Image:
-    # Without dithering, whose dots change from picture to picture and do not compress.
+    # No dithering: its dots differ from picture to picture and do not compress.
     return Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
 
 

@@ -1,4 +1,4 @@
-"""Drawing without a screen, by EGL; tried first, because VTK ends the process without it."""
+"""Rendering without a screen by EGL. Checked first: VTK ends the process where EGL is missing."""
 
 import ctypes
 import os
@@ -12,22 +12,22 @@ _REMEDY = "install libegl1 and libgl1-mesa-dri (Debian, Ubuntu) to draw pictures
 
 
 def use_offscreen_rendering(library: str = _EGL) -> None:
-    """Make the render windows of this process from here on draw by EGL, into memory.
+    """Let all further render windows of this process draw into memory by EGL.
 
-    Raises `OffscreenError` when there is no EGL ``library`` or none of its devices starts. VTK
-    reads its choice of window from the environment of the process, so it is set there.
+    Sets the environment variable that VTK reads. Raises `OffscreenError` if the EGL ``library`` is
+    missing or none of its devices starts.
     """
-    if not _some_device_starts(library):
-        raise OffscreenError(f"none of the devices of {library} starts: {_REMEDY}")
+    if not _any_device_starts(library):
+        raise OffscreenError(f"{library}: no device starts; expected 1 or more: {_REMEDY}")
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
 
 
-def _some_device_starts(library: str) -> bool:
-    """Whether a device can be initialised, asked as VTK does: through EGL_EXT_device_base."""
+def _any_device_starts(library: str) -> bool:
+    """True if a device can be initialised as VTK does it: through EGL_EXT_device_base."""
     try:
         egl = ctypes.CDLL(library)
     except OSError as error:
-        raise OffscreenError(f"{library} is not there: {_REMEDY}") from error
+        raise OffscreenError(f"{library}: not found: {_REMEDY}") from error
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     query = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
     display_of = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
@@ -44,7 +44,7 @@ def _some_device_starts(library: str) -> bool:
     count = ctypes.c_int(0)
     if not query_devices(_MAX_DEVICES, devices, ctypes.byref(count)):
         return False
-    # Displays are left initialised: EGL shares them within the process, VTK's among them.
+    # Displays stay initialised: EGL shares them within the process, also with VTK.
     return any(
         egl.eglInitialize(get_display(_PLATFORM_DEVICE, device, None), None, None)
         for device in devices[: count.value]

@@ -1,4 +1,4 @@
-"""``scene.png``: the whole on the left, the tumour and the end of the tool on the right."""
+"""``scene.png``: overview on the left, close-up of tumour and tool tip on the right."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ SIZE = (1600, 964)
 _BANNER_PIXELS = 64
 _GAP_PIXELS = 4
 _CLOSE_UP_RADII = 2.2
-"""Parts of the tool that are within so many radii of the tumour are in the close-up."""
+"""The close-up contains the parts of the tool within this many tumour radii."""
 
 
 def scene_png(
@@ -28,21 +28,21 @@ def scene_png(
     scene: MarginGuardScene,
     size: tuple[int, int] = SIZE,
 ) -> bytes:
-    """Draw ``scene`` as it is, as PNG: banner, overview, close-up.
+    """Draw ``scene`` as PNG: banner, overview, close-up.
 
-    ``size`` is the width and height of the whole in pixels. Raises `OffscreenError` on a machine
-    that cannot draw without a screen.
+    ``size`` is width and height in pixels. Raises `OffscreenError` where nothing can be drawn
+    without a screen, and `SceneError` for a scene without a tumour.
     """
     margin = scene.margin
     if margin is None:
-        raise SceneError("a picture needs a tumour in the scene, there is none")
+        raise SceneError("picture: the scene has no tumour; expected one")
     width, height = size
     half = ((width - _GAP_PIXELS) // 2, height - _BANNER_PIXELS)
-    # One view for both: what the driver compiles for its window takes longer than to draw.
+    # One view for both: compiling shaders for a window takes longer than drawing.
     with offscreen_view(application, "MarginGuardPicture", half) as view:
-        with _hidden(margin.line):  # its words would cover the tumour, which is small there
+        with _hidden(margin.line):  # its label would cover the small tumour
             overview = _overview(view, scene)
-        with _hidden(*_robot_models(scene)):  # what is judged is the tool: a hand would hide it
+        with _hidden(*_robot_models(scene)):  # the robot would hide the tool
             close_up = _close_up(view, scene, _along(margin.line))
     gap = np.full((half[1], width - 2 * half[0], 3), 255, dtype=np.uint8)
     banner = state_strip(margin.status.GetText(), (width, _BANNER_PIXELS), margin.state)
@@ -51,7 +51,7 @@ def scene_png(
 
 def _overview(view: OffscreenView, scene: MarginGuardScene) -> Pixels:
     tumor, others = content_points(scene)
-    _look(view, scene, best_direction(tumor, others, upright(scene)), tumor, others)
+    _look(view, scene, best_direction(tumor, others, up_direction(scene)), tumor, others)
     return view.pixels()
 
 
@@ -61,7 +61,7 @@ def _close_up(view: OffscreenView, scene: MarginGuardScene, along: FloatArray | 
     center = tumor.mean(axis=0)
     reach = _CLOSE_UP_RADII * float(np.linalg.norm(tumor - center, axis=1).max())
     near = tool[np.linalg.norm(tool - center, axis=1) < reach]
-    towards = best_direction(tumor, tool, upright(scene), along=along)
+    towards = best_direction(tumor, tool, up_direction(scene), along=along)
     _look(view, scene, towards, tumor, near)
     return view.pixels()
 
@@ -74,12 +74,12 @@ def _look(
     others: FloatArray,
 ) -> None:
     points = np.concatenate([subject, others])
-    up = upright(scene)
+    up = up_direction(scene)
     view.look(fit(points, towards, up, angle_deg=VIEW_ANGLE_DEG, aspect=view.aspect))
 
 
 def content_points(scene: MarginGuardScene) -> tuple[FloatArray, FloatArray]:
-    """World points of the tumour, and of the tool and the robots."""
+    """World points (n, 3) of the tumour, and (m, 3) of the tool and the robots."""
     models = _robot_models(scene) if scene.tool is None else [*_robot_models(scene), scene.tool]
     others = [world_points(model) for model in models]
     return world_points(scene.tumor), np.concatenate([np.empty((0, 3)), *others])
@@ -92,18 +92,18 @@ def _robot_models(scene: MarginGuardScene) -> list[vtkMRMLModelNode]:
 @contextmanager
 def _hidden(*nodes: vtkMRMLDisplayableNode) -> Iterator[None]:
     displays = [node.GetDisplayNode() for node in nodes]
-    were_visible = [display.GetVisibility() for display in displays]
+    visibilities = [display.GetVisibility() for display in displays]
     for display in displays:
         display.SetVisibility(False)
     try:
         yield
     finally:
-        for display, was_visible in zip(displays, were_visible, strict=True):
+        for display, was_visible in zip(displays, visibilities, strict=True):
             display.SetVisibility(was_visible)
 
 
 def _along(line: vtkMRMLMarkupsLineNode) -> FloatArray | None:
-    """From the tumour's to the tool's closest point in RAS; None while there is no line."""
+    """Vector from the tumour's to the tool's closest point in RAS; None while it is unknown."""
     if not line.GetDisplayNode().GetVisibility() or line.GetNumberOfControlPoints() < 2:
         return None
     ends = np.zeros((2, 3))
@@ -113,8 +113,8 @@ def _along(line: vtkMRMLMarkupsLineNode) -> FloatArray | None:
     return along if np.linalg.norm(along) > 0.0 else None
 
 
-def upright(scene: MarginGuardScene) -> FloatArray:
-    """Robots stand upright, +z of their base; without one the reference's +z is up."""
+def up_direction(scene: MarginGuardScene) -> FloatArray:
+    """Unit vector (3,) in RAS: +z of the first robot's base, or of the reference without one."""
     nodes = [robot.base for robot in scene.robots.values()]
     axis = world_matrix(nodes[0] if nodes else scene.tree.node(scene.reference))[:3, 2]
     return np.asarray(axis / np.linalg.norm(axis))

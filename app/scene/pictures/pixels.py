@@ -1,4 +1,4 @@
-"""Pictures as arrays (height, width, 3) of bytes, the upper row first."""
+"""Pictures as arrays (height, width, 3) of bytes, upper row first."""
 
 from functools import cache
 from importlib.util import find_spec
@@ -23,10 +23,10 @@ _DPI = 96
 
 
 def pixels_of(image: vtkImageData) -> Pixels:
-    """The bytes of a 2D image, whatever its number of components."""
+    """The bytes of a 2D image with any number of components, copied."""
     width, height, _ = image.GetDimensions()
     values = numpy_array(image.GetPointData().GetScalars())
-    return np.array(values.reshape(height, width, -1)[::-1])  # a copy: the image may be gone soon
+    return np.array(values.reshape(height, width, -1)[::-1])
 
 
 def png(pixels: Pixels) -> bytes:

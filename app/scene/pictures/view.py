@@ -21,7 +21,7 @@ _BOTTOM = (0.84, 0.88, 0.92)
 
 
 class OffscreenView:
-    """Draws what Slicer's 3D view would show; its view and camera nodes go with `close`."""
+    """Draws what Slicer's 3D view would show; `close` removes its view and camera nodes."""
 
     def __init__(
         self,
@@ -29,8 +29,8 @@ class OffscreenView:
         name: str,
         size: tuple[int, int],
     ) -> None:
-        """``size`` in pixels; raises `OffscreenError` on a machine that cannot draw."""
-        # Not above: desktop Slicer loads this room, has views of its own and no trame-slicer.
+        """``size`` in pixels. Raises `OffscreenError` where VTK cannot draw without a screen."""
+        # Imported here: desktop Slicer imports this module, but has no trame-slicer.
         from trame_slicer.views import ThreeDView
         from trame_slicer.views.render_scheduler import NoScheduleRendering
 
@@ -44,7 +44,7 @@ class OffscreenView:
         )
         self._size = size
         window = self._view.render_window()
-        # Without a graphics card multi-samples cost five times the time; FXAA smooths for little.
+        # Without a graphics card multi-sampling takes five times as long; FXAA is cheap.
         window.SetMultiSamples(0)
         window.SetSize(*size)
         self._view.renderer().SetUseFXAA(True)
@@ -60,12 +60,12 @@ class OffscreenView:
         return self._size[0] / self._size[1]
 
     def look(self, camera: Camera) -> None:
-        """Take the place of ``camera``."""
+        """Use ``camera`` from the next picture on."""
         look_through(self._view.get_camera_node(), camera, VIEW_ANGLE_DEG)
         self._view.renderer().ResetCameraClippingRange()
 
     def fill(self, color: tuple[float, float, float]) -> None:
-        """Make the background of one color, without the gradient."""
+        """Give the background one colour, without a gradient."""
         self._view.get_view_node().SetBackgroundColor(*color)
         self._view.get_view_node().SetBackgroundColor2(*color)
 
@@ -82,20 +82,22 @@ class OffscreenView:
         return pixels_of(grab.GetOutput())
 
     def close(self) -> None:
-        """Free the window and take the view's own nodes out of the scene."""
+        """Free the window and remove the view's own nodes from the scene."""
         camera, node = self._view.get_camera_node(), self._view.get_view_node()
-        self._view.set_view_node(None)  # or it would make itself another camera
+        self._view.set_view_node(None)  # otherwise it creates another camera
         self._view.finalize()
         self._scene.RemoveNode(camera)
         self._scene.RemoveNode(node)
 
 
-def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: "AbstractView") -> Callable[[], None]:
-    """Let a view of trame-slicer wait while ``logic`` pauses drawing, as desktop Slicer's views do.
+def draw_once_per_update(
+    logic: vtkMRMLApplicationLogic, view: "AbstractView"
+) -> Callable[[], None]:
+    """Let a view of trame-slicer not draw while ``logic`` pauses rendering, as in desktop Slicer.
 
-    Every displayable manager asks for a drawing at each change, some forty in an update. After
-    this the view asks its own scheduler once, at the end of the update. Returns what ends it, to
-    be called before the view is closed.
+    Every displayable manager requests a rendering at each change, some forty per update. Then the
+    view makes one request, at the end of the update. Returns a function that ends this; call it
+    before the view is closed.
     """
     blocked: list[bool] = []
 
@@ -103,7 +105,7 @@ def draw_once_an_update(logic: vtkMRMLApplicationLogic, view: "AbstractView") ->
         blocked.append(view.set_render_blocked(True))
 
     def resume(*_: object) -> None:
-        # A view that came within an update has nothing to resume.
+        # A view that was created within an update has nothing to resume.
         if blocked and not blocked.pop():
             view.set_render_blocked(False)
 

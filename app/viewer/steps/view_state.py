@@ -119,7 +119,7 @@ class Watcher:
     def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:
         """How every tracked frame is, and those without which there is no margin if never named."""
         for sample in frame.poses:
-            self._watchdog.saw(sample)
+            self._watchdog.observe(sample)
         known = {sample.source for sample in frame.poses} | self._named
         self._named = known
         never = (

@@ -7,7 +7,7 @@ from app.robot import Robot
 from app.runtime.latest_value import LatestValue
 from app.scene import RobotModel, SceneError
 from app.scene.nodes.convert import vtk_matrix
-from app.scene.nodes.node_integrity import Upkeep
+from app.scene.nodes.node_integrity import NodeIntegrity
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
@@ -31,7 +31,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._model: RobotModel | None = None
         self._lookups: dict[str, vtkMRMLROS2Tf2LookupNode] = {}
         self._own: list[tuple[str, str]] = []
-        self._upkeep = Upkeep()
+        self._integrity = NodeIntegrity()
         self._is_stale = True
 
     def GetRobotName(self) -> str:
@@ -141,12 +141,12 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         for model in self._model.models.values():
             self.AddNodeReferenceID("model", model.GetID())
         kept = [node for link, node in self._lookups.items() if link != root]
-        self._upkeep.note((*kept, *self._model.models.values()))
+        self._integrity.record((*kept, *self._model.models.values()))
 
     def _is_whole(self) -> bool:
         models = () if self._model is None else self._model.models.values()
         try:
-            self._upkeep.restore((*self._lookups.values(), *models))
+            self._integrity.restore((*self._lookups.values(), *models))
         except SceneError:
             return False
         return True
@@ -175,7 +175,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
                     self._owner.remove(lookup, lookup.GetName())
         self._own.clear()
         self._lookups.clear()
-        self._upkeep.note(())
+        self._integrity.record(())
         self._is_stale = True
         self.RemoveNodeReferenceIDs("lookup")
         self.RemoveNodeReferenceIDs("model")

@@ -15,117 +15,121 @@ BY_HAND = Transform.from_rotation_vector(
 )
 
 
-class Heard:
+class Reported:
     def __init__(self) -> None:
         self.edits: list[Transform] = []
         self.refused: list[MarginGuardError] = []
 
 
 @pytest.fixture
-def heard() -> Heard:
-    return Heard()
+def reported() -> Reported:
+    return Reported()
 
 
 @pytest.fixture
-def scene(heard: Heard) -> MarginGuardScene:
+def scene(reported: Reported) -> MarginGuardScene:
     scene = MarginGuardScene(vtkMRMLScene())
     scene.set_poses([NEEDLE], [Transform.identity("needle", "tumor")])
-    scene.tree.on_edit("needle", heard.edits.append, heard.refused.append)
+    scene.tree.on_edit("needle", reported.edits.append, reported.refused.append)
     return scene
 
 
 def put(scene: MarginGuardScene, frame: str, pose: Transform) -> None:
-    """As a user does, through the node."""
+    """Move the node as a user does."""
     scene.tree.node(frame).SetMatrixTransformToParent(vtk_matrix(pose))
 
 
-def test_what_the_user_moves_is_reported_once_with_its_frames(
-    scene: MarginGuardScene, heard: Heard
-) -> None:
+def test_edit_is_reported_once_with_its_frames(scene: MarginGuardScene, reported: Reported) -> None:
     put(scene, "needle", BY_HAND)
     put(scene, "needle", BY_HAND)
-    (edit,) = heard.edits
+    (edit,) = reported.edits
     assert (edit.target, edit.source) == ("reference", "needle")
     assert np.allclose(edit.matrix, BY_HAND.matrix, rtol=0, atol=1e-12)
 
 
-def test_our_own_moves_and_those_of_a_parent_are_no_edits(
-    scene: MarginGuardScene, heard: Heard
+def test_moves_by_set_and_of_a_parent_are_not_reported(
+    scene: MarginGuardScene, reported: Reported
 ) -> None:
     put(scene, "reference", BY_HAND.renamed(target="ras", source="reference"))
     scene.set_poses([BY_HAND])
     with scene.update():
         scene.set_poses([NEEDLE])
         scene.set_poses([BY_HAND])
-    assert heard.edits == []
+    assert reported.edits == []
     put(scene, "needle", NEEDLE)
-    assert len(heard.edits) == 1
+    assert len(reported.edits) == 1
     scene.set_poses([NEEDLE])  # what comes back from ROS is where the node is already
-    assert len(heard.edits) == 1
+    assert len(reported.edits) == 1
 
 
-def test_a_user_who_moves_it_back_to_where_we_had_it_is_heard(
-    scene: MarginGuardScene, heard: Heard
+def test_edit_back_to_the_pose_set_before_is_reported(
+    scene: MarginGuardScene, reported: Reported
 ) -> None:
     put(scene, "needle", BY_HAND)
     put(scene, "needle", NEEDLE)
-    assert [np.allclose(edit.matrix, NEEDLE.matrix) for edit in heard.edits] == [False, True]
+    assert [np.allclose(edit.matrix, NEEDLE.matrix) for edit in reported.edits] == [False, True]
 
 
-def test_a_frame_that_hangs_elsewhere_now_is_reported_there(
-    scene: MarginGuardScene, heard: Heard
+def test_edit_after_a_change_of_parent_has_the_new_parent_frame(
+    scene: MarginGuardScene, reported: Reported
 ) -> None:
     scene.tree.set(Transform.identity("reference", "tracker"))
     scene.tree.set(NEEDLE.renamed(target="tracker"))
     put(scene, "needle", BY_HAND)
-    assert [(edit.target, edit.source) for edit in heard.edits] == [("tracker", "needle")]
+    assert [(edit.target, edit.source) for edit in reported.edits] == [("tracker", "needle")]
 
 
-def test_what_is_not_rigid_is_told_and_not_reported(scene: MarginGuardScene, heard: Heard) -> None:
+def test_edit_that_is_not_rigid_is_refused(scene: MarginGuardScene, reported: Reported) -> None:
     stretched = vtkMatrix4x4()
     stretched.SetElement(0, 0, 1.5)
     scene.tree.node("needle").SetMatrixTransformToParent(stretched)
-    assert heard.edits == []
-    (error,) = heard.refused
+    assert reported.edits == []
+    (error,) = reported.refused
     assert isinstance(error, TransformError)
     assert "reference_from_needle" in str(error)
 
 
-def test_what_was_hung_elsewhere_by_the_user_is_told_and_not_reported(
-    scene: MarginGuardScene, heard: Heard
+def test_edit_under_an_unknown_parent_is_refused(
+    scene: MarginGuardScene, reported: Reported
 ) -> None:
     scene.tree.node("needle").SetAndObserveTransformNodeID(None)
-    assert heard.edits == heard.refused == []
+    assert reported.edits == reported.refused == []
     put(scene, "needle", BY_HAND)
-    assert heard.edits == []
-    (error,) = heard.refused
+    assert reported.edits == []
+    (error,) = reported.refused
     assert str(error) == (
-        "NeedleToReference was moved under the world: its pose in 'reference' wanted"
+        "NeedleToReference: parent is the world; expected the node of 'reference'"
     )
 
 
-def test_an_error_of_the_listener_is_told(scene: MarginGuardScene, heard: Heard) -> None:
-    """VTK would print it, and nobody would know."""
+def test_error_of_the_listener_goes_to_on_refused(
+    scene: MarginGuardScene, reported: Reported
+) -> None:
+    """VTK would only print it."""
 
     def broadcast(edit: Transform) -> None:
         raise SceneError(f"{edit.source} cannot be sent")
 
-    scene.tree.on_edit("needle", broadcast, heard.refused.append)
+    scene.tree.on_edit("needle", broadcast, reported.refused.append)
     put(scene, "needle", BY_HAND)
-    assert [str(error) for error in heard.refused] == ["needle cannot be sent"]
+    assert [str(error) for error in reported.refused] == ["needle cannot be sent"]
 
 
-def test_a_closed_watch_hears_nothing(heard: Heard) -> None:
+def test_closed_watch_reports_nothing(reported: Reported) -> None:
     scene = vtkMRMLScene()
     node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "NeedleToReference")
-    edited = EditedTransform(node, "reference", "needle", heard.edits.append, heard.refused.append)
+    edited = EditedTransform(
+        node, "reference", "needle", reported.edits.append, reported.refused.append
+    )
     node.SetMatrixTransformToParent(vtk_matrix(NEEDLE))
     edited.close()
     edited.close()
     node.SetMatrixTransformToParent(vtk_matrix(BY_HAND))
-    assert len(heard.edits) == 1
+    assert len(reported.edits) == 1
 
 
-def test_only_what_is_in_the_scene_can_be_watched(scene: MarginGuardScene, heard: Heard) -> None:
-    with pytest.raises(SceneError, match="frame 'probe' cannot be watched: it is not in the scene"):
-        scene.tree.on_edit("probe", heard.edits.append, heard.refused.append)
+def test_frame_that_is_not_in_the_scene_cannot_be_watched(
+    scene: MarginGuardScene, reported: Reported
+) -> None:
+    with pytest.raises(SceneError, match="frame 'probe' is not in the scene; expected one of"):
+        scene.tree.on_edit("probe", reported.edits.append, reported.refused.append)

@@ -9,7 +9,7 @@ FRAMES = [f"frame_{number}" for number in range(8)]
 
 
 @given(st.lists(st.integers(0, 6), min_size=7, max_size=7), st.integers(0, 2**16), st.data())
-def test_every_frame_of_a_tree_is_where_it_was_put(
+def test_poses_of_a_tree_equal_the_products_of_its_edges(
     parents: list[int], seed: int, data: st.DataObject
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -28,12 +28,12 @@ def test_every_frame_of_a_tree_is_where_it_was_put(
     poses = poses_in(root, order)
     assert set(poses) == set(FRAMES)
     for frame, pose in poses.items():
-        wanted = world[FRAMES.index(root)].inverse() @ world[FRAMES.index(frame)]
+        expected = world[FRAMES.index(root)].inverse() @ world[FRAMES.index(frame)]
         assert (pose.target, pose.source) == (root, frame)
-        assert np.allclose(pose.matrix, wanted.matrix, atol=1e-9)
+        assert np.allclose(pose.matrix, expected.matrix, atol=1e-9)
 
 
-def test_what_is_not_connected_is_not_known() -> None:
+def test_unconnected_frame_has_no_pose() -> None:
     edges = [Transform.identity("a", "b"), Transform.identity("c", "d")]
     assert set(poses_in("a", edges)) == {"a", "b"}
     assert set(poses_in("nowhere", edges)) == {"nowhere"}

@@ -1,4 +1,4 @@
-"""Many frames moved together: each where it was sent, one event each, none for one that stays."""
+"""Frames moved together: their poses and their events."""
 
 from collections import Counter
 
@@ -36,7 +36,7 @@ def count_events(node: vtkMRMLTransformableNode) -> Counter[str]:
     return events
 
 
-def test_every_frame_is_where_it_was_put_below_the_root() -> None:
+def test_each_frame_has_its_pose_below_the_root() -> None:
     scene = vtkMRMLScene()
     ras_from_world = Transform.from_rotation_vector(
         [0.3, 0.2, 0.1], [7.0, 8.0, 9.0], target="ras", source="world"
@@ -44,20 +44,20 @@ def test_every_frame_is_where_it_was_put_below_the_root() -> None:
     nodes = PoseNodes(scene, "world", FRAMES, TransformTree(scene).set(ras_from_world))
     assert scene.GetFirstNodeByName("Body7ToWorld") is nodes.nodes["body_7"]
     for seed in (1, 2):
-        wanted = poses(seed)
-        assert nodes.move(wanted) == len(FRAMES)
-        for frame, world_from_body in zip(FRAMES, wanted, strict=True):
+        expected = poses(seed)
+        assert nodes.move(expected) == len(FRAMES)
+        for frame, world_from_body in zip(FRAMES, expected, strict=True):
             found = world_matrix(nodes.nodes[frame])
             assert np.allclose(found, ras_from_world.matrix @ world_from_body, rtol=0, atol=1e-9)
 
 
-def test_without_a_parent_the_root_is_the_world() -> None:
+def test_root_is_the_world_without_a_parent() -> None:
     nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
     nodes.move(poses(3))
     assert np.array_equal(world_matrix(nodes.nodes["body_25"]), poses(3)[25])
 
 
-def test_who_moves_says_so_once_and_who_stays_says_nothing(tumor: SurfaceMesh) -> None:
+def test_moved_nodes_notify_once_and_others_not_at_all(tumor: SurfaceMesh) -> None:
     scene = vtkMRMLScene()
     nodes = PoseNodes(scene, "world", FRAMES)
     surface = poly_data(tumor)
@@ -80,7 +80,7 @@ def test_who_moves_says_so_once_and_who_stays_says_nothing(tumor: SurfaceMesh) -
         assert of_node["modified"] <= 1 and of_model["modified"] <= 1
 
 
-def test_what_somebody_else_moved_is_put_back() -> None:
+def test_node_moved_by_a_user_is_put_back() -> None:
     nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
     nodes.move(poses(7))
     nodes.nodes["body_3"].SetMatrixTransformToParent(vtkMatrix4x4())
@@ -88,7 +88,7 @@ def test_what_somebody_else_moved_is_put_back() -> None:
     assert np.array_equal(world_matrix(nodes.nodes["body_3"]), poses(7)[3])
 
 
-def test_in_an_open_batch_observers_are_told_at_its_end_and_once() -> None:
+def test_observers_are_notified_once_at_the_end_of_an_open_batch() -> None:
     scene = vtkMRMLScene()
     batch = Batch(scene)
     nodes = PoseNodes(scene, "world", FRAMES, batch=batch)
@@ -104,11 +104,11 @@ def test_in_an_open_batch_observers_are_told_at_its_end_and_once() -> None:
 @pytest.mark.parametrize(
     ("broken", "words"),
     [
-        (poses(5)[:-1], r"shape \(25, 4, 4\): \(26, 4, 4\) wanted"),
-        (np.where(np.arange(26)[:, None, None] == 7, np.nan, poses(5)), "'body_7' is not finite"),
+        (poses(5)[:-1], r"shape is \(25, 4, 4\); expected \(26, 4, 4\)"),
+        (np.where(np.arange(26)[:, None, None] == 7, np.nan, poses(5)), "'body_7': not finite"),
     ],
 )
-def test_what_cannot_be_shown_moves_nothing(broken: FloatArray, words: str) -> None:
+def test_refused_poses_move_nothing(broken: FloatArray, words: str) -> None:
     nodes = PoseNodes(vtkMRMLScene(), "world", FRAMES)
     nodes.move(poses(6))
     with pytest.raises(SceneError, match=words):
@@ -116,14 +116,14 @@ def test_what_cannot_be_shown_moves_nothing(broken: FloatArray, words: str) -> N
     assert np.array_equal(world_matrix(nodes.nodes["body_0"]), poses(6)[0])
 
 
-def test_a_frame_has_one_node() -> None:
+def test_frame_given_twice_is_refused() -> None:
     scene = vtkMRMLScene()
-    with pytest.raises(SceneError, match="twice: left, left"):
+    with pytest.raises(SceneError, match="left, left; expected each frame once"):
         PoseNodes(scene, "world", ("left", "left"))
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 0
 
 
-def test_removing_leaves_other_nodes() -> None:
+def test_remove_leaves_other_nodes() -> None:
     scene = vtkMRMLScene()
     scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "Theirs")
     PoseNodes(scene, "world", FRAMES).remove()

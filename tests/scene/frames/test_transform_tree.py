@@ -14,7 +14,7 @@ def pose(target: str, source: str, seed: int) -> Transform:
     )
 
 
-def test_names_and_places() -> None:
+def test_nodes_have_slicer_igt_names_and_world_poses() -> None:
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
     ras, cautery, tip = (
@@ -33,10 +33,10 @@ def test_names_and_places() -> None:
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 3
 
 
-def test_tree_of_lumpnav() -> None:
+def test_lumpnav_tree_has_its_names_and_parents() -> None:
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
-    wanted = {
+    expected = {
         "ReferenceToRas": None,
         "NeedleToReference": "ReferenceToRas",
         "NeedleTipToNeedle": "NeedleToReference",
@@ -45,17 +45,17 @@ def test_tree_of_lumpnav() -> None:
         "ProbeToReference": "ReferenceToRas",
         "ImageToProbe": "ProbeToReference",
     }
-    for name in wanted:
+    for name in expected:
         source, target = split_transform_name(name)
         tree.set(pose(target, source, len(name)))
     found = {}
     for node in tree.nodes():
         parent = node.GetParentTransformNode()
         found[node.GetName()] = None if parent is None else parent.GetName()
-    assert found == wanted
+    assert found == expected
 
 
-def test_frame_that_changes_its_parent_changes_its_name() -> None:
+def test_frame_with_another_parent_is_renamed() -> None:
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
     tree.set(pose("ras", "reference", 1))
@@ -63,21 +63,23 @@ def test_frame_that_changes_its_parent_changes_its_name() -> None:
     tree.set(pose("reference", "cautery", 3))
     tree.set(pose("tracker", "cautery", 4))
     assert scene.GetFirstNodeByName("CauteryToReference") is None
-    wanted = pose("ras", "tracker", 2) @ pose("tracker", "cautery", 4)
-    assert np.allclose(world_matrix(tree.node("cautery")), wanted.matrix)
+    expected = pose("ras", "tracker", 2) @ pose("tracker", "cautery", 4)
+    assert np.allclose(world_matrix(tree.node("cautery")), expected.matrix)
 
 
 def test_unknown_target_is_refused() -> None:
     scene = vtkMRMLScene()
     tree = TransformTree(scene)
     tree.set(pose("ras", "reference", 1))
-    with pytest.raises(SceneError, match="CauteryToTracker cannot be placed: frame 'tracker'"):
+    with pytest.raises(
+        SceneError, match="CauteryToTracker: frame 'tracker' is not in the scene; expected"
+    ):
         tree.set(pose("tracker", "cautery", 2))
     assert tree.node("cautery") is None
     assert scene.GetNumberOfNodesByClass("vtkMRMLLinearTransformNode") == 1
 
 
-def test_a_frame_that_the_user_hung_elsewhere_comes_back_and_the_root_stays() -> None:
+def test_frame_moved_under_another_parent_is_put_back_but_not_the_root() -> None:
     scene = vtkMRMLScene()
     theirs = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "PatientToRas")
     tree = TransformTree(scene)
@@ -92,12 +94,12 @@ def test_a_frame_that_the_user_hung_elsewhere_comes_back_and_the_root_stays() ->
 
 
 @pytest.mark.parametrize("target", ["cautery", "cautery_tip"])
-def test_a_frame_cannot_hang_from_itself(target: str) -> None:
+def test_frame_below_itself_is_refused(target: str) -> None:
     tree = TransformTree(vtkMRMLScene())
     tree.set(pose("ras", "reference", 1))
     cautery = tree.set(pose("reference", "cautery", 2))
     tree.set(pose("cautery", "cautery_tip", 3))
-    with pytest.raises(SceneError, match=f"frame '{target}' hangs from 'cautery'"):
+    with pytest.raises(SceneError, match=f"frame '{target}' is below 'cautery'; expected a tree"):
         tree.set(Transform.identity(target, "cautery"))
     assert cautery.GetName() == "CauteryToReference"
     assert cautery.GetParentTransformNode() is tree.node("reference")

@@ -32,11 +32,11 @@ def words(watchdog: TransformWatchdog, now_ms: int) -> dict[str, str]:
     return {each.name: each.freshness.value for each in watchdog.check(now_ms * MS)}
 
 
-def test_a_transform_is_missing_then_valid_then_stale() -> None:
+def test_transform_is_missing_then_valid_then_stale() -> None:
     watchdog = TransformWatchdog(200 * MS)
     watchdog.expect("tracker", "cautery")
     assert watchdog.check(0) == (TransformHealth("CauteryToTracker", Freshness.MISSING, None),)
-    watchdog.saw(seen("cautery", 1000))
+    watchdog.observe(seen("cautery", 1000))
     for now_ms, freshness in (
         (1000, Freshness.VALID),
         (1200, Freshness.VALID),
@@ -48,53 +48,53 @@ def test_a_transform_is_missing_then_valid_then_stale() -> None:
         )
 
 
-def test_lost_is_missing_at_once_and_its_age_is_that_of_the_last_good_sample() -> None:
+def test_lost_sample_is_missing_with_the_age_of_the_last_good_sample() -> None:
     watchdog = TransformWatchdog(200 * MS)
-    watchdog.saw(seen("cautery", 1000))
-    watchdog.saw(lost("cautery", 1020))
+    watchdog.observe(seen("cautery", 1000))
+    watchdog.observe(lost("cautery", 1020))
     (health,) = watchdog.check(1050 * MS)
     assert health == TransformHealth("CauteryToTracker", Freshness.MISSING, 50 * MS)
     assert health.text == "CauteryToTracker: missing, 0.1 s"
-    watchdog.saw(seen("cautery", 990))  # late: it says nothing of now
+    watchdog.observe(seen("cautery", 990))  # late, and ignored
     assert words(watchdog, 1050) == {"CauteryToTracker": "missing"}
-    watchdog.saw(seen("cautery", 1060))
+    watchdog.observe(seen("cautery", 1060))
     assert words(watchdog, 1060) == {"CauteryToTracker": "valid"}
 
 
-def test_a_moving_parent_does_not_hide_a_stale_child() -> None:
+def test_moving_parent_does_not_hide_a_stale_child() -> None:
     scene = MarginGuardScene(vtkMRMLScene(), stale_after_ns=200 * MS)
     watchdog = scene.watchdog
     assert watchdog is not None
     tip = seen("cautery_tip", 0, target="cautery")
-    watchdog.saw(tip)
+    watchdog.observe(tip)
     for now_ms in range(0, 500, 20):
         cautery = seen("cautery", now_ms, target="reference")
-        watchdog.saw(cautery)
+        watchdog.observe(cautery)
         scene.set_poses([cautery.transform, tip.transform])
-    # The child was drawn at a new place at each step, and its node's observers were told.
+    # The child was drawn at a new place at each step, and its node notified its observers.
     assert world_matrix(scene.tree.node("cautery_tip"))[0, 3] == 480.0
     assert words(watchdog, 480) == {"CauteryTipToCautery": "stale", "CauteryToReference": "valid"}
 
 
 def test_restart_forgets_samples_and_keeps_watching() -> None:
     watchdog = TransformWatchdog(200 * MS)
-    watchdog.saw(seen("cautery", 9000))
-    watchdog.saw(lost("needle", 9000))
+    watchdog.observe(seen("cautery", 9000))
+    watchdog.observe(lost("needle", 9000))
     watchdog.restart()
     assert words(watchdog, 9000) == {"CauteryToTracker": "missing", "NeedleToTracker": "missing"}
-    watchdog.saw(seen("cautery", 10))
+    watchdog.observe(seen("cautery", 10))
     assert words(watchdog, 20)["CauteryToTracker"] == "valid"
 
 
 @given(st.lists(st.tuples(st.integers(0, 200), st.booleans())), st.integers(0, 500))
-def test_valid_means_that_the_newest_sample_is_good_and_young(
+def test_transform_is_valid_only_if_its_newest_sample_is_good_and_fresh(
     samples: list[tuple[int, bool]], now_ms: int
 ) -> None:
-    """In whatever order they come, as over UDP; of two of one moment the lost one counts."""
+    """In any order, as over UDP; of two samples with one stamp the lost one counts."""
     watchdog = TransformWatchdog(200 * MS)
     watchdog.expect("tracker", "cautery")
     for at_ms, good in samples:
-        watchdog.saw(seen("cautery", at_ms) if good else lost("cautery", at_ms))
+        watchdog.observe(seen("cautery", at_ms) if good else lost("cautery", at_ms))
     is_valid = words(watchdog, now_ms)["CauteryToTracker"] == "valid"
     newest = max((at_ms for at_ms, _ in samples), default=0)
     good = bool(samples) and all(good for at_ms, good in samples if at_ms == newest)
@@ -102,27 +102,27 @@ def test_valid_means_that_the_newest_sample_is_good_and_young(
 
 
 @pytest.mark.parametrize("late_ms", [1000, 1005])
-def test_a_late_sample_does_not_find_what_was_lost(late_ms: int) -> None:
+def test_late_good_sample_does_not_end_a_loss(late_ms: int) -> None:
     watchdog = TransformWatchdog(200 * MS)
-    watchdog.saw(seen("cautery", 1000))
-    watchdog.saw(lost("cautery", 1010))
-    watchdog.saw(seen("cautery", late_ms))
+    watchdog.observe(seen("cautery", 1000))
+    watchdog.observe(lost("cautery", 1010))
+    watchdog.observe(seen("cautery", late_ms))
     assert words(watchdog, 1011) == {"CauteryToTracker": "missing"}
 
 
-def test_one_stamp_from_the_future_does_not_hide_what_comes_after_it() -> None:
+def test_one_stamp_from_the_future_does_not_hide_later_samples() -> None:
     watchdog = TransformWatchdog(200 * MS)
-    watchdog.saw(seen("cautery", 3_600_000))
+    watchdog.observe(seen("cautery", 3_600_000))
     (health,) = watchdog.check(1000 * MS)
     assert health.text == "CauteryToTracker: stale, 3599.0 s ahead"
-    watchdog.saw(seen("cautery", 1020))
+    watchdog.observe(seen("cautery", 1020))
     assert words(watchdog, 1020) == {"CauteryToTracker": "valid"}
-    watchdog.saw(seen("cautery", 500))  # no way to look fresh
+    watchdog.observe(seen("cautery", 500))  # no way to look fresh
     assert words(watchdog, 1020) == {"CauteryToTracker": "stale"}
 
 
 @pytest.mark.parametrize("stale_after_ns", [0, -1])
-def test_a_bound_that_bounds_nothing_is_refused(stale_after_ns: int) -> None:
+def test_stale_limit_not_above_zero_is_refused(stale_after_ns: int) -> None:
     with pytest.raises(
         SceneError, match=f"stale_after_ns is {stale_after_ns}; expected more than 0"
     ):

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slicer import vtkMRMLScene
 
+from app.fixture import MarginState
 from app.scene import Batch, BreachMarkers
 from app.scene.margin.breach_markers import SPACING_MM
 
@@ -22,7 +23,9 @@ def positions(marks: BreachMarkers) -> np.ndarray:
 
 
 @given(POINTS)
-def test_marks_are_apart_and_every_breach_is_near_one(points: list[tuple[float, ...]]) -> None:
+def test_marks_keep_their_spacing_and_every_breach_is_near_one(
+    points: list[tuple[float, ...]],
+) -> None:
     marks = markers()
     added = [marks.add(np.array(point)) for point in points]
     placed = positions(marks)
@@ -35,7 +38,7 @@ def test_marks_are_apart_and_every_breach_is_near_one(points: list[tuple[float, 
     assert not points or np.array_equal(placed[0], points[0])
 
 
-def test_cleared_marks_can_be_put_again() -> None:
+def test_points_can_be_marked_again_after_clear() -> None:
     marks = markers()
     point = np.array([0.2, 0.3, 0.4])
     assert marks.add(point)
@@ -46,18 +49,18 @@ def test_cleared_marks_can_be_put_again() -> None:
     assert marks.add(near)
 
 
-def test_marks_are_red_and_not_to_be_dragged() -> None:
+def test_marks_are_red_and_locked() -> None:
     marks = markers()
     assert marks.node.GetName() == "BreachMarkers"
-    assert marks.node.GetDisplayNode().GetSelectedColor() == (1.0, 0.0, 0.0)
+    assert marks.node.GetDisplayNode().GetSelectedColor() == MarginState.POSITIVE.color
     assert marks.node.GetLocked()
 
 
 @pytest.mark.parametrize("most", [20, 60])
-def test_a_long_breach_has_no_more_marks_than_can_be_drawn(
+def test_long_breach_has_at_most_the_maximum_of_marks(
     most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.scene.margin.breach_markers.MOST_MARKS", most)
+    monkeypatch.setattr("app.scene.margin.breach_markers.MAX_MARKS", most)
     marks = markers()
     breach = np.random.default_rng(1).uniform(-8.0, 8.0, (600, 3))
     for place, point in enumerate(breach):

@@ -67,7 +67,7 @@ def test_plane_does_not_spin_about_its_normal(plane: FixturePlane) -> None:
         last = axes[0]
 
 
-def test_no_constraint_hides_it(plane: FixturePlane) -> None:
+def test_no_constraint_hides_the_plane(plane: FixturePlane) -> None:
     plane.show(constraint(np.array([0.0, 0.0, 1.0]), 0.0, np.zeros(3)))
     plane.show(None)
     assert not plane.node.GetDisplayNode().GetVisibility()

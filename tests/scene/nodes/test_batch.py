@@ -1,4 +1,4 @@
-"""Events counted by observers: one a node that changed, one drawing, whatever happened between."""
+"""Events per update: one for each changed node, and one rendering."""
 
 from collections import Counter
 from dataclasses import replace
@@ -17,7 +17,7 @@ from app.scene import (
     Batch,
     MarginGuardScene,
     SceneApplication,
-    draw_once_an_update,
+    draw_once_per_update,
     use_offscreen_rendering,
 )
 from tests.scene.conftest import Decide, Fill
@@ -61,7 +61,7 @@ def scene(application: SceneApplication, fill: Fill) -> MarginGuardScene:
     return fill(MarginGuardScene(application.scene, logic=application.logic))
 
 
-def test_every_transform_that_moved_tells_it_once(
+def test_each_moved_transform_notifies_once(
     scene: MarginGuardScene,
     edges: tuple[Transform, ...],
     fixed: tuple[Transform, ...],
@@ -96,7 +96,7 @@ def test_every_transform_that_moved_tells_it_once(
     assert max(counts.modified.values()) == 1
 
 
-def test_plane_and_marks_wait_for_the_end_of_the_update(
+def test_plane_and_marks_notify_at_the_end_of_the_update(
     scene: MarginGuardScene, decision: Decide
 ) -> None:
     counts = Counts(scene.scene)
@@ -108,7 +108,7 @@ def test_plane_and_marks_wait_for_the_end_of_the_update(
     assert counts.modified["FixturePlane"] == 1
 
 
-def test_what_stays_tells_nothing(
+def test_unchanged_nodes_do_not_notify(
     scene: MarginGuardScene,
     edges: tuple[Transform, ...],
     fixed: tuple[Transform, ...],
@@ -129,7 +129,7 @@ def test_what_stays_tells_nothing(
     assert not counts.transform and not counts.modified and not points
 
 
-def test_events_come_also_after_an_error(
+def test_events_are_sent_after_an_error(
     scene: MarginGuardScene, edges: tuple[Transform, ...]
 ) -> None:
     counts = Counts(scene.scene)
@@ -146,7 +146,7 @@ def test_events_come_also_after_an_error(
     assert drawn == [1, 1]
 
 
-def test_listeners_are_called_once_an_outermost_update_with_all_in_place() -> None:
+def test_listeners_are_called_once_per_outermost_update_after_all_changes() -> None:
     batch = Batch(vtkMRMLScene())
     seen: list[str] = []
     batch.on_end(lambda: seen.append("drawn"))
@@ -159,7 +159,7 @@ def test_listeners_are_called_once_an_outermost_update_with_all_in_place() -> No
     assert seen == ["drawn"]
 
 
-def test_a_view_draws_once_an_update(
+def test_view_draws_once_per_update(
     can_draw: None,
     application: SceneApplication,
     scene: MarginGuardScene,
@@ -187,7 +187,7 @@ def test_a_view_draws_once_an_update(
 
     assert update(1.0) > 5  # as trame-slicer does it by itself
     with scene.update():  # one that comes within an update resumes nothing
-        stop = draw_once_an_update(application.logic, view)
+        stop = draw_once_per_update(application.logic, view)
     assert update(2.0) == 1
     assert update(3.0) == 1
     view.set_render_blocked(True)  # one that is not in the layout stays so

@@ -25,7 +25,7 @@ def test_surface_keeps_vertices_and_faces(tumor: SurfaceMesh) -> None:
     assert surface.GetNumberOfCells() == len(tumor.faces)
 
 
-def test_world_is_through_all_parents(tumor: SurfaceMesh) -> None:
+def test_world_matrix_includes_all_parents(tumor: SurfaceMesh) -> None:
     scene = vtkMRMLScene()
     outer = Transform.from_rotation_vector([0, 0, 1], [1, 2, 3], target="ras", source="a")
     inner = Transform.from_rotation_vector([1, 0, 0], [4, 5, 6], target="a", source="tumor")

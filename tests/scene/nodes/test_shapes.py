@@ -58,12 +58,12 @@ def model_of(application: SceneApplication, surface: vtkPolyData) -> vtkMRMLMode
 
 
 def as_set(points: np.ndarray) -> np.ndarray:
-    """Rows in an order of their own, so that two clouds can be compared."""
+    """Rows in sorted order, so that two point sets can be compared."""
     rounded = np.round(points, 4)
     return points[np.lexsort(rounded.T)]
 
 
-def test_model_through_its_parents_into_a_frame(
+def test_model_is_transformed_through_its_parents_into_a_frame(
     application: SceneApplication, tumor: SurfaceMesh
 ) -> None:
     model = model_of(application, poly_data(tumor))
@@ -79,8 +79,8 @@ def test_model_through_its_parents_into_a_frame(
     assert mesh.signed_volume_mm3 == pytest.approx(tumor.signed_volume_mm3)
     # Without a frame's node: the world.
     world = mesh_of_model(model, "ras", None)
-    wanted = (RAS_FROM_OUTER @ OUTER_FROM_INNER).apply(tumor.vertices_mm)
-    assert np.allclose(as_set(world.vertices_mm), as_set(wanted), atol=1e-9)
+    expected = (RAS_FROM_OUTER @ OUTER_FROM_INNER).apply(tumor.vertices_mm)
+    assert np.allclose(as_set(world.vertices_mm), as_set(expected), atol=1e-9)
 
 
 def test_reflected_model_keeps_its_normals_outward(
@@ -96,9 +96,7 @@ def test_reflected_model_keeps_its_normals_outward(
     )
 
 
-def test_corners_that_a_file_has_for_every_triangle_are_merged(
-    application: SceneApplication, tumor: SurfaceMesh
-) -> None:
+def test_equal_vertices_are_merged(application: SceneApplication, tumor: SurfaceMesh) -> None:
     soup = SurfaceMesh(
         "tumor", tumor.triangles_mm.reshape(-1, 3), np.arange(3 * len(tumor.faces)).reshape(-1, 3)
     )
@@ -107,7 +105,7 @@ def test_corners_that_a_file_has_for_every_triangle_are_merged(
     assert mesh.require_closed("the lesion").vertices_mm.shape == tumor.vertices_mm.shape
 
 
-def test_model_that_3d_slicer_saved_in_lps_is_where_it_was(
+def test_model_saved_in_lps_has_its_pose(
     application: SceneApplication, tumor: SurfaceMesh, tmp_path: Path
 ) -> None:
     """A file in LPS, written by Slicer's own storage node and read by a library that keeps it."""
@@ -131,7 +129,7 @@ def test_model_that_3d_slicer_saved_in_lps_is_where_it_was(
 
 
 def test_model_without_a_triangle_is_refused(application: SceneApplication) -> None:
-    with pytest.raises(SceneError, match="model 'Lesion' has no triangle"):
+    with pytest.raises(SceneError, match="model 'Lesion': 0 triangles; expected a surface"):
         mesh_of_model(model_of(application, vtkPolyData()), "ras", None)
 
 
@@ -171,15 +169,17 @@ def test_segment_becomes_a_closed_surface_in_a_frame(
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("tumour", "0 segments of 'Seg' are called 'tumour': 1 wanted among lesion, nothing"),
+    [("tumour", "'Seg': 0 segments are named 'tumour'; expected 1 among lesion, nothing"),
      ("nothing", "segment 'nothing' of 'Seg' has no surface")],
 )  # fmt: skip
-def test_segment_that_is_not_there_is_refused(segmentation, name: str, words: str) -> None:
+def test_unknown_or_empty_segment_is_refused(segmentation, name: str, words: str) -> None:
     with pytest.raises(SceneError, match=words):
         mesh_of_segment(segmentation, name, "ras", None)
 
 
-def test_placed_points_through_their_parents_into_a_frame(application: SceneApplication) -> None:
+def test_placed_points_are_transformed_through_their_parents_into_a_frame(
+    application: SceneApplication,
+) -> None:
     points = np.random.default_rng(1).normal(scale=20.0, size=(7, 3))
     markups: vtkMRMLMarkupsFiducialNode = application.scene.AddNewNodeByClass(
         "vtkMRMLMarkupsFiducialNode", "Contour"
@@ -190,5 +190,5 @@ def test_placed_points_through_their_parents_into_a_frame(application: SceneAppl
     markups.UnsetNthControlPointPosition(markups.AddControlPoint([0.0, 0.0, 0.0]))
     markups.SetAndObserveTransformNodeID(hang(application, RAS_FROM_OUTER).GetID())
     found = points_of_markups(markups, hang(application, RAS_FROM_NEEDLE))
-    wanted = (RAS_FROM_NEEDLE.inverse() @ RAS_FROM_OUTER).apply(points)
-    assert np.allclose(found, wanted, atol=1e-9)
+    expected = (RAS_FROM_NEEDLE.inverse() @ RAS_FROM_OUTER).apply(points)
+    assert np.allclose(found, expected, atol=1e-9)

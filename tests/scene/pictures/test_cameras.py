@@ -37,7 +37,7 @@ def test_bullseye_looks_along_the_tool_at_its_tip(
     assert abs(x) < 1e-6 < y
 
 
-def test_bullseye_that_keeps_its_up_does_not_turn_with_the_tool() -> None:
+def test_bullseye_with_previous_up_does_not_turn_with_the_tool() -> None:
     up = None
     for angle in np.linspace(0.0, 3.0, 20):
         rolled = Transform.from_rotation_vector(
@@ -46,14 +46,16 @@ def test_bullseye_that_keeps_its_up_does_not_turn_with_the_tool() -> None:
         camera = bullseye(rolled, FORWARD, distance_mm=50.0, previous_up=up)
         assert up is None or np.allclose(camera.up, up)
         up = camera.up
-    # An up that lies along the tool now says nothing: the tool's own is taken.
+    # A previous up direction along the tool is replaced by the tool's own.
     camera = bullseye(rolled, FORWARD, distance_mm=50.0, previous_up=FORWARD)
     assert abs(camera.up @ FORWARD) < 1e-9
 
 
 @pytest.mark.parametrize(("forward", "distance_mm"), [((0, 0, 0), 10), ((0, 0, 1), 0)])
-def test_bullseye_from_nowhere_is_refused(forward: tuple[float, ...], distance_mm: float) -> None:
-    with pytest.raises(SceneError, match="gives no view along a tool"):
+def test_bullseye_without_direction_or_distance_is_refused(
+    forward: tuple[float, ...], distance_mm: float
+) -> None:
+    with pytest.raises(SceneError, match="expected a finite direction and a distance above 0"):
         bullseye(
             Transform.identity("ras", "tip"), np.array(forward, float), distance_mm=distance_mm
         )
@@ -61,7 +63,7 @@ def test_bullseye_from_nowhere_is_refused(forward: tuple[float, ...], distance_m
 
 def test_forward_is_from_the_shaft_to_the_tip(tool: SurfaceMesh, tumor: SurfaceMesh) -> None:
     assert np.allclose(forward_of(tool), FORWARD)
-    with pytest.raises(SceneError, match="lies around its tip"):
+    with pytest.raises(SceneError, match="its middle is at its tip; expected a mesh on one side"):
         forward_of(tumor)
 
 
@@ -93,7 +95,7 @@ def test_presets_show_their_side(
     assert (camera.position - middle) @ towards > 0.0
 
 
-def test_presets_of_a_patient_who_lies_otherwise() -> None:
+def test_presets_follow_the_axes_of_the_patient() -> None:
     turn = Transform.from_rotation_vector(
         [0.3, 1.0, 0.2], [0, 0, 0], target="ras", source="patient"
     )
@@ -104,13 +106,13 @@ def test_presets_of_a_patient_who_lies_otherwise() -> None:
     assert np.allclose(turned.up, turn.rotate(plain.up))
 
 
-def test_camera_node_is_told_once() -> None:
+def test_camera_node_notifies_once() -> None:
     node = vtkMRMLCameraNode()
-    told: list[int] = []
-    node.AddObserver("ModifiedEvent", lambda *_: told.append(1))
+    notified: list[int] = []
+    node.AddObserver("ModifiedEvent", lambda *_: notified.append(1))
     camera = preset_camera(Preset.LEFT, np.eye(3) * 20.0)
     look_through(node, camera, 25.0)
-    assert told == [1]
+    assert notified == [1]
     assert np.allclose(node.GetPosition(), camera.position)
     assert np.allclose(node.GetFocalPoint(), camera.focal_point)
     assert np.allclose(node.GetViewUp(), camera.up)

@@ -25,7 +25,7 @@ def test_all_points_are_in_the_picture(seed: int, aspect: float, size: float, co
     assert (np.abs(offset @ right) <= tan * aspect).all()
 
 
-def test_no_room_is_wasted() -> None:
+def test_points_fill_the_picture() -> None:
     rng = np.random.default_rng(1)
     points = rng.normal(size=(500, 3)) * 40.0
     camera = fit(points, np.array([0.0, -1.0, 0.0]), UP, angle_deg=ANGLE_DEG, aspect=1.0)
@@ -42,13 +42,13 @@ def ball(center: tuple[float, float, float], radius: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("side", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (-0.7, 0.7, 0.0)])
-def test_subject_is_not_hidden(side: tuple[float, float, float]) -> None:
+def test_best_direction_does_not_hide_the_subject(side: tuple[float, float, float]) -> None:
     towards = best_direction(ball((0, 0, 0), 10.0), ball(tuple(60.0 * np.array(side)), 15.0), UP)
     assert towards @ side / np.linalg.norm(side) < 0.9
     assert np.linalg.norm(towards) == pytest.approx(1.0)
 
 
-def test_line_is_seen_from_its_side() -> None:
+def test_best_direction_shows_a_line_from_its_side() -> None:
     along = np.array([3.0, 4.0, 0.0])
     towards = best_direction(ball((0, 0, 0), 10.0), np.empty((0, 3)), UP, along)
     assert abs(towards @ along) / 5.0 < 0.2

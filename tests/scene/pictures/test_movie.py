@@ -17,7 +17,7 @@ from tests.scene.conftest import MakeStep
 SIZE = (320, 200)
 BANNER = 40
 
-# The tumour is translucent and lit: red, green and blue by how they differ.
+# The tumour is translucent and lit: compare channels with each other.
 SEEN_AS: dict[MarginState, Callable[..., np.ndarray]] = {
     MarginState.NEGATIVE: lambda r, g, b: (g > r + 60) & (g > b + 60),
     MarginState.WARNING: lambda r, g, b: (r > b + 60) & (g > b + 40) & (r > g + 20),
@@ -72,12 +72,12 @@ def test_each_picture_has_the_colour_of_its_state_and_what_moves_moves(
     assert 20 < changed.sum() < 0.5 * changed.size
 
 
-def test_the_command_counts_pictures_as_they_are_shown() -> None:
+def test_command_and_movie_have_the_same_frame_rate() -> None:
     assert PICTURES_PER_S * PICTURE_MS == 1000
 
 
 @pytest.mark.usefixtures("can_draw")
-def test_a_movie_is_the_same_at_every_run(content: SessionContent, make_step: MakeStep) -> None:
+def test_movie_is_the_same_at_every_run(content: SessionContent, make_step: MakeStep) -> None:
     steps = make_step(MarginState.NEGATIVE), make_step(MarginState.POSITIVE)
     keyframes = list(enumerate(steps))
     once, again = (pictures(movie_gif(content, steps[1], keyframes, SIZE)) for _ in range(2))
@@ -97,7 +97,7 @@ def test_step_without_the_reference_keeps_the_tool_where_it_is_to_the_tumour(
         (tracker_from_needle.inverse() @ tracker_from_cautery).matrix,
         atol=1e-9,
     )
-    # The tumour stays where it was last seen in the room; the robot is not known, and grey.
+    # The tumour stays where it was in the reference; the robot is unknown, and grey.
     np.testing.assert_allclose(needle, (edges[0].inverse() @ edges[1]).matrix, atol=1e-9)
     display = shown.scene.robots["arm"].models["fore_arm"].GetDisplayNode()
     assert not display.GetScalarVisibility()

@@ -77,13 +77,13 @@ def test_tumor_shows_its_state_in_both_views(draw: Draw) -> None:
     assert amount(red[:, half:], is_red) > 10 * amount(red[:, :half], is_red)
 
 
-def test_tool_and_robot_are_seen_in_the_overview(draw: Draw) -> None:
+def test_tool_and_robot_are_visible_in_the_overview(draw: Draw) -> None:
     overview = draw()[:, : SIZE[0] // 2]
     assert amount(overview, is_yellow) > 40
     assert amount(overview, is_blue) > 400
 
 
-def test_tool_is_seen_in_the_grip_and_alone_in_the_close_up(
+def test_tool_is_visible_through_the_holding_link_and_alone_in_the_close_up(
     draw: Draw, arm: Robot, content: SessionContent
 ) -> None:
     # The forearm reaches to where the tool is: the tool of 60 mm is put wholly inside of it.
@@ -116,7 +116,7 @@ def test_picture_is_the_same_each_time(draw: Draw) -> None:
     assert np.array_equal(draw(), draw())
 
 
-def test_tip_without_a_mesh_and_without_a_robot(draw: Draw, content: SessionContent) -> None:
+def test_picture_of_a_tip_without_mesh_and_robot(draw: Draw, content: SessionContent) -> None:
     picture = draw(content=replace(content, tool=None, robot=None), links={})
     assert amount(picture, is_blue) == 0
     assert amount(picture, is_red) > 1000
@@ -126,12 +126,12 @@ def test_robot_whose_links_are_unknown_is_left_out(draw: Draw) -> None:
     assert amount(draw(links={}), is_blue) == 0
 
 
-def test_unknown_is_grey(draw: Draw) -> None:
+def test_unknown_margin_is_grey(draw: Draw) -> None:
     picture = draw(MarginState.UNKNOWN)
     assert amount(picture, is_red) + amount(picture, is_green) == 0
 
 
-def test_reference_that_was_not_seen_leaves_the_robot_out(
+def test_step_without_the_reference_leaves_the_robot_out(
     draw: Draw, edges: tuple[Transform, ...]
 ) -> None:
     picture = draw(measured=edges[1:])
@@ -139,7 +139,7 @@ def test_reference_that_was_not_seen_leaves_the_robot_out(
     assert amount(picture, is_red) > 1000
 
 
-def test_tool_of_an_earlier_sample_is_where_it_was_judged(
+def test_tool_missing_in_the_frame_is_where_the_step_judged_it(
     draw: Draw, edges: tuple[Transform, ...], fixed: tuple[Transform, ...]
 ) -> None:
     reference, needle, cautery = edges
@@ -152,7 +152,7 @@ def test_tool_of_an_earlier_sample_is_where_it_was_judged(
         draw(measured=(reference, cautery))
 
 
-def test_strip_has_its_color_and_its_words() -> None:
+def test_strip_has_its_colour_and_its_text() -> None:
     strip = state_strip("POSITIVE: in the tumour, -2.8 mm", (800, 64), MarginState.POSITIVE)
     assert strip.shape == (64, 800, 3)
     assert (strip[:, :10] == np.round(255.0 * np.array(MarginState.POSITIVE.color))).all()

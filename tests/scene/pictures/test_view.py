@@ -1,4 +1,4 @@
-"""What a surgeon sees of a state, with all of the scene's nodes shown: pixels of a small view."""
+"""Pixels of a small view of each state, with all nodes of the scene."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def ratio(pixels: np.ndarray, of: int) -> int:
     return int((10 * pixels[..., of].astype(int) > 13 * others).sum())
 
 
-def test_states_are_seen_through_the_margin_surface_and_stale_is_grey(
+def test_states_are_visible_through_the_margin_surface_and_stale_is_grey(
     tumor: SurfaceMesh,
     tool: SurfaceMesh,
     edges: tuple[Transform, ...],
@@ -56,13 +56,13 @@ def test_states_are_seen_through_the_margin_surface_and_stale_is_grey(
         scene.show(replace(decision(MarginState.POSITIVE, -3.0), stamp=Stamp(0)), {}, 0)
         red = view.pixels()
         assert ratio(red, 0) > 8000 and ratio(red, 1) == 0
-        # Grey again, but where it was in the tumour is seen still.
+        # Grey again, but the breach mark is still visible.
         scene.check(NOW_NS)
         marked = ratio(view.pixels(), 0)
         assert 10 < marked < 1000
 
 
-def test_bullseye_has_the_tip_in_the_middle_of_the_picture(
+def test_bullseye_shows_the_tip_in_the_middle(
     tumor: SurfaceMesh,
     tool: SurfaceMesh,
     edges: tuple[Transform, ...],
@@ -85,7 +85,7 @@ def test_bullseye_has_the_tip_in_the_middle_of_the_picture(
         assert 4 <= np.ptp(places) <= 10
 
 
-def test_a_closed_view_leaves_no_node() -> None:
+def test_closed_view_leaves_no_node() -> None:
     scene = SceneApplication(vtkMRMLScene())
     before = scene.scene.GetNumberOfNodes()
     for _ in range(2):

@@ -18,7 +18,7 @@ def test_drawing_takes_at_most_seven_tenths_of_the_time(costs):
         assert pace.period_ns == 500 * MS or cost <= 0.7 * pace.period_ns + 1
 
 
-def test_a_dear_picture_counts_at_once_and_a_cheap_one_by_and_by():
+def test_slow_picture_counts_at_once_and_fast_ones_gradually():
     pace = Pace()
     pace.drew(210 * MS)
     assert pace.period_ns == pytest.approx(300 * MS)

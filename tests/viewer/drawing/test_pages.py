@@ -5,14 +5,14 @@ from app.viewer.drawing.client_acks import Pages
 S = 1_000_000_000
 
 
-def test_nobody_there_is_nobody_to_wait_for():
+def test_without_clients_nothing_is_pending():
     pages = Pages()
     pages.sent(1, 0)
     assert not pages.any_awake(0)
     assert not pages.waiting(0)
 
 
-def test_a_picture_in_flight_is_waited_for_until_every_page_has_it():
+def test_picture_is_pending_until_every_client_acknowledges_it():
     pages = Pages()
     pages.has("a", 0, 0)
     pages.has("b", 0, 0)
@@ -24,7 +24,7 @@ def test_a_picture_in_flight_is_waited_for_until_every_page_has_it():
     assert not pages.waiting(5)
 
 
-def test_a_page_that_says_nothing_for_a_second_holds_nobody_up():
+def test_client_silent_for_a_second_is_not_waited_for():
     pages = Pages()
     pages.has("asleep", 0, 0)
     pages.sent(1, S // 2)
@@ -33,7 +33,7 @@ def test_a_page_that_says_nothing_for_a_second_holds_nobody_up():
     assert not pages.any_awake(S + 1)
 
 
-def test_a_picture_that_got_lost_is_not_waited_for_longer_than_a_second():
+def test_lost_picture_is_pending_for_at_most_a_second():
     pages = Pages()
     pages.has("a", 0, 0)
     pages.sent(1, 0)
@@ -43,7 +43,7 @@ def test_a_picture_that_got_lost_is_not_waited_for_longer_than_a_second():
     assert not pages.waiting(2 * S)
 
 
-def test_a_page_that_has_just_come_has_nothing_on_its_way():
+def test_new_client_has_nothing_pending():
     pages = Pages()
     pages.sent(7, 0)
     pages.has("new", 0, 1)

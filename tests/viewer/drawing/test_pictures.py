@@ -73,7 +73,7 @@ async def next_picture(source):
     await source.drawn.wait()
 
 
-def test_nobody_is_drawn_for_but_the_heart_beats():
+def test_without_clients_nothing_is_drawn_but_heartbeats_continue():
     async def scenario(pictures, source, beats, pushed):
         await beats.more(4)
         assert len(source.pictures) == 1
@@ -84,7 +84,7 @@ def test_nobody_is_drawn_for_but_the_heart_beats():
     run(scenario)
 
 
-def test_the_next_picture_waits_for_the_receipt_and_shows_the_newest_state():
+def test_next_picture_waits_for_the_acknowledgement_and_shows_the_newest_state():
     async def scenario(pictures, source, beats, pushed):
         pictures.has("page", 0)
         await next_picture(source)
@@ -101,7 +101,7 @@ def test_the_next_picture_waits_for_the_receipt_and_shows_the_newest_state():
     run(scenario)
 
 
-def test_a_picture_is_a_jpeg_with_its_number():
+def test_picture_is_a_jpeg_with_its_number():
     async def scenario(pictures, source, beats, pushed):
         pictures.has("page", 0)
         await next_picture(source)
@@ -111,7 +111,7 @@ def test_a_picture_is_a_jpeg_with_its_number():
     run(scenario)
 
 
-def test_what_stops_the_pictures_is_not_swallowed():
+def test_error_ends_the_render_loop():
     class Broken(Source):
         def prepare(self):
             raise ValueError("no scene")

@@ -35,7 +35,7 @@ def tumor_from_tip(stage, tip_frame):
     return np.linalg.inv(world_matrix(tree.node("tumor"))) @ world_matrix(tree.node(tip_frame))
 
 
-def test_every_frame_has_the_tool_where_it_was_judged(stage, parts):
+def test_tool_is_placed_as_each_step_judged_it(stage, parts):
     for frame in (0, BREACH_FRAME, 39, 3):
         shown = parts.feed.shown[frame]
         stage.show(shown)
@@ -43,14 +43,14 @@ def test_every_frame_has_the_tool_where_it_was_judged(stage, parts):
         assert np.allclose(found, shown.step.tumor_from_tip.matrix, atol=1e-9)
 
 
-def test_the_tumour_has_the_colour_of_the_step(stage, parts):
+def test_tumour_has_the_colour_of_the_step(stage, parts):
     for frame in (BREACH_FRAME, LOST[0], 0):
         shown = parts.feed.shown[frame]
         stage.show(shown)
         assert stage.scene.tumor.GetDisplayNode().GetColor() == shown.step.decision.state.color
 
 
-def test_where_the_session_is_silent_no_plane_stands_for_now(stage, parts):
+def test_plane_is_hidden_while_the_session_is_silent(stage, parts):
     shown = parts.feed.shown[1]
     stage.show(shown)
     plane = stage.scene.margin.plane.node.GetDisplayNode()
@@ -59,7 +59,7 @@ def test_where_the_session_is_silent_no_plane_stands_for_now(stage, parts):
     assert not plane.GetVisibility()
 
 
-def test_the_marks_are_those_of_the_breaches_up_to_the_frame(stage, parts):
+def test_marks_are_those_of_the_breaches_up_to_the_frame(stage, parts):
     def marks(frame):
         stage.show(parts.feed.shown[frame])
         node = stage.scene.margin.breaches.node
@@ -74,7 +74,7 @@ def test_the_marks_are_those_of_the_breaches_up_to_the_frame(stage, parts):
     assert marks(BREACH_FRAME - 5) == set()
 
 
-def test_a_robot_comes_when_its_base_is_known_although_it_was_not_at_first(can_draw, parts):
+def test_robot_is_added_when_its_base_becomes_known(can_draw, parts):
     """A session may begin while the sensor on the chest is out of sight."""
     block = replace(parts.content.tumor, frame="base")
     base = Transform.identity("reference", "robot_base")
@@ -102,7 +102,7 @@ def test_a_robot_comes_when_its_base_is_known_although_it_was_not_at_first(can_d
     assert model.GetDisplayNode().GetColor() == MarginState.UNKNOWN.color
 
 
-def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
+def test_scene_is_empty_before_tool_and_tumour_are_known(can_draw, parts):
     stage = SceneView(parts.content)
     first = parts.feed.shown[0]
     stage.show(replace(first, step=replace(first.step, tumor_from_tip=None)))
@@ -111,7 +111,7 @@ def test_nothing_stands_there_before_tool_and_tumour_are_known(can_draw, parts):
     assert stage.scene is not None
 
 
-def test_another_tumour_takes_the_place_of_the_first(can_draw, parts):
+def test_another_tumour_replaces_the_first(can_draw, parts):
     stage = SceneView(parts.content)
     stage.show(parts.feed.shown[0])
     small = parts.content.tumor
@@ -126,7 +126,7 @@ def test_another_tumour_takes_the_place_of_the_first(can_draw, parts):
     assert stage.application.scene.GetNumberOfNodes() == nodes
 
 
-def test_parts_are_hidden_and_faded_by_themselves(stage):
+def test_each_part_has_its_own_visibility_and_opacity(stage):
     assert stage.parts == (Part.TUMOR, Part.MARGIN, Part.TOOL)
     display = stage.scene.tumor.GetDisplayNode()
     own = display.GetOpacity()
@@ -142,7 +142,7 @@ def test_parts_are_hidden_and_faded_by_themselves(stage):
         stage.set_opacity(Part.TUMOR, 1.5)
 
 
-def test_the_bullseye_rides_on_the_tool_and_the_others_stay(stage, parts):
+def test_bullseye_follows_the_tool_and_other_presets_do_not(stage, parts):
     stage.view.render_window().SetSize(400, 300)
     man = CameraController(stage)
     camera = stage.view.get_camera_node()
@@ -167,7 +167,7 @@ def test_the_bullseye_rides_on_the_tool_and_the_others_stay(stage, parts):
     assert stage.scene.tool.GetDisplayNode().GetVisibility()
 
 
-def test_a_view_that_was_turned_by_hand_stays(stage, parts):
+def test_camera_moved_by_the_user_stays(stage, parts):
     man = CameraController(stage)
     man.take(CameraPreset.BULLSEYE)
     man.follow()

@@ -1,4 +1,4 @@
-"""A scene that was saved and is open again is gone on with: no second tumour, no second tree."""
+"""A scene that was saved and loaded again: its nodes are reused, not added a second time."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +27,7 @@ STALE_NS = 200_000_000
 
 @pytest.fixture
 def opened(fill: Fill, arm: Robot, decision: Decide, tmp_path: Path) -> SceneApplication:
-    """A whole scene in a breach, from a file; a user's model hangs from the tool's tip."""
+    """A whole scene in a breach, loaded from a file, with a user's model below the tool's tip."""
     first = SceneApplication(vtkMRMLScene())
     scene = fill(MarginGuardScene(first.scene))
     links = {"arm": arm.forward_kinematics({"shoulder": 0.7})}
@@ -45,29 +45,27 @@ def named(scene: vtkMRMLScene, name: str) -> list[str]:
     return [node.GetID() for node in nodes if node.GetName() == name]
 
 
-def test_it_goes_on_with_the_nodes_that_are_there(opened: SceneApplication, fill: Fill) -> None:
+def test_adopted_scene_reuses_the_nodes(opened: SceneApplication, fill: Fill) -> None:
     scene = opened.scene
     before = content(scene)
     ids = {name: named(scene, name) for name in ("Tumor", "Tool", "ReferenceToRas")}
     nodes = scene.GetNumberOfNodes()
-    fill(MarginGuardScene(scene, stale_after_ns=STALE_NS, go_on=True))
+    fill(MarginGuardScene(scene, stale_after_ns=STALE_NS, adopt_nodes=True))
     assert content(scene).keys() == before.keys()  # fails on a name that is there twice, too
     assert scene.GetNumberOfNodes() == nodes
     assert {name: named(scene, name) for name in ids} == ids
 
 
-def test_without_being_told_it_leaves_what_is_there_alone(
-    opened: SceneApplication, fill: Fill
-) -> None:
+def test_nodes_are_not_adopted_by_default(opened: SceneApplication, fill: Fill) -> None:
     fill(MarginGuardScene(opened.scene))
     assert len(named(opened.scene, "Tumor")) == len(named(opened.scene, "CauteryToReference")) == 2
 
 
-def test_what_the_user_hung_from_the_tool_moves_with_it(
+def test_node_of_the_user_below_an_adopted_frame_moves_with_it(
     opened: SceneApplication, fill: Fill, edges: tuple[Transform, ...]
 ) -> None:
     (users_id,) = named(opened.scene, "UsersPoints")
-    scene = fill(MarginGuardScene(opened.scene, go_on=True))
+    scene = fill(MarginGuardScene(opened.scene, adopt_nodes=True))
     tip = scene.tree.node("cautery_tip")
     assert opened.scene.GetNodeByID(users_id).GetParentTransformNode() is tip
     at = world_matrix(tip)
@@ -76,10 +74,10 @@ def test_what_the_user_hung_from_the_tool_moves_with_it(
     assert not np.allclose(world_matrix(tip), at)
 
 
-def test_nothing_of_what_was_saved_is_shown_as_if_it_were_now(
+def test_saved_state_is_not_shown_as_the_present(
     opened: SceneApplication, edges: tuple[Transform, ...], tumor: SurfaceMesh
 ) -> None:
-    scene = MarginGuardScene(opened.scene, stale_after_ns=STALE_NS, go_on=True)
+    scene = MarginGuardScene(opened.scene, stale_after_ns=STALE_NS, adopt_nodes=True)
     node = opened.scene.GetFirstNodeByName("Tumor")
     tool = opened.scene.GetFirstNodeByName("Tool")
     assert not node.GetDisplayVisibility()
@@ -96,12 +94,12 @@ def test_nothing_of_what_was_saved_is_shown_as_if_it_were_now(
     assert not tool.GetDisplayVisibility()
 
 
-def test_a_node_of_somebody_else_is_not_taken_for_ours(fill: Fill) -> None:
+def test_node_of_another_module_is_not_adopted(fill: Fill) -> None:
     application = SceneApplication(vtkMRMLScene())
     add = application.scene.AddNewNodeByClass
     theirs = add("vtkMRMLLinearTransformNode", "CauteryToReference")
     tumor = add("vtkMRMLModelNode", "Tumor")
-    scene = fill(MarginGuardScene(application.scene, go_on=True))
+    scene = fill(MarginGuardScene(application.scene, adopt_nodes=True))
     assert scene.tree.node("cautery") is not theirs
     assert scene.tumor is not tumor
     scene.clear()
@@ -109,12 +107,12 @@ def test_a_node_of_somebody_else_is_not_taken_for_ours(fill: Fill) -> None:
     assert application.scene.IsNodePresent(tumor)
 
 
-def test_cleared_it_is_as_if_nothing_had_been_loaded(opened: SceneApplication, fill: Fill) -> None:
-    fill(MarginGuardScene(opened.scene, go_on=True)).clear()
+def test_clear_removes_the_adopted_nodes(opened: SceneApplication, fill: Fill) -> None:
+    fill(MarginGuardScene(opened.scene, adopt_nodes=True)).clear()
     assert content(opened.scene).keys() == {"UsersPoints"}
 
 
-def test_a_recording_that_was_saved_with_it_moves_and_colours_nothing_of_it(
+def test_saved_recording_does_not_change_adopted_nodes(
     fill: Fill, edges: tuple[Transform, ...], decision: Decide, tmp_path: Path
 ) -> None:
     first = SceneApplication(vtkMRMLScene())
@@ -131,7 +129,7 @@ def test_a_recording_that_was_saved_with_it_moves_and_colours_nothing_of_it(
     load_scene(second.scene, tmp_path / "scene.mrb")
     browser = second.scene.GetFirstNodeByName(BROWSER_NAME)
     users = second.scene.AddNewNodeByClass("vtkMRMLSequenceBrowserNode", "Users")
-    scene = fill(MarginGuardScene(second.scene, stale_after_ns=STALE_NS, go_on=True))
+    scene = fill(MarginGuardScene(second.scene, stale_after_ns=STALE_NS, adopt_nodes=True))
     moved = Transform("reference", "cautery", np.eye(3), [1.0, 2.0, 3.0])
     scene.set_poses([moved])
     at = world_matrix(scene.tree.node("cautery_tip"))
