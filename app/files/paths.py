@@ -39,7 +39,9 @@ def resolve_inside(folder: Path, name: str, where: str) -> Path:
     return path
 
 
-def resolve_file(folder: Path, name: str, where: str, *, package_dirs: Sequence[Path] = ()) -> Path:
+def resolve_file(
+    folder: Path, name: str, where: str, *, package_dirs: Sequence[str | Path] = ()
+) -> Path:
     """Resolve ``name``, relative to ``folder`` or ``package://NAME/...``, to an existing file.
 
     A package is looked for in ``package_dirs``, and ``marginguard`` is the project's ``data/``: the

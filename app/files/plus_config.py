@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.files.bounded_io import read_bounded
-from app.files.landmarks import checked_landmarks
-from app.files.numbers import numbers_in
+from app.files.landmarks import landmarks_by_name
+from app.files.numbers import parse_numbers
 from app.files.xml_guard import walk_xml
 from app.geometry import (
     FloatArray,
@@ -46,7 +46,7 @@ class PlusConfiguration:
                 f"{self.path} has no {join_transform_name(source, target)}; it has {given}"
             )
         place = f"{self.path}: matrix of {join_transform_name(source, target)}"
-        matrix = numbers_in(self.matrices[target, source], 16, place)
+        matrix = parse_numbers(self.matrices[target, source], 16, place)
         try:
             return Transform.from_matrix(matrix, target=target, source=source)
         except MarginGuardError as error:
@@ -87,7 +87,7 @@ class _Walk:
     def _landmark(self, attributes: dict[str, str]) -> None:
         name, position = attributes.get("Name", ""), attributes.get("Position", "")
         place = f"{self.path}: position of landmark {name!r}"
-        self.landmarks.append((name, numbers_in(position, 3, place)))
+        self.landmarks.append((name, parse_numbers(position, 3, place)))
 
 
 def read_plus_config(path: Path) -> PlusConfiguration:
@@ -98,4 +98,4 @@ def read_plus_config(path: Path) -> PlusConfiguration:
     """
     walk = _Walk(path)
     walk_xml(read_bounded(path, _MAX_BYTES), path, start=walk.start, end=walk.end)
-    return PlusConfiguration(path, walk.matrices, checked_landmarks(walk.landmarks, path))
+    return PlusConfiguration(path, walk.matrices, landmarks_by_name(walk.landmarks, path))

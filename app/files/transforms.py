@@ -1,10 +1,10 @@
-"""A calibrated transform as a file: YAML for people and cases, ITK's text for 3D Slicer.
+"""A calibrated transform as a file: YAML for cases, ITK's text for 3D Slicer.
 
-Slicer's ``.tfm`` holds something else than it shows. ITK counts LPS where Slicer counts RAS (x and
-y the other way round), and stores the transform that resamples an image, which takes points from
-the parent. With ``F = diag(-1, -1, 1, 1)`` the matrix of the file is ``F inverse(M) F`` for the
-``M`` (to parent, RAS) that the transforms module shows. The file turns about a centre ``c``:
-``y = A (x - c) + c + t``; Slicer writes one, here it is 0.
+A ``.tfm`` file of Slicer does not hold the matrix that Slicer displays. ITK uses LPS axes where
+Slicer uses RAS (x and y negated), and stores the transform from the parent, which resamples an
+image. With ``F = diag(-1, -1, 1, 1)`` the file's matrix is ``F inverse(M) F`` for the ``M`` (to
+parent, RAS) of Slicer's transforms module. The file rotates about a centre ``c``:
+``y = A (x - c) + c + t`` (ITK, `MatrixOffsetTransformBase`). Slicer writes a centre; here it is 0.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ import yaml
 from app.files.atomic_io import check_output_path, write_file
 from app.files.bounded_io import read_bounded
 from app.files.document import Section
-from app.files.numbers import numbers_in
+from app.files.numbers import parse_numbers
 from app.geometry import (
     FloatArray,
     FrameError,
@@ -27,20 +27,20 @@ from app.geometry import (
 )
 
 RAS_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
-"""RAS coordinates to LPS, and the same back."""
+"""RAS coordinates to LPS, and LPS to RAS."""
 
 _ITK_HEADER = "#Insight Transform File V1.0"
 _ITK_LINEAR = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
 _MAX_BYTES = 1_000_000
-_FARTHEST_MM = 1e6
-"""Of a centre of turning; from far away it would take the digits of the shift."""
+_MAX_CENTRE_MM = 1e6
+"""Largest coordinate of a centre of rotation; a larger one cancels digits of the translation."""
 
 
 def write_transform(path: Path, transform: Transform, note: str = "") -> None:
-    """Write ``transform`` to ``path``, all or nothing, by its ending: `TRANSFORM_ENDINGS`.
+    """Write ``transform`` atomically to ``path``, in the format of its ending.
 
-    ``note`` is one line on where it comes from. An earlier file is replaced. Raises `InputError`
-    for another ending and for a place that cannot be written.
+    ``note`` is one line about its origin. An earlier file is replaced. Raises `InputError` for an
+    ending that is not in `TRANSFORM_ENDINGS` and for a path that cannot be written.
     """
     check_transform_path(path)
     text = _WRITERS[path.suffix.lower()](transform, " ".join(note.split()))
@@ -48,17 +48,17 @@ def write_transform(path: Path, transform: Transform, note: str = "") -> None:
 
 
 def check_transform_path(path: Path) -> None:
-    """Raise `InputError` unless a transform can go to ``path``: ask before the work is done."""
+    """Raise `InputError` unless a transform can be written to ``path``; call before long work."""
     if path.suffix.lower() not in _WRITERS:
-        raise InputError(f"{path} is no transform file: {', '.join(TRANSFORM_ENDINGS)} allowed")
+        raise InputError(f"{path} is not a transform file; expected {', '.join(TRANSFORM_ENDINGS)}")
     check_output_path(path)
 
 
 def read_transform(path: Path, *, target: str, source: str) -> Transform:
-    """``target_from_source`` from a file of `write_transform`, of Slicer, or of 16 plain numbers.
+    """Read ``target_from_source`` from a file of `write_transform`, of Slicer, or of 16 numbers.
 
-    Only YAML knows its frames, and there they are checked. Raises `InputError` for anything that
-    is no rigid transform.
+    Frames are checked in YAML, the only format that has them. Raises `InputError` for a file that
+    does not hold a rigid transform.
     """
     try:
         if path.suffix.lower() in _YAML:
@@ -83,15 +83,15 @@ def _to_yaml(transform: Transform, note: str) -> str:
 
 def _from_yaml(path: Path, target: str, source: str) -> Transform:
     document = Section.load(path, ("transform", "target", "source", "matrix"))
-    for key, wanted in (("target", target), ("source", source)):
-        if key in document and document.text(key) != wanted:
-            raise FrameError(f"{key} is {document.text(key)!r}: {wanted!r} wanted")
+    for key, frame in (("target", target), ("source", source)):
+        if key in document and document.text(key) != frame:
+            raise FrameError(f"{key} is {document.text(key)!r}; expected {frame!r}")
     return Transform.from_matrix(document.numbers("matrix", 16), target=target, source=source)
 
 
 def _to_itk(transform: Transform, note: str) -> str:
     stored = RAS_LPS @ transform.inverse().matrix @ RAS_LPS
-    # + 0.0: no negative zeros.
+    # + 0.0 turns negative zeros into zeros.
     numbers = np.concatenate([stored[:3, :3].ravel(), stored[:3, 3]]) + 0.0
     name = join_transform_name(transform.source, transform.target)
     return "\n".join(
@@ -108,11 +108,11 @@ def _to_itk(transform: Transform, note: str) -> str:
 
 
 def _matrix_of(path: Path) -> FloatArray:
-    """The matrix (4, 4), to parent and in RAS, of a text file."""
+    """Read the matrix (4, 4), to parent and in RAS, of a text file."""
     text = read_bounded(path, _MAX_BYTES).decode("utf-8", errors="replace")
     if text.startswith(_ITK_HEADER):
         return _from_itk(text, path)
-    numbers = numbers_in(text, 16, f"{path} (no ITK transform, so a matrix)")
+    numbers = parse_numbers(text, 16, f"{path} (a matrix, as it has no ITK header)")
     return np.array(numbers).reshape(4, 4)
 
 
@@ -123,14 +123,17 @@ def _from_itk(text: str, path: Path) -> FloatArray:
     known = dict(fields)
     if len(kinds) != 1 or kinds[0] not in _ITK_LINEAR or len(known) != len(fields):
         raise InputError(
-            f"{path} holds {', '.join(kinds) or 'nothing'} in {len(fields)} fields: one "
-            f"{_ITK_LINEAR[0]} wanted, and no field twice"
+            f"{path} holds {', '.join(kinds) or 'nothing'} in {len(fields)} fields; expected one "
+            f"{_ITK_LINEAR[0]} and no field twice"
         )
-    parameters = np.array(numbers_in(known.get("Parameters", ""), 12, f"{path}: Parameters"))
-    centre = np.array(numbers_in(known.get("FixedParameters", ""), 3, f"{path}: FixedParameters"))
-    if not np.abs(centre).max() <= _FARTHEST_MM:
+    parameters = np.array(parse_numbers(known.get("Parameters", ""), 12, f"{path}: Parameters"))
+    centre = np.array(
+        parse_numbers(known.get("FixedParameters", ""), 3, f"{path}: FixedParameters")
+    )
+    if not np.abs(centre).max() <= _MAX_CENTRE_MM:
         raise InputError(
-            f"{path}: FixedParameters, a centre, are {centre.tolist()}: {_FARTHEST_MM:g} mm allowed"
+            f"{path}: the centre, FixedParameters, is {centre.tolist()}; expected coordinates "
+            f"of at most {_MAX_CENTRE_MM:g} mm"
         )
     stored = Transform("lps", "lps", parameters[:9].reshape(3, 3), parameters[9:])
     turned = stored.rotation @ centre
@@ -145,4 +148,4 @@ _WRITERS: dict[str, Callable[[Transform, str], str]] = {
     ".txt": _to_itk,
 }
 TRANSFORM_ENDINGS = tuple(_WRITERS)
-"""YAML, and ITK's text, which Slicer loads under either ending."""
+"""Endings of YAML, and of ITK's text, which Slicer loads under both of its endings."""

@@ -10,7 +10,7 @@ from app.geometry import InputError
 
 
 def markups(folder: Path, **changes: object) -> Path:
-    """As 3D Slicer writes a point list: positions in LPS, unplaced points among them."""
+    """Write a point list as 3D Slicer does: positions in LPS, one point not placed."""
     markup = {
         "type": "Fiducial",
         "coordinateSystem": "LPS",
@@ -26,7 +26,7 @@ def markups(folder: Path, **changes: object) -> Path:
     return path
 
 
-def test_markups_in_lps_come_out_in_ras(tmp_path: Path) -> None:
+def test_markups_in_lps_are_converted_to_ras(tmp_path: Path) -> None:
     found = read_landmarks(markups(tmp_path))
     assert list(found) == ["F-1", "F-2"]
     np.testing.assert_array_equal(found["F-1"], [1.0, 2.0, 3.0])
@@ -35,8 +35,8 @@ def test_markups_in_lps_come_out_in_ras(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("axes", ["LPS", "RAS", None])
-def test_slicer_reads_the_same_positions(tmp_path: Path, axes: str | None) -> None:
-    """A file that does not say its axes is in LPS as well."""
+def test_markups_agree_with_slicer(tmp_path: Path, axes: str | None) -> None:
+    """Without a coordinate system a file is in LPS."""
     slicer = pytest.importorskip("slicer")
     path = markups(tmp_path, coordinateSystem=axes)
     if axes is None:
@@ -65,7 +65,7 @@ FIDUCIALS = """\
 
 
 @pytest.mark.parametrize("axes", ["LPS", "RAS", "0", "1"])
-def test_slicer_reads_the_same_from_a_table(tmp_path: Path, axes: str) -> None:
+def test_fiducial_tables_agree_with_slicer(tmp_path: Path, axes: str) -> None:
     slicer = pytest.importorskip("slicer")
     path = tmp_path / "points.fcsv"
     path.write_text(FIDUCIALS.format(axes=axes))
@@ -83,28 +83,28 @@ def test_slicer_reads_the_same_from_a_table(tmp_path: Path, axes: str) -> None:
         np.testing.assert_allclose(node.GetNthControlPointPosition(index), position)
 
 
-def test_bad_tables(tmp_path: Path) -> None:
+def test_malformed_tables_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "points.fcsv"
     good = FIDUCIALS.format(axes="LPS")
     for text, message in (
-        (good.replace("LPS", "IJK"), "RAS or LPS wanted"),
-        (good.replace("# CoordinateSystem = LPS\n", ""), "no Slicer fiducial file"),
-        (good.replace("id,x,y,z", "id,z,y,x"), "no Slicer fiducial file"),
+        (good.replace("LPS", "IJK"), "expected RAS or LPS"),
+        (good.replace("# CoordinateSystem = LPS\n", ""), "is not a Slicer fiducial file"),
+        (good.replace("id,x,y,z", "id,z,y,x"), "is not a Slicer fiducial file"),
         (good.replace("10.0", "ten"), "the row '2,ten,.*: 'ten' is not a number"),
         (good.replace("10.0", "1_0"), "'1_0' is not a number"),
-        # Read on to the next mark, it would leave a point out.
-        (good.replace("F-1,,", '"F-1,,'), "row 1 is no point"),
-        (good.replace("F-1,,", "F" * 200_000), "row 1 is no point: field larger"),
+        # A reader that continues to the next quotation mark would drop a point.
+        (good.replace("F-1,,", '"F-1,,'), "row 1 is not a point"),
+        (good.replace("F-1,,", "F" * 200_000), "row 1 is not a point: field larger"),
         (good.replace("10.0", "nan"), "'F-2' is at .*finite"),
-        (good[: good.index("2,10.0")] + "2,1.0\n", "the row '2,1.0' is no point"),
-        (good[: good.index("1,-1.0")], "no landmark"),
+        (good[: good.index("2,10.0")] + "2,1.0\n", "the row '2,1.0' is not a point"),
+        (good[: good.index("1,-1.0")], "holds no landmarks"),
     ):
         path.write_text(text)
         with pytest.raises(InputError, match=message):
             read_landmarks(path)
 
 
-def test_names_do_not_matter_where_points_are_wanted(tmp_path: Path) -> None:
+def test_points_may_have_empty_and_duplicate_names(tmp_path: Path) -> None:
     points = [{"label": "", "position": [1.0, 2.0, 3.0]}] * 2
     path = markups(tmp_path, controlPoints=points)
     assert [(name, p.tolist()) for name, p in read_points(path)] == [("", [-1.0, -2.0, 3.0])] * 2
@@ -112,7 +112,7 @@ def test_names_do_not_matter_where_points_are_wanted(tmp_path: Path) -> None:
         read_landmarks(path)
 
 
-def test_yaml_in_the_order_of_the_file(tmp_path: Path) -> None:
+def test_yaml_landmarks_keep_the_order_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "phantom.yaml"
     path.write_text(
         "landmarks:\n- {name: B, position_mm: [1, 2, 3]}\n- {name: A, position_mm: [4, 5, 6]}"
@@ -123,31 +123,34 @@ def test_yaml_in_the_order_of_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("landmarks: []", "no landmark"),
+        ("landmarks: []", "holds no landmarks"),
         ("landmarks: [{name: A, position: [1, 2, 3]}]", "position is unknown"),
         ("landmarks: [{name: A, position_mm: [1, 2]}]", "expected a list of 3 numbers"),
         (
             "landmarks: [{name: A, position_mm: [1, 2, 3]}, {name: A, position_mm: [1, 2, 3]}]",
-            "stands twice",
+            "occurs twice",
         ),
     ],
 )
-def test_bad_yaml(tmp_path: Path, text: str, message: str) -> None:
+def test_malformed_yaml_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "phantom.yml"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_landmarks(path)
 
 
-def test_bad_markups(tmp_path: Path) -> None:
+def test_malformed_markups_are_refused(tmp_path: Path) -> None:
     for changes, message in (
-        ({"coordinateSystem": "IJK"}, "RAS or LPS wanted"),
-        ({"coordinateUnits": "cm"}, "mm wanted"),
-        ({"controlPoints": []}, "no landmark"),
-        ({"controlPoints": [{"label": "A"}]}, "no Slicer markups file: KeyError 'position'"),
-        ({"controlPoints": [{"label": "A", "position": None}]}, "no Slicer markups file"),
-        ({"controlPoints": [{"label": "A", "position": "123"}]}, "a list of numbers wanted"),
-        ({"controlPoints": [{"label": "A", "position": [True, 2, 3]}]}, "a list of numbers"),
+        ({"coordinateSystem": "IJK"}, "expected RAS or LPS"),
+        ({"coordinateUnits": "cm"}, "expected mm"),
+        ({"controlPoints": []}, "holds no landmarks"),
+        ({"controlPoints": [{"label": "A"}]}, "is not a Slicer markups file: KeyError 'position'"),
+        ({"controlPoints": [{"label": "A", "position": None}]}, "is not a Slicer markups file"),
+        ({"controlPoints": [{"label": "A", "position": "123"}]}, "expected a list of numbers"),
+        (
+            {"controlPoints": [{"label": "A", "position": [True, 2, 3]}]},
+            "expected a list of numbers",
+        ),
         ({"controlPoints": [{"label": "A", "position": [1, 2, 10**400]}]}, "too large"),
     ):
         with pytest.raises(InputError, match=message):
@@ -158,7 +161,7 @@ def test_bad_markups(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(InputError):
             read_landmarks(path)
-    with pytest.raises(InputError, match="a name stands twice among coordinateSystem"):
+    with pytest.raises(InputError, match="duplicate name among coordinateSystem"):
         read_landmarks(path)
-    with pytest.raises(InputError, match="is no landmark file"):
+    with pytest.raises(InputError, match="is not a landmark file"):
         read_landmarks(tmp_path / "points.csv")

@@ -1,30 +1,30 @@
-"""Numbers of text files, against what C's strtod, by way of numpy, makes of them."""
+"""Numbers of text files, compared with Python's own text form of floats."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.files.numbers import numbers_in
+from app.files.numbers import parse_numbers
 from app.geometry import InputError
 
 
 @given(st.lists(st.floats(), min_size=1, max_size=16))
-def test_numbers_are_read_as_they_were_written(values: list[float]) -> None:
+def test_numbers_survive_a_round_trip(values: list[float]) -> None:
     text = "  ".join(map(repr, values))
-    np.testing.assert_array_equal(numbers_in(text, len(values), "here"), values)
+    np.testing.assert_array_equal(parse_numbers(text, len(values), "here"), values)
 
 
-def test_what_trackers_write_is_read() -> None:
-    assert numbers_in("-0 1e-005 +2.5\t3.\n", 4, "here") == [0.0, 1e-5, 2.5, 3.0]
+def test_number_forms_of_trackers_are_accepted() -> None:
+    assert parse_numbers("-0 1e-005 +2.5\t3.\n", 4, "here") == [0.0, 1e-5, 2.5, 3.0]
 
 
 @pytest.mark.parametrize("word", ["1_0", "\u0661", "x", "1,5", "0x10", "--1", "1e"])
-def test_words_that_are_read_in_two_ways_or_none_are_named(word: str) -> None:
+def test_error_names_the_word_that_is_ambiguous_or_not_a_number(word: str) -> None:
     with pytest.raises(InputError, match=f"^here: '{word}' is not a number$"):
-        numbers_in(f"1 {word} nan", 3, "here")
+        parse_numbers(f"1 {word} nan", 3, "here")
 
 
-def test_the_count_is_checked() -> None:
-    with pytest.raises(InputError, match="here has 2 numbers: 3 wanted"):
-        numbers_in("1 2", 3, "here")
+def test_wrong_count_is_refused() -> None:
+    with pytest.raises(InputError, match="here has 2 numbers; expected 3"):
+        parse_numbers("1 2", 3, "here")

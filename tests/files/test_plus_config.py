@@ -25,7 +25,7 @@ def landmarks(*entries: str) -> str:
     return f"<PhantomDefinition>{geometry}</PhantomDefinition>"
 
 
-def test_a_real_configuration(shared_data: Path) -> None:
+def test_recorded_configuration_is_read(shared_data: Path) -> None:
     path = shared_data / "plus" / FILE
     found = read_plus_config(path)
     tip = found.transform("stylus", "stylus_tip")
@@ -36,7 +36,7 @@ def test_a_real_configuration(shared_data: Path) -> None:
         found.transform("probe", "probe_tip")
 
 
-def test_a_scaled_transform_stands_in_nobodys_way(tmp_path: Path) -> None:
+def test_scaled_transform_does_not_affect_the_others(tmp_path: Path) -> None:
     scaled = "<Transform From='Image' To='Probe' Matrix='.1 0 0 0 0 .1 0 0 0 0 .1 0 0 0 0 1'/>"
     rigid = "<Transform From='StylusTip' To='Stylus' Matrix='1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1'/>"
     found = read_plus_config(configuration(tmp_path, coordinates(scaled, rigid)))
@@ -47,7 +47,7 @@ def test_a_scaled_transform_stands_in_nobodys_way(tmp_path: Path) -> None:
         found.transform("probe", "image")
 
 
-def test_a_document_type_is_refused_before_anything_of_it_is_read(tmp_path: Path) -> None:
+def test_document_type_is_refused(tmp_path: Path) -> None:
     bomb = (
         "<!DOCTYPE PlusConfiguration [<!ENTITY a 'xxxxxxxxxx'><!ENTITY b '&a;&a;&a;'>"
         f"<!ENTITY file SYSTEM '{tmp_path}/secret'>]>"
@@ -60,23 +60,23 @@ def test_a_document_type_is_refused_before_anything_of_it_is_read(tmp_path: Path
 @pytest.mark.parametrize(
     ("inner", "message"),
     [
-        (landmarks("<Landmark Name='A' Position='1 2'/>"), "'A' has 2 numbers: 3 wanted"),
-        (landmarks("<Landmark Name='A' Position='1 2 nan'/>"), "3 finite numbers wanted"),
+        (landmarks("<Landmark Name='A' Position='1 2'/>"), "'A' has 2 numbers; expected 3"),
+        (landmarks("<Landmark Name='A' Position='1 2 nan'/>"), "expected 3 finite numbers"),
         (landmarks("<Landmark Name='A' Position='1 2 z'/>"), "'A': 'z' is not a number"),
         (landmarks("<Landmark Position='1 2 3'/>"), "landmark 0 has no name"),
-        (landmarks(*["<Landmark Name='A' Position='1 2 3'/>"] * 2), "'A' stands twice"),
+        (landmarks(*["<Landmark Name='A' Position='1 2 3'/>"] * 2), "'A' occurs twice"),
         (landmarks("<Landmark Name='A' Position='1_0 2 3'/>"), "'A': '1_0' is not a number"),
         (coordinates(*["<Transform From='A' To='B' Matrix=''/>"] * 2), "AToB occurs twice"),
         (coordinates("<Transform From='A' Matrix=''/>"), "From='A' To=''"),
         ("<open>", "not well-formed XML"),
     ],
 )
-def test_what_cannot_be_used_is_named(tmp_path: Path, inner: str, message: str) -> None:
+def test_malformed_entry_is_named(tmp_path: Path, inner: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_plus_config(configuration(tmp_path, inner))
 
 
-def test_other_xml_and_no_file_are_refused(tmp_path: Path) -> None:
+def test_other_xml_and_missing_file_are_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.xml"
     other.write_text("<robot/>")
     with pytest.raises(InputError, match="is a 'robot'; expected a PlusConfiguration"):

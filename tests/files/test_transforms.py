@@ -14,8 +14,8 @@ TIP_TO_STYLUS = Transform.from_rotation_vector(
 )
 
 
-def read_by_slicer(path: Path) -> np.ndarray:
-    """What 3D Slicer's own storage node makes of the file: the matrix to parent, in RAS."""
+def read_with_slicer(path: Path) -> np.ndarray:
+    """Read the file with 3D Slicer's storage node: the matrix (4, 4) to parent, in RAS."""
     slicer = pytest.importorskip("slicer")
     matrices = pytest.importorskip("vtkmodules.vtkCommonMath")
     scene = slicer.vtkMRMLScene()
@@ -23,13 +23,13 @@ def read_by_slicer(path: Path) -> np.ndarray:
     scene.AddNode(storage)
     storage.SetFileName(str(path))
     node = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode")
-    assert storage.ReadData(node), "Slicer does not load it"
+    assert storage.ReadData(node), "Slicer refused the file"
     matrix = matrices.vtkMatrix4x4()
     node.GetMatrixTransformToParent(matrix)
     return np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
 
 
-def written_by_slicer(path: Path, transform: Transform) -> None:
+def write_with_slicer(path: Path, transform: Transform) -> None:
     slicer = pytest.importorskip("slicer")
     matrices = pytest.importorskip("vtkmodules.vtkCommonMath")
     scene = slicer.vtkMRMLScene()
@@ -44,16 +44,18 @@ def written_by_slicer(path: Path, transform: Transform) -> None:
 
 
 @pytest.mark.parametrize("ending", [".tfm", ".txt"])
-def test_slicer_loads_the_matrix_that_was_written(tmp_path: Path, ending: str) -> None:
+def test_slicer_reads_the_written_matrix(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"StylusTipToStylus{ending}"
     write_transform(path, TIP_TO_STYLUS, "pivot, 100 poses:\nsigma 0.1 mm")
-    np.testing.assert_allclose(read_by_slicer(path), TIP_TO_STYLUS.matrix, atol=1e-12)
+    np.testing.assert_allclose(read_with_slicer(path), TIP_TO_STYLUS.matrix, atol=1e-12)
 
 
-def test_what_slicer_wrote_is_read_with_its_centre_of_turning(tmp_path: Path) -> None:
+def test_file_of_slicer_with_a_centre_of_rotation_is_read(tmp_path: Path) -> None:
     path = tmp_path / "theirs.tfm"
-    written_by_slicer(path, TIP_TO_STYLUS)
-    assert "FixedParameters: 0 0 0" not in path.read_text(), "the case that matters"
+    write_with_slicer(path, TIP_TO_STYLUS)
+    assert "FixedParameters: 0 0 0" not in path.read_text(), (
+        "Slicer wrote no centre: the test is void"
+    )
     back = read_transform(path, target="stylus", source="stylus_tip")
     np.testing.assert_allclose(back.matrix, TIP_TO_STYLUS.matrix, atol=1e-12)
 
@@ -64,7 +66,7 @@ def test_what_slicer_wrote_is_read_with_its_centre_of_turning(tmp_path: Path) ->
     shift=st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3),
     ending=st.sampled_from([".yaml", ".yml", ".tfm", ".txt"]),
 )
-def test_a_file_gives_back_what_was_written(tmp_path_factory, vector, shift, ending) -> None:
+def test_transform_survives_a_round_trip(tmp_path_factory, vector, shift, ending) -> None:
     path = tmp_path_factory.mktemp("transform") / f"t{ending}"
     pose = Transform.from_rotation_vector(vector, shift, target="a", source="b")
     write_transform(path, pose)
@@ -73,17 +75,17 @@ def test_a_file_gives_back_what_was_written(tmp_path_factory, vector, shift, end
     assert (back.target, back.source) == ("a", "b")
 
 
-def test_the_yaml_says_what_it_is(tmp_path: Path) -> None:
+def test_yaml_holds_frames_that_are_checked(tmp_path: Path) -> None:
     path = tmp_path / "tip.yaml"
     write_transform(path, TIP_TO_STYLUS, "a note")
     document = yaml.safe_load(path.read_text())
     assert document["transform"] == "StylusTipToStylus"
     np.testing.assert_array_equal(np.reshape(document["matrix"], (4, 4)), TIP_TO_STYLUS.matrix)
-    with pytest.raises(InputError, match="target is 'stylus': 'probe' wanted"):
+    with pytest.raises(InputError, match="target is 'stylus'; expected 'probe'"):
         read_transform(path, target="probe", source="stylus_tip")
 
 
-def test_plain_numbers_are_a_matrix(tmp_path: Path) -> None:
+def test_sixteen_numbers_are_read_as_a_matrix(tmp_path: Path) -> None:
     path = tmp_path / "matrix.txt"
     np.savetxt(path, TIP_TO_STYLUS.matrix)
     back = read_transform(path, target="stylus", source="stylus_tip")
@@ -93,7 +95,7 @@ def test_plain_numbers_are_a_matrix(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.txt", "1 2 3", "has 3 numbers: 16 wanted"),
+        ("a.txt", "1 2 3", "has 3 numbers; expected 16"),
         ("a.txt", "1 " * 15 + "x", "'x' is not a number"),
         ("a.txt", "1 0 0 1_0 0 1 0 0 0 0 1 0 0 0 0 1", "'1_0' is not a number"),
         ("a.txt", "2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1", "not orthonormal"),
@@ -111,31 +113,31 @@ def test_plain_numbers_are_a_matrix(tmp_path: Path) -> None:
             "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
             "Parameters: 1 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n"
             "Parameters: 1 0 0 0 1 0 0 0 1 9 9 9\n",
-            "in 4 fields: .* no field twice",
+            "in 4 fields; .* no field twice",
         ),
         (
             "a.tfm",
             "#Insight Transform File V1.0\nTransform: AffineTransform_double_3_3\n"
             "Parameters: 0 -1 0 1 0 0 0 0 1 0 0 0\nFixedParameters: 1e300 0 0\n",
-            "FixedParameters, a centre, are .* allowed",
+            "the centre, FixedParameters, is .* expected coordinates of at most",
         ),
         ("a.yaml", "matrix: [1, 2]", "2 values; expected a list of 16 numbers"),
         ("a.yaml", "matrx: 1", "matrx is unknown"),
     ],
 )
-def test_what_is_no_transform_is_refused(tmp_path: Path, name, text, message) -> None:
+def test_malformed_transform_is_refused(tmp_path: Path, name, text, message) -> None:
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_transform(path, target="a", source="b")
 
 
-def test_a_place_that_cannot_be_written_is_said_before(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\.yaml, \.yml, \.tfm, \.txt allowed"):
+def test_unusable_paths_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"expected \.yaml, \.yml, \.tfm, \.txt"):
         check_transform_path(tmp_path / "pose.h5")
-    for place in (tmp_path / "no" / "pose.tfm", tmp_path):
+    for path in (tmp_path / "no" / "pose.tfm", tmp_path):
         with pytest.raises(InputError):
-            check_transform_path(place)
+            check_transform_path(path)
     (tmp_path / "pose.tfm").mkdir()
     with pytest.raises(InputError, match="is a directory"):
         write_transform(tmp_path / "pose.tfm", TIP_TO_STYLUS)
@@ -143,7 +145,7 @@ def test_a_place_that_cannot_be_written_is_said_before(tmp_path: Path) -> None:
         read_transform(tmp_path / "none.txt", target="a", source="b")
 
 
-def test_an_earlier_file_is_replaced_and_nothing_else_left(tmp_path: Path) -> None:
+def test_earlier_file_is_replaced_without_leftovers(tmp_path: Path) -> None:
     path = tmp_path / "pose.tfm"
     path.write_text("old")
     write_transform(path, TIP_TO_STYLUS)

@@ -181,7 +181,7 @@ FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
     ),
     "bad numbers": (
         {"a/a.mrml": one(), "a/Data/N.seq.mha": header("NeedleToTracker", ("1", "1 2 3"))},
-        r"N\.seq\.mha line 4 .*3 numbers: 16 wanted",
+        r"N\.seq\.mha line 4 .*3 numbers; expected 16",
     ),
     "bad time": (
         {"a/a.mrml": one(), "a/Data/N.seq.mha": header("NeedleToTracker", ("soon", NEEDLE))},

@@ -17,7 +17,7 @@ from app.case.frames.assembly import agreed_sample
 from app.case.frames.samples import TrackingFrame
 from app.case.readers.recording_format import Note
 from app.files.bounded_io import open_for_reading
-from app.files.numbers import numbers_in
+from app.files.numbers import parse_numbers
 from app.geometry import (
     FrameError,
     InputError,
@@ -116,7 +116,7 @@ class _Draft:
             if frames is not None:
                 place = f"{path} line {line} (frame {self.index}, {name})"
                 _, status = self.fields.get(f"{name}Status", (0, "OK"))
-                sample = tracked_sample(numbers_in(value, 16, place), status, frames, stamp)
+                sample = tracked_sample(parse_numbers(value, 16, place), status, frames, stamp)
                 known = poses.get(frames)  # two names may give the same frames
                 poses[frames] = sample if known is None else agreed_sample(known, sample)
         return TrackingFrame(

@@ -17,7 +17,7 @@ from app.case.readers.mrml import MRML_ENDINGS
 from app.case.readers.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
 from app.case.readers.mrml.files import MrmlFiles, inner_scene, open_mrml
 from app.case.readers.recording_format import Note
-from app.files.numbers import numbers_in
+from app.files.numbers import parse_numbers
 from app.geometry import (
     FrameError,
     InputError,
@@ -128,7 +128,7 @@ def _items(
             raise InputError(
                 f"{place} has no transform {identity!r}, which the sequence has at {time} s"
             )
-        numbers = numbers_in(node.matrix, 16, f"{place}: {identity}")
+        numbers = parse_numbers(node.matrix, 16, f"{place}: {identity}")
         yield tracked_sample(numbers, node.status, frames, _stamp(time, place))
 
 
