@@ -5,5 +5,5 @@ mm and radians inside; metres only in URDF files and in the positions of sliding
 
 import lazy_loader
 
-# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+# Names of `__init__.pyi` are imported on first use, so that a program loads only what it uses.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

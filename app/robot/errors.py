@@ -1,27 +1,27 @@
-"""What can be wrong with a robot: its description, its meshes, the joints asked for."""
+"""Errors of robot descriptions, meshes, joint positions and inverse kinematics."""
 
 from app.geometry import InputError, MarginGuardError
 
 
 class RobotError(MarginGuardError):
-    """Root of the errors of this room."""
+    """Base class of the errors of this package."""
 
 
 class UrdfError(RobotError, InputError):
-    """A robot description that cannot be used: unsafe, malformed, or not one tree of links."""
+    """A robot description is unsafe, malformed, or not one tree of links."""
 
 
 class AdfError(RobotError, InputError):
-    """An AMBF description file that cannot be used: malformed, or not trees of bodies."""
+    """An AMBF description file is malformed, or does not describe trees of bodies."""
 
 
 class RobotMeshError(RobotError, InputError):
-    """A mesh of a robot that is missing, outside its package, of no known format, or broken."""
+    """A mesh of a robot is missing, outside its package, of an unknown format, or malformed."""
 
 
 class JointError(RobotError, InputError):
-    """A joint or link name that the robot does not have, or a position that is not a number."""
+    """A joint or link is unknown, or a joint position is missing or not a finite number."""
 
 
 class UnreachableError(RobotError):
-    """Inverse kinematics found no joint positions within their limits for the wanted pose."""
+    """Inverse kinematics found no joint positions within the limits for a pose."""

@@ -1,4 +1,4 @@
-"""A robot: links with their shapes, joints, and where the links are."""
+"""A robot: links with shapes, joints, forward and inverse kinematics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,9 +13,9 @@ from app.robot.shapes import Link
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Robot:
-    """A tree of links. Made by `load_robot`, or from links and joints directly.
+    """A tree of links, made by `load_robot` or from links and joints.
 
-    ``warnings`` names what could not be shown (a missing display mesh), one sentence each.
+    ``warnings`` has one sentence for each deviation from the file, such as a missing display mesh.
     """
 
     name: str
@@ -30,34 +30,34 @@ class Robot:
 
     @property
     def root_link(self) -> str:
-        """The link that no joint moves."""
+        """The link without a parent joint."""
         return self._tree.root
 
     @property
     def actuated_joint_names(self) -> tuple[str, ...]:
-        """The joints that take a position: neither fixed nor following another; in file order."""
+        """The joints that are neither fixed nor mimic joints, in file order."""
         return tuple(joint.name for joint in self.joints if joint.moves and joint.mimic is None)
 
     def forward_kinematics(self, positions: Mapping[str, float]) -> LinkPoses:
-        """``root_from_link`` in mm for every link, at ``positions`` in rad (m for sliding joints).
+        """Return ``root_from_link`` in mm for every link.
 
-        A joint that is not given is at 0, a mimic joint where its leader puts it unless it is
-        given itself. Limits are not applied: a measured position is shown where it was measured.
-        Raises `JointError` for a name that is no moving joint, for a position that is not finite
-        and for one that puts a link beyond all numbers.
+        ``positions`` are in rad (m for sliding joints). A joint without position is at 0. A mimic
+        joint without position follows its leader. Limits are not applied, because a measured
+        position can be outside of them. Raises `JointError` for a name that is not a moving joint,
+        for a position that is not finite, and for one that makes a link pose overflow.
         """
-        # Origins were checked when the robot was read, and a joint's motion is a rotation by its
-        # formula: so is their product, which needs no checking at every step.
-        matrices = self._tree.link_matrices(self._tree.all_positions(positions))
+        # Unchecked: origins were checked on loading, and the motion of a joint is a rotation by
+        # its formula, so that the product is one as well.
+        matrices = self._tree.link_matrices(self._tree.complete_positions(positions))
         return LinkPoses(self.root_link, self._tree.link_rows, matrices)
 
     def measured_kinematics(self, link: str, positions: Mapping[str, float]) -> LinkPoses:
-        """As `forward_kinematics`, of measured ``positions``, for one who asks where ``link`` is.
+        """Run `forward_kinematics` with measured ``positions`` that must determine ``link``.
 
-        Raises `JointError` also for a joint that moves ``link`` and was not measured: a joint that
-        is put at 0 would put the link at a place of nobody's choice.
+        Raises `JointError` also when a joint that moves ``link`` has no position, because the
+        default of 0 would place the link where it is not.
         """
-        self._tree.require_all_of(link, positions)
+        self._tree.require_positions_for(link, positions)
         return self.forward_kinematics(positions)
 
     def inverse_kinematics(
@@ -68,17 +68,17 @@ class Robot:
         seed: Mapping[str, float] | None = None,
         options: IkOptions | None = None,
     ) -> dict[str, float]:
-        """Positions (rad, m) of all actuated joints that bring ``link`` to ``root_from_link``.
+        """Return positions (rad, m) of all actuated joints that move ``link`` to a pose.
 
-        Within the joint limits, starting at ``seed`` (middle of the range where it says nothing),
-        then from a fixed sequence of other starts (`IkOptions.restarts`). Joints that do not move
-        ``link`` keep their seed, or 0. Raises `UnreachableError` with the smallest residual, and
-        `JointError` for names the robot does not have.
+        The positions are within the joint limits. The search starts at ``seed`` (by default the
+        middle of the range), then from a fixed sequence of other starts (`IkOptions.restarts`).
+        Joints that do not move ``link`` keep their seed, or 0. Raises `UnreachableError` with the
+        smallest residual, `JointError` for unknown names and `FrameError` for other frames.
         """
         if (root_from_link.target, root_from_link.source) != (self.root_link, link):
             raise FrameError(
-                f"the wanted pose is {root_from_link.target}_from_{root_from_link.source}: "
-                f"{self.root_link}_from_{link} wanted"
+                f"the goal pose is {root_from_link.target}_from_{root_from_link.source}; "
+                f"expected {self.root_link}_from_{link}"
             )
         return inverse_kinematics(
             self._tree, link, root_from_link, seed or {}, options or IkOptions()

@@ -1,4 +1,4 @@
-"""What a link looks like and what it can touch."""
+"""Links of a robot and their shapes."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -14,9 +14,9 @@ Rgba = tuple[float, float, float, float]
 class Shape:
     """One ``<visual>`` or ``<collision>``: a surface in its link's frame, in mm, origin applied.
 
-    ``color`` (0 to 1) is the URDF's material, else the colour of the file where it has a single
-    one. A file of several colours gives ``face_colors`` (m, 4), one a face of ``mesh``, and its
-    most common one as ``color``. ``source`` is the name in the URDF, or ``box`` and the like.
+    ``color`` (0 to 1) is that of the URDF's material, else that of the mesh file. A file of several
+    colours gives ``face_colors`` (m, 4), one for each face of ``mesh``, and its most common one as
+    ``color``. ``source`` is the file name in the URDF, or the kind of primitive (``box``).
     """
 
     mesh: SurfaceMesh
@@ -25,8 +25,10 @@ class Shape:
     face_colors: FloatArray | None = None
 
     @classmethod
-    def of(cls, mesh: SurfaceMesh, face_colors: FloatArray | None, source: str) -> Self:
-        """``mesh`` in the colours of its file: (m, 4), or None where it has none."""
+    def with_face_colors(
+        cls, mesh: SurfaceMesh, face_colors: FloatArray | None, source: str
+    ) -> Self:
+        """Make a shape from ``mesh`` and the colours (m, 4) of its file, None where it has none."""
         if face_colors is None:
             return cls(mesh, None, source)
         distinct, counts = np.unique(face_colors, axis=0, return_counts=True)
@@ -37,7 +39,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
-    """A rigid body of the robot: everything that is drawn of it, everything that collides."""
+    """A rigid body of the robot, with the shapes for display and those for collision."""
 
     name: str
     visuals: tuple[Shape, ...] = ()

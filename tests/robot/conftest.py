@@ -1,4 +1,4 @@
-"""Small robots written at run time, and the touch arm."""
+"""Fixtures: small robots written at run time, the touch arm, and known robots."""
 
 import importlib.metadata
 from collections.abc import Callable
@@ -14,7 +14,7 @@ WriteUrdf = Callable[..., Path]
 
 @pytest.fixture
 def write_urdf(tmp_path: Path) -> WriteUrdf:
-    """Writes ``<robot>BODY</robot>`` and returns its path."""
+    """Return a function that writes ``<robot>BODY</robot>`` and returns the path."""
 
     def write(body: str, *, folder: Path = tmp_path, name: str = "robot.urdf") -> Path:
         folder.mkdir(parents=True, exist_ok=True)
@@ -42,7 +42,7 @@ def rng() -> np.random.Generator:
 
 @pytest.fixture(scope="session")
 def example_robots() -> Path:
-    """The folder of robots of the example-robot-data wheel, a peer's test data."""
+    """The folder of robots in the example-robot-data wheel."""
     try:
         files = importlib.metadata.files("example-robot-data") or []
     except importlib.metadata.PackageNotFoundError:
@@ -60,5 +60,5 @@ def panda_urdf(example_robots: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def panda(panda_urdf: Path) -> Robot:
-    """Seven turning joints and two fingers that slide, one as the other's mimic."""
+    """A robot of 7 revolute and 2 prismatic joints; one of these is a mimic joint of the other."""
     return load_robot(panda_urdf)

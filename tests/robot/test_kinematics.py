@@ -1,15 +1,15 @@
-"""Forward kinematics of many robots beside Pinocchio's, and of a parallelogram beside geometry."""
+"""Forward kinematics of many robots compared with Pinocchio, and of a parallelogram linkage."""
 
 import numpy as np
 import pytest
 
 from app.robot import load_robot, robot_from_text
-from tests.robot.test_robot import assert_agrees_with_pinocchio
+from tests.oracles.pinocchio_kinematics import assert_agrees_with_pinocchio
 
 LIMIT = '<limit lower="-1.5" upper="1.5" effort="1" velocity="1"/>'
 
 
-def test_every_example_robot_agrees_with_pinocchio(example_robots, rng):
+def test_example_robots_agree_with_pinocchio(example_robots, rng):
     """The short form of ``marginguard bench kinematics``."""
     pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
     from benchmarks.kinematics import BOUND, compare, example_urdfs
@@ -21,7 +21,7 @@ def test_every_example_robot_agrees_with_pinocchio(example_robots, rng):
     assert all(each.worst_m <= BOUND for each in compared)
 
 
-def test_the_comparison_can_fail(monkeypatch, panda_urdf, rng):
+def test_comparison_detects_a_moved_origin(monkeypatch, panda_urdf, rng):
     pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
     from benchmarks import kinematics
 
@@ -47,10 +47,10 @@ def turning(name, parent, child, xyz, mimic=""):
 
 
 def parallelogram():
-    """The outer arm of the da Vinci PSM in its structure: a yaw, then a double parallelogram.
+    """URDF with the structure of the da Vinci PSM's outer arm: a yaw and a double parallelogram.
 
-    ``pitch`` swings two equal bars; the coupler between their ends keeps its direction, and the
-    instrument at its end turns as the bars do. The closing bar ``back`` hangs on the base.
+    ``pitch`` rotates two equal bars. The coupler between their ends keeps its direction, and the
+    instrument at its end rotates as the bars do. The closing bar ``back`` is a child of ``yaw``.
     """
     links = "".join(
         f'<link name="{n}"/>' for n in ("base", "yaw", "bar", "coupler", "tool", "back")
@@ -68,34 +68,34 @@ def parallelogram():
     )  # fmt: skip
 
 
-def test_the_parallelogram_of_the_psm_agrees_with_pinocchio(write_urdf, rng):
+def test_parallelogram_of_the_psm_agrees_with_pinocchio(write_urdf, rng):
     urdf = write_urdf(parallelogram())
     robot = load_robot(urdf)
     assert robot.actuated_joint_names == ("yaw", "pitch")
     assert_agrees_with_pinocchio(urdf, robot, rng, samples=100)
 
 
-def test_the_parallelogram_of_the_psm_closes_and_has_a_remote_centre(write_urdf, rng):
+def test_parallelogram_of_the_psm_closes_and_has_a_remote_centre(write_urdf, rng):
     robot = load_robot(write_urdf(parallelogram()))
     for yaw, pitch in rng.uniform(-1.4, 1.4, size=(100, 2)):
         links = robot.forward_kinematics({"yaw": yaw, "pitch": pitch})
-        # The closing bar's end is where the tool is joined, and both have turned alike.
+        # The end of the closing bar is at the joint of the tool, with the same rotation.
         end_mm = links["back"].apply([0.0, 0.0, 1000.0 * BAR])
         np.testing.assert_allclose(end_mm, links["tool"].translation_mm, atol=1e-9)
         np.testing.assert_allclose(links["tool"].rotation, links["bar"].rotation, atol=1e-12)
-        # The coupler keeps the direction that the yaw gives it.
+        # The coupler keeps the orientation of the yaw link.
         np.testing.assert_allclose(links["coupler"].rotation, links["yaw"].rotation, atol=1e-12)
-        # The instrument passes through the same point on the yaw's axis at every pitch.
+        # The instrument passes through one point of the yaw axis at every pitch.
         centre_mm = links["tool"].apply([0.0, 0.0, -1000.0 * BAR])
         np.testing.assert_allclose(centre_mm, [1000.0 * COUPLER, 0.0, 0.0], atol=1e-9)
 
 
-def test_a_mimic_of_no_joint_takes_a_position_of_its_own_and_is_said(write_urdf):
+def test_mimic_joint_without_leader_is_actuated_with_a_warning(write_urdf):
     body = '<link name="a"/><link name="b"/>' + turning(
         "j", "a", "b", "0 0 0", '<mimic joint="k"/>'
     )
     robot = load_robot(write_urdf(body))
     assert robot.actuated_joint_names == ("j",)
     assert robot.warnings == (
-        "joint 'j' mimics 'k', which is no joint: it takes a position of its own",
+        "joint 'j' mimics 'k', which is not a joint: it is treated as an actuated joint",
     )

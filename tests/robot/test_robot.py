@@ -1,4 +1,4 @@
-"""Forward kinematics against Pinocchio, which reads the same files with a parser of its own."""
+"""Forward kinematics of known robots, compared with Pinocchio."""
 
 import math
 
@@ -7,52 +7,15 @@ import pytest
 
 from app.geometry import FrameError, Transform
 from app.robot import JointError, load_robot
+from tests.oracles.pinocchio_kinematics import assert_agrees_with_pinocchio
 
-# What each adds: UR5 (DAE, tool0), a pendulum (continuous joints), Tiago (a torso that slides, many
-# fixed frames). The Panda (mimic) is a fixture.
+# UR5: DAE meshes and a tool frame. Pendulum: continuous joints. Tiago: a prismatic torso and many
+# fixed frames. The Panda, with a mimic joint, is a fixture.
 EXAMPLES = (
     "ur_description/urdf/ur5_robot.urdf",
     "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
     "tiago_description/robots/tiago_no_hand.urdf",
 )
-
-
-def random_positions(robot, rng):
-    return {
-        joint.name: rng.uniform(*np.nan_to_num((joint.lower, joint.upper), neginf=-3, posinf=3))
-        for joint in robot.joints
-        if joint.moves and joint.mimic is None
-    }
-
-
-def assert_agrees_with_pinocchio(urdf, robot, rng, samples=5):
-    pin = pytest.importorskip("pinocchio", reason="the pin wheel is not installed")
-    model = pin.buildModelFromUrdf(str(urdf))
-    data = model.createData()
-    followers = {joint.name: joint.mimic for joint in robot.joints if joint.mimic is not None}
-    for _ in range(samples):
-        given = random_positions(robot, rng)
-        positions = dict(given)
-        for name, mimic in followers.items():
-            positions[name] = given[mimic.leader] * mimic.multiplier + mimic.offset
-        configuration = pin.neutral(model)
-        for name, position in positions.items():
-            joint = model.joints[model.getJointId(name)]
-            value = [position] if joint.nq == 1 else [math.cos(position), math.sin(position)]
-            configuration[joint.idx_q : joint.idx_q + joint.nq] = value
-        pin.framesForwardKinematics(model, data, configuration)
-        root = data.oMf[model.getFrameId(robot.root_link, pin.FrameType.BODY)]
-        links = robot.forward_kinematics(given)
-        assert set(links) == {link.name for link in robot.links}
-        for name, root_from_link in links.items():
-            peer = root.actInv(data.oMf[model.getFrameId(name, pin.FrameType.BODY)])
-            assert root_from_link.target == robot.root_link
-            assert root_from_link.source == name
-            # 1e-9 m is 1e-6 mm
-            np.testing.assert_allclose(
-                root_from_link.translation_mm, 1000.0 * peer.translation, rtol=0, atol=1e-6
-            )
-            np.testing.assert_allclose(root_from_link.rotation, peer.rotation, rtol=0, atol=1e-9)
 
 
 def test_touch_agrees_with_pinocchio(touch_urdf, touch, rng):
@@ -77,12 +40,12 @@ def test_known_robots_agree_with_pinocchio(example_robots, name, rng):
     assert_agrees_with_pinocchio(urdf, robot, rng)
 
 
-def test_the_panda_agrees_with_pinocchio(panda_urdf, panda, rng):
+def test_panda_agrees_with_pinocchio(panda_urdf, panda, rng):
     assert panda.warnings == ()
     assert_agrees_with_pinocchio(panda_urdf, panda, rng)
 
 
-def test_the_pandas_second_finger_follows_the_first(panda):
+def test_mimic_joint_of_the_panda_follows_its_leader(panda):
     robot = panda
     followers = {joint.name: joint.mimic.leader for joint in robot.joints if joint.mimic}
     assert followers == {"panda_finger_joint2": "panda_finger_joint1"}
@@ -93,31 +56,31 @@ def test_the_pandas_second_finger_follows_the_first(panda):
     assert np.linalg.norm(apart - closed) == pytest.approx(30.0)
 
 
-def test_a_joint_that_is_not_given_is_at_zero(touch):
+def test_joint_without_position_is_at_zero(touch):
     sparse = touch.forward_kinematics({"elbow": 0.3})
     full = touch.forward_kinematics(dict.fromkeys(touch.actuated_joint_names, 0.0) | {"elbow": 0.3})
     for name, root_from_link in sparse.items():
         np.testing.assert_array_equal(root_from_link.matrix, full[name].matrix)
 
 
-def test_positions_beyond_the_limits_are_shown_as_measured(touch):
+def test_forward_kinematics_does_not_apply_limits(touch):
     assert touch.forward_kinematics({"waist": 3.0})["torso"].angle_to(
         Transform.identity("touch_base", "torso")
     ) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("position", [math.nan, math.inf, -math.inf])
-def test_positions_that_are_no_numbers_are_refused_by_name(touch, position):
+def test_position_that_is_not_finite_is_refused_by_name(touch, position):
     with pytest.raises(JointError, match=r"'elbow'.*finite"):
         touch.forward_kinematics({"elbow": position})
 
 
-def test_a_position_that_puts_a_link_beyond_all_numbers_is_refused(panda):
-    with pytest.raises(JointError, match=r"'panda_leftfinger' is at .*finite numbers wanted"):
+def test_position_that_makes_a_pose_overflow_is_refused(panda):
+    with pytest.raises(JointError, match=r"'panda_leftfinger' is at .*expected finite numbers"):
         panda.forward_kinematics({"panda_finger_joint1": 1e306})
 
 
-def test_links_are_turned_by_rotations_at_any_angle(touch, rng):
+def test_link_rotations_are_orthonormal_at_any_angle(touch, rng):
     for scale in (1.0, 1e3, 1e9):
         positions = dict(zip(touch.actuated_joint_names, scale * rng.normal(size=6), strict=True))
         for pose in touch.forward_kinematics(positions).values():
@@ -125,11 +88,11 @@ def test_links_are_turned_by_rotations_at_any_angle(touch, rng):
             np.testing.assert_allclose(gram, np.eye(3), atol=1e-14)
 
 
-def test_unknown_joints_are_refused_by_name(touch):
+def test_unknown_joint_is_refused_by_name(touch):
     with pytest.raises(JointError, match=r"'knee'.*unknown.*waist"):
         touch.forward_kinematics({"knee": 0.0})
 
 
-def test_the_wanted_pose_must_be_of_the_link_in_the_root(touch):
-    with pytest.raises(FrameError, match=r"touch_base_from_stylus wanted"):
+def test_goal_pose_with_other_frames_is_refused(touch):
+    with pytest.raises(FrameError, match=r"expected touch_base_from_stylus"):
         touch.inverse_kinematics("stylus", Transform.identity("world", "stylus"))

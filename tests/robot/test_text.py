@@ -1,4 +1,4 @@
-"""A description that a stranger has sent: what it may read, how large it may be."""
+"""Untrusted descriptions: which files they may read, and limits of their size."""
 
 import shutil
 
@@ -34,7 +34,7 @@ def test_only_allowed_folders_are_read(mesh, scheme):
     assert len(robot_from_text(text, package_dirs=[mesh.parent]).links[0].collisions) == 1
 
 
-def test_packages_are_found_and_links_out_of_them_are_not_followed(mesh, tmp_path):
+def test_packages_are_found_and_links_out_of_them_are_refused(mesh, tmp_path):
     package = tmp_path / "packages" / "arm"
     package.mkdir(parents=True)
     shutil.copy(mesh, package / "own.stl")
@@ -49,13 +49,13 @@ def test_packages_are_found_and_links_out_of_them_are_not_followed(mesh, tmp_pat
         robot_from_text(text_with("package://../models/box.stl"), package_dirs=folders)
 
 
-def test_nothing_is_read_from_where_the_process_stands(mesh, monkeypatch):
+def test_working_directory_is_not_searched(mesh, monkeypatch):
     monkeypatch.chdir(mesh.parent)
     with pytest.raises(RobotMeshError, match="not found"):
         robot_from_text(text_with("box.stl"))
 
 
-def test_relative_names_are_looked_for_in_the_allowed_folders(touch_urdf, touch, mesh):
+def test_relative_names_are_resolved_in_the_allowed_folders(touch_urdf, touch, mesh):
     robot = robot_from_text(touch_urdf.read_text(), allowed_dirs=[touch_urdf.parent])
     assert [len(link.visuals) for link in robot.links] == [len(x.visuals) for x in touch.links]
     assert robot.warnings == ()
@@ -67,15 +67,15 @@ def test_relative_names_are_looked_for_in_the_allowed_folders(touch_urdf, touch,
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x" * 10_000_000, "10000000 characters: 8388608 bytes are allowed"),
-        ("é" * 5_000_000, "10000000 bytes: 8388608 are allowed"),
+        ("x" * 10_000_000, "10000000 characters; expected at most 8388608 bytes"),
+        ("é" * 5_000_000, "10000000 bytes; expected at most 8388608"),
         ('<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot>&a;</robot>', "DOCTYPE"),
         ("", "robot_description is not well-formed XML"),
         ("bodies: []", "not well-formed"),
-        ("<robot name='\ud800'/>", "is no text"),
+        ("<robot name='\ud800'/>", "cannot be encoded as UTF-8"),
     ],
 )
-def test_what_is_refused_is_named_in_one_line(text, message):
+def test_malformed_text_is_refused_in_one_short_line(text, message):
     with pytest.raises(UrdfError, match=message) as refused:
         robot_from_text(text)
     assert len(str(refused.value)) < 300

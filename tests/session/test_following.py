@@ -82,7 +82,7 @@ def test_robot_follows_again_after_poses_out_of_reach(touch):
     assert follower.links(reachable)
     far = Transform("reference", "cautery_tip", np.eye(3), [5000.0, 0.0, 0.0])
     for _ in range(3):
-        with pytest.raises(UnreachableError, match=r"'stylus' cannot be brought to .* mm"):
+        with pytest.raises(UnreachableError, match=r"'stylus' cannot be moved to .* mm"):
             follower.links(far)
     assert follower.links(reachable)["stylus"].distance_mm_to(near) < 1e-3
 

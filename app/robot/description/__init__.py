@@ -1,1 +1,1 @@
-"""From a description, URDF, xacro or AMBF, to a robot."""
+"""Loaders of robot descriptions: URDF, xacro and AMBF."""

@@ -29,7 +29,7 @@ _SHORT.maxlevel = 2  # aliases share a value: its full text can be exponentially
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class AdfSection:
     """One mapping of the file; ``place`` names it in messages."""
 
     place: str
@@ -58,11 +58,11 @@ class Section:
         """Return the numbers under ``keys`` as (n,); each is required."""
         return np.array([self.number(key) for key in keys])
 
-    def inside(self, key: str) -> "Section":
+    def inside(self, key: str) -> "AdfSection":
         """Return the mapping under ``key``, or an empty one where it is missing."""
         return self._mapping(f"{self.place}: {key}", self.values.get(key))
 
-    def entries(self, key: str) -> "list[Section]":
+    def entries(self, key: str) -> "list[AdfSection]":
         """Return the mappings of the list under ``key``, or none where it is missing."""
         entries = self.values.get(key) or []
         if not isinstance(entries, list):
@@ -86,7 +86,7 @@ class Section:
         if isinstance(value, Mapping):
             scale = self.inside("scale").numbers("xyz")
         elif isinstance(value, list):
-            section = Section(f"{self.place}: scale", dict(enumerate(value)))
+            section = AdfSection(f"{self.place}: scale", dict(enumerate(value)))
             scale = section.numbers(range(len(value)))
         else:
             scale = np.full(3, self.number("scale", 1.0))
@@ -98,19 +98,19 @@ class Section:
         return scale
 
     @staticmethod
-    def _mapping(place: str, value: Any) -> "Section":
+    def _mapping(place: str, value: Any) -> "AdfSection":
         if value is not None and not isinstance(value, Mapping):
             raise AdfError(f"{place} is {_SHORT.repr(value)}; expected a mapping")
-        return Section(place, value or {})
+        return AdfSection(place, value or {})
 
 
 @dataclass(frozen=True, slots=True)
 class AdfDocument:
     """Settings of the file, and bodies and joints by key in file order."""
 
-    settings: Section
-    bodies: Mapping[str, Section]
-    joints: Mapping[str, Section]
+    settings: AdfSection
+    bodies: Mapping[str, AdfSection]
+    joints: Mapping[str, AdfSection]
 
 
 def read_adf(path: Path) -> AdfDocument:
@@ -123,11 +123,11 @@ def read_adf(path: Path) -> AdfDocument:
     values = parse_yaml(content, path, max_depth=MAX_DEPTH, error=AdfError)
     if not isinstance(values, Mapping) or not values.get("bodies"):
         raise AdfError(f"{path} is not an ADF; expected a mapping with a list of 'bodies'")
-    settings = Section(str(path), values)
+    settings = AdfSection(str(path), values)
     return AdfDocument(settings, _sections(settings, "bodies"), _sections(settings, "joints"))
 
 
-def _sections(settings: Section, kind: str) -> dict[str, Section]:
+def _sections(settings: AdfSection, kind: str) -> dict[str, AdfSection]:
     keys = settings.values.get(kind) or []
     if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
         raise AdfError(
@@ -140,7 +140,7 @@ def _sections(settings: Section, kind: str) -> dict[str, Section]:
             raise AdfError(f"{settings.place} lists {key!r} in {kind!r}, but has no such section")
         if key in sections:
             raise AdfError(f"{settings.place} lists {key!r} twice in {kind!r}")
-        sections[key] = Section(f"{settings.place}: {key}", value)
+        sections[key] = AdfSection(f"{settings.place}: {key}", value)
     return sections
 
 

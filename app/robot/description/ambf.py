@@ -1,10 +1,10 @@
-"""AMBF: a simulator's description file, or its map of mesh files, as a `Robot`.
+"""Loads the description file (ADF) or the map of mesh files of the simulator AMBF as a `Robot`.
 
-All links hang on ``world``, the simulator's own frame. With the joints at 0 every body is where
-its ``location`` says, which is the pose of the frame that its mesh is in and that the simulator
-publishes (Munawar et al., AMBF, IROS 2019): the inertial offset places the mass, and a collision
-primitive that has no offset of its own, and nothing else. A joint turns or slides about its child's
-``child axis`` through ``child pivot``.
+``world``, the simulator's frame, is the root of all links. With the joints at 0 every body is at
+its ``location``, the pose of the frame of its mesh, which the simulator publishes (Munawar et al.,
+AMBF, IROS 2019). The inertial offset applies to the mass and to collision primitives without an
+offset of their own. A joint rotates or slides about ``child axis`` through ``child pivot``, both in
+the child's frame.
 """
 
 import math
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
-from app.robot.description.adf import AdfDocument, Section, read_adf
+from app.robot.description.adf import AdfDocument, AdfSection, read_adf
 from app.robot.description.ambf_shapes import BodyShapes
 from app.robot.description.mesh_locator import MeshLocator
 from app.robot.errors import AdfError, RobotMeshError, UrdfError
@@ -26,26 +26,26 @@ from app.robot.shapes import Link, Shape
 WORLD = "world"
 MAX_MAP_CHARACTERS = 1_000_000
 
-_TURNING = ("hinge", "revolute", "continuous", "torsion spring", "torsional spring")
-_SLIDING = ("slider", "prismatic", "linear spring", "spring")
+_REVOLUTE_TYPES = ("hinge", "revolute", "continuous", "torsion spring", "torsional spring")
+_PRISMATIC_TYPES = ("slider", "prismatic", "linear spring", "spring")
 _PIVOT_TOLERANCE_MM = 2.0
 _AXIS_TOLERANCE_RAD = math.radians(1.0)
 
 
 def load_adf(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Robot:
-    """Load an ADF file; its first link is ``world``.
+    """Load an ADF file; the first link is ``world``.
 
-    A mesh that is not where the file says is looked for in ``package_dirs`` and beside the file
-    (see `ambf_shapes`), and `Robot.warnings` says which one was taken; so it does where
-    pivots and axes do not fit the bodies' locations, which are what counts. Raises `AdfError` for
-    what is malformed, for joints of more than one degree of freedom and for closed loops,
-    `RobotMeshError` for a mesh for collision that is missing or broken.
+    A mesh that is missing at its path is looked for in ``package_dirs`` and beside the file (see
+    `ambf_shapes`). `Robot.warnings` lists meshes found elsewhere, and pivots and axes that do not
+    fit the locations of the bodies; the locations are used. Raises `AdfError` for a malformed
+    file, for joints of several degrees of freedom and for closed loops, and `RobotMeshError` for a
+    mesh for collision that is missing or malformed.
     """
     path = Path(path)
     document = read_adf(path)
     names = {key: _ros_name(section, key) for key, section in document.bodies.items()}
     if len({WORLD, *names.values()}) != len(names) + 1:
-        raise AdfError(f"{path} has two bodies of one name, or one that is called {WORLD!r}")
+        raise AdfError(f"{path} has two bodies of one name, or one named {WORLD!r}")
     shapes = BodyShapes(path, document.settings, package_dirs)
     joints = _Joints(document, names)
     try:
@@ -58,24 +58,25 @@ def load_adf(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Ro
 
 
 def parse_mesh_map(text: str) -> dict[str, str]:
-    """``name:path;name:path`` (the parameter ``/ambf/rigid_body_mesh_path_map``) to paths by name.
+    """Parse ``name:path;name:path`` (the parameter ``/ambf/rigid_body_mesh_path_map``).
 
-    Spaces around both and a last ``;`` do not count. Raises `AdfError` for anything else.
+    Returns paths by name. White space and a final ``;`` are ignored. Raises `AdfError` for a
+    malformed map.
     """
     if len(text) > MAX_MAP_CHARACTERS:
         raise AdfError(
-            f"the map of meshes has {len(text)} characters: {MAX_MAP_CHARACTERS} are allowed"
+            f"the map of meshes has {len(text)} characters; expected at most {MAX_MAP_CHARACTERS}"
         )
     paths: dict[str, str] = {}
     for entry in filter(str.strip, text.split(";")):
         name, colon, path = (part.strip() for part in entry.partition(":"))
         if not (name and colon and path):
-            raise AdfError(f"the map of meshes has the entry {entry[:80]!r}: name:path wanted")
+            raise AdfError(f"the map of meshes has the entry {entry[:80]!r}; expected name:path")
         if name in paths:
             raise AdfError(f"the map of meshes names the body {name!r} twice")
         paths[name] = path
     if not paths:
-        raise AdfError("the map of meshes is empty: name:path;name:path wanted")
+        raise AdfError("the map of meshes is empty; expected name:path;name:path")
     return paths
 
 
@@ -85,10 +86,10 @@ def bodies_from_mesh_map(
     package_dirs: Sequence[str | Path] = (),
     allowed_dirs: Sequence[str | Path] = (),
 ) -> Robot:
-    """The free bodies of a map of meshes, each with its mesh (m): a `Robot` for tf to place.
+    """Load the free bodies of a map of meshes (m) as a `Robot` with poses from tf.
 
     The map may come from the network: nothing outside the allowed folders is read, as in
-    `robot_from_text`. A mesh that is missing or broken raises `RobotMeshError`.
+    `robot_from_text`. A missing or malformed mesh raises `RobotMeshError`.
     """
     locator = MeshLocator(None, package_dirs, allowed_dirs=allowed_dirs)
     links, joints = [Link(WORLD)], []
@@ -102,13 +103,13 @@ def bodies_from_mesh_map(
             joints.append(_fixed_in_world(name, np.eye(4)))
         except (FrameError, MeshError) as problem:
             raise AdfError(f"body {name!r} of the map of meshes: {problem}") from problem
-        shape = Shape.of(surface, file.face_colors, mesh)
+        shape = Shape.with_face_colors(surface, file.face_colors, mesh)
         links.append(Link(name, (shape,), (shape,)))
     return Robot("ambf", tuple(links), tuple(joints))
 
 
 class _Joints:
-    """The file's joints, and one that fixes each body without a parent in the world."""
+    """The joints of the file, and a fixed joint to ``world`` for each body without a parent."""
 
     def __init__(self, document: AdfDocument, names: Mapping[str, str]) -> None:
         self.warnings: list[str] = []
@@ -126,7 +127,7 @@ class _Joints:
                 yield _fixed_in_world(name, matrix)
         yield from joints
 
-    def _joint(self, key: str, section: Section) -> Joint:
+    def _joint(self, key: str, section: AdfSection) -> Joint:
         parent, child = self._body(section, "parent"), self._body(section, "child")
         kind = section.text("type")
         matrix = np.linalg.solve(self._world_from[parent], self._world_from[child])
@@ -135,10 +136,10 @@ class _Joints:
         name = _ros_name(section, key)
         if kind == "fixed":
             return Joint(name, JointType.FIXED, origin, np.array([0.0, 0.0, 1.0]))
-        if kind not in (*_TURNING, *_SLIDING):
+        if kind not in (*_REVOLUTE_TYPES, *_PRISMATIC_TYPES):
             raise AdfError(
-                f"{section.place} has the type {kind!r}: one of "
-                f"{', '.join((*_TURNING, *_SLIDING))} or fixed wanted"
+                f"{section.place} has the type {kind!r}; expected one of "
+                f"{', '.join((*_REVOLUTE_TYPES, *_PRISMATIC_TYPES))} or fixed"
             )
         lower, upper = -math.inf, math.inf
         limits = section.inside("joint limits")
@@ -146,43 +147,44 @@ class _Joints:
             lower, upper = limits.number("low"), limits.number("high")
         axis = section.inside("child axis").numbers("xyz")
         pivot_mm = MM_PER_M * section.inside("child pivot").numbers("xyz")
-        self._compare(section, origin, axis, pivot_mm, slides=kind in _SLIDING)
+        self._warn_on_mismatch(section, origin, axis, pivot_mm, slides=kind in _PRISMATIC_TYPES)
         if section.number("joint offset", 0.0) != 0.0:
             self.warnings.append(
-                f"{section.place}: 'joint offset' is not applied, positions count from the "
+                f"{section.place}: 'joint offset' is not applied, position 0 is at the "
                 "bodies' locations"
             )
-        turning = JointType.CONTINUOUS if math.isinf(lower) else JointType.REVOLUTE
-        joint_type = JointType.PRISMATIC if kind in _SLIDING else turning
+        revolute = JointType.CONTINUOUS if math.isinf(lower) else JointType.REVOLUTE
+        joint_type = JointType.PRISMATIC if kind in _PRISMATIC_TYPES else revolute
         return Joint(name, joint_type, origin, axis, lower, upper, pivot_mm=pivot_mm)
 
-    def _body(self, section: Section, role: str) -> str:
-        """The link that a joint means: by the section's key, or by the body's name."""
-        wanted = section.text(role)
-        if wanted in self._names:
-            return self._names[wanted]
-        if wanted.replace(" ", "") in self._names.values():
-            return wanted.replace(" ", "")
+    def _body(self, section: AdfSection, role: str) -> str:
+        """Return the link of a joint, given by the key of its section or by the body's name."""
+        body = section.text(role)
+        if body in self._names:
+            return self._names[body]
+        if body.replace(" ", "") in self._names.values():
+            return body.replace(" ", "")
         raise AdfError(
-            f"{section.place}: {role} {wanted!r} is no body: {', '.join(self._names)} are"
+            f"{section.place}: {role} is {body!r}; expected one of {', '.join(self._names)}"
         )
 
-    def _compare(
-        self, section: Section, origin: Transform, axis: FloatArray, pivot_mm: FloatArray,
+    def _warn_on_mismatch(
+        self, section: AdfSection, origin: Transform, axis: FloatArray, pivot_mm: FloatArray,
         *, slides: bool,
     ) -> None:  # fmt: skip
-        """Warn where the axis of the parent is not the child's, with the bodies as located."""
+        """Warn if parent axis and pivot differ from the child's, with bodies at their locations."""
         if not ("parent axis" in section and "parent pivot" in section):
             return
-        here = origin.rotate(axis)
-        there = section.inside("parent axis").numbers("xyz")
-        lengths = np.linalg.norm(here) * np.linalg.norm(there)
-        if lengths == 0.0:  # Joint refuses the child's; the parent's says nothing then
+        child_axis = origin.rotate(axis)
+        parent_axis = section.inside("parent axis").numbers("xyz")
+        lengths = np.linalg.norm(child_axis) * np.linalg.norm(parent_axis)
+        if lengths == 0.0:  # Joint refuses a zero child axis; a zero parent axis is ignored
             return
-        angle = math.acos(float(np.clip(here @ there / lengths, -1.0, 1.0)))
+        angle = math.acos(float(np.clip(child_axis @ parent_axis / lengths, -1.0, 1.0)))
         gap_mm = origin.apply(pivot_mm) - MM_PER_M * section.inside("parent pivot").numbers("xyz")
-        if slides:  # it may be anywhere along its way
-            gap_mm = gap_mm - (gap_mm @ here) * here / (here @ here)
+        if slides:  # a distance along the axis is a joint position
+            along = (gap_mm @ child_axis) * child_axis / (child_axis @ child_axis)
+            gap_mm = gap_mm - along
         distance_mm = float(np.linalg.norm(gap_mm))
         if angle > _AXIS_TOLERANCE_RAD or distance_mm > _PIVOT_TOLERANCE_MM:
             self.warnings.append(
@@ -198,6 +200,6 @@ def _fixed_in_world(name: str, world_from_body: FloatArray) -> Joint:
     return Joint(f"{WORLD}-{name}", JointType.FIXED, origin, np.array([0.0, 0.0, 1.0]))
 
 
-def _ros_name(section: Section, key: str) -> str:
-    """What the simulator calls it: without spaces."""
+def _ros_name(section: AdfSection, key: str) -> str:
+    """Return the name in the simulator, without spaces."""
     return section.text("name", key).replace(" ", "")

@@ -1,4 +1,4 @@
-"""From a description to a `Robot`: links with their surfaces in mm, joints with their origins."""
+"""Loads a robot description as a `Robot`: links with surfaces in mm, joints with origins."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from app.robot.shapes import Link, Rgba, Shape
 
 ADF_SUFFIXES = (".yaml", ".yml", ".adf")
 MAX_TEXT_BYTES = 8 * 1024 * 1024
-"""Of a description from the network; the longest of real robots have a few hundred kB."""
+"""Limit for a description from the network; those of real robots have a few hundred kB."""
 
 
 def load_robot(
@@ -32,17 +32,19 @@ def load_robot(
 ) -> Robot:
     """Load a robot file: URDF, ``.xacro`` (see `xacro_file`) or AMBF's ADF (``.yaml``).
 
-    Every visual and every collision of every link is read. ``package_dirs`` says where
-    ``package://`` names lead (see `mesh_locator`; other places are tried too). A mesh that is
-    missing or broken raises `RobotMeshError` where it is for collision, and is left out with a
-    sentence in `Robot.warnings` where it is for display. A name that leaves its package or needs a
-    network is refused in both. Raises `UrdfError` or `AdfError` for a description that is unsafe,
-    malformed or not one tree of links, and for ``xacro_args`` to a file that is not xacro.
+    Every visual and every collision of every link is read. ``package_dirs`` are folders of
+    ``package://`` names (see `mesh_locator`, which also searches others). A missing or malformed
+    mesh raises `RobotMeshError` if it is for collision. If it is for display, it is left out with
+    a sentence in `Robot.warnings`. A name that leaves its package or needs a network is refused in
+    both. Raises `UrdfError` or `AdfError` for a description that is unsafe, malformed or not one
+    tree of links, and for ``xacro_args`` with another file than xacro.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if xacro_args and suffix != ".xacro":
-        raise UrdfError(f"{path} takes no xacro arguments ({', '.join(xacro_args)}): not a .xacro")
+        raise UrdfError(
+            f"{path} has xacro arguments ({', '.join(xacro_args)}); expected a .xacro file"
+        )
     if suffix in ADF_SUFFIXES:
         from app.robot.description.ambf import load_adf
 
@@ -57,7 +59,7 @@ def load_robot(
 
 
 def urdf_text(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> str | None:
-    """The URDF of a robot file for others to read: as it stands, expanded, or None for an ADF."""
+    """Return the URDF text of a robot file, expanded if it is xacro; None for an ADF."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in ADF_SUFFIXES:
@@ -76,18 +78,20 @@ def robot_from_text(
     package_dirs: Sequence[str | Path] = (),
     allowed_dirs: Sequence[str | Path] = (),
 ) -> Robot:
-    """A robot from the text of a URDF that a stranger may have sent; ``name`` is for messages.
+    """Load a robot from the text of an untrusted URDF; ``name`` is for messages.
 
-    As `load_robot`, but nothing is read outside the folders of ``package_dirs``, ``allowed_dirs``,
-    installed ROS packages and the project's data (`RobotMeshError`), the text has at most
-    `MAX_TEXT_BYTES`, and it is never expanded by xacro.
+    Differs from `load_robot`: nothing is read outside ``package_dirs``, ``allowed_dirs``, installed
+    ROS packages and the project's data (`RobotMeshError`), the text has at most `MAX_TEXT_BYTES`,
+    and it is never expanded by xacro.
     """
-    if len(text) > MAX_TEXT_BYTES:  # before its bytes are copied
-        raise UrdfError(f"{name} has {len(text)} characters: {MAX_TEXT_BYTES} bytes are allowed")
+    if len(text) > MAX_TEXT_BYTES:  # before the text is copied to bytes
+        raise UrdfError(
+            f"{name} has {len(text)} characters; expected at most {MAX_TEXT_BYTES} bytes"
+        )
     try:
         data = text.encode()
     except UnicodeEncodeError as problem:
-        raise UrdfError(f"{name} is no text: {problem.reason}") from problem
+        raise UrdfError(f"{name} cannot be encoded as UTF-8: {problem.reason}") from problem
     model = parse_urdf(data, name, max_bytes=MAX_TEXT_BYTES)
     return _robot(model, MeshLocator(None, package_dirs, allowed_dirs=allowed_dirs), name)
 
@@ -105,8 +109,8 @@ def _assembled(model: Any, locator: MeshLocator) -> Robot:
     for joint in model.joints:
         if joint.mimic is not None and joint.mimic.joint not in names:
             shapes.warnings.append(
-                f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is no joint: it takes a "
-                "position of its own"
+                f"joint {joint.name!r} mimics {joint.mimic.joint!r}, which is not a joint: it is "
+                "treated as an actuated joint"
             )
             joint.mimic = None
     joints = tuple(_joint(each) for each in model.joints)
@@ -122,7 +126,7 @@ def _assembled(model: Any, locator: MeshLocator) -> Robot:
 
 
 class _ShapeReader:
-    """Visuals and collisions to shapes; each file is read once, however often it is named."""
+    """Converts visuals and collisions to shapes; each mesh file is read once."""
 
     def __init__(self, locator: MeshLocator, named_colors: Mapping[str, Rgba]) -> None:
         self.warnings: list[str] = []
@@ -153,10 +157,10 @@ class _ShapeReader:
         vertices, faces, colors, source = self._surface(element.geometry)
         origin = _transform(element.origin, link, link)
         mesh = SurfaceMesh(link, origin.apply(vertices * MM_PER_M), faces)
-        return Shape.of(mesh, colors, source)
+        return Shape.with_face_colors(mesh, colors, source)
 
     def _surface(self, geometry: Any) -> tuple[FloatArray, Any, FloatArray | None, str]:
-        """Vertices in m, scale applied, with faces, colours and the name of where they are from."""
+        """Return vertices in m with scale applied, faces, colours and the source's name."""
         if geometry.box is not None:
             return *primitives.box(geometry.box.size), None, "box"
         if geometry.cylinder is not None:
@@ -171,7 +175,7 @@ class _ShapeReader:
         if path not in self._files:
             self._files[path] = read_robot_mesh(path)
         file, scale = self._files[path], _scale(geometry.mesh.scale, name)
-        # A scale that mirrors turns the surface inside out; so does swapping two corners.
+        # A mirroring scale turns the surface inside out; reversing the corners restores it.
         faces = file.faces[:, ::-1] if scale.prod() < 0.0 else file.faces
         return file.vertices * scale, faces, file.face_colors, name
 
@@ -183,13 +187,13 @@ class _ShapeReader:
 
 def _missing(filename: str, link: str) -> str:
     return (
-        f"mesh {filename!r} of link {link!r} not found: name its package's folder in package_dirs, "
-        "or put the file there"
+        f"mesh {filename!r} of link {link!r} not found; add the folder of its package to "
+        "package_dirs"
     )
 
 
 def _named_colors(model: Any) -> dict[str, Rgba]:
-    """Materials by name: those of the robot first, then those that a visual defines in passing."""
+    """Colours by material name: those of the robot first, then those defined in visuals."""
     materials = [
         *model.materials,
         *(visual.material for link in model.links for visual in link.visuals if visual.material),
@@ -208,8 +212,8 @@ def _rgba(material: Any) -> Rgba | None:
     values = np.asarray(material.color.rgba, dtype=np.float64)
     if values.shape != (4,) or not ((values >= 0.0) & (values <= 1.0)).all():
         raise UrdfError(
-            f"color of material {material.name!r} is {values.tolist()}: "
-            "red, green, blue and alpha from 0 to 1 wanted"
+            f"color of material {material.name!r} is {values.tolist()}; "
+            "expected red, green, blue and alpha from 0 to 1"
         )
     red, green, blue, alpha = values.tolist()
     return red, green, blue, alpha
@@ -221,13 +225,13 @@ def _scale(scale: Any, name: str) -> FloatArray:
         values = np.full(3, values)
     if values.shape != (3,) or not np.isfinite(values).all() or (values == 0.0).any():
         raise RobotMeshError(
-            f"scale of mesh {name!r} is {values.tolist()}: 3 finite numbers other than 0 wanted"
+            f"scale of mesh {name!r} is {values.tolist()}; expected 3 finite numbers other than 0"
         )
     return values
 
 
 def _transform(origin: Any, target: str, source: str) -> Transform:
-    """A URDF origin (m) as a transform in mm; None is the identity."""
+    """Return a URDF origin (m) as a transform in mm, the identity for None."""
     if origin is None:
         return Transform.identity(target, source)
     matrix = np.array(origin, dtype=np.float64)
@@ -238,7 +242,10 @@ def _transform(origin: Any, target: str, source: str) -> Transform:
 def _joint(joint: Any) -> Joint:
     kind = JointType(joint.type)
     lower, upper = -math.inf, math.inf
-    if kind in (JointType.REVOLUTE, JointType.PRISMATIC):  # read_urdf has seen to the limit
+    if kind in (
+        JointType.REVOLUTE,
+        JointType.PRISMATIC,
+    ):  # parse_urdf has checked that there is a limit
         lower, upper = joint.limit.lower or 0.0, joint.limit.upper or 0.0
     mimic = None
     if joint.mimic is not None and kind is not JointType.FIXED:

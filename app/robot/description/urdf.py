@@ -1,8 +1,7 @@
-"""Reading a URDF: checked first, then parsed by yourdfpy, without its mesh loading.
+"""Reads a URDF: strict checks, then parsing by yourdfpy, without its mesh loading.
 
-yourdfpy takes the first of two roots, the last of two links of one name, and what it can of
-malformed XML, and it only logs. So everything that would make its answer a guess is refused here
-before.
+yourdfpy uses the first of two roots, the last of two links of one name, and parts of malformed XML,
+and only logs it. So every ambiguity is refused here before.
 """
 
 import io
@@ -26,25 +25,26 @@ _COUNTS = {
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
 }
-"""How many numbers an attribute has. yourdfpy makes three of one, and leaves a fourth out."""
+"""Count of numbers per attribute. yourdfpy repeats a single one and ignores a fourth."""
 
 _ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")
 _XACRO = "http://www.ros.org/wiki/xacro"
 
 
 def read_urdf(path: Path) -> Any:
-    """The ``yourdfpy.Robot`` of the file at ``path``: see `parse_urdf`."""
+    """Read the file at ``path`` as ``yourdfpy.Robot``: see `parse_urdf`."""
     return _parse(read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES), path)
 
 
 def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES) -> Any:
-    """The ``yourdfpy.Robot`` of a text; raise `UrdfError` with ``name`` for what it cannot be.
+    """Parse the text of a URDF to ``yourdfpy.Robot``; ``name`` is for messages.
 
-    Every moving joint has a type, a parent and a child; revolute and sliding ones have limits
-    (``lower`` and ``upper`` are 0 where the tag leaves them out, as in urdfdom).
+    Every joint of the result has a type, a parent and a child; revolute and prismatic ones have
+    limits (``lower`` and ``upper`` are 0 where the tag omits them, as in urdfdom). Raises
+    `UrdfError` for anything malformed or ambiguous.
     """
     if len(data) > max_bytes:
-        raise UrdfError(f"{name} has {len(data)} bytes: {max_bytes} are allowed")
+        raise UrdfError(f"{name} has {len(data)} bytes; expected at most {max_bytes}")
     check_xml(data, name, UrdfError)
     return _parse(data, name)
 
@@ -63,7 +63,7 @@ def _parse(data: bytes, path: Path | str) -> Any:
         model = yourdfpy.URDF.load(
             io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False
         )
-    # What its parser trips over: a number that is none, an attribute that is missing.
+    # Errors of its parser: malformed numbers, missing attributes.
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as problem:
         reason = " ".join(str(problem).split())
         raise UrdfError(f"{path} cannot be read as URDF: {reason}") from problem
@@ -72,17 +72,17 @@ def _parse(data: bytes, path: Path | str) -> Any:
 
 def _check_root(root: etree._Element, path: Path | str) -> None:
     if root.tag != "robot":
-        raise UrdfError(f"{path} holds <{root.tag}> in line {root.sourceline}: <robot> wanted")
+        raise UrdfError(f"{path} holds <{root.tag}> in line {root.sourceline}; expected <robot>")
     if not root.get("name"):
         raise UrdfError(f"{path}: <robot> in line {root.sourceline} has no name")
     for element in root.iter():
         if isinstance(element.tag, str) and element.tag.startswith(f"{{{_XACRO}}}"):
             raise UrdfError(
-                f"{path} has a xacro element in line {element.sourceline}: "
-                "expand the file with xacro first"
+                f"{path} has a xacro element in line {element.sourceline}; "
+                "expected a file that xacro has expanded"
             )
     if root.find("link") is None:
-        raise UrdfError(f"{path} has no link: one at least wanted")
+        raise UrdfError(f"{path} has no link; expected at least one")
 
 
 def _check_names(root: etree._Element, kind: str, path: Path | str) -> None:
@@ -104,7 +104,9 @@ def _check_geometry(shape: etree._Element, path: Path | str) -> None:
     tags = [] if geometry is None else [child.tag for child in geometry]
     if len(tags) != 1 or tags[0] not in GEOMETRIES:
         found = ", ".join(map(str, tags)) or "none"
-        raise UrdfError(f"{place} has the geometry {found}: one of {', '.join(GEOMETRIES)} wanted")
+        raise UrdfError(
+            f"{place} has the geometry {found}; expected one of {', '.join(GEOMETRIES)}"
+        )
     if tags[0] == "mesh" and not shape.findall("geometry/mesh[@filename]"):
         raise UrdfError(f"{place} has a mesh without filename")
     for element in (*shape.iterfind("origin"), *shape.iterfind("geometry/*")):
@@ -117,7 +119,7 @@ def _check_numbers(element: etree._Element, path: Path | str) -> None:
         if text is not None and (len(text.split()) != count or "_" in text):
             raise UrdfError(
                 f"{path}: {name!r} of <{element.tag}> in line {element.sourceline} is "
-                f"{text[:60]!r}: {count} decimal numbers wanted"
+                f"{text[:60]!r}; expected {count} decimal numbers"
             )
 
 
@@ -126,7 +128,7 @@ def _check_joint(joint: etree._Element, path: Path | str) -> None:
     for tag in _ONCE:
         found = joint.findall(tag)
         if len(found) > 1:
-            raise UrdfError(f"{place} has {len(found)} elements <{tag}>: one wanted")
+            raise UrdfError(f"{place} has {len(found)} elements <{tag}>; expected one")
         for element in found:
             _check_numbers(element, path)
     for role in ("parent", "child"):
@@ -136,10 +138,10 @@ def _check_joint(joint: etree._Element, path: Path | str) -> None:
     kind = joint.get("type")
     if kind not in ("fixed", "revolute", "continuous", "prismatic"):
         raise UrdfError(
-            f"{place} has the type {kind!r}: fixed, revolute, continuous or prismatic wanted"
+            f"{place} has the type {kind!r}; expected fixed, revolute, continuous or prismatic"
         )
     if kind in ("revolute", "prismatic") and joint.find("limit") is None:
-        raise UrdfError(f"{place} has no <limit>: one wanted for a {kind} joint")
+        raise UrdfError(f"{place} has no <limit>; expected one for a {kind} joint")
     mimic = joint.find("mimic")
     if mimic is not None and not mimic.get("joint"):
         raise UrdfError(f"{place} has a <mimic> that names no joint")

@@ -1,10 +1,10 @@
-"""``.xacro`` files to URDF, by the xacro package, kept to files of the description's own.
+"""``.xacro`` files to URDF by the xacro package, restricted to files of the description's packages.
 
 xacro evaluates Python expressions (``${...}``, ``$(eval ...)``). It hides the builtins from them,
-but that is no prison: a xacro file is code, to be run by whoever trusts it. So only a file that the
-user names is expanded, never a text from the network. What can be bounded is: included files,
-``xacro.load_yaml`` too, must lie in the folder that holds the file's package (its own folder where
-there is none) or in a package's folder, links followed, and document types are refused.
+but this is not a sandbox: a xacro file is code. So only a file that the user names is expanded,
+never a text from the network. Included files, those of ``xacro.load_yaml`` too, must lie, with
+links followed, in the folder of the file's package (its own folder where it has none) or in that of
+a package found by ``$(find ...)``. Document types are refused.
 """
 
 import errno
@@ -28,43 +28,43 @@ MAX_FILE_BYTES = 16 * 1024 * 1024
 
 FindPackage = Callable[[str], Path | None]
 
-_one_at_a_time = threading.Lock()  # xacro keeps its state in its modules
+_XACRO_LOCK = threading.Lock()  # xacro has module-level state
 
 
 def parse_xacro_args(entries: list[str]) -> dict[str, str]:
-    """``["name:=value", ...]`` to a mapping; `UrdfError` for what is written otherwise."""
+    """Parse ``["name:=value", ...]``; raise `UrdfError` for an entry of another form."""
     arguments: dict[str, str] = {}
     for entry in entries:
         name, sign, value = entry.partition(":=")
         if not sign or not name.strip():
-            raise UrdfError(f"xacro argument {entry!r}: name:=value wanted")
+            raise UrdfError(f"xacro argument is {entry!r}; expected name:=value")
         arguments[name.strip()] = value
     return arguments
 
 
 def expand_xacro(path: Path, arguments: Mapping[str, str], find_package: FindPackage) -> bytes:
-    """The URDF that the xacro file at ``path`` stands for.
+    """Expand the xacro file at ``path`` to URDF.
 
-    ``arguments`` are the values of its ``<xacro:arg>``; ``find_package`` answers ``$(find NAME)``.
-    Raises `UrdfError` for whatever the expansion trips over.
+    ``arguments`` are the values of its ``<xacro:arg>``. ``find_package`` resolves ``$(find NAME)``.
+    Raises `UrdfError` when the expansion fails.
     """
     reader = _Reader(path, find_package)
-    with _one_at_a_time, _kept_to(reader):
+    with _XACRO_LOCK, _restricted_to(reader):
         try:
             document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
             text: str = document.toxml()
         except UrdfError:
             raise
         except (xacro.XacroException, ExpatError) as problem:
-            raise UrdfError(f"{path} cannot be expanded: {_words(problem)}") from problem
-        except Exception as problem:  # an expression of the file raises whatever it likes
+            raise UrdfError(f"{path} cannot be expanded: {_one_line(problem)}") from problem
+        except Exception as problem:  # expressions of the file raise exceptions of any type
             kind = type(problem).__name__
-            raise UrdfError(f"{path} cannot be expanded: {kind}: {_words(problem)}") from problem
+            raise UrdfError(f"{path} cannot be expanded: {kind}: {_one_line(problem)}") from problem
     return text.encode()
 
 
 class _Reader:
-    """Opens the files that an expansion asks for, where they are allowed."""
+    """Opens files for an expansion, if they are in an allowed folder."""
 
     def __init__(self, path: Path, find_package: FindPackage) -> None:
         folder = path.resolve().parent
@@ -78,8 +78,10 @@ class _Reader:
         path = Path(name)
         if not any(path.resolve().is_relative_to(folder) for folder in self._folders):
             allowed = ", ".join(map(str, self._folders))
-            raise UrdfError(f"xacro file {path} is outside the allowed folders: {allowed}")
-        if not path.is_file():  # an optional include may be missing
+            raise UrdfError(
+                f"xacro file {path} is outside the allowed folders; expected one of {allowed}"
+            )
+        if not path.is_file():  # xacro ignores this error for an optional include
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
         if path.suffix.lower() in (".yaml", ".yml"):
             return BytesIO(read_bounded(path, MAX_FILE_BYTES, UrdfError))
@@ -88,14 +90,14 @@ class _Reader:
     def find(self, package: str) -> str:
         folder = self._find_package(package)
         if folder is None:
-            raise UrdfError(f"$(find {package}): no such package, name its folder in package_dirs")
+            raise UrdfError(f"$(find {package}): package not found; add its folder to package_dirs")
         self._folders.append(folder.resolve())
         return str(folder)
 
 
 @contextmanager
-def _kept_to(reader: _Reader) -> Iterator[None]:
-    """Answer in place of the builtin ``open`` and of an installed ROS, which xacro asks."""
+def _restricted_to(reader: _Reader) -> Iterator[None]:
+    """Replace the builtin ``open`` and the package search of an installed ROS in xacro."""
     module: Any = xacro
     find = xacro.substitution_args._eval_find
     module.open = reader.open
@@ -107,5 +109,5 @@ def _kept_to(reader: _Reader) -> Iterator[None]:
         xacro.substitution_args._eval_find = find
 
 
-def _words(problem: Exception) -> str:
+def _one_line(problem: Exception) -> str:
     return " ".join(str(problem).split())

@@ -1,1 +1,1 @@
-"""Where the links of a robot are, and which joints bring them there."""
+"""Forward and inverse kinematics of a tree of joints."""

@@ -1,4 +1,4 @@
-"""Joints as a URDF tells them: how a child link moves in its parent."""
+"""Joints with the semantics of URDF: how a child link moves relative to its parent."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,10 +13,9 @@ MM_PER_M = 1000.0
 
 
 class JointType(StrEnum):
-    """The joint types that have kinematics here: at most one degree of freedom each.
+    """Supported joint types, with at most one degree of freedom.
 
-    ``floating`` and ``planar`` joints are refused, because a single number cannot place them and
-    a link shown at a made-up place is worse than none.
+    ``floating`` and ``planar`` joints are refused, because one position cannot place them.
     """
 
     FIXED = "fixed"
@@ -27,7 +26,7 @@ class JointType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """``position = multiplier * leader's position + offset``, in rad, or in m if sliding."""
+    """``position = multiplier * position of leader + offset``, in rad, in m for sliding joints."""
 
     leader: str
     multiplier: float = 1.0
@@ -37,19 +36,20 @@ class Mimic:
         for name in ("multiplier", "offset"):
             if not math.isfinite(getattr(self, name)):
                 raise UrdfError(
-                    f"{name} of the mimic of {self.leader!r} is {getattr(self, name)}: "
-                    "a finite number wanted"
+                    f"{name} of the mimic of {self.leader!r} is {getattr(self, name)}; "
+                    "expected a finite number"
                 )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """``child`` hangs on ``parent``: origin, then the motion about or along ``axis``.
+    """Connects ``child`` to ``parent``: the origin, then the motion about or along ``axis``.
 
-    ``origin`` is ``parent_from_child`` at position 0. ``axis`` is (3,), a unit vector in the
-    child's frame, and ``pivot_mm`` (3,) a point of it, there as well: the origin in URDF, anywhere
-    in AMBF. ``lower`` and ``upper`` are rad, m for sliding joints, and infinite for continuous
-    ones; kinematics does not clip to them, inverse kinematics stays within them.
+    ``origin`` is ``parent_from_child`` at position 0. ``axis`` (3,) is a unit vector and
+    ``pivot_mm`` (3,) a point of the axis, both in the child's frame. In URDF the pivot is the
+    origin, in AMBF any point. ``lower`` and ``upper`` are in rad, in m for sliding joints, and
+    infinite for continuous ones. Inverse kinematics stays within them, forward kinematics does not
+    clip to them. Raises `UrdfError` for values that are not finite and for an axis of length 0.
     """
 
     name: str
@@ -64,24 +64,24 @@ class Joint:
     def __post_init__(self) -> None:
         axis = np.array(self.axis, dtype=np.float64)
         if axis.shape != (3,) or not np.isfinite(axis).all():
-            raise UrdfError(f"axis of joint {self.name!r} is {axis.tolist()}: 3 numbers wanted")
+            raise UrdfError(f"axis of joint {self.name!r} is {axis.tolist()}; expected 3 numbers")
         length = float(np.linalg.norm(axis))
         if self.type is not JointType.FIXED:
             if length < 1e-9:
                 raise UrdfError(
-                    f"axis of joint {self.name!r} is {axis.tolist()}: a direction wanted"
+                    f"axis of joint {self.name!r} is {axis.tolist()}; expected a direction"
                 )
             axis /= length
-        # Written so that NaN limits are refused as well.
+        # Also true for NaN limits.
         if not self.lower <= self.upper:
             raise UrdfError(
-                f"limits of joint {self.name!r} are {self.lower} to {self.upper}: "
-                "lower <= upper wanted"
+                f"limits of joint {self.name!r} are {self.lower} to {self.upper}; "
+                "expected lower <= upper"
             )
         pivot_mm = np.array(self.pivot_mm, dtype=np.float64)
         if pivot_mm.shape != (3,) or not np.isfinite(pivot_mm).all():
             raise UrdfError(
-                f"pivot of joint {self.name!r} is {pivot_mm.tolist()} mm: 3 numbers wanted"
+                f"pivot of joint {self.name!r} is {pivot_mm.tolist()} mm; expected 3 numbers"
             )
         axis.flags.writeable = pivot_mm.flags.writeable = False
         object.__setattr__(self, "axis", axis)
@@ -89,31 +89,31 @@ class Joint:
 
     @property
     def parent(self) -> str:
-        """The link that the joint hangs on."""
+        """The parent link."""
         return self.origin.target
 
     @property
     def child(self) -> str:
-        """The link that the joint moves."""
+        """The child link."""
         return self.origin.source
 
     @property
     def moves(self) -> bool:
-        """False for a fixed joint."""
+        """True unless the joint is fixed."""
         return self.type is not JointType.FIXED
 
     @property
     def slides(self) -> bool:
-        """True where the position is a length (m) and not an angle (rad)."""
+        """True if the position is a length (m), false if it is an angle (rad)."""
         return self.type is JointType.PRISMATIC
 
     @property
     def twist(self) -> FloatArray:
-        """T (4, 4) of the motion ``I + a T + b T^2`` of the child from its place at 0, in mm.
+        """T (4, 4) of the motion ``I + a T + b T^2`` of the child from its pose at 0, in mm.
 
-        A turn by q has a = sin q, b = 1 - cos q (Rodrigues; Murray, Li and Sastry, A Mathematical
-        Introduction to Robotic Manipulation, 1994, equation 2.36); a slide by q metres has a = q,
-        and T^2 is 0. A fixed joint's is 0.
+        A rotation by q has a = sin q, b = 1 - cos q (Rodrigues; Murray, Li and Sastry, A
+        Mathematical Introduction to Robotic Manipulation, 1994, equation 2.36). A translation by
+        q metres has a = q, and T^2 is 0. The T of a fixed joint is 0.
         """
         twist = np.zeros((4, 4))
         if self.slides:

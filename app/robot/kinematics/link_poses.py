@@ -1,4 +1,4 @@
-"""Where the links of a robot are, link by link."""
+"""Poses of the links of a robot, converted to `Transform` on access."""
 
 from collections.abc import Iterator, Mapping
 
@@ -6,17 +6,17 @@ from app.geometry import FloatArray, Transform
 
 
 class LinkPoses(Mapping[str, Transform]):
-    """``root_from_link`` for every link, each made when it is asked for.
+    """``root_from_link`` by link, each converted when it is accessed.
 
-    A robot is placed at every step of a session, which asks for one link of it.
+    A session computes all links at every step and reads one of them.
     """
 
     __slots__ = ("_matrices", "_root", "_rows")
 
     def __init__(self, root: str, rows: Mapping[str, int], matrices: FloatArray) -> None:
-        """A new array (n, 4, 4) of poses by construction, in mm, is taken over.
+        """Take over ``matrices`` (n, 4, 4): rigid, in mm, not copied and not checked.
 
-        ``rows`` tells which of them is a link's.
+        ``rows`` maps a link to its index in ``matrices``.
         """
         self._root = root
         self._rows = rows

@@ -1,4 +1,4 @@
-"""The tree of links and joints: where every link is, and how joints move it."""
+"""The tree of links and joints: link poses and their Jacobian."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -12,26 +12,26 @@ from app.robot.kinematics.joint import MM_PER_M, Joint
 
 
 class KinematicTree:
-    """Joints in the order from root to leaves, checked to be one tree over ``link_names``.
+    """Joints, sorted from root to leaves, that form one tree over ``link_names``.
 
-    Several roots, a loop, a link with two parents, a joint at a link that does not exist and a
-    mimic joint that follows nobody or itself raise `UrdfError`.
+    Raises `UrdfError` for several roots, a loop, a link with two parents, a joint of an unknown
+    link, and a mimic joint without leader or in a loop of mimics.
     """
 
     def __init__(self, link_names: Sequence[str], joints: Sequence[Joint]) -> None:
         self.root = _root_of(link_names, joints)
-        self.joints = _from_root_to_leaves(self.root, link_names, joints)
+        self.joints = _sorted_from_root(self.root, link_names, joints)
         self.link_names = (self.root, *(joint.child for joint in self.joints))
         self._joint_named = {joint.name: joint for joint in joints}
-        self._joint_above = {joint.child: joint for joint in joints}
+        self._parent_joint = {joint.child: joint for joint in joints}
         self.link_rows = {name: row for row, name in enumerate(self.link_names)}
         self._drivers = tuple(joint.name if joint.moves else None for joint in self.joints)
         self._slides = np.array([joint.slides for joint in self.joints], dtype=np.bool_)
         self._parents = np.array([self.link_rows[joint.parent] for joint in self.joints], np.int64)
         self._origins = np.array([joint.origin.matrix for joint in self.joints]).reshape(-1, 4, 4)
         twists = np.array([joint.twist for joint in self.joints]).reshape(-1, 4, 4)
-        turned = self._origins @ twists
-        self._turned = np.array([turned, turned @ twists])
+        first = self._origins @ twists
+        self._motions = np.array([first, first @ twists])
         self._leaders_first = tuple(
             (joint.name, joint.mimic) for joint in _leaders_first(joints, self._joint_named)
         )
@@ -39,22 +39,23 @@ class KinematicTree:
         self._drivers_of: dict[str, frozenset[str]] = {}
 
     def joint(self, name: str) -> Joint:
-        """The moving joint of that name; `JointError` for a fixed or an unknown one."""
+        """Return the moving joint ``name``; raise `JointError` for a fixed or an unknown one."""
         joint = self._joint_named.get(name)
         if joint is None or not joint.moves:
             moving = ", ".join(joint.name for joint in self.joints if joint.moves) or "none"
             found = "is fixed" if joint else "is unknown"
-            raise JointError(f"joint {name!r} {found}: the robot's moving joints are {moving}")
+            raise JointError(f"joint {name!r} {found}; expected a moving joint: {moving}")
         return joint
 
-    def all_positions(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Positions of every moving joint: given ones, then followers of leaders, the rest at 0.
+    def complete_positions(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Return the position of every moving joint: given, else from its leader, else 0.
 
-        A mimic joint that is itself given (a driver may report it as measured) stays as given,
-        as in robot_state_publisher.
+        A given position of a mimic joint, which a driver may report as measured, takes precedence
+        over its leader's, as in robot_state_publisher. Raises `JointError` for an unknown joint and
+        for a position that is not finite.
         """
         if not (given.keys() <= self._moving and all(map(math.isfinite, given.values()))):
-            self._refuse(given)
+            self._raise_invalid(given)
         positions: dict[str, float] = {}
         for name, mimic in self._leaders_first:
             if name in given:
@@ -66,37 +67,35 @@ class KinematicTree:
         return positions
 
     def link_matrices(self, positions: Mapping[str, float]) -> FloatArray:
-        """``root_from_link`` (n, 4, 4) in mm, as in ``link_names``, from `all_positions`.
+        """Return ``root_from_link`` (n, 4, 4) in mm, in the order of ``link_names``.
 
-        Raises `JointError` for positions that put a link beyond all numbers.
+        ``positions`` are those of `complete_positions`. Raises `JointError` when a pose overflows.
         """
-        each = np.array([0.0 if name is None else positions[name] for name in self._drivers])
-        matrices = np.empty((len(each) + 1, 4, 4))
-        place_links = _placing()
-        if not place_links(
-            each, self._slides, self._origins, self._turned, self._parents, matrices
+        values = np.array([0.0 if name is None else positions[name] for name in self._drivers])
+        matrices = np.empty((len(values) + 1, 4, 4))
+        compute_link_poses = _load_kernel()
+        if not compute_link_poses(
+            values, self._slides, self._origins, self._motions, self._parents, matrices
         ):
-            places_mm = matrices[:, :3, 3]
-            first = int(np.argmin(np.isfinite(places_mm).all(axis=1)))
+            origins_mm = matrices[:, :3, 3]
+            first = int(np.argmin(np.isfinite(origins_mm).all(axis=1)))
             raise JointError(
-                f"link {self.link_names[first]!r} is at {places_mm[first].tolist()} mm with the "
-                f"joints at {dict(positions)}: finite numbers wanted"
+                f"link {self.link_names[first]!r} is at {origins_mm[first].tolist()} mm with the "
+                f"joints at {dict(positions)}; expected finite numbers"
             )
         return matrices
 
-    def _refuse(self, given: Mapping[str, float]) -> None:
-        """Raise `JointError` for the first of the positions that cannot be taken."""
+    def _raise_invalid(self, given: Mapping[str, float]) -> None:
+        """Raise `JointError` for the first invalid position."""
         for name, position in given.items():
             self.joint(name)
             if not math.isfinite(position):
                 raise JointError(
-                    f"position of joint {name!r} is {position}: a finite number wanted"
+                    f"position of joint {name!r} is {position}; expected a finite number"
                 )
 
-    def require_all_of(self, link: str, given: Mapping[str, float]) -> None:
-        """Raise `JointError` for a joint that moves ``link``, and neither it nor who it follows is
-        ``given``.
-        """
+    def require_positions_for(self, link: str, given: Mapping[str, float]) -> None:
+        """Raise `JointError` unless all joints that move ``link`` are given or follow given."""
         drivers = self._drivers_of.get(link)
         if drivers is None:
             path = [joint for joint in self.path_to(link) if joint.moves]
@@ -104,32 +103,32 @@ class KinematicTree:
         if drivers <= given.keys():
             return
         for joint in self.path_to(link):
-            if joint.moves and not self._is_told(joint, given):
+            if joint.moves and not self._is_given(joint, given):
                 raise JointError(
-                    f"joint {self.driver_of(joint)[0]!r}, which moves {link!r}, has no position: "
-                    f"{', '.join(given) or 'none'} given, {', '.join(sorted(drivers))} wanted"
+                    f"joint {self.driver_of(joint)[0]!r}, which moves {link!r}, has no position; "
+                    f"expected {', '.join(sorted(drivers))}, found {', '.join(given) or 'none'}"
                 )
 
-    def _is_told(self, joint: Joint, given: Mapping[str, float]) -> bool:
+    def _is_given(self, joint: Joint, given: Mapping[str, float]) -> bool:
         while joint.name not in given and joint.mimic is not None:
             joint = self._joint_named[joint.mimic.leader]
         return joint.name in given
 
     def path_to(self, link: str) -> list[Joint]:
-        """The joints from the root to ``link``; `JointError` for an unknown link."""
+        """Return the joints from the root to ``link``; raise `JointError` for an unknown link."""
         if link not in self.link_names:
             raise JointError(
-                f"link {link!r} is unknown: the links are {', '.join(self.link_names)}"
+                f"link {link!r} is unknown; expected one of {', '.join(self.link_names)}"
             )
         path = []
         while link != self.root:
-            joint = self._joint_above[link]
+            joint = self._parent_joint[link]
             path.append(joint)
             link = joint.parent
         return path[::-1]
 
     def driver_of(self, joint: Joint) -> tuple[str, float]:
-        """The actuated joint that a moving one follows in the end, and how much of it it moves."""
+        """Return the actuated joint that ``joint`` follows, and the product of the multipliers."""
         gain = 1.0
         while joint.mimic is not None:
             gain *= joint.mimic.multiplier
@@ -137,11 +136,11 @@ class KinematicTree:
         return joint.name, gain
 
     def jacobian(self, link: str, drivers: Sequence[str], matrices: FloatArray) -> FloatArray:
-        """How ``link`` moves with ``drivers``: (6, n), mm and rad per rad (or per m), in the root.
+        """Return the geometric Jacobian (6, n) of ``link`` for ``drivers``, in the root frame.
 
-        Rows are the velocity of the link's origin, then its angular velocity (the geometric
-        Jacobian; Siciliano et al., Robotics, 2009, section 3.1). A driver also moves through the
-        joints that follow it.
+        Rows are the velocity of the link's origin (mm), then its angular velocity (rad), per rad or
+        m of the driver (Siciliano et al., Robotics, 2009, section 3.1). The motion of mimic joints
+        is part of their driver's column. ``matrices`` are those of `link_matrices`.
         """
         jacobian = np.zeros((6, len(drivers)))
         column_of = {name: column for column, name in enumerate(drivers)}
@@ -153,7 +152,7 @@ class KinematicTree:
             column = column_of.get(driver)
             if column is None:
                 continue
-            # A motion leaves its own axis where it is, so the child's frame serves for it.
+            # The motion of a joint leaves its axis in place: the child's frame gives the axis.
             child = matrices[self.link_rows[joint.child]]
             axis = child[:3, :3] @ joint.axis
             if joint.slides:
@@ -166,65 +165,67 @@ class KinematicTree:
 
 
 @cache
-def _placing() -> Callable[..., bool]:
-    from app.robot.kinematics.placing import place_links  # compiled: slow to load
+def _load_kernel() -> Callable[..., bool]:
+    from app.robot.kinematics.link_kernel import compute_link_poses  # slow to load
 
-    return place_links
+    return compute_link_poses
 
 
 def _root_of(link_names: Sequence[str], joints: Sequence[Joint]) -> str:
     known = set(link_names)
-    above: dict[str, str] = {}
+    parent_joint: dict[str, str] = {}
     for joint in joints:
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in known:
                 raise UrdfError(f"{role} {link!r} of joint {joint.name!r} is not a link")
-        if joint.child in above:
+        if joint.child in parent_joint:
             raise UrdfError(
-                f"link {joint.child!r} is the child of the joints {above[joint.child]!r} and "
-                f"{joint.name!r}: one parent wanted"
+                f"link {joint.child!r} is the child of the joints {parent_joint[joint.child]!r} "
+                f"and {joint.name!r}; expected one parent joint"
             )
-        above[joint.child] = joint.name
-    roots = [name for name in link_names if name not in above]
+        parent_joint[joint.child] = joint.name
+    roots = [name for name in link_names if name not in parent_joint]
     if not roots:
-        raise UrdfError("the links form a loop: one link without a parent joint wanted")
+        raise UrdfError("the links form a loop; expected one link without a parent joint")
     if len(roots) > 1:
-        raise UrdfError(f"the links {', '.join(roots)} have no parent joint: one root wanted")
+        raise UrdfError(f"the links {', '.join(roots)} have no parent joint; expected one root")
     return roots[0]
 
 
-def _from_root_to_leaves(
+def _sorted_from_root(
     root: str, link_names: Sequence[str], joints: Sequence[Joint]
 ) -> tuple[Joint, ...]:
-    below: dict[str, list[Joint]] = {}
+    child_joints: dict[str, list[Joint]] = {}
     for joint in joints:
-        below.setdefault(joint.parent, []).append(joint)
+        child_joints.setdefault(joint.parent, []).append(joint)
     ordered: list[Joint] = []
     links = [root]
-    for link in links:  # grows while it is walked: breadth first
-        ordered.extend(below.get(link, []))
-        links.extend(joint.child for joint in below.get(link, []))
+    for link in links:  # grows in the loop: breadth first
+        ordered.extend(child_joints.get(link, []))
+        links.extend(joint.child for joint in child_joints.get(link, []))
     unreached = sorted(set(link_names) - set(links))
     if unreached:
-        raise UrdfError(f"the links {', '.join(unreached)} form a loop apart from {root!r}")
+        raise UrdfError(
+            f"the links {', '.join(unreached)} form a loop that is not connected to {root!r}"
+        )
     return tuple(ordered)
 
 
 def _leaders_first(joints: Sequence[Joint], named: Mapping[str, Joint]) -> tuple[Joint, ...]:
-    """Moving joints such that every mimic joint comes after the one it follows."""
+    """Moving joints, every mimic joint after its leader."""
     ordered: dict[str, Joint] = {}
     for joint in joints:
         chain: list[Joint] = []
         while joint.moves and joint.name not in ordered:
             if joint in chain:
-                raise UrdfError(f"joint {joint.name!r} mimics itself by way of others")
+                raise UrdfError(f"joint {joint.name!r} mimics itself, directly or through others")
             chain.append(joint)
             if joint.mimic is None:
                 break
             leader = named.get(joint.mimic.leader)
             if leader is None or not leader.moves:
                 raise UrdfError(
-                    f"joint {joint.name!r} mimics {joint.mimic.leader!r}: a moving joint wanted"
+                    f"joint {joint.name!r} mimics {joint.mimic.leader!r}; expected a moving joint"
                 )
             joint = leader
         ordered.update((joint.name, joint) for joint in reversed(chain))

@@ -12,12 +12,12 @@ from app.robot.errors import RobotMeshError
 Surface = tuple[FloatArray, NDArray[np.int64]]
 
 SIDES = 48
-"""Corners of a circle. They stand on the circle: the surface is inside the ideal one by at most
+"""Corners of a circle. They are on the circle: the surface is inside the ideal one by at most
 0.21 % of the radius."""
 
 
 def box(size: Sequence[float]) -> Surface:
-    """A box of edge lengths (3,), in their unit, centred."""
+    """Return a centred box with edge lengths ``size`` (3,), in their unit."""
     half = _sizes("box", size, 3) / 2.0
     signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -26,14 +26,14 @@ def box(size: Sequence[float]) -> Surface:
 
 
 def cylinder(radius: float, length: float) -> Surface:
-    """A cylinder along z, centred, as in URDF."""
+    """Return a centred cylinder along z, as in URDF."""
     radius, length = _sizes("cylinder", (radius, length), 2)
     heights = np.array([-0.5, -0.5, 0.5, 0.5]) * length
     return revolved(np.array([0.0, radius, radius, 0.0]), heights)
 
 
 def sphere(radius: float) -> Surface:
-    """A sphere around the origin, poles on z."""
+    """Return a centred sphere with poles on z."""
     (radius,) = _sizes("sphere", (radius,), 1)
     latitude = np.linspace(-math.pi / 2.0, math.pi / 2.0, SIDES // 2 + 1)
     radii = radius * np.cos(latitude)
@@ -42,7 +42,10 @@ def sphere(radius: float) -> Surface:
 
 
 def revolved(radii: FloatArray, heights: FloatArray) -> Surface:
-    """The surface of a profile turned about z; first and last radius are 0, heights rise."""
+    """Return the surface of a profile rotated about z.
+
+    ``radii`` (n,) begin and end with 0; ``heights`` (n,) increase.
+    """
     angle = np.linspace(0.0, math.tau, SIDES, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(SIDES)], axis=1)
     rings = [
@@ -50,16 +53,16 @@ def revolved(radii: FloatArray, heights: FloatArray) -> Surface:
         for radius, height in zip(radii[1:-1], heights[1:-1], strict=True)
     ]
     poles = np.array([[0.0, 0.0, heights[0]], [0.0, 0.0, heights[-1]]])
-    here = np.arange(SIDES)
-    ahead = (here + 1) % SIDES
+    corner = np.arange(SIDES)
+    following = (corner + 1) % SIDES
     bottom, top = len(rings) * SIDES, len(rings) * SIDES + 1
     last = (len(rings) - 1) * SIDES
-    faces = [np.stack([np.full(SIDES, bottom), ahead, here], axis=1)]
+    faces = [np.stack([np.full(SIDES, bottom), following, corner], axis=1)]
     for low in range(0, last, SIDES):
         up = low + SIDES
-        faces.append(np.stack([low + here, low + ahead, up + ahead], axis=1))
-        faces.append(np.stack([low + here, up + ahead, up + here], axis=1))
-    faces.append(np.stack([last + here, last + ahead, np.full(SIDES, top)], axis=1))
+        faces.append(np.stack([low + corner, low + following, up + following], axis=1))
+        faces.append(np.stack([low + corner, up + following, up + corner], axis=1))
+    faces.append(np.stack([last + corner, last + following, np.full(SIDES, top)], axis=1))
     return np.concatenate([*rings, poles]), np.concatenate(faces)
 
 
@@ -67,6 +70,6 @@ def _sizes(kind: str, values: Sequence[float], count: int) -> FloatArray:
     sizes = np.array(values, dtype=np.float64)
     if sizes.shape != (count,) or not (np.isfinite(sizes).all() and (sizes > 0.0).all()):
         raise RobotMeshError(
-            f"sizes of a {kind} are {sizes.tolist()}: {count} numbers above 0 wanted"
+            f"sizes of a {kind} are {sizes.tolist()}; expected {count} numbers above 0"
         )
     return sizes

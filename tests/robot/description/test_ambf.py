@@ -1,4 +1,4 @@
-"""AMBF files against the numbers that stand in them, read here by plain yaml and scipy."""
+"""AMBF files compared with the values of their YAML text."""
 
 import math
 
@@ -16,15 +16,7 @@ from app.robot import (
     load_robot,
     parse_mesh_map,
 )
-
-
-def world_from(location):
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler(
-        "xyz", [location["orientation"][axis] for axis in "rpy"]
-    ).as_matrix()
-    matrix[:3, 3] = [1000.0 * location["position"][axis] for axis in "xyz"]
-    return matrix
+from tests.oracles.ambf_poses import world_from_body
 
 
 @pytest.fixture(scope="module")
@@ -37,59 +29,61 @@ def kuka(kuka_file):
     return load_robot(kuka_file)
 
 
-def test_the_bodies_of_the_kuka_are_where_the_file_says(kuka, kuka_file):
-    said = yaml.safe_load(kuka_file.read_text())
+def test_bodies_of_the_kuka_are_at_their_locations(kuka, kuka_file):
+    document = yaml.safe_load(kuka_file.read_text())
     links = kuka.forward_kinematics({})
-    assert set(links) == {"world", *(said[key]["name"] for key in said["bodies"])}
-    for key in said["bodies"]:
-        pose = links[said[key]["name"]].matrix
-        np.testing.assert_allclose(pose, world_from(said[key]["location"]), rtol=0, atol=1e-9)
+    assert set(links) == {"world", *(document[key]["name"] for key in document["bodies"])}
+    for key in document["bodies"]:
+        pose = links[document[key]["name"]].matrix
+        np.testing.assert_allclose(
+            pose, world_from_body(document[key]["location"]), rtol=0, atol=1e-9
+        )
 
 
-def test_the_kuka_turns_about_the_parents_axes_through_the_parents_pivots(kuka, kuka_file):
-    """We turn about the child's axis and pivot: the parent's say the same in the other frame."""
-    said = yaml.safe_load(kuka_file.read_text())
+def test_joints_of_the_kuka_rotate_about_axis_and_pivot_of_the_parent(kuka, kuka_file):
+    """The loader uses axis and pivot of the child; those of the parent are the same line."""
+    document = yaml.safe_load(kuka_file.read_text())
     angle = 0.7
     at_zero = kuka.forward_kinematics({})
-    for key in said["joints"]:
-        joint = said[key]
-        parent, child = said[joint["parent"]]["name"], said[joint["child"]]["name"]
+    for key in document["joints"]:
+        joint = document[key]
+        parent, child = document[joint["parent"]]["name"], document[joint["child"]]["name"]
         moved = kuka.forward_kinematics({joint["name"]: angle})
         turned = (moved[parent].inverse() @ moved[child]).matrix @ np.linalg.inv(
             (at_zero[parent].inverse() @ at_zero[child]).matrix
         )
         axis = np.array([joint["parent axis"][each] for each in "xyz"])
         pivot = np.array([1000.0 * joint["parent pivot"][each] for each in "xyz"])
-        # Angles stand in the file with three decimals.
+        # The file has angles with three decimals.
         np.testing.assert_allclose(
             Rotation.from_matrix(turned[:3, :3]).as_rotvec(), angle * axis, atol=2e-4
         )
         np.testing.assert_allclose(turned[:3, :3] @ pivot + turned[:3, 3], pivot, atol=0.1)
 
 
-def test_the_kuka_has_limits_colours_and_meshes(kuka, kuka_file):
+def test_kuka_has_limits_colours_and_meshes(kuka, kuka_file):
     import trimesh
 
-    said = yaml.safe_load(kuka_file.read_text())
+    document = yaml.safe_load(kuka_file.read_text())
     joint = kuka.joints[-1]
     assert (joint.type, joint.lower, joint.upper) == (JointType.REVOLUTE, -3.054, 3.054)
     for link in kuka.links[1:]:
         peer = trimesh.load_mesh(kuka_file.parent / "meshes" / "low_res" / f"{link.name}.STL")
         (visual,), (collision,) = link.visuals, link.collisions
-        diffuse = said[f"BODY {link.name}"]["color components"]["diffuse"]
+        diffuse = document[f"BODY {link.name}"]["color components"]["diffuse"]
         assert visual.color == (diffuse["r"], diffuse["g"], diffuse["b"], 1.0)
         for shape in (visual, collision):
             np.testing.assert_allclose(shape.mesh.bounds_mm, 1000.0 * peer.bounds, atol=1e-3)
 
 
-def test_a_mesh_that_was_found_elsewhere_is_said(kuka):
+def test_mesh_found_elsewhere_is_a_warning(kuka):
     about_link7 = [warning for warning in kuka.warnings if "link7" in warning]
     for warning, resolution in zip(about_link7, ("high", "low"), strict=True):
         assert f"kuka_lwr/{resolution}_res/link7.STL' of body 'link7' not found" in warning
-        assert warning.endswith("ambf_kuka/meshes/low_res/link7.STL' taken")
+        assert warning.endswith("ambf_kuka/meshes/low_res/link7.STL' used instead")
 
 
-def test_the_map_of_meshes_gives_the_bodies_of_the_kuka(kuka, kuka_file):
+def test_mesh_map_gives_the_bodies_of_the_kuka(kuka, kuka_file):
     folder = kuka_file.parent / "meshes" / "low_res"
     names = [link.name for link in kuka.links[1:]]
     text = "".join(f"{name}:{folder / name}.STL;" for name in names)
@@ -132,8 +126,8 @@ def at(x, y, z, r=0.0, p=0.0, yaw=0.0):
     }
 
 
-def test_an_orientation_is_about_fixed_axes(write_adf):
-    """Roll about x, then pitch about y, then yaw about z, of the world: written out."""
+def test_orientation_is_about_fixed_axes(write_adf):
+    """Roll about x, then pitch about y, then yaw about z, of the world."""
     roll, pitch, yaw = 0.3, 0.5, -0.7
     body = {"name": "x", "location": at(0.1, 0.2, 0.3, roll, pitch, yaw)}
     (c, s), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
@@ -158,13 +152,13 @@ ARM = {"name": "left arm", "location": at(1, 2, 3, yaw=math.pi / 2)}
 HAND = {"name": "hand", "location": at(1, 2.4, 3, yaw=math.pi / 2)}
 
 
-def test_a_joint_turns_about_its_pivot_and_names_lose_their_spaces(write_adf):
+def test_joint_rotates_about_its_pivot_and_names_lose_their_spaces(write_adf):
     robot = load_adf(write_adf([ARM, HAND], [joint()]))
     assert robot.warnings == ()
     assert robot.actuated_joint_names == ("wristroll",)
     assert robot.joints[-1].type is JointType.CONTINUOUS
     turned = robot.forward_kinematics({"wristroll": math.pi})
-    # The pivot is at (1, 2.3, 3); the hand, 0.1 m behind it, comes to the other side.
+    # The pivot is at (1, 2.3, 3). The hand, 0.1 m behind it, moves to the other side.
     np.testing.assert_allclose(turned["leftarm"].translation_mm, [1000, 2000, 3000], atol=1e-9)
     np.testing.assert_allclose(turned["hand"].translation_mm, [1000, 2200, 3000], atol=1e-9)
     wanted = turned["hand"]
@@ -172,7 +166,7 @@ def test_a_joint_turns_about_its_pivot_and_names_lose_their_spaces(write_adf):
     assert found["wristroll"] == pytest.approx(math.pi)
 
 
-def test_a_sliding_joint_slides_and_keeps_its_limits(write_adf):
+def test_prismatic_joint_slides_and_keeps_its_limits(write_adf):
     slide = joint("prismatic", **{"joint limits": {"low": -0.1, "high": 0.2}})
     robot = load_adf(write_adf([ARM, HAND], [slide]))
     assert (robot.joints[-1].lower, robot.joints[-1].upper) == (-0.1, 0.2)
@@ -180,7 +174,7 @@ def test_a_sliding_joint_slides_and_keeps_its_limits(write_adf):
     np.testing.assert_allclose(moved.translation_mm, [1000, 2400, 3050], atol=1e-9)
 
 
-def test_primitives_scale_offsets_and_colours(write_adf):
+def test_primitives_have_scale_offsets_and_colours(write_adf):
     body = {
         "name": "tool", "location": at(0, 0, 0), "scale": 2.0,
         "shape": "Cylinder", "geometry": {"radius": 0.01, "height": 0.1, "axis": "x"},
@@ -195,7 +189,7 @@ def test_primitives_scale_offsets_and_colours(write_adf):
     np.testing.assert_allclose(upper, [600, 300, 200], atol=1e-9)
 
 
-def test_places_that_contradict_the_pivots_are_said(write_adf):
+def test_locations_that_contradict_the_pivots_are_a_warning(write_adf):
     robot = load_adf(write_adf([ARM, {**HAND, "location": at(1, 2.5, 3)}], [joint()]))
     assert "the pivots are 224 mm" in robot.warnings[0]
 
@@ -203,8 +197,8 @@ def test_places_that_contradict_the_pivots_are_said(write_adf):
 @pytest.mark.parametrize(
     ("bodies", "joints", "message"),
     [
-        ([ARM, HAND], [joint("p2p")], "type 'p2p': one of hinge"),
-        ([ARM], [joint()], "child 'BODY hand' is no body: BODY left arm are"),
+        ([ARM, HAND], [joint("p2p")], "type 'p2p'; expected one of hinge"),
+        ([ARM], [joint()], "child is 'BODY hand'; expected one of BODY left arm"),
         ([ARM, HAND], [joint(), {**joint(), "name": "again"}], "child of the joints"),
         (
             [ARM, HAND],
@@ -220,11 +214,11 @@ def test_places_that_contradict_the_pivots_are_said(write_adf):
             "'z' is None; expected a finite",
         ),
         ([{**ARM, "location": at(math.nan, 0, 0)}], [], "'x' is nan"),
-        ([ARM, HAND], [joint(**{"child axis": {"x": 0, "y": 0, "z": 0}})], "a direction wanted"),
-        ([{**ARM, "color rgba": {"r": 2, "g": 0, "b": 0}}], [], "0 to 1 wanted"),
+        ([ARM, HAND], [joint(**{"child axis": {"x": 0, "y": 0, "z": 0}})], "expected a direction"),
+        ([{**ARM, "color rgba": {"r": 2, "g": 0, "b": 0}}], [], "expected 0 to 1"),
     ],
 )
-def test_what_is_wrong_is_named_in_one_line(write_adf, bodies, joints, message):
+def test_malformed_section_is_named_in_one_line(write_adf, bodies, joints, message):
     with pytest.raises(AdfError, match=message) as refused:
         load_adf(write_adf(bodies, joints))
     assert "\n" not in str(refused.value)
@@ -246,7 +240,7 @@ def test_what_is_wrong_is_named_in_one_line(write_adf, bodies, joints, message):
         ("bodies: " + "x" * 3_000_000, "more than the 2097152 bytes"),
     ],
 )
-def test_yaml_of_strangers_is_refused(tmp_path, text, message):
+def test_malformed_file_is_refused_in_one_line(tmp_path, text, message):
     path = tmp_path / "model.yaml"
     path.write_text(text)
     with pytest.raises(AdfError, match=message) as refused:
@@ -255,13 +249,13 @@ def test_yaml_of_strangers_is_refused(tmp_path, text, message):
     assert "\n" not in str(refused.value)
 
 
-def test_a_mesh_for_collision_that_is_missing_is_an_error(write_adf):
+def test_missing_mesh_for_collision_is_an_error(write_adf):
     path = write_adf([{**ARM, "mesh": "arm.STL"}], **{"high resolution path": "high/"})
     with pytest.raises(RobotMeshError, match=r"'high/arm.STL' of body 'leftarm' not found"):
         load_adf(path)
 
 
-def test_parse_mesh_map():
+def test_mesh_map_is_parsed():
     assert parse_mesh_map("a:/x/a.stl; b :/y:z/b.stl;") == {"a": "/x/a.stl", "b": "/y:z/b.stl"}
     for text, message in (
         ("", "is empty"),

@@ -1,4 +1,4 @@
-"""Every visual and collision of every link: formats, scale, colours, what is missing."""
+"""Visuals and collisions of links: formats, scale, colours, missing meshes."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def mesh(name, scale=None):
 
 
 def assert_same_surface(loaded, expected_mm):
-    """The same triangles in space, corners in the same order, wherever each list starts."""
+    """Compare triangles in space, in any order; the corners keep their orientation."""
 
     def canonical(triangles):
         triangles = np.round(triangles, 3) + 0.0
@@ -44,7 +44,7 @@ def assert_same_surface(loaded, expected_mm):
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "dae", "glb", "ply", "STL"])
-def test_every_format_gives_the_same_closed_surface(tmp_path, write_urdf, suffix):
+def test_all_formats_give_the_same_closed_surface(tmp_path, write_urdf, suffix):
     BODY.export(tmp_path / f"body.{suffix}", file_type=suffix.lower())
     robot = load_robot(
         write_urdf(link(shape(mesh(f"body.{suffix}")), shape(mesh(f"body.{suffix}"), "collision")))
@@ -58,13 +58,13 @@ def test_every_format_gives_the_same_closed_surface(tmp_path, write_urdf, suffix
         assert_same_surface(loaded.mesh, 1000.0 * BODY.triangles)
 
 
-def test_ascii_stl(tmp_path, write_urdf):
+def test_ascii_stl_is_read(tmp_path, write_urdf):
     BODY.export(tmp_path / "body.stl", file_type="stl_ascii")
     (read,) = load_robot(write_urdf(link(shape(mesh("body.stl"))))).links
     assert_same_surface(read.visuals[0].mesh, 1000.0 * BODY.triangles)
 
 
-def test_every_visual_and_collision_of_a_link(tmp_path, write_urdf):
+def test_all_visuals_and_collisions_of_a_link_are_read(tmp_path, write_urdf):
     BODY.export(tmp_path / "body.stl")
     (read,) = load_robot(
         write_urdf(
@@ -82,7 +82,7 @@ def test_every_visual_and_collision_of_a_link(tmp_path, write_urdf):
     np.testing.assert_allclose(read.visuals[1].mesh.bounds_mm[1], [50, 100, 150])
 
 
-def test_the_origin_is_applied_after_the_scale(tmp_path, write_urdf):
+def test_origin_is_applied_after_the_scale(tmp_path, write_urdf):
     BODY.export(tmp_path / "body.stl")
     origin = '<origin xyz="0.1 0 0" rpy="0 0 1.5707963267948966"/>'
     (read,) = load_robot(write_urdf(link(shape(mesh("body.stl", "2 3 4"), extra=origin)))).links
@@ -100,13 +100,13 @@ def test_normals_stay_outward_at_any_scale(tmp_path, write_urdf, scale):
 
 
 @pytest.mark.parametrize("scale", ["0 1 1", "1 1", "nan 1 1"])
-def test_a_scale_that_flattens_is_refused(tmp_path, write_urdf, scale):
+def test_scale_of_zero_or_not_finite_is_refused(tmp_path, write_urdf, scale):
     BODY.export(tmp_path / "body.stl")
     with pytest.raises(RobotMeshError, match=r"scale of mesh 'body.stl'"):
         load_robot(write_urdf(link(shape(mesh("body.stl", scale), "collision"))))
 
 
-def test_one_file_at_two_scales(tmp_path, write_urdf):
+def test_one_file_is_used_at_two_scales(tmp_path, write_urdf):
     BODY.export(tmp_path / "body.stl")
     (read,) = load_robot(
         write_urdf(link(shape(mesh("body.stl")), shape(mesh("body.stl", "0.5 0.5 0.5"))))
@@ -115,7 +115,7 @@ def test_one_file_at_two_scales(tmp_path, write_urdf):
     assert big == pytest.approx(8.0 * small)
 
 
-def test_a_missing_mesh_is_a_named_warning_for_display(write_urdf):
+def test_missing_mesh_for_display_is_a_warning(write_urdf):
     robot = load_robot(
         write_urdf(link(shape(mesh("package://gone/a.stl")), shape('<sphere radius="1"/>')))
     )
@@ -125,19 +125,19 @@ def test_a_missing_mesh_is_a_named_warning_for_display(write_urdf):
     assert "'a'" in warning
 
 
-def test_a_missing_mesh_is_an_error_for_collision(write_urdf):
+def test_missing_mesh_for_collision_is_an_error(write_urdf):
     with pytest.raises(RobotMeshError, match=r"collision mesh 'gone.stl' of link 'a' not found"):
         load_robot(write_urdf(link(shape(mesh("gone.stl"), "collision"))))
 
 
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 @pytest.mark.parametrize("name", ["package://p/../../x.stl", "https://example.org/x.stl"])
-def test_unsafe_names_are_errors_for_both(write_urdf, kind, name):
+def test_unsafe_name_is_an_error_for_display_and_collision(write_urdf, kind, name):
     with pytest.raises(RobotMeshError, match=r"leaves its package|scheme"):
         load_robot(write_urdf(link(shape(mesh(name), kind))))
 
 
-def test_a_broken_mesh_is_a_warning_for_display_and_an_error_for_collision(tmp_path, write_urdf):
+def test_malformed_mesh_is_a_warning_for_display_and_an_error_for_collision(tmp_path, write_urdf):
     (tmp_path / "broken.stl").write_bytes(b"not a mesh at all" * 10)
     robot = load_robot(write_urdf(link(shape(mesh("broken.stl")))))
     assert robot.links[0].visuals == ()
@@ -147,7 +147,7 @@ def test_a_broken_mesh_is_a_warning_for_display_and_an_error_for_collision(tmp_p
         load_robot(write_urdf(link(shape(mesh("broken.stl"), "collision"))))
 
 
-def test_colours_of_the_urdf_go_before_those_of_the_file(tmp_path, write_urdf):
+def test_colour_of_the_urdf_overrides_that_of_the_file(tmp_path, write_urdf):
     painted = BODY.copy()
     painted.visual.face_colors = [0, 255, 0, 255]
     painted.export(tmp_path / "green.ply")
@@ -161,7 +161,7 @@ def test_colours_of_the_urdf_go_before_those_of_the_file(tmp_path, write_urdf):
                 shape(mesh("green.ply"), extra='<material name="blue"/>'),
                 shape('<sphere radius="1"/>'),
             )
-            # Defined in passing, and known to the whole robot.
+            # A material defined in a visual is known to the whole robot.
             + link(
                 shape(
                     '<sphere radius="1"/>',
@@ -176,7 +176,7 @@ def test_colours_of_the_urdf_go_before_those_of_the_file(tmp_path, write_urdf):
     assert colors == [(0, 1, 0, 1), (1, 0, 0, 0.5), (0, 0, 1, 1), None]
 
 
-def test_an_omni_loads_with_and_without_its_package_folder(shared_data):
+def test_omni_loads_with_and_without_its_package_folder(shared_data):
     urdf = shared_data / "omni" / "urdf" / "omni.urdf"
     given = load_robot(urdf, package_dirs=[shared_data / "omni"])
     found = load_robot(urdf)

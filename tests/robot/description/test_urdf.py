@@ -1,4 +1,4 @@
-"""Descriptions that yourdfpy alone would guess about are refused by name and line."""
+"""Ambiguous descriptions, which yourdfpy accepts, are refused with name and line."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def joint(inside="", kind="fixed", links='<parent link="a"/><child link="b"/>'):
         (TWO + joint() + "\n" + joint(), "two joints named 'j', in the lines 3 and 4"),
         (TWO + joint(links='<child link="b"/>'), "'j' in line 3 names no parent link"),
         (TWO + joint(links='<parent link="a"/><child/>'), "names no child link"),
-        (TWO + joint(kind="floating"), "type 'floating': fixed, revolute"),
+        (TWO + joint(kind="floating"), "type 'floating'; expected fixed, revolute"),
         (TWO + joint(kind="planar"), "type 'planar'"),
         (TWO + joint(kind="magic"), "type 'magic'"),
         (TWO + joint(kind="revolute"), "has no <limit>"),
@@ -28,13 +28,16 @@ def joint(inside="", kind="fixed", links='<parent link="a"/><child link="b"/>'):
         (TWO + joint('<origin xyz="0 zero 0"/>'), "cannot be read as URDF.*zero"),
         (TWO + joint('<origin xyz="0 nan 0"/>'), "not finite"),
         (TWO + joint('<axis xyz="0 0 0"/>', kind="continuous"), "axis of joint 'j'"),
-        # (1, 1, 1), (1, 0, 0) and (10, 0, 0) to yourdfpy
-        (TWO + joint('<origin xyz="1"/>'), "'xyz' of <origin> in line 3 is '1': 3 decimal"),
-        (TWO + joint('<origin xyz="1 0 0 5"/>'), "'xyz' of <origin> .* 3 decimal numbers wanted"),
-        (TWO + joint('<origin rpy="1_0 0 0"/>'), "'rpy' of <origin> .* 3 decimal numbers wanted"),
+        # yourdfpy reads (1, 1, 1), (1, 0, 0) and (10, 0, 0).
+        (
+            TWO + joint('<origin xyz="1"/>'),
+            "'xyz' of <origin> in line 3 is '1'; expected 3 dec",
+        ),
+        (TWO + joint('<origin xyz="1 0 0 5"/>'), "'xyz' of <origin> .* expected 3 decimal numbers"),
+        (TWO + joint('<origin rpy="1_0 0 0"/>'), "'rpy' of <origin> .* expected 3 decimal numbers"),
         (TWO + joint('<axis xyz="0 0 1 1"/>', kind="continuous"), "'xyz' of <axis>"),
         (TWO + joint('<limit lower="1_0"/>', kind="revolute"), "'lower' of <limit> .* 1 decimal"),
-        (TWO + joint('<origin xyz="1 0 0"/><origin/>'), "has 2 elements <origin>: one wanted"),
+        (TWO + joint('<origin xyz="1 0 0"/><origin/>'), "has 2 elements <origin>; expected one"),
         (TWO + joint('<parent link="a"/>'), "has 2 elements <parent>"),
         (
             '<link name="a"><collision><origin xyz="1"/><geometry><sphere radius="1"/></geometry>'
@@ -49,17 +52,17 @@ def joint(inside="", kind="fixed", links='<parent link="a"/><child link="b"/>'):
         ('<link name="a"><visual/></link>', "<visual> in line 3 has the geometry none"),
         (
             '<link name="a"><collision><geometry><capsule/></geometry></collision></link>',
-            "geometry capsule: one of mesh, box, cylinder, sphere",
+            "geometry capsule; expected one of mesh, box, cylinder, sphere",
         ),
         ('<link name="a"><visual><geometry><mesh/></geometry></visual></link>', "filename"),
         (
             '<link name="a"><collision><geometry><sphere radius="-1"/></geometry></collision>'
             "</link>",
-            "sphere are .-1.0.: 1 numbers above 0",
+            "sphere are .-1.0.; expected 1 numbers above 0",
         ),
         (
             '<xacro:arm xmlns:xacro="http://www.ros.org/wiki/xacro"/><link name="a"/>',
-            "xacro element in line 3: expand",
+            "xacro element in line 3; expected a file that xacro",
         ),
         (
             '<material name="m"><color rgba="1 0 0"/></material><link name="a"/>',
@@ -67,7 +70,7 @@ def joint(inside="", kind="fixed", links='<parent link="a"/><child link="b"/>'):
         ),
     ],
 )
-def test_what_would_be_a_guess_is_refused(write_urdf, body, message):
+def test_ambiguous_description_is_refused(write_urdf, body, message):
     path = write_urdf(body)
     with pytest.raises((UrdfError, RobotMeshError), match=message) as caught:
         load_robot(path)
@@ -75,7 +78,7 @@ def test_what_would_be_a_guess_is_refused(write_urdf, body, message):
     assert isinstance(caught.value, RobotMeshError) or str(path) in str(caught.value)
 
 
-def test_another_root_element_and_a_nameless_robot_are_refused(tmp_path):
+def test_other_root_element_and_nameless_robot_are_refused(tmp_path):
     path = tmp_path / "model.urdf"
     path.write_text("<sdf/>")
     with pytest.raises(UrdfError, match="holds <sdf> in line 1"):
@@ -85,7 +88,7 @@ def test_another_root_element_and_a_nameless_robot_are_refused(tmp_path):
         load_robot(path)
 
 
-def test_joints_are_read_as_they_stand(write_urdf):
+def test_joints_are_read_with_all_their_elements(write_urdf):
     robot = load_robot(
         write_urdf(
             TWO
@@ -101,6 +104,6 @@ def test_joints_are_read_as_they_stand(write_urdf):
     assert (read.lower, read.upper) == (0.0, 0.05)
     assert read.axis.tolist() == [1.0, 0.0, 0.0]
     assert read.origin.translation_mm.tolist() == [100.0, 200.0, 300.0]
-    # The slide goes along the joint's own x, which lies along y of the parent.
+    # The axis is the joint's x, which is parallel to y of the parent.
     place = robot.forward_kinematics({"j": 0.05})["b"].translation_mm
     assert place.tolist() == pytest.approx([100.0, 250.0, 300.0])

@@ -1,4 +1,4 @@
-"""Inverse kinematics: forward kinematics of its answer is what was asked for."""
+"""Inverse kinematics: forward kinematics of the solution gives the goal pose."""
 
 import math
 
@@ -32,20 +32,20 @@ def within_limits(robot, positions):
 
 @settings(max_examples=30)
 @given(fractions)
-def test_every_pose_of_the_arm_is_found_again(touch, fractions):
+def test_solution_reaches_any_pose_of_the_arm(touch, fractions):
     positions = {
         joint.name: joint.lower + fraction * (joint.upper - joint.lower)
         for joint, fraction in zip(touch.joints, fractions, strict=True)
     }
-    wanted = touch.forward_kinematics(positions)["stylus"]
-    found = touch.inverse_kinematics("stylus", wanted)
+    goal = touch.forward_kinematics(positions)["stylus"]
+    found = touch.inverse_kinematics("stylus", goal)
     reached = touch.forward_kinematics(found)["stylus"]
-    assert reached.distance_mm_to(wanted) < 1e-6
-    assert reached.angle_to(wanted) < 1e-8
+    assert reached.distance_mm_to(goal) < 1e-6
+    assert reached.angle_to(goal) < 1e-8
     assert within_limits(touch, found)
 
 
-def test_the_panda_with_seven_joints_and_a_gripper(panda, rng):
+def test_solution_moves_a_link_through_a_mimic_joint(panda, rng):
     robot = panda
     for _ in range(5):
         positions = {
@@ -53,55 +53,55 @@ def test_the_panda_with_seven_joints_and_a_gripper(panda, rng):
             for joint in robot.joints
             if joint.moves and joint.mimic is None
         }
-        # The finger follows its leader, so the answer has to go through the mimic joint.
-        wanted = robot.forward_kinematics(positions)["panda_rightfinger"]
-        found = robot.inverse_kinematics("panda_rightfinger", wanted)
+        # The finger is moved by a mimic joint.
+        goal = robot.forward_kinematics(positions)["panda_rightfinger"]
+        found = robot.inverse_kinematics("panda_rightfinger", goal)
         assert set(found) == set(robot.actuated_joint_names)
         assert within_limits(robot, found)
         reached = robot.forward_kinematics(found)["panda_rightfinger"]
-        assert reached.distance_mm_to(wanted) < 1e-6
+        assert reached.distance_mm_to(goal) < 1e-6
 
 
-def test_a_seed_near_the_answer_keeps_its_branch(touch):
+def test_solution_stays_on_the_branch_of_its_seed(touch):
     path = [
         {"waist": 0.3 * math.sin(t), "shoulder": 0.5, "elbow": 0.2 * t, "yaw": t - 0.5}
         for t in np.linspace(0.0, 1.0, 30)
     ]
     seed = path[0]
-    for wanted_positions in path:
-        wanted = touch.forward_kinematics(wanted_positions)["stylus"]
-        seed = touch.inverse_kinematics("stylus", wanted, seed=seed, options=IkOptions(restarts=0))
-        for name, position in wanted_positions.items():
+    for goal_positions in path:
+        goal = touch.forward_kinematics(goal_positions)["stylus"]
+        seed = touch.inverse_kinematics("stylus", goal, seed=seed, options=IkOptions(restarts=0))
+        for name, position in goal_positions.items():
             assert seed[name] == pytest.approx(position, abs=1e-6)
 
 
-def test_the_same_question_has_the_same_answer(touch):
-    wanted = touch.forward_kinematics({"waist": 0.4, "elbow": -0.3, "pitch": 0.8})["stylus"]
-    first = touch.inverse_kinematics("stylus", wanted)
-    assert touch.inverse_kinematics("stylus", wanted) == first
+def test_solution_is_deterministic(touch):
+    goal = touch.forward_kinematics({"waist": 0.4, "elbow": -0.3, "pitch": 0.8})["stylus"]
+    first = touch.inverse_kinematics("stylus", goal)
+    assert touch.inverse_kinematics("stylus", goal) == first
 
 
 def test_joints_that_do_not_move_the_link_keep_their_seed(touch):
-    wanted = touch.forward_kinematics({"waist": 0.4})["torso"]
-    found = touch.inverse_kinematics("torso", wanted, seed={"elbow": 0.7})
+    goal = touch.forward_kinematics({"waist": 0.4})["torso"]
+    found = touch.inverse_kinematics("torso", goal, seed={"elbow": 0.7})
     assert found == pytest.approx(
         {"waist": 0.4, "shoulder": 0, "elbow": 0.7, "yaw": 0, "pitch": 0, "roll": 0}
     )
 
 
-def test_out_of_reach_says_how_far(touch):
+def test_unreachable_pose_is_reported_with_its_distance(touch):
     far = Transform("touch_base", "stylus", np.eye(3), np.array([1000.0, 0.0, 150.0]))
-    with pytest.raises(UnreachableError, match=r"'stylus'.*1000.*nearest is \d+ mm"):
+    with pytest.raises(UnreachableError, match=r"'stylus'.*1000.*nearest pose is \d+ mm"):
         touch.inverse_kinematics("stylus", far, options=IkOptions(restarts=2, max_iterations=50))
 
 
-def test_limits_are_kept_though_the_pose_lies_just_beyond_them(touch):
+def test_limits_hold_for_a_pose_just_beyond_them(touch):
     beyond = touch.forward_kinematics({"waist": 1.35})["torso"]
     with pytest.raises(UnreachableError, match=r"0.05 rad"):
         touch.inverse_kinematics("torso", beyond)
 
 
-def test_a_follower_keeps_its_own_limits():
+def test_mimic_joint_stays_within_its_own_limits():
     def hinge(name, parent, child, limit, mimic=None):
         origin = Transform(parent, child, np.eye(3), np.array([100.0, 0.0, 0.0]))
         return Joint(name, JointType.REVOLUTE, origin, np.eye(3)[2], -limit, limit, mimic)
@@ -118,8 +118,8 @@ def test_a_follower_keeps_its_own_limits():
         finger.inverse_kinematics("c", outside)
 
 
-def test_a_follower_that_turns_the_other_way_keeps_its_own_limits():
-    """Its range of -0.2 to 1.0, at -2 times the leader, leaves the leader -0.5 to 0.1."""
+def test_mimic_joint_of_opposite_direction_stays_within_its_own_limits():
+    """A range of -0.2 to 1.0 at multiplier -2 leaves the leader -0.5 to 0.1."""
 
     def hinge(name, parent, child, lower, upper, mimic=None):
         origin = Transform(parent, child, np.eye(3), np.array([100.0, 0.0, 0.0]))
@@ -134,36 +134,36 @@ def test_a_follower_that_turns_the_other_way_keeps_its_own_limits():
         ),
     )
     for lead in (-0.49, 0.09):
-        wanted = scissors.forward_kinematics({"lead": lead})["c"]
-        assert scissors.inverse_kinematics("c", wanted) == pytest.approx({"lead": lead})
+        goal = scissors.forward_kinematics({"lead": lead})["c"]
+        assert scissors.inverse_kinematics("c", goal) == pytest.approx({"lead": lead})
     for lead in (-0.52, 0.12):
         with pytest.raises(UnreachableError):
             scissors.inverse_kinematics("c", scissors.forward_kinematics({"lead": lead})["c"])
 
 
 @pytest.mark.parametrize("end", ["lower", "upper"])
-def test_a_joint_comes_back_from_a_limit_that_it_was_seeded_at(touch, end):
-    """Without another start: only what is pushed against its limit takes no part in a step."""
+def test_joint_leaves_the_limit_of_its_seed(touch, end):
+    """A step holds only those joints at a limit that it would move beyond it."""
     seed = {joint.name: getattr(joint, end) for joint in touch.joints if joint.moves}
     other = {joint.name: 0.5 * (joint.lower + joint.upper) for joint in touch.joints if joint.moves}
     near = {name: 0.9 * seed[name] + 0.1 * other[name] for name in seed}
-    wanted = touch.forward_kinematics(near)["stylus"]
-    found = touch.inverse_kinematics("stylus", wanted, seed=seed, options=IkOptions(restarts=0))
+    goal = touch.forward_kinematics(near)["stylus"]
+    found = touch.inverse_kinematics("stylus", goal, seed=seed, options=IkOptions(restarts=0))
     assert found == pytest.approx(near, abs=1e-6)
 
 
-def test_a_continuous_joint_stays_within_half_a_turn_of_its_seed():
+def test_continuous_joint_stays_within_half_a_turn_of_its_seed():
     wheel = Robot(
         "wheel",
         (Link("a"), Link("b")),
         (Joint("turn", JointType.CONTINUOUS, Transform.identity("a", "b"), np.eye(3)[2]),),
     )
-    wanted = wheel.forward_kinematics({"turn": 0.5})["b"]
-    found = wheel.inverse_kinematics("b", wanted, seed={"turn": 4.0 * math.pi})
+    goal = wheel.forward_kinematics({"turn": 0.5})["b"]
+    found = wheel.inverse_kinematics("b", goal, seed={"turn": 4.0 * math.pi})
     assert found["turn"] == pytest.approx(4.0 * math.pi + 0.5)
 
 
-def test_names_that_the_robot_does_not_have_are_refused(touch):
+def test_unknown_names_are_refused(touch):
     with pytest.raises(JointError, match=r"link 'hand' is unknown"):
         touch.inverse_kinematics("hand", Transform.identity("touch_base", "hand"))
     with pytest.raises(JointError, match="'knee' is unknown"):
@@ -176,5 +176,5 @@ def test_names_that_the_robot_does_not_have_are_refused(touch):
     "bad", [{"tolerance_mm": 0.0}, {"tolerance_rad": math.nan}, {"max_iterations": 0}]
 )
 def test_options_out_of_range_are_refused(bad):
-    with pytest.raises(JointError, match=r"wanted|at least"):
+    with pytest.raises(JointError, match=r"expected (values above 0|at least)"):
         IkOptions(**bad)

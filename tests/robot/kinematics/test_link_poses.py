@@ -1,4 +1,4 @@
-"""The poses of a robot's links, made when they are asked for."""
+"""Link poses as a read-only mapping."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from app.robot.kinematics.link_poses import LinkPoses
 
 
-def test_each_link_has_its_own_row() -> None:
+def test_mapping_returns_the_pose_of_each_link() -> None:
     quarter = [[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0] * 3 + [1.0]]
     poses = LinkPoses("base", {"base": 0, "arm": 1}, np.array([np.eye(4), quarter]))
     assert (list(poses), len(poses), "leg" in poses) == (["base", "arm"], 2, False)

@@ -1,4 +1,4 @@
-"""The tree of links: mimic chains, the Jacobian, and what is no tree."""
+"""The tree of links: mimic chains, the Jacobian, and refusal of other graphs."""
 
 import numpy as np
 import pytest
@@ -20,9 +20,9 @@ def angle(transform):
     return transform.rotation_vector[2]
 
 
-def test_a_chain_of_followers_with_multipliers_and_offsets():
+def test_chain_of_mimic_joints_applies_multipliers_and_offsets():
     arm = robot(
-        # listed before its leader on purpose
+        # before its leader in the list
         joint("third", "c", "d", mimic=Mimic("second", -1.0, 0.25)),
         joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
         joint("first", "a", "b"),
@@ -36,7 +36,7 @@ def test_a_chain_of_followers_with_multipliers_and_offsets():
     assert angle(links["d"]) == pytest.approx(0.2 + 0.5 - 0.25)
 
 
-def test_a_follower_has_its_offset_when_nothing_is_given():
+def test_mimic_joint_is_at_its_offset_by_default():
     arm = robot(
         joint("first", "a", "b"),
         joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
@@ -45,7 +45,7 @@ def test_a_follower_has_its_offset_when_nothing_is_given():
     assert angle(arm.forward_kinematics({})["c"]) == pytest.approx(0.1)
 
 
-def test_a_follower_that_is_measured_stays_where_it_was_measured():
+def test_given_position_of_a_mimic_joint_takes_precedence():
     arm = robot(
         joint("first", "a", "b"),
         joint("second", "b", "c", mimic=Mimic("first", 2.0, 0.1)),
@@ -57,37 +57,41 @@ def test_a_follower_that_is_measured_stays_where_it_was_measured():
     assert angle(links["d"]) == pytest.approx(0.8)
 
 
-def test_a_link_is_placed_by_measured_joints_alone():
-    """A joint that was not measured would be at 0, and the link at a place of nobody's choice."""
+def test_measured_kinematics_requires_every_joint_that_moves_the_link():
+    """A joint without measurement would be at 0 and the link at a wrong pose."""
     arm = robot(
         joint("shoulder", "a", "b"),
         joint("elbow", "b", "c", at=(100, 0, 0), mimic=Mimic("shoulder", -2.0)),
         joint("wrist", "c", "d", at=(100, 0, 0)),
         joint("finger", "d", "e", kind="prismatic"),
     )
-    told = {"shoulder": 0.2, "wrist": 0.3}
+    measured = {"shoulder": 0.2, "wrist": 0.3}
     np.testing.assert_array_equal(
-        arm.measured_kinematics("d", told)["d"].matrix, arm.forward_kinematics(told)["d"].matrix
+        arm.measured_kinematics("d", measured)["d"].matrix,
+        arm.forward_kinematics(measured)["d"].matrix,
     )
     arm.measured_kinematics("a", {})  # nothing moves the root
     arm.measured_kinematics("c", {"shoulder": 0.2, "elbow": -0.5})
-    with pytest.raises(JointError, match=r"'wrist', which moves 'd', has no position: shoulder "):
+    with pytest.raises(
+        JointError,
+        match="'wrist', which moves 'd', has no position; expected shoulder, wrist, found shoul",
+    ):
         arm.measured_kinematics("d", {"shoulder": 0.2})
     with pytest.raises(JointError, match=r"'shoulder', which moves 'c', has no position"):
-        arm.measured_kinematics("c", {"elbow": -0.5})  # it moves b, and c with it
+        arm.measured_kinematics("c", {"elbow": -0.5})  # the shoulder moves b, the parent of c
     with pytest.raises(JointError, match="'finger'"):
-        arm.measured_kinematics("e", told)
+        arm.measured_kinematics("e", measured)
     with pytest.raises(JointError, match="'hand' is unknown"):
-        arm.measured_kinematics("hand", told)
+        arm.measured_kinematics("hand", measured)
 
 
-def test_sliding_positions_are_metres_along_a_unit_axis():
+def test_prismatic_positions_are_metres_along_a_unit_axis():
     arm = robot(joint("slide", "a", "b", "prismatic", axis=(0, 3, 4)), links="ab")
     shift = arm.forward_kinematics({"slide": 0.01})["b"].translation_mm
     np.testing.assert_allclose(shift, [0, 6, 8])
 
 
-def test_the_jacobian_is_the_derivative_of_the_pose(rng):
+def test_jacobian_is_the_derivative_of_the_pose(rng):
     arm = robot(
         joint("first", "a", "b", axis=(1, 2, 2), at=(10, 0, 5)),
         joint("slide", "b", "c", "prismatic", axis=(0, 1, 1), at=(0, 20, 0)),
@@ -98,7 +102,7 @@ def test_the_jacobian_is_the_derivative_of_the_pose(rng):
     names = list(arm.actuated_joint_names)
     for _ in range(10):
         at = dict(zip(names, rng.uniform(-1, 1, 3), strict=True))
-        matrices = tree.link_matrices(tree.all_positions(at))
+        matrices = tree.link_matrices(tree.complete_positions(at))
         jacobian = tree.jacobian("e", names, matrices)
         for column, name in enumerate(names):
             step = 1e-6
@@ -115,13 +119,13 @@ def test_the_jacobian_is_the_derivative_of_the_pose(rng):
 @pytest.mark.parametrize(
     ("joints", "links", "message"),
     [
-        ([], "ab", "a, b have no parent joint: one root"),
+        ([], "ab", "a, b have no parent joint; expected one root"),
         ([joint("j", "a", "b"), joint("k", "b", "a")], "ab", "loop"),
         ([joint("j", "b", "c"), joint("k", "c", "b")], "abc", "b, c form a loop"),
         ([joint("j", "a", "c"), joint("k", "b", "c")], "abc", "'c' is the child of.*'j' and 'k'"),
         ([joint("j", "a", "x")], "ab", "child 'x' of joint 'j' is not a link"),
         ([joint("j", "x", "b")], "ab", "parent 'x' of joint 'j' is not a link"),
-        ([joint("j", "a", "b", mimic=Mimic("k"))], "ab", "'j' mimics 'k': a moving joint"),
+        ([joint("j", "a", "b", mimic=Mimic("k"))], "ab", "'j' mimics 'k'; expected a moving joint"),
         ([joint("j", "a", "b", mimic=Mimic("j"))], "ab", "'j' mimics itself"),
         (
             [joint("j", "a", "b", mimic=Mimic("k")), joint("k", "b", "c", mimic=Mimic("j"))],
@@ -131,16 +135,16 @@ def test_the_jacobian_is_the_derivative_of_the_pose(rng):
         (
             [joint("j", "a", "b", mimic=Mimic("k")), joint("k", "b", "c", "fixed")],
             "abc",
-            "'j' mimics 'k': a moving joint",
+            "'j' mimics 'k'; expected a moving joint",
         ),
     ],
 )
-def test_what_is_not_one_tree_is_refused(joints, links, message):
+def test_graph_that_is_not_one_tree_is_refused(joints, links, message):
     with pytest.raises(UrdfError, match=message):
         robot(*joints, links=links)
 
 
-def test_a_fixed_joint_takes_no_position():
+def test_position_of_a_fixed_joint_is_refused():
     arm = robot(joint("bolt", "a", "b", "fixed"), links="ab")
     assert arm.actuated_joint_names == ()
     with pytest.raises(JointError, match=r"'bolt' is fixed"):

@@ -1,4 +1,4 @@
-"""Scenes of several parts, node transforms, units, broken files."""
+"""Mesh files of robots: scenes of several parts, node transforms, units, malformed files."""
 
 import re
 from dataclasses import replace
@@ -27,7 +27,7 @@ def surface(path):
     return SurfaceMesh("file", read.vertices, read.faces), read.face_colors
 
 
-def test_a_scene_of_parts_is_one_surface_with_the_colour_of_each(tmp_path):
+def test_scene_of_parts_is_one_surface_with_the_colour_of_each(tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(box(color=[255, 0, 0, 255]), node_name="red")
     nested = translation_matrix((5, 0, 0)) @ np.diag((2.0, 1.0, 1.0, 1.0))
@@ -41,7 +41,7 @@ def test_a_scene_of_parts_is_one_surface_with_the_colour_of_each(tmp_path):
     np.testing.assert_allclose(colors[middle > 2], [(0, 0, 1, 1)] * 12)
 
 
-def test_one_part_at_two_places(tmp_path):
+def test_part_is_repeated_at_each_of_its_places(tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(box(), geom_name="box", node_name="here")
     scene.graph.update("there", matrix=translation_matrix((0, 4, 0)), geometry="box")
@@ -51,7 +51,7 @@ def test_one_part_at_two_places(tmp_path):
     np.testing.assert_allclose(mesh.bounds_mm[1], [0.5, 4.5, 0.5])
 
 
-def test_a_mirrored_node_keeps_its_normals_outward(tmp_path):
+def test_mirrored_node_keeps_its_normals_outward(tmp_path):
     scene = trimesh.Scene()
     scene.add_geometry(box((1, 2, 3)), transform=np.diag((-1.0, 1.0, 1.0, 1.0)))
     scene.export(tmp_path / "mirrored.glb")
@@ -59,7 +59,7 @@ def test_a_mirrored_node_keeps_its_normals_outward(tmp_path):
     assert mesh.require_closed("mirrored").signed_volume_mm3 == pytest.approx(6.0)
 
 
-def test_an_obj_of_several_materials(tmp_path):
+def test_obj_of_several_materials_has_their_colours(tmp_path):
     (tmp_path / "two.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
     red, blue = box(), box()
     blue.apply_translation((3, 0, 0))
@@ -79,7 +79,7 @@ def test_an_obj_of_several_materials(tmp_path):
 
 @pytest.fixture
 def dae(tmp_path):
-    """Writes a box of 1 x 2 x 3 units as COLLADA, its text changed by (pattern, replacement)."""
+    """Return a function that writes a box of 1 x 2 x 3 units as COLLADA with changes."""
 
     def write(*changes, name="box.dae"):
         box((1, 2, 3), color=[255, 0, 0, 255]).export(tmp_path / name)
@@ -93,34 +93,34 @@ def dae(tmp_path):
     return write
 
 
-UNIT = r"(?=<up_axis>)"  # trimesh writes none: it goes here
+UNIT = r"(?=<up_axis>)"  # trimesh writes no unit: insert it here
 
 
 @pytest.mark.parametrize(
     ("unit", "metres"), [('<unit name="mm" meter="0.001"/>', 0.001), ('<unit name="x"/>', 1.0)]
 )
-def test_the_unit_of_a_collada_file_is_applied(dae, unit, metres):
+def test_unit_of_a_collada_file_is_applied(dae, unit, metres):
     mesh, _ = surface(dae((UNIT, unit)))
     np.testing.assert_allclose(mesh.bounds_mm[1], np.array([0.5, 1.0, 1.5]) * metres)
 
 
 @pytest.mark.parametrize("up", ["X_UP", "Y_UP", "Z_UP"])
-def test_the_up_axis_of_a_collada_file_is_not_applied(dae, up):
+def test_up_axis_of_a_collada_file_is_not_applied(dae, up):
     mesh, _ = surface(dae((r"<up_axis>[^<]*</up_axis>", f"<up_axis>{up}</up_axis>")))
     np.testing.assert_allclose(mesh.bounds_mm[1], [0.5, 1.0, 1.5])
 
 
-def test_the_node_transforms_of_a_collada_file_are_applied(dae):
+def test_node_transforms_of_a_collada_file_are_applied(dae):
     node = r"(<node [^>]*>)"
     moved = r"\1<translate>0 0 10</translate><rotate>0 0 1 90</rotate><scale>2 1 1</scale>"
     mesh, colors = surface(dae((node, moved)))
-    # scaled along x, turned to y, moved along z
+    # scaled along x, rotated to y, translated along z
     np.testing.assert_allclose(mesh.bounds_mm, [(-1, -1, 8.5), (1, 1, 11.5)], atol=1e-9)
     assert mesh.signed_volume_mm3 == pytest.approx(12.0)
     np.testing.assert_allclose(colors, [(1, 0, 0, 1)] * 12)
 
 
-def test_a_part_with_a_broken_material_keeps_its_geometry(dae):
+def test_part_with_a_missing_material_keeps_its_geometry(dae):
     whole, _ = surface(dae())
     broken, colors = surface(dae((r'(<instance_effect url=")#[^"]*"', r'\1#gone"')))
     assert colors is None
@@ -138,14 +138,14 @@ def test_a_part_with_a_broken_material_keeps_its_geometry(dae):
         ((r"<COLLADA", "<!DOCTYPE x><COLLADA"), "DOCTYPE"),
     ],
 )
-def test_collada_that_cannot_be_read_whole_is_refused(dae, change, message):
+def test_collada_that_cannot_be_read_completely_is_refused(dae, change, message):
     with pytest.raises(RobotMeshError, match=message) as caught:
         read_robot_mesh(dae(change))
     assert "\n" not in str(caught.value)
 
 
 def doubled(times):
-    """Change of a scene: its box at 2^times places, each level two instances of the one below."""
+    """Changes that place the box 2^times times: each level has two instances of the next."""
     levels = "".join(
         f'<node id="n{n}"><instance_node url="#n{n - 1}"/><instance_node url="#n{n - 1}"/></node>'
         for n in range(1, times + 1)
@@ -157,7 +157,7 @@ def doubled(times):
     )
 
 
-def test_instances_in_instances_are_not_written_out_without_end(dae):
+def test_nested_instances_are_bounded(dae):
     assert len(read_robot_mesh(dae(doubled(4))).faces) == 12 * 2**4
     with pytest.raises(RobotMeshError, match=r"has \d{15,} bytes with its instances"):
         read_robot_mesh(dae(doubled(40)))
@@ -166,7 +166,7 @@ def test_instances_in_instances_are_not_written_out_without_end(dae):
         read_robot_mesh(dae(doubled(1), loop))
 
 
-def test_one_part_at_more_places_than_anyone_could_hold_is_refused(tmp_path, monkeypatch):
+def test_triangles_are_counted_at_all_places(tmp_path, monkeypatch):
     scene = trimesh.Scene()
     for place in range(5):
         scene.add_geometry(box(), transform=translation_matrix((place, 0, 0)), geom_name="one")
@@ -193,16 +193,16 @@ def test_vertices_that_are_not_finite_are_refused(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "dae", "glb", "ply"])
 @pytest.mark.parametrize("content", [b"", b"\x00" * 50, b"hello\n" * 20])
-def test_files_of_rubbish_are_refused_in_one_line(tmp_path, suffix, content):
-    path = tmp_path / f"rubbish.{suffix}"
+def test_file_of_other_content_is_refused_in_one_line(tmp_path, suffix, content):
+    path = tmp_path / f"garbage.{suffix}"
     path.write_bytes(content)
-    with pytest.raises(RobotMeshError, match="rubbish") as caught:
+    with pytest.raises(RobotMeshError, match="garbage") as caught:
         read_robot_mesh(path)
     assert "\n" not in str(caught.value)
 
 
-def test_the_picture_of_a_ply_is_not_opened(tmp_path, caplog):
-    """One that is none would be told by trimesh's log, with a traceback on the screen."""
+def test_picture_of_a_ply_is_not_opened(tmp_path, caplog):
+    """trimesh would log an invalid picture with a traceback."""
     (tmp_path / "picture.png").write_bytes(b"none")
     text = box().export(file_type="ply", encoding="ascii").decode()
     named = text.replace("element vertex", "comment TextureFile picture.png\nelement vertex", 1)
@@ -211,14 +211,14 @@ def test_the_picture_of_a_ply_is_not_opened(tmp_path, caplog):
     assert "image" not in caplog.text
 
 
-def test_a_truncated_stl_is_refused(tmp_path):
+def test_truncated_stl_is_refused(tmp_path):
     path = tmp_path / "cut.stl"
     path.write_bytes(box().export(file_type="stl")[:-70])
     with pytest.raises(RobotMeshError, match=r"cut.stl"):
         read_robot_mesh(path)
 
 
-def test_other_formats_are_refused_by_name(tmp_path):
+def test_other_format_is_refused_by_name(tmp_path):
     path = tmp_path / "model.step"
     path.write_text("x")
     with pytest.raises(
@@ -227,7 +227,7 @@ def test_other_formats_are_refused_by_name(tmp_path):
         read_robot_mesh(path)
 
 
-def test_a_cloud_of_points_is_no_mesh(tmp_path):
+def test_point_cloud_is_refused(tmp_path):
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
     with pytest.raises(RobotMeshError, match="no triangles"):
         read_robot_mesh(tmp_path / "points.ply")

@@ -1,4 +1,4 @@
-"""Boxes, cylinders, spheres: closed, outward, of the right size."""
+"""Boxes, cylinders and spheres are closed, oriented outward and of the given size."""
 
 import math
 
@@ -19,7 +19,7 @@ def surface(shape):
 
 
 @given(sizes, sizes, sizes)
-def test_a_box(x, y, z):
+def test_box_has_the_given_size(x, y, z):
     mesh = surface(primitives.box((x, y, z)))
     low, high = mesh.bounds_mm
     np.testing.assert_allclose(high, [x / 2, y / 2, z / 2])
@@ -28,7 +28,7 @@ def test_a_box(x, y, z):
 
 
 @given(sizes, sizes)
-def test_a_cylinder_lies_along_z(radius, length):
+def test_cylinder_is_along_z(radius, length):
     mesh = surface(primitives.cylinder(radius, length))
     low, high = mesh.bounds_mm
     np.testing.assert_allclose(high, [radius, radius, length / 2])
@@ -37,14 +37,14 @@ def test_a_cylinder_lies_along_z(radius, length):
 
 
 @given(sizes)
-def test_a_sphere(radius):
+def test_sphere_has_the_given_radius(radius):
     mesh = surface(primitives.sphere(radius))
     np.testing.assert_allclose(np.linalg.norm(mesh.vertices_mm, axis=1), radius)
     assert mesh.signed_volume_mm3 == pytest.approx(4 / 3 * math.pi * radius**3, rel=0.01)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
-def test_sizes_must_be_above_zero(bad):
+def test_size_that_is_not_above_zero_is_refused(bad):
     for make in (
         lambda: primitives.box((1.0, bad, 1.0)),
         lambda: primitives.cylinder(1.0, bad),
