@@ -161,8 +161,8 @@ def test_joint_rotates_about_its_pivot_and_names_lose_their_spaces(write_adf):
     # The pivot is at (1, 2.3, 3). The hand, 0.1 m behind it, moves to the other side.
     np.testing.assert_allclose(turned["leftarm"].translation_mm, [1000, 2000, 3000], atol=1e-9)
     np.testing.assert_allclose(turned["hand"].translation_mm, [1000, 2200, 3000], atol=1e-9)
-    wanted = turned["hand"]
-    found = robot.inverse_kinematics("hand", wanted, seed={"wristroll": 2.0})
+    goal = turned["hand"]
+    found = robot.inverse_kinematics("hand", goal, seed={"wristroll": 2.0})
     assert found["wristroll"] == pytest.approx(math.pi)
 
 
