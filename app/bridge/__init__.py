@@ -1,7 +1,7 @@
-"""ROS 2: what a session finds, sent to the ROS graph. The only room that imports rclpy.
+"""ROS 2 interface of a session. The only package that imports rclpy.
 
-`app.bridge.topics` is the table of what is published, `app.bridge.messages` that of the units.
-Call `prepare_environment` before the first node: it keeps discovery on this machine.
+`app.bridge.topics` lists the published topics, `app.bridge.messages` the units of the messages.
+Call `prepare_environment` before the first node; it restricts discovery to this machine.
 """
 
 from app.bridge.environment import prepare_environment

@@ -1,12 +1,12 @@
-"""The errors of the bridge."""
+"""Base error of the ROS interface."""
 
 from app.geometry import MarginGuardError
 
 
 class BridgeError(MarginGuardError):
-    """ROS 2 cannot be used as asked, or a value cannot be put into a message."""
+    """A ROS operation failed, or a value cannot be converted to a message."""
 
 
 def reason_of(error: BaseException) -> str:
-    """What a library says is wrong, on one line, for an error of our own."""
+    """Text of a library's error on one line, for use in our own message."""
     return " ".join(str(error).split())

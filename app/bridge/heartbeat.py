@@ -1,4 +1,4 @@
-"""A thread that repeats the last message, so that silence means that we are gone."""
+"""Heartbeat: a thread that repeats the latest message at a fixed rate."""
 
 import contextlib
 import os
@@ -12,26 +12,28 @@ from app.geometry import NS_PER_S
 
 Message = TypeVar("Message")
 
-_LONGEST_SLEEP_NS = 10_000_000
-"""What `close` waits for at most; a longer rest is spent where closing ends it."""
+_MAX_SLEEP_NS = 10_000_000
+"""Longest uninterruptible sleep, which bounds the time that `close` takes."""
 
-_MOST_LATE_NS = 10_000_000
-"""Beats that are later than this say nothing that the one in time does not say."""
+_MAX_LATE_NS = 10_000_000
+"""Beats that are later than this are skipped."""
 
 
 class Heartbeat(Generic[Message]):
-    """Sends the newest message at once, and again at every beat of an absolute clock.
+    """Sends the newest message at once and repeats it at ``hz``.
 
-    ``send(message, seq)`` is never entered by two threads, and ``seq`` counts its calls without a
-    gap. A beat that is late is sent late and moves none of those after it; one that is 10 ms late
-    or more, and has another in its time, is left out and counted in `missed`. ``hz`` None: no
-    thread, no beats, for a replay that does not follow real time. An error in the thread ends it,
-    and is raised by the next `newest` or by `close`.
+    ``send(message, seq)`` is called by one thread at a time; ``seq`` counts its calls without a
+    gap. Beats are due at multiples of the period, so a late beat does not delay the next ones. A
+    beat that is 10 ms late or more, with the next one already due, is skipped and counted in
+    `missed`. ``hz`` None repeats nothing and starts no thread, for replays that do not run in real
+    time. An error in the thread ends it and is raised by the next `newest` or by `close`.
     """
 
     def __init__(self, send: Callable[[Message, int], None], hz: float | None) -> None:
         if hz is not None and not 0.0 < hz <= 1000.0:
-            raise BridgeError(f"heartbeat rate {hz} is not within 0 (excluded) and 1000 Hz")
+            raise BridgeError(
+                f"heartbeat rate is {hz} Hz; expected more than 0 and at most 1000 Hz"
+            )
         self._send = send
         self._lock = threading.Lock()
         self._message: Message | None = None
@@ -59,43 +61,43 @@ class Heartbeat(Generic[Message]):
         afterwards: Message | None = None,
         unless_ended: bool = False,
     ) -> int | None:
-        """Send ``message`` now, and at every beat until the next one comes; its first ``seq``.
+        """Send ``message`` now and at every beat until the next call; returns its first ``seq``.
 
-        With ``lasts_ns`` it is repeated for as long only, and ``afterwards`` in its place from then
-        on (nothing, when that is None). Without, it is repeated for ever. With ``unless_ended``
-        nothing is sent and None is returned when the message before has `ended`.
+        After ``lasts_ns`` it is replaced by ``afterwards``, or by nothing if that is None. Without
+        ``lasts_ns`` it is repeated indefinitely. With ``unless_ended`` nothing is sent and None is
+        returned if the previous message has `ended`.
         """
         self._raise_error()
         with self._lock:
-            self._end_in_time()
+            self._check_expiry()
             if unless_ended and self._ended:
                 return None
             first = self.seq
             self._message, self._afterwards, self._ended = message, afterwards, False
             self._expires_ns = None if lasts_ns is None else time.monotonic_ns() + lasts_ns
-            self._send_again()
+            self._send_current()
             return first
 
     def rest(self, last: Message | None = None) -> None:
-        """Send ``last``, when there is one, and then nothing until the next `newest`.
+        """Send ``last``, if given, then send nothing until the next `newest`.
 
-        It is sent also where the thread has ended in an error, which is raised afterwards.
+        ``last`` is sent even if the thread has ended with an error, which is raised afterwards.
         """
         with self._lock:
             if last is not None:
                 self._end(last)
-                self._send_again()
+                self._send_current()
             self._message, self._expires_ns = None, None
         self._raise_error()
 
     @property
     def ended(self) -> bool:
-        """Whether the newest message has come to its end, by its time or by `rest`.
+        """True if the newest message has expired or `rest` was called.
 
-        ``ended_seq`` is the ``seq`` from which on it was not repeated any more, the last time.
+        ``ended_seq`` is the first ``seq`` after the latest such end.
         """
         with self._lock:
-            self._end_in_time()
+            self._check_expiry()
             return self._ended
 
     def close(self) -> None:
@@ -105,13 +107,13 @@ class Heartbeat(Generic[Message]):
             self._thread.join()
         self._raise_error()
 
-    def _send_again(self) -> None:
-        self._end_in_time()
+    def _send_current(self) -> None:
+        self._check_expiry()
         if self._message is not None:
             self._send(self._message, self.seq)
             self.seq += 1
 
-    def _end_in_time(self) -> None:
+    def _check_expiry(self) -> None:
         if self._expires_ns is not None and time.monotonic_ns() >= self._expires_ns:
             self._end(self._afterwards)
 
@@ -125,24 +127,24 @@ class Heartbeat(Generic[Message]):
         while self._wait_until(due_ns):
             try:
                 with self._lock:
-                    self._send_again()
-            except Exception as error:  # handed over to the thread that can deal with it
+                    self._send_current()
+            except Exception as error:  # raised later in the caller's thread
                 self._error = error
                 return
             due_ns += period_ns
             late_ns = time.monotonic_ns() - due_ns
-            if late_ns >= _MOST_LATE_NS:
+            if late_ns >= _MAX_LATE_NS:
                 missed = late_ns // period_ns
                 self.missed += missed
                 due_ns += missed * period_ns
 
     def _wait_until(self, due_ns: int) -> bool:
-        """Sleep; False when there is nothing more to wait for, because of `close`."""
+        """Sleep until ``due_ns``; False if `close` was called."""
         ahead_ns = due_ns - time.monotonic_ns()
-        if ahead_ns > _LONGEST_SLEEP_NS:
+        if ahead_ns > _MAX_SLEEP_NS:
             self._closing.wait(ahead_ns / NS_PER_S)
         elif ahead_ns > 0:
-            time.sleep(ahead_ns / NS_PER_S)  # lets go of the interpreter and allocates nothing
+            time.sleep(ahead_ns / NS_PER_S)  # releases the interpreter lock, allocates nothing
         return not self._closing.is_set()
 
     def _raise_error(self) -> None:
@@ -152,10 +154,10 @@ class Heartbeat(Generic[Message]):
 
 
 def ask_for_real_time() -> None:
-    """Put this thread before all that is not real-time; where that is not allowed, go on as it is.
+    """Request real-time scheduling (SCHED_FIFO) for this thread; does nothing if not permitted.
 
-    Linux allows it to root, and to whom ``rtprio`` in limits.conf does. The thread sleeps for most
-    of each beat, so nothing else starves.
+    Linux permits it to root and to users with ``rtprio`` in limits.conf. The thread sleeps for
+    most of each period, so it does not starve others.
     """
     if hasattr(os, "sched_setscheduler"):  # Linux
         with contextlib.suppress(PermissionError):

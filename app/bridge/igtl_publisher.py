@@ -1,4 +1,4 @@
-"""What an OpenIGTLink server tells, published as ROS has it."""
+"""Publish the samples of an OpenIGTLink server on ROS topics."""
 
 import math
 from collections.abc import Sequence
@@ -16,15 +16,15 @@ from app.geometry import TrackedTransform
 from app.igtl.source import IgtlSource
 
 TRACKED_TRANSFORMS = Topic("/tracked_transforms", TrackedTransformMessage, STREAM)
-"""Every sample, lost ones as well."""
+"""Every sample, including lost ones."""
 
 _NAN = math.nan
 
 
 class IgtlPublisher:
-    """Publishes samples on ``/tracked_transforms``, good ones on ``/tf`` too, stamps as they were.
+    """Publishes samples on ``/tracked_transforms`` and valid ones also on ``/tf``.
 
-    Lost samples are not on ``/tf``, where nothing could tell them from good ones.
+    Stamps are not changed. Lost samples are not on ``/tf``, which has no field for a status.
     """
 
     def __init__(self, ros: RosNode) -> None:
@@ -34,24 +34,24 @@ class IgtlPublisher:
         self._diagnostics = ros.publisher(topics.DIAGNOSTICS)
 
     def publish(self, samples: Sequence[TrackedTransform]) -> None:
-        """Send ``samples``, those on ``/tf`` in one message."""
-        good = []
+        """Publish ``samples``; the valid ones go into one ``/tf`` message."""
+        valid = []
         for sample in samples:
             message = tracked_message(sample)
             self._tracked.publish(message)
             if sample.transform is not None:
-                good.append(
+                valid.append(
                     TransformStamped(
                         header=message.header,
                         child_frame_id=message.child_frame_id,
                         transform=message.transform,
                     )
                 )
-        if good:
-            self._tf.publish(TFMessage(transforms=good))
+        if valid:
+            self._tf.publish(TFMessage(transforms=valid))
 
     def report(self, source: IgtlSource, superseded: int) -> None:
-        """Tell ``/diagnostics`` how the connection is, and what of it was not used."""
+        """Publish the state of the connection and its counters on ``/diagnostics``."""
         now = self._ros.node.get_clock().now().to_msg()
         array = DiagnosticArray(status=[_diagnostic(source, superseded)])
         array.header.stamp = now
@@ -59,7 +59,7 @@ class IgtlPublisher:
 
 
 def tracked_message(sample: TrackedTransform) -> TrackedTransformMessage:
-    """``sample`` in metres; NaN where it is lost."""
+    """Convert ``sample`` to a message in metres; all numbers are NaN if it is lost."""
     message = TrackedTransformMessage(
         header=header_message(sample.target, sample.stamp),
         child_frame_id=sample.source,
@@ -85,6 +85,6 @@ def _diagnostic(source: IgtlSource, superseded: int) -> DiagnosticStatus:
     return DiagnosticStatus(
         level=level if source.connected else DiagnosticStatus.ERROR,
         name="marginguard: OpenIGTLink",
-        message=source.words,
+        message=source.status,
         values=[KeyValue(key=key, value=value) for key, value in values.items()],
     )

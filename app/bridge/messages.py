@@ -1,18 +1,18 @@
-"""Values of ours to ROS messages: the only place where mm become m.
+"""Conversion of core values to ROS messages: the only place that converts mm to m.
 
 ======================================== ============ ==============
-field                                    inside       in the message
+field                                    core         message
 ======================================== ============ ==============
 Transform.translation                    mm           m
 Transform.rotation                       (3, 3)       quaternion, w >= 0
-JointState.position                      rad or m     rad or m (as ROS has it everywhere)
+JointState.position                      rad or m     rad or m
 header.stamp, Clock.clock                integer ns   s and ns, exact
 Marker.points                            mm           m
 Marker.color, ColorRGBA                  0 to 1       0 to 1
 ======================================== ============ ==============
 
-The constraint has a file of its own (`publishing.constraint`) and takes `metres` from here.
-Topics whose name ends in ``_mm`` are in mm, because they say so.
+`publishing.constraint` converts the constraint, with `metres`. Topics whose name ends in ``_mm``
+are in mm.
 """
 
 from collections.abc import Iterable
@@ -34,45 +34,48 @@ _LAST_SECOND = 2**31 - 1
 
 
 def metres(values_mm: ArrayLike) -> FloatArray:
-    """Lengths, points or vectors of any shape from mm to m."""
+    """Convert lengths, points or vectors of any shape from mm to m."""
     return np.asarray(values_mm, dtype=np.float64) / MM_PER_M
 
 
 def time_message(stamp: Stamp) -> Time:
-    """The stamp in whole seconds and nanoseconds; times before 1970 keep nanosec positive."""
+    """Split a stamp into seconds and nanoseconds; ``nanosec`` is never negative.
+
+    Raises `BridgeError` for a stamp beyond the 32-bit seconds of a ROS time.
+    """
     seconds, nanoseconds = divmod(stamp.ns, NS_PER_S)
     if abs(seconds) > _LAST_SECOND:
         raise BridgeError(
-            f"stamp of {stamp.ns} ns cannot be sent: at most {_LAST_SECOND} s fit a ROS time"
+            f"stamp {stamp.ns} ns does not fit a ROS time; expected at most {_LAST_SECOND} s"
         )
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
 def header_message(frame: str, stamp: Stamp) -> Header:
-    """A header in ``frame`` at the acquisition time ``stamp``."""
+    """Header in ``frame`` with the acquisition time ``stamp``."""
     return Header(frame_id=frame, stamp=time_message(stamp))
 
 
 def vector_message(values: ArrayLike) -> Vector3:
-    """Three numbers, as they are: the caller has chosen the unit."""
+    """Vector of three numbers, not scaled: the caller chooses the unit."""
     x, y, z = np.asarray(values, dtype=np.float64).tolist()
     return Vector3(x=x, y=y, z=z)
 
 
 def point_message(point_mm: ArrayLike) -> Point:
-    """A point in mm as a point in m."""
+    """Convert a point (3,) in mm to a message in m."""
     x, y, z = metres(point_mm).tolist()
     return Point(x=x, y=y, z=z)
 
 
 def quaternion_message(transform: Transform) -> Quaternion:
-    """The rotation of ``transform``, w not negative."""
+    """Rotation of ``transform`` as a quaternion with w >= 0."""
     x, y, z, w = transform.quaternion_xyzw.tolist()
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def transform_message(transform: Transform, stamp: Stamp) -> TransformStamped:
-    """``target_from_source`` as tf has it: the target is the parent, the source the child."""
+    """Convert ``target_from_source`` to tf: the target is the parent, the source the child."""
     message = TransformStamped(
         header=header_message(transform.target, stamp), child_frame_id=transform.source
     )
@@ -82,7 +85,7 @@ def transform_message(transform: Transform, stamp: Stamp) -> TransformStamped:
 
 
 def joint_state_message(sample: JointSample) -> JointState:
-    """Joint positions with the stamp of their sample; velocities and efforts are not known."""
+    """Joint positions (rad or m) with the stamp of their sample, without velocity and effort."""
     return JointState(
         header=header_message("", sample.stamp),
         name=list(sample.names),
@@ -91,11 +94,11 @@ def joint_state_message(sample: JointSample) -> JointState:
 
 
 def clock_message(now: Stamp) -> Clock:
-    """The player's time."""
+    """Clock message with the player's time."""
     return Clock(clock=time_message(now))
 
 
 def color_message(rgb: Iterable[float], alpha: float = 1.0) -> ColorRGBA:
-    """Red, green and blue, and how opaque, each from 0 to 1."""
+    """Color from red, green, blue and opacity, each from 0 to 1."""
     r, g, b = (float(value) for value in rgb)
     return ColorRGBA(r=r, g=g, b=b, a=alpha)

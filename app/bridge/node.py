@@ -1,4 +1,4 @@
-"""A ROS node with a context and an executor thread of its own, gone without a trace when closed."""
+"""ROS node with its own context and executor thread. Releases all ROS resources on close."""
 
 import atexit
 import threading
@@ -24,34 +24,35 @@ from rclpy.subscription import Subscription
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
-from app.bridge.environment import TRANSPORTS, UDP_ON_THIS_MACHINE, promises_this_machine
+from app.bridge.environment import TRANSPORTS, UDP_ON_THIS_MACHINE, keeps_to_this_machine
 from app.bridge.errors import BridgeError, reason_of
-from app.bridge.open_ports import hears_other_machines
+from app.bridge.open_ports import listens_to_other_machines
 from app.bridge.qos import Topic
 from app.geometry import NS_PER_S
 
-_JOIN_S = 5.0
-_FLUSH_NS = 2 * NS_PER_S
-"""What was dropped is asked for every half second (`udp_on_this_machine.xml`)."""
+_JOIN_TIMEOUT_S = 5.0
+_FLUSH_TIMEOUT_NS = 2 * NS_PER_S
+"""Writers announce lost data every 0.5 s (`udp_on_this_machine.xml`), so this allows 4 retries."""
 
-_SAY_AGAIN_S = 1.0
+_LOG_INTERVAL_S = 1.0
 
 
 class RosNode:
     """``with RosNode("marginguard") as ros: ros.node.create_publisher(...)``.
 
-    Nothing global is touched: no ``rclpy.init``, no signal handlers, no default context; several
-    can live in one process, in different domains. One executor in one thread serves parameters,
-    services, subscriptions and discovery events; publishing is done from whatever thread has
-    something to say. A callback that raises is said in the log and counted in `failures`: it must
-    not take the others with it. Endpoints that do not hear each other because of their quality of
-    service are said in the log and kept in `incompatible`. What ROS itself declares as parameters
-    (``use_sim_time``) keeps the value of the start: nobody stops a guard's clock from outside.
-    A node that nobody has closed is closed when the program ends. Where `prepare_environment` has
-    promised that discovery stays on this machine, a node that would be heard by others is refused.
+    Uses no global state: no ``rclpy.init``, no signal handlers, no default context. One process
+    can have several nodes in different domains. One executor thread serves parameters, services,
+    subscriptions and discovery events. Any thread may publish. An exception in a callback is
+    logged and counted in `failures`; the other callbacks continue. Endpoints with incompatible
+    quality of service are logged and listed in `incompatible`. Parameters declared by ROS itself
+    (``use_sim_time``) become read-only, so that other nodes cannot stop the clock of this node.
+    An open node is closed at the end of the program.
 
-    ``ros_args`` are ROS's own (``--ros-args -r old:=new``); ``sys.argv`` is not read.
-    ``make_node`` makes another kind of node, from the same arguments as `rclpy.node.Node`.
+    Raises `BridgeError` if the node cannot start, or if it would be visible to other machines
+    although `prepare_environment` has restricted discovery to this machine.
+
+    ``ros_args`` are ROS arguments (``--ros-args -r old:=new``); ``sys.argv`` is not read.
+    ``make_node`` creates another type of node, with the arguments of `rclpy.node.Node`.
     """
 
     def __init__(
@@ -65,7 +66,7 @@ class RosNode:
     ) -> None:
         self._context = Context()
         try:
-            # rclpy does this too late: it lets a node of a wrong name begin, and rcl warns of that.
+            # rclpy validates names only after it has created the rcl node, which then warns.
             validate_node_name(name)
             validate_namespace(namespace if namespace.startswith("/") else f"/{namespace}")
             self._context.init(args=["marginguard", *ros_args], domain_id=domain_id)
@@ -73,12 +74,13 @@ class RosNode:
         except Exception as error:  # rclpy raises several unrelated types here
             self._context.try_shutdown()
             raise BridgeError(f"ROS node {name!r} cannot be started: {reason_of(error)}") from error
-        if promises_this_machine() and hears_other_machines(self._context.get_domain_id()):
+        if keeps_to_this_machine() and listens_to_other_machines(self._context.get_domain_id()):
             self.node.destroy_node()
             self._context.try_shutdown()
             raise BridgeError(
-                f"ROS node {name!r} would be heard by other machines: {UDP_ON_THIS_MACHINE.name} "
-                f"was not read; with {TRANSPORTS}=DEFAULT ROS keeps to this one without it"
+                f"ROS node {name!r} would be visible to other machines: Fast DDS did not read "
+                f"{UDP_ON_THIS_MACHINE.name}; set {TRANSPORTS}=DEFAULT to stay on this machine "
+                "without it"
             )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -86,9 +88,9 @@ class RosNode:
         self.failures = 0
         self.incompatible: dict[str, str] = {}
         self._matched = threading.Condition()
-        self._at_close: list[Callable[[], None]] = []
+        self._close_callbacks: list[Callable[[], None]] = []
         self._closing = threading.Event()
-        self._ending = threading.Lock()
+        self._closing_lock = threading.Lock()
         self._wake = self.node.create_guard_condition(lambda: None)
         for name in self.node.list_parameters([], 0).names:
             descriptor = copy(self.node.describe_parameter(name))
@@ -101,13 +103,13 @@ class RosNode:
             daemon=True,
         )
         self._thread.start()
-        # A thread that is inside ROS while Python ends would abort the program.
+        # A thread inside ROS during interpreter shutdown would abort the program.
         atexit.register(self.close)
 
     def publisher(self, topic: Topic) -> Publisher:
-        """A new publisher on ``topic``."""
+        """Create a publisher on ``topic``."""
 
-        def matched(_: object) -> None:
+        def on_matched(_: object) -> None:
             with self._matched:
                 self._matched.notify_all()
 
@@ -116,16 +118,16 @@ class RosNode:
             topic.name,
             topic.qos,
             event_callbacks=PublisherEventCallbacks(
-                matched=matched, incompatible_qos=self._said_incompatible(topic)
+                matched=on_matched, incompatible_qos=self._incompatible_qos_callback(topic)
             ),
         )
         self._publishers.append((topic, publisher))
         return publisher
 
-    def withdraw(self, publisher: Publisher) -> None:
-        """Take a publisher of ours out of the graph; for the node's own thread.
+    def destroy_publisher(self, publisher: Publisher) -> None:
+        """Destroy a publisher of this node. Call in the node's thread.
 
-        From another one it would break the wait of this one's executor.
+        In another thread it would break the wait set of the executor.
         """
         self._publishers = [entry for entry in self._publishers if entry[1] is not publisher]
         if self.is_open:
@@ -134,7 +136,10 @@ class RosNode:
     def subscribe(
         self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
     ) -> Subscription:
-        """Call ``callback(message)`` in the node's thread; with ``raw`` it gets the bytes."""
+        """Create a subscription that calls ``callback(message)`` in the node's thread.
+
+        With ``raw`` the callback receives the serialised bytes.
+        """
         return self.node.create_subscription(
             topic.type,
             topic.name,
@@ -142,134 +147,136 @@ class RosNode:
             topic.qos,
             raw=raw,
             event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._said_incompatible(topic)
+                incompatible_qos=self._incompatible_qos_callback(topic)
             ),
         )
 
-    def unsubscribe(self, subscription: Subscription) -> None:
-        """Hear a topic no more; for the node's own thread, as `withdraw`."""
+    def destroy_subscription(self, subscription: Subscription) -> None:
+        """Destroy a subscription. Call in the node's thread, as `destroy_publisher`."""
         if self.is_open:
             self.node.destroy_subscription(subscription)
 
     def wait_for_subscribers(self, topic: Topic, count: int, timeout_s: float) -> bool:
-        """Wait until each publisher of ``topic`` has ``count`` subscribers; False when in vain.
+        """Wait until each publisher of ``topic`` has ``count`` subscribers; False on timeout.
 
-        Woken by discovery itself, nothing is polled.
+        Discovery events wake the wait; nothing is polled.
         """
-        publishers = [publisher for of, publisher in self._publishers if of is topic]
+        publishers = [publisher for each, publisher in self._publishers if each is topic]
         with self._matched:
             return self._matched.wait_for(
                 lambda: all(each.get_subscription_count() >= count for each in publishers),
                 timeout_s,
             )
 
-    def on_close(self, end: Callable[[], None]) -> None:
-        """Call ``end()`` when `close` begins, while everything is still served; the last first."""
-        self._at_close.append(end)
+    def on_close(self, callback: Callable[[], None]) -> None:
+        """Call ``callback()`` when `close` begins, before anything stops; last added, first run."""
+        self._close_callbacks.append(callback)
 
-    def not_on_close(self, end: Callable[[], None]) -> None:
-        """Forget ``end``, which has been called before the node is closed."""
-        self._at_close = [each for each in self._at_close if each != end]
+    def remove_on_close(self, callback: Callable[[], None]) -> None:
+        """Remove a callback that was added with `on_close`."""
+        self._close_callbacks = [each for each in self._close_callbacks if each != callback]
 
     @property
     def in_own_thread(self) -> bool:
-        """Whether the caller is a callback of this node: waiting for another would never end."""
+        """True in a callback of this node, which must not wait for another callback."""
         return threading.current_thread() is self._thread
 
     @property
     def is_open(self) -> bool:
-        """False from the moment on at which `close` takes the graph away."""
+        """False once `close` has started to leave the ROS graph."""
         return self._context.ok() and not self._closing.is_set()
 
     def close(self) -> None:
-        """Deliver what was published, stop serving, leave the ROS graph; once is enough.
+        """Flush publishers, stop serving, leave the ROS graph. Idempotent.
 
-        A subscriber that does not acknowledge (killed, hung) is waited for two seconds at most.
-        Raises `BridgeError` in the node's own thread, which a callback cannot end.
+        Waits 2 s at most for subscribers that do not acknowledge. Raises `BridgeError` in the
+        node's own thread, because a callback cannot end that thread.
         """
         if not self._context.ok():
             return
         if self.in_own_thread:
             raise BridgeError(
-                f"ROS node {self.node.get_name()!r} cannot be closed by a callback of its own"
+                f"ROS node {self.node.get_name()!r} cannot be closed in one of its own callbacks"
             )
         atexit.unregister(self.close)
-        while self._at_close:
-            self._at_close.pop()()
+        while self._close_callbacks:
+            self._close_callbacks.pop()()
         self.flush()
-        # The thread first: an executor that is shut down under its own feet destroys the guard
+        # Join the thread first: shutting the executor down while it spins destroys the guard
         # condition that it waits for.
-        with self._ending:
+        with self._closing_lock:
             self._closing.set()
         self._wake.trigger()
-        self._thread.join(_JOIN_S)
+        self._thread.join(_JOIN_TIMEOUT_S)
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
 
     def flush(self) -> None:
-        """Wait until subscribers have got what was published, for two seconds at most."""
-        until_ns = time.monotonic_ns() + _FLUSH_NS
+        """Wait until reliable subscribers have acknowledged all messages, 2 s at most."""
+        end_ns = time.monotonic_ns() + _FLUSH_TIMEOUT_NS
         for _, publisher in self._publishers:
-            remaining_ns = max(0, until_ns - time.monotonic_ns())
+            remaining_ns = max(0, end_ns - time.monotonic_ns())
             if not publisher.wait_for_all_acked(Duration(nanoseconds=remaining_ns)):
-                return  # a subscriber that hangs, or has yet to say that it has got everything
+                return
 
     def call_soon(self, callback: Callable[[], None]) -> None:
-        """Call ``callback()`` in the node's thread, after what it is at; never on a closed node."""
-        with self._ending:
+        """Schedule ``callback()`` in the node's thread; does nothing on a closed node."""
+        with self._closing_lock:
             if self.is_open:
                 self._executor.create_task(callback)
 
     def call(self, callback: Callable[[], None]) -> None:
-        """Call ``callback()`` in the node's thread and return when it is done.
+        """Call ``callback()`` in the node's thread and wait until it has returned.
 
-        Nothing is called on a closed node. Raises `BridgeError` when the thread is held up.
+        Does nothing on a closed node. Raises `BridgeError` if the thread is blocked.
         """
         if self.in_own_thread:
             callback()
             return
         done = threading.Event()
 
-        def work() -> None:
+        def run() -> None:
             try:
                 callback()
             finally:
                 done.set()
 
-        self.call_soon(work)
-        if self.is_open and not done.wait(_JOIN_S) and self.is_open:
-            raise BridgeError(f"the thread of ROS node {self.node.get_name()!r} is held up")
+        self.call_soon(run)
+        if self.is_open and not done.wait(_JOIN_TIMEOUT_S) and self.is_open:
+            raise BridgeError(f"the thread of ROS node {self.node.get_name()!r} is blocked")
 
     def wake(self) -> None:
-        """Let the node's thread look again at what its callbacks wait for; from any thread."""
-        with self._ending:
+        """Wake the executor so that it resumes coroutines whose futures are done. Thread-safe."""
+        with self._closing_lock:
             if self.is_open:
                 self._executor.wake()
 
     def _spin(self) -> None:
-        # Not `spin_until_future_complete`: it hangs a callback on the future for every message.
+        # Not `spin_until_future_complete`: it adds a callback to the future for every message.
         while self._context.ok() and not self._closing.is_set():
             try:
                 self._executor.spin_once()
-            except Exception:  # of a callback, whatever it may be
+            except Exception:  # raised by a callback
                 self.failures += 1
                 self.node.get_logger().error(
                     f"a callback failed: {traceback.format_exc()}",
-                    throttle_duration_sec=_SAY_AGAIN_S,
+                    throttle_duration_sec=_LOG_INTERVAL_S,
                 )
 
-    def _said_incompatible(
+    def _incompatible_qos_callback(
         self, topic: Topic
     ) -> Callable[[QoSOfferedIncompatibleQoSInfo | QoSRequestedIncompatibleQoSInfo], None]:
-        def said(info: QoSOfferedIncompatibleQoSInfo | QoSRequestedIncompatibleQoSInfo) -> None:
+        def on_incompatible(
+            info: QoSOfferedIncompatibleQoSInfo | QoSRequestedIncompatibleQoSInfo,
+        ) -> None:
             policy = qos_policy_name_from_kind(info.last_policy_kind)
             self.incompatible[topic.name] = policy
             self.node.get_logger().warning(
-                f"{topic.name}: another endpoint is not heard, its {policy} does not fit ours"
+                f"{topic.name}: not connected to another endpoint because of incompatible {policy}"
             )
 
-        return said
+        return on_incompatible
 
     def __enter__(self) -> Self:
         return self

@@ -1,25 +1,25 @@
-"""Whether this process listens for ROS nodes of other machines: asked of the kernel."""
+"""Check for open sockets that receive ROS discovery traffic of other machines."""
 
 from pathlib import Path
 
-_DISCOVERY_BASE, _PORTS_OF_A_DOMAIN = 7400, 250
-"""RTPS 2.3, 9.6.1.1: where all participants of a domain listen to the multicast of discovery."""
+_DISCOVERY_BASE, _PORTS_PER_DOMAIN = 7400, 250
+"""Port of the discovery multicast of a domain (RTPS 2.3, 9.6.1.1)."""
 
 
-def hears_other_machines(domain_id: int) -> bool:
-    """True when a socket of this process is open to the discovery of all in ``domain_id``.
+def listens_to_other_machines(domain_id: int) -> bool:
+    """True if this process has a socket on the multicast discovery port of ``domain_id``.
 
-    False also where there is no ``/proc`` (Linux has it).
+    False on systems without ``/proc``.
     """
     table = Path("/proc/self/net/udp")
     if not table.is_file():
         return False
-    wanted = _DISCOVERY_BASE + _PORTS_OF_A_DOMAIN * domain_id
-    ours = _sockets_of_this_process()
+    discovery_port = _DISCOVERY_BASE + _PORTS_PER_DOMAIN * domain_id
+    own_sockets = _sockets_of_this_process()
     for line in table.read_text(encoding="ascii").splitlines()[1:]:
         fields = line.split()
         port = int(fields[1].rpartition(":")[2], base=16)
-        if port == wanted and f"socket:[{fields[9]}]" in ours:
+        if port == discovery_port and f"socket:[{fields[9]}]" in own_sockets:
             return True
     return False
 
@@ -29,6 +29,6 @@ def _sockets_of_this_process() -> frozenset[str]:
     for descriptor in Path("/proc/self/fd").iterdir():
         try:
             found.add(str(descriptor.readlink()))
-        except FileNotFoundError:  # closed meanwhile, as is the listing's own
+        except FileNotFoundError:  # closed since the listing, as is the listing's own descriptor
             continue
     return frozenset(found)

@@ -1,14 +1,15 @@
-"""The player's controls as services, so that RViz, a script or a second screen can hold a replay.
+"""Player controls as ROS services.
 
 =============== =========================== ==================================
-``~/play``      std_srvs/Trigger            go on at the same rate
-``~/pause``     std_srvs/Trigger            hold the next frame back
-``~/step``      std_srvs/Trigger            pause, and let one frame pass
-``~/seek``      marginguard_msgs/Seek       seconds from the first frame
-``~/set_rate``  marginguard_msgs/SetRate    recording seconds per second, infinity: no waiting
+``~/play``      std_srvs/Trigger            resume at the same rate
+``~/pause``     std_srvs/Trigger            pause
+``~/step``      std_srvs/Trigger            pause and play one frame
+``~/seek``      marginguard_msgs/Seek       jump to a time in seconds from the first frame
+``~/set_rate``  marginguard_msgs/SetRate    recording seconds per second; inf: do not wait
 =============== =========================== ==================================
 
-What the player refuses comes back as ``success: false`` with its reason; nothing is changed then.
+If the player refuses a request, the response has ``success: false`` and the reason, and nothing
+changes.
 """
 
 import math
@@ -23,22 +24,22 @@ from app.geometry import MarginGuardError
 
 
 class Playable(Protocol):
-    """What is asked of a player: `app.case.Player` is one. Called from the node's own thread."""
+    """Interface of a player, such as `app.case.Player`. Called in the node's thread."""
 
     def resume(self) -> None:
         """Go on."""
 
     def pause(self) -> None:
-        """Hold the next frame back."""
+        """Pause before the next frame."""
 
     def step(self, frames: int = 1) -> None:
-        """Let a frame pass and stay paused."""
+        """Play ``frames`` frames and pause."""
 
     def seek(self, seconds: float) -> None:
-        """Go on from there; raises `MarginGuardError` for a time that cannot be."""
+        """Continue at this time; raises `MarginGuardError` if it is out of range."""
 
     def set_rate(self, rate: float | None) -> None:
-        """Change the rate, None: no waiting; raises `MarginGuardError` when out of range."""
+        """Change the rate (None: do not wait); raises `MarginGuardError` if out of range."""
 
 
 class PlayerServices:
@@ -80,7 +81,7 @@ def _trigger(
 
 
 def _refusal(action: Callable[[], None]) -> str:
-    """Empty when the action was done, the reason when the player refused it."""
+    """Call ``action``; returns the reason if it is refused, otherwise an empty string."""
     try:
         action()
     except MarginGuardError as error:

@@ -1,20 +1,25 @@
-"""The promises that a publisher of ours makes about delivery, and what our readers ask for.
+"""Quality-of-service profiles of our publishers and subscriptions.
 
-* ``STREAM``: reliable, volatile, the last 100. tf's own; whoever joins late gets what follows.
-* ``NEWEST``: reliable, volatile, the last one. For a controller: never an old constraint first,
-  and never one from before it joined, which is why this one is *not* latched.
-* ``LATCHED``: reliable, transient-local, the last one. Whoever joins late gets it at once.
+Publishers:
 
-Four are for readers. ``INCOMING`` is for poses and joints that strangers send a live session: best
-effort, which hears those that promise nothing (most drivers' sensor data) and those that promise
-delivery alike. A reliable reader hands over nothing that came after a gap before the gap is filled,
-by a stranger's writer seconds later; here the newest counts, and what is lost is stale by its own
-stamp. The last 20 are a tenth of a second of a tracker, or a burst of one sample for each of 20
-tools. The middleware keeps room for so many messages as large as the largest that ever came, so the
-depth is what bounds our memory. ``INCOMING_TF`` is tf2's own, but for the depth: an edge that was
-sent once must not be missed by whoever looks it up for ever after. ``STATIC_TF`` hears what every
-static broadcaster has latched, not the last one alone; ``ANY_CLOCK`` hears players that promise
-nothing, as they mostly do.
+* ``STREAM``: reliable, volatile, depth 100, as tf2 uses. Late subscribers get only what follows.
+* ``NEWEST``: reliable, volatile, depth 1. For controllers: it never delivers an outdated
+  constraint, and none from before the subscription, so it is *not* latched.
+* ``LATCHED``: reliable, transient local, depth 1. Late subscribers get the last message at once.
+
+Subscriptions:
+
+* ``INCOMING``: best effort, depth 20, for poses and joints of external publishers in a live
+  session. Best effort matches both best-effort publishers (most sensor drivers) and reliable ones.
+  A reliable subscription would withhold newer messages until a lost one is resent, possibly
+  seconds later. Here only the newest sample matters, and a lost one becomes stale by its own
+  stamp. 20 messages are a tenth of a second of a tracker, or one sample of each of 20 tools. The
+  middleware reserves memory for as many messages of the largest size received, so the depth
+  bounds it.
+* ``INCOMING_TF``: as tf2, with depth 20. Reliable, because an edge that is sent once must arrive.
+* ``STATIC_TF``: transient local with depth 20, to receive the latched message of every static
+  broadcaster.
+* ``ANY_CLOCK``: best effort, because most players publish ``/clock`` as best effort.
 """
 
 from dataclasses import dataclass
@@ -46,12 +51,12 @@ LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
 INCOMING = _best_effort(20)
 INCOMING_TF = _reliable(20, DurabilityPolicy.VOLATILE)
 STATIC_TF = _reliable(20, DurabilityPolicy.TRANSIENT_LOCAL)
-ANY_CLOCK = _best_effort(10)  # the last time before a jump is what tells that it was one
+ANY_CLOCK = _best_effort(10)  # a jump is detected by comparing consecutive times
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Topic:
-    """A topic's name (``~`` is the node's own name), its message type and its promise."""
+    """Name of a topic (``~`` expands to the node's name), its message type and its QoS profile."""
 
     name: str
     type: type

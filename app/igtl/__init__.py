@@ -1,6 +1,7 @@
-"""OpenIGTLink in: tracked transforms with their status from a PLUS server.
+"""OpenIGTLink client: tracked transforms with their status from a PLUS server.
 
-`wire`, `stream`, `poses` and `queue` are pure; `IgtlSource` owns a socket and a thread.
+`wire`, `stream`, `poses` and `queue` do no input or output; `IgtlSource` owns a socket and a
+thread.
 """
 
 from app.igtl.errors import IgtlError

@@ -1,27 +1,27 @@
-"""What can be wrong with bytes that come over OpenIGTLink."""
+"""Errors of the OpenIGTLink client."""
 
 from app.geometry import MarginGuardError
 
 
 class IgtlError(MarginGuardError):
-    """An OpenIGTLink server cannot be reached as asked."""
+    """Base class: invalid settings, or the client failed."""
 
 
 class IgtlFramingError(IgtlError):
-    """Bytes that begin no message: where the next one begins is not known any more."""
+    """Invalid header; the start of the next message is unknown."""
 
 
 class IgtlChecksumError(IgtlError):
-    """A body that is not what its header says was sent."""
+    """The body does not match the checksum in the header."""
 
 
 class IgtlContentError(IgtlError):
-    """A body whose parts do not fit into it, or into each other."""
+    """The sizes of the parts of a body are inconsistent."""
 
 
 class IgtlStampError(IgtlError):
-    """A message that does not tell when it was measured."""
+    """The message has no valid time stamp."""
 
 
 class IgtlLimitError(IgtlError):
-    """More of something than an operating room has."""
+    """A size or a count exceeds its limit."""

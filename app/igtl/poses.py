@@ -1,16 +1,16 @@
-"""TRANSFORM and TDATA messages to tracked transforms, with what PLUS says of each.
+"""Convert TRANSFORM and TDATA messages to tracked transforms with their status.
 
 ========= =================== ===================================== =======================
-message   name of a transform status (metadata, header version 2)   time
+message   transform name      status (metadata, header version 2)   time
 ========= =================== ===================================== =======================
-TRANSFORM the device          ``TransformStatus``, a word; in older the header's
-                              servers ``TransformValid`` alone
-TDATA     one an element      ``<name>Status``                      the header's, for all
+TRANSFORM device name         ``TransformStatus``; older servers    header
+                              send only ``TransformValid``
+TDATA     one per element     ``<name>Status``                      header, for all
 ========= =================== ===================================== =======================
 
-``StylusToTracker`` is the frame ``stylus`` in ``tracker``. Numbers are mm in the server's own axes
-and are taken as they are. A name has 20 bytes at most: PLUS cuts longer ones, which then name
-another frame (``...ToReferenc``) that nobody looks for.
+``StylusToTracker`` is the frame ``stylus`` in ``tracker``. Numbers are mm along the server's axes
+and are not converted. A name has 20 bytes at most. PLUS truncates longer names, which then refer
+to a frame that does not exist (``...ToReferenc``).
 """
 
 import math
@@ -35,23 +35,23 @@ from app.igtl.stream import Refusals
 from app.igtl.wire import Message
 
 TYPES = ("TRANSFORM", "TDATA")
-MOST_EDGES = 256
-"""More than these are no tree of frames of an operating room."""
+MAX_EDGES = 256
+"""Limit on the number of different transforms, which bounds the memory."""
 
 _LAST_SECOND = 2**31 - 1  # of a ROS time
 _MATRIX = struct.Struct(">12f")
 _ELEMENT = struct.Struct(">20sBx12f")
 _FULL_POSES = (1, 2)
-"""Types of TDATA elements: tracker, 6D. Others (3D, 5D) have an orientation nobody measured."""
+"""TDATA element types tracker and 6D. Others (3D, 5D) have no complete measured orientation."""
 
 _OTHER_WORDS = {"REQ_TIMEOUT": TrackingStatus.REQUEST_TIMEOUT}
 
 
 class PoseReader:
-    """Reads messages; what cannot be used goes to ``refusals``, of a TDATA element by element.
+    """Reads messages; adds invalid messages and TDATA elements to ``refusals``.
 
-    ``without_status`` counts samples of which the server said neither good nor bad (header version
-    1 has no room for it): they are taken for good, as a recording without statuses is.
+    ``without_status`` counts samples without a status (header version 1 has no field for it). They
+    are treated as valid, like those of a recording without statuses.
     """
 
     def __init__(self, refusals: Refusals) -> None:
@@ -60,7 +60,7 @@ class PoseReader:
         self._edges: set[tuple[str, str]] = set()
 
     def read(self, message: Message) -> list[TrackedTransform]:
-        """The samples of a message of one of `TYPES`, in its order."""
+        """Samples of a message of one of `TYPES`, in its order."""
         samples = []
         try:
             stamp = _stamp(message)
@@ -78,10 +78,12 @@ class PoseReader:
     ) -> TrackedTransform:
         frames = split_transform_name(name)
         if frames is None:
-            raise FrameError(f"transform {name!r} names no frames: AToB wanted")
+            raise FrameError(f"transform name is {name!r}; expected the form AToB")
         if frames not in self._edges:
-            if len(self._edges) >= MOST_EDGES:
-                raise IgtlLimitError(f"transform {name!r} is beyond the {MOST_EDGES} allowed")
+            if len(self._edges) >= MAX_EDGES:
+                raise IgtlLimitError(
+                    f"transform {name!r} is one too many; expected at most {MAX_EDGES}"
+                )
             self._edges.add(frames)
         if status is None:
             self.without_status += 1
@@ -91,8 +93,8 @@ class PoseReader:
 def _stamp(message: Message) -> Stamp:
     if not 0 < message.stamp_ns < _LAST_SECOND * NS_PER_S:
         raise IgtlStampError(
-            f"{message.type} {message.device!r} has the time {message.stamp_ns} ns: "
-            f"more than 0 and less than {_LAST_SECOND} s wanted"
+            f"{message.type} {message.device!r} has the time {message.stamp_ns} ns; "
+            f"expected more than 0 and less than {_LAST_SECOND} s"
         )
     return Stamp(message.stamp_ns)
 
@@ -100,22 +102,22 @@ def _stamp(message: Message) -> Stamp:
 def _poses(
     message: Message,
 ) -> Iterator[tuple[str, tuple[float, ...], TrackingStatus | None]]:
-    """Name, the columns of the matrix (rotation, then translation), and status if told."""
+    """Name, columns of the matrix (rotation, then translation) and status, None if missing."""
     if message.type == "TRANSFORM":
         if len(message.content) != _MATRIX.size:
             raise IgtlContentError(
-                f"TRANSFORM {message.device!r} has {len(message.content)} bytes: "
-                f"{_MATRIX.size} wanted"
+                f"TRANSFORM {message.device!r} has {len(message.content)} bytes; "
+                f"expected {_MATRIX.size}"
             )
         yield message.device, _MATRIX.unpack(message.content), _status(message.metadata)
         return
     if len(message.content) % _ELEMENT.size:
         raise IgtlContentError(
-            f"TDATA {message.device!r} has {len(message.content)} bytes: "
-            f"elements of {_ELEMENT.size} wanted"
+            f"TDATA {message.device!r} has {len(message.content)} bytes; "
+            f"expected elements of {_ELEMENT.size} bytes"
         )
     for raw_name, kind, *numbers in _ELEMENT.iter_unpack(message.content):
-        # A name that is no ASCII is no frame's; the error then shows which bytes it had.
+        # A name that is not ASCII is refused later; the error then shows its bytes.
         name = raw_name.rstrip(b"\0").decode("ascii", "backslashreplace")
         status = _status_of_word(message.metadata.get(f"{name}Status"))
         if kind not in _FULL_POSES and status in (None, TrackingStatus.OK):
@@ -135,7 +137,7 @@ def _status_of_word(word: str | None) -> TrackingStatus | None:
     if word is None:
         return None
     name = word.strip().upper().removeprefix("TOOL_")
-    # Anything unknown says at least that the pose was not called good.
+    # An unknown status is not OK.
     known = _OTHER_WORDS.get(name) or TrackingStatus.__members__.get(name, TrackingStatus.INVALID)
     return TrackingStatus(known)
 

@@ -1,4 +1,4 @@
-"""Samples on their way from the thread that reads them to the one that sends them on."""
+"""Queue of samples between the receiving and the processing thread."""
 
 import threading
 from collections.abc import Sequence
@@ -7,31 +7,31 @@ from app.geometry import TrackedTransform
 
 
 class SampleQueue:
-    """Everything in its order while the taker keeps up; of each edge the newest when it does not.
+    """FIFO queue that keeps only the newest sample of each edge on overflow.
 
-    ``most`` samples wait at most (or one an edge, where there are more edges). `superseded` counts
-    those that a newer one of the same edge replaced.
+    The queue overflows above ``max_samples``; it then holds one sample per edge. `superseded`
+    counts the samples that were dropped for a newer one of the same edge.
     """
 
-    def __init__(self, most: int = 1_000) -> None:
+    def __init__(self, max_samples: int = 1_000) -> None:
         self.superseded = 0
-        self._most = most
+        self._max_samples = max_samples
         self._samples: list[TrackedTransform] = []
         self._changed = threading.Condition()
         self._closed = False
 
     def put(self, samples: Sequence[TrackedTransform]) -> None:
-        """Leave ``samples`` for the taker, who is woken."""
+        """Add ``samples`` and wake the thread that waits in `take`."""
         with self._changed:
             self._samples += samples
-            if len(self._samples) > self._most:
+            if len(self._samples) > self._max_samples:
                 newest = {(each.target, each.source): each for each in self._samples}
                 self.superseded += len(self._samples) - len(newest)
                 self._samples = list(newest.values())
             self._changed.notify()
 
     def clear(self) -> None:
-        """Forget what waits: what it came from is gone."""
+        """Discard all samples, after the connection was lost."""
         with self._changed:
             self._samples = []
 
@@ -42,7 +42,7 @@ class SampleQueue:
             self._changed.notify_all()
 
     def take(self, timeout_s: float) -> list[TrackedTransform] | None:
-        """All that waits, at once when something does, else after the timeout; None when closed."""
+        """Wait up to ``timeout_s`` and remove all samples; None if the queue is closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._samples or self._closed, timeout_s)
             if self._closed:

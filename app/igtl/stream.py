@@ -1,4 +1,4 @@
-"""Messages out of the pieces in which a socket hands them over."""
+"""Split the byte stream of a socket into messages."""
 
 from collections import Counter
 from collections.abc import Collection
@@ -6,36 +6,36 @@ from collections.abc import Collection
 from app.igtl.errors import IgtlError, IgtlLimitError
 from app.igtl.wire import (
     HEADER_BYTES,
-    MOST_BODY_BYTES,
+    MAX_BODY_BYTES,
     Header,
     Message,
     read_header,
     read_message,
 )
 
-_MOST_WORDS = 200
+_MAX_CHARS = 200
 
 
 class Refusals:
-    """What was left out, counted by the kind of error, and the latest one in words."""
+    """Counts refused messages by type of error and keeps the latest error message."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self.last = ""
 
     def add(self, error: Exception) -> None:
-        """Count ``error``; its words are cut, since they may quote what a stranger sent."""
+        """Count ``error``; its message is truncated because it may quote network data."""
         self.counts[type(error).__name__] += 1
-        self.last = str(error)[:_MOST_WORDS]
+        self.last = str(error)[:_MAX_CHARS]
 
 
 class MessageStream:
-    """``stream.feed(piece)`` gives the messages of the wanted ``types`` that are now complete.
+    """``stream.feed(data)`` returns the messages of ``types`` that are now complete.
 
-    The bodies of others, and of those above `MOST_BODY_BYTES`, pass without being kept: what is
-    held is one body and one piece at most. ``complete`` counts all that have passed. A body that
-    is no good goes to ``refusals``; a header that is none raises `IgtlFramingError`, and the
-    stream is of no more use.
+    Bodies of other types and bodies above `MAX_BODY_BYTES` are skipped without being stored, so
+    the buffer holds one body and one chunk of data at most. ``complete`` counts all messages that
+    have passed. Invalid bodies are added to ``refusals``. An invalid header raises
+    `IgtlFramingError`; the stream cannot be used afterwards.
     """
 
     def __init__(self, types: Collection[str], refusals: Refusals) -> None:
@@ -43,13 +43,13 @@ class MessageStream:
         self.ignored = 0
         self._types = types
         self._refusals = refusals
-        self._held = bytearray()
+        self._buffer = bytearray()
         self._header: Header | None = None
         self._to_skip = 0
 
-    def feed(self, piece: bytes) -> list[Message]:
-        """Take the next piece in, however the sender's messages were cut."""
-        self._held += piece
+    def feed(self, data: bytes) -> list[Message]:
+        """Add received bytes, of any length, and return the complete messages."""
+        self._buffer += data
         messages: list[Message] = []
         while self._advance(messages):
             pass
@@ -57,17 +57,17 @@ class MessageStream:
 
     def _advance(self, messages: list[Message]) -> bool:
         if self._to_skip:
-            skipped = min(self._to_skip, len(self._held))
-            del self._held[:skipped]
+            skipped = min(self._to_skip, len(self._buffer))
+            del self._buffer[:skipped]
             self._to_skip -= skipped
             self.complete += not self._to_skip
-            return not self._to_skip and bool(self._held)
+            return not self._to_skip and bool(self._buffer)
         if self._header is None:
-            if len(self._held) < HEADER_BYTES:
+            if len(self._buffer) < HEADER_BYTES:
                 return False
             self._begin(read_header(self._take(HEADER_BYTES)))
             return True
-        if len(self._held) < self._header.body_bytes:
+        if len(self._buffer) < self._header.body_bytes:
             return False
         header, self._header = self._header, None
         self.complete += 1
@@ -78,7 +78,7 @@ class MessageStream:
         return True
 
     def _begin(self, header: Header) -> None:
-        if header.type in self._types and header.body_bytes <= MOST_BODY_BYTES:
+        if header.type in self._types and header.body_bytes <= MAX_BODY_BYTES:
             self._header = header
             return
         self._to_skip = header.body_bytes
@@ -86,14 +86,14 @@ class MessageStream:
         if header.type in self._types:
             self._refusals.add(
                 IgtlLimitError(
-                    f"{header.type} has a body of {header.body_bytes} bytes: "
-                    f"{MOST_BODY_BYTES} allowed"
+                    f"{header.type} has a body of {header.body_bytes} bytes; "
+                    f"expected at most {MAX_BODY_BYTES}"
                 )
             )
         else:
             self.ignored += 1
 
     def _take(self, count: int) -> bytes:
-        taken = bytes(self._held[:count])
-        del self._held[:count]
+        taken = bytes(self._buffer[:count])
+        del self._buffer[:count]
         return taken

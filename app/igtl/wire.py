@@ -1,11 +1,10 @@
-"""OpenIGTLink messages to and from bytes, as far as tracking needs them. Nothing of a file, a
-socket or ROS.
+"""Encode and decode the OpenIGTLink messages that tracking needs. No input or output.
 
-The layout is that of the protocol's own pages (version 3, headers of version 1 and 2): everything
-big-endian; 58 bytes of header with the time as 32.32 fixed point; a body that from header version
-2 on begins with sizes and ends with metadata. Only the checksum (CRC-64, ECMA-182) is pyigtl's,
-whose messages have their times in floating point (a quarter of a microsecond off today), do not
-know TDATA and are read without looking at the checksum.
+The layout follows the protocol specification (version 3; header versions 1 and 2): big-endian, a
+header of 58 bytes with the time as 32.32 fixed point, and a body that from header version 2 on
+begins with sizes and ends with metadata. Only the checksum (CRC-64, ECMA-182) comes from pyigtl.
+The messages of pyigtl store times as floating point (0.25 us error today), do not support TDATA
+and do not verify the checksum.
 """
 
 import re
@@ -19,11 +18,11 @@ from app.geometry import NS_PER_S
 from app.igtl.errors import IgtlChecksumError, IgtlContentError, IgtlFramingError
 
 HEADER_BYTES = 58
-MOST_BODY_BYTES = 1 << 16
-"""A TDATA message of 500 instruments with their metadata: nothing larger is read."""
+MAX_BODY_BYTES = 1 << 16
+"""Room for a TDATA message of 500 tools with their metadata. Larger bodies are not read."""
 
-_MOST_SKIPPED_BYTES = 1 << 30
-"""The largest image that may pass unread; a larger number is no size of anything."""
+_MAX_SKIPPED_BYTES = 1 << 30
+"""Largest body that is skipped, such as an image. A larger size means an invalid header."""
 
 _HEADER = struct.Struct(">H12s20sQQQ")
 _EXTENDED = struct.Struct(">HHII")
@@ -32,12 +31,12 @@ _COUNT = struct.Struct(">H")
 _START_TDATA = struct.Struct(">I32s")
 _TYPE = re.compile(rb"[A-Z0-9_]{1,12}\0*")
 _ENCODINGS = {3: "ascii", 106: "utf-8"}
-"""Numbers of the character sets (IANA MIBenum) that the protocol names."""
+"""Character sets of the protocol by their number (IANA MIBenum)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What stands before a body; ``stamp_ns`` is 0 where the sender gave no time."""
+    """Header of a message; ``stamp_ns`` is 0 if the sender gave no time."""
 
     version: int
     type: str
@@ -49,7 +48,7 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message that has passed its checksum: content and metadata apart."""
+    """A message with a valid checksum, split into content and metadata."""
 
     type: str
     device: str
@@ -59,12 +58,12 @@ class Message:
 
 
 def read_header(header: bytes) -> Header:
-    """The header in 58 bytes; `IgtlFramingError` for others that cannot be one."""
+    """Decode a header of 58 bytes; raises `IgtlFramingError` if it is invalid."""
     version, kind, device, time, size, checksum = _HEADER.unpack(header)
-    if not 1 <= version <= 3 or not _TYPE.fullmatch(kind) or size > _MOST_SKIPPED_BYTES:
+    if not 1 <= version <= 3 or not _TYPE.fullmatch(kind) or size > _MAX_SKIPPED_BYTES:
         raise IgtlFramingError(
-            f"{header[:14].hex(' ')} ... begins no OpenIGTLink message: version 1 to 3, a type of "
-            f"capital letters and a body of at most {_MOST_SKIPPED_BYTES} bytes wanted"
+            f"OpenIGTLink header begins with {header[:14].hex(' ')}; expected version 1 to 3, a "
+            f"type of capital letters and a body of at most {_MAX_SKIPPED_BYTES} bytes"
         )
     return Header(
         version, kind.rstrip(b"\0").decode(), device.rstrip(b"\0"), stamp_ns(time), size, checksum
@@ -72,16 +71,16 @@ def read_header(header: bytes) -> Header:
 
 
 def stamp_ns(time: int) -> int:
-    """The protocol's 64 bits, seconds and their 2^32nd parts, to the nearest nanosecond."""
+    """Convert the protocol's time (32.32 fixed point seconds) to the nearest nanosecond."""
     return (time * NS_PER_S + (1 << 31)) >> 32
 
 
 def read_message(header: Header, body: bytes) -> Message:
-    """A whole message; `IgtlChecksumError` or `IgtlContentError` when the body is no good."""
+    """Decode a body; raises `IgtlChecksumError` or `IgtlContentError` if it is invalid."""
     if CRC64(body) != header.checksum:
         raise IgtlChecksumError(
-            f"{header.type} of {len(body)} bytes: checksum {CRC64(body):016x} "
-            f"is not the header's {header.checksum:016x}"
+            f"{header.type} of {len(body)} bytes has checksum {CRC64(body):016x}; "
+            f"expected {header.checksum:016x}, as in the header"
         )
     try:
         device = header.device.decode("ascii")
@@ -91,7 +90,8 @@ def read_message(header: Header, body: bytes) -> Message:
         end = len(body) - heads - values
         if not _EXTENDED.size <= extended <= end:
             raise IgtlContentError(
-                f"{header.type} of {len(body)} bytes has parts of {extended}, {heads} and {values}"
+                f"{header.type} of {len(body)} bytes has parts of {extended}, {heads} and {values} "
+                "bytes; expected parts that fit into the body"
             )
         metadata = _metadata(body[end : end + heads], body[end + heads :]) if heads else {}
     except (struct.error, UnicodeDecodeError) as error:
@@ -100,11 +100,11 @@ def read_message(header: Header, body: bytes) -> Message:
 
 
 def start_tracking_request() -> bytes:
-    """What a PLUS server wants to hear before it tells all that it knows.
+    """Encode the ``STT_TDATA`` message that a client sends after connecting.
 
-    It answers in the highest header version that its client has spoken (statuses need 2), and
-    sends TDATA to those alone who have asked for it: ``STT_TDATA``, as fast as there is something,
-    in the server's own coordinates.
+    A PLUS server replies in the highest header version that the client has used (a status needs
+    version 2), and sends TDATA only to clients that requested it. The request asks for the highest
+    rate and for the server's own coordinates.
     """
     body = _EXTENDED.pack(_EXTENDED.size, _COUNT.size, 0, 0) + _START_TDATA.pack(0, b"")
     body += _COUNT.pack(0)
@@ -114,17 +114,22 @@ def start_tracking_request() -> bytes:
 def _metadata(heads: bytes, values: bytes) -> dict[str, str]:
     (count,) = _COUNT.unpack_from(heads)
     if _COUNT.size + count * _ENTRY.size > len(heads):
-        raise IgtlContentError(f"metadata of {len(heads)} bytes cannot hold {count} entries")
-    metadata, place = {}, 0
+        raise IgtlContentError(
+            f"metadata header of {len(heads)} bytes claims {count} entries; "
+            f"expected at most {(len(heads) - _COUNT.size) // _ENTRY.size}"
+        )
+    metadata, offset = {}, 0
     for key_bytes, encoding, value_bytes in _ENTRY.iter_unpack(
         heads[_COUNT.size : _COUNT.size + count * _ENTRY.size]
     ):
-        middle, end = place + key_bytes, place + key_bytes + value_bytes
+        middle, end = offset + key_bytes, offset + key_bytes + value_bytes
         if end > len(values):
-            raise IgtlContentError(f"metadata entry ends at {end} of {len(values)} bytes")
-        # Values that are neither ASCII nor UTF-8 are none of those that are looked for.
+            raise IgtlContentError(
+                f"metadata entry ends at byte {end}; expected at most {len(values)}"
+            )
+        # Entries in other encodings are skipped: the ones that are used are ASCII or UTF-8.
         if encoding in _ENCODINGS:
-            key = values[place:middle].decode("utf-8")
+            key = values[offset:middle].decode("utf-8")
             metadata[key] = values[middle:end].decode(_ENCODINGS[encoding])
-        place = end
+        offset = end
     return metadata

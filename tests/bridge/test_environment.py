@@ -9,7 +9,7 @@ import pytest
 
 from app.bridge import RosNode
 from app.bridge.environment import UDP_ON_THIS_MACHINE, prepare_environment, without_bootstrap
-from app.bridge.open_ports import hears_other_machines
+from app.bridge.open_ports import listens_to_other_machines
 
 LOCALHOST = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 WITHOUT_HOOK_VARIABLES = without_bootstrap(os.environ)
@@ -115,7 +115,7 @@ def test_a_killed_peer_shares_no_memory_with_us_and_no_other_machine_hears_of_us
     # Asked of the kernel: Fast DDS could leave our profile out without a word.
     with RosNode("alone", domain_id=domain_id):
         assert "/dev/shm/fastrtps" not in Path("/proc/self/maps").read_text()
-        assert not hears_other_machines(domain_id)
+        assert not listens_to_other_machines(domain_id)
 
 
 STARTED = """

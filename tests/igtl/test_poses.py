@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.geometry import TrackedTransform, TrackingStatus
-from app.igtl.poses import MOST_EDGES, TYPES, PoseReader
+from app.igtl.poses import MAX_EDGES, TYPES, PoseReader
 from app.igtl.stream import MessageStream, Refusals
 from tests.igtl.conftest import pose
 from tests.igtl.peer import message
@@ -156,7 +156,7 @@ def test_a_body_of_the_wrong_length_is_refused(reading: Reading) -> None:
 
 
 def test_names_without_end_are_refused(reading: Reading) -> None:
-    for index in range(MOST_EDGES + 10):
+    for index in range(MAX_EDGES + 10):
         reading.of(name=f"S{index}ToTracker", matrix=POSE)
     assert reading.refusals.counts == {"IgtlLimitError": 10}
     [sample] = reading.of(name="S0ToTracker", matrix=POSE)

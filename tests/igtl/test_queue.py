@@ -19,7 +19,7 @@ def test_waits_grow_to_a_bound_and_begin_anew() -> None:
 
 
 def test_all_is_kept_in_order_while_there_is_room() -> None:
-    queue = SampleQueue(most=4)
+    queue = SampleQueue(max_samples=4)
     sent = [sample("a", 1), sample("b", 1), sample("a", 2)]
     queue.put(sent[:2])
     queue.put(sent[2:])
@@ -29,7 +29,7 @@ def test_all_is_kept_in_order_while_there_is_room() -> None:
 
 
 def test_of_a_flood_the_newest_of_each_edge_is_kept() -> None:
-    queue = SampleQueue(most=10)
+    queue = SampleQueue(max_samples=10)
     for ns in range(1, 10_001):
         queue.put([sample("a", ns)])
         if ns == 5_000:

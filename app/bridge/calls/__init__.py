@@ -1,7 +1,7 @@
-"""Parameters, services and actions, as client and as server: every call ends, none silently."""
+"""Clients and servers for parameters, services and actions. Every call has a timeout."""
 
 from app.bridge.calls.action_client import ActionClient, Goal
-from app.bridge.calls.action_server import ActionServer, Ending, ServedGoal
+from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
 from app.bridge.calls.errors import (
     CallCancelledError,
     CallError,
@@ -10,10 +10,10 @@ from app.bridge.calls.errors import (
     GoalCancelledError,
     GoalEndedError,
     GoalRejectedError,
-    NotThereError,
     ParameterUnsetError,
     RefusedError,
     ServerGoneError,
+    ServerUnavailableError,
 )
 from app.bridge.calls.parameter_client import (
     ParameterChange,
@@ -21,7 +21,7 @@ from app.bridge.calls.parameter_client import (
     ParameterDescription,
 )
 from app.bridge.calls.parameter_server import ParameterDeclaration, ParameterServer
-from app.bridge.calls.pending import Pending
+from app.bridge.calls.pending import PendingReply
 from app.bridge.calls.service_client import ServiceClient
 from app.bridge.calls.service_server import ServiceServer
 
@@ -31,23 +31,23 @@ __all__ = [
     "CallCancelledError",
     "CallError",
     "CallTimeoutError",
-    "Ending",
     "Goal",
     "GoalAbortedError",
     "GoalCancelledError",
     "GoalEndedError",
+    "GoalOutcome",
     "GoalRejectedError",
-    "NotThereError",
     "ParameterChange",
     "ParameterClient",
     "ParameterDeclaration",
     "ParameterDescription",
     "ParameterServer",
     "ParameterUnsetError",
-    "Pending",
+    "PendingReply",
     "RefusedError",
     "ServedGoal",
     "ServerGoneError",
+    "ServerUnavailableError",
     "ServiceClient",
     "ServiceServer",
 ]

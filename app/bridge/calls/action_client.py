@@ -1,4 +1,4 @@
-"""Goals for an action of another node: sent, followed, cancelled, and ended in a known way."""
+"""Action client: send goals to another node, wait for their results, cancel them."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ from app.bridge.calls.errors import (
     RefusedError,
     ServerGoneError,
 )
-from app.bridge.calls.pending import Pending
+from app.bridge.calls.pending import PendingReply
 from app.bridge.calls.waiting import (
     DEFAULT_TIMEOUT_S,
     SENDING_ERRORS,
@@ -32,66 +32,66 @@ from app.bridge.convert.types import action_type
 from app.bridge.errors import BridgeError, reason_of
 from app.bridge.node import RosNode
 
-_CANCEL_S = 2.0
-"""How long a goal that is not wanted any more may take to be told so."""
+_CANCEL_TIMEOUT_S = 2.0
+"""Timeout of the cancel request that `ActionClient.call` sends when its caller gives up."""
 
 
 class Goal:
-    """A goal that the server has taken on; made by `ActionClient.start` alone."""
+    """A goal that the server has accepted. Created by `ActionClient.start` only."""
 
     def __init__(self, client: "ActionClient", handle: ClientGoalHandle) -> None:
         self._client = client
         self._handle = handle
-        # Asked for at once: a server keeps results for a while only.
-        future = client.sent(handle.get_result_async)
-        self._result = client.pending(future, "result")
+        # Requested at once because a server discards results after a while.
+        future = client.send(handle.get_result_async)
+        self._result = client.pending_reply(future, "result")
 
     @property
     def is_done(self) -> bool:
-        """Whether `result` returns, or raises, at once."""
+        """True if `result` returns or raises at once."""
         return self._result.is_done
 
     def result(self, timeout_s: float, cancel: threading.Event | None = None) -> Any:
-        """What came of it.
+        """Wait for the result of the goal and return it.
 
-        Raises `GoalAbortedError` and `GoalCancelledError` with the result that the server gave
-        along, `CallTimeoutError` (the goal goes on, ask again), `ServerGoneError`, and
-        `CallCancelledError` when ``cancel`` ended the wait.
+        Raises `GoalAbortedError` or `GoalCancelledError`, each with the server's result,
+        `CallTimeoutError` (the goal continues; call again), `ServerGoneError`, and
+        `CallCancelledError` when ``cancel`` is set.
         """
         reply = self._result.result(timeout_s, cancel)
         name = self._client.name
-        said = str(getattr(reply.result, "message", "")) or "it gave no reason"
+        reason = str(getattr(reply.result, "message", "")) or "no reason given"
         if reply.status == GoalStatus.STATUS_SUCCEEDED:
             return reply.result
         if reply.status == GoalStatus.STATUS_ABORTED:
-            raise GoalAbortedError(f"action {name} was aborted: {said}", reply.result)
+            raise GoalAbortedError(f"action {name} was aborted: {reason}", reply.result)
         if reply.status == GoalStatus.STATUS_CANCELED:
-            raise GoalCancelledError(f"action {name} was cancelled: {said}", reply.result)
-        raise ServerGoneError(f"action {name}: the server does not know the goal any more")
+            raise GoalCancelledError(f"action {name} was cancelled: {reason}", reply.result)
+        raise ServerGoneError(f"action {name}: the server no longer knows the goal")
 
     def cancel(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        """Ask the server to stop; the way it ends is told by `result`.
+        """Request cancellation; `result` then reports how the goal ended.
 
-        Returns when the server has agreed, or when the goal is over already; raises `RefusedError`
-        when it goes on, `CallTimeoutError`, `ServerGoneError`.
+        Returns when the server has accepted the request or the goal has already ended. Raises
+        `RefusedError` when the server rejects the request, `CallTimeoutError`, `ServerGoneError`.
         """
         if self.is_done:
             return
-        limit = Deadline(timeout_s)
-        future = self._client.sent(self._handle.cancel_goal_async)
-        reply = self._client.pending(future, "cancel").result(limit.remaining_s)
+        deadline = Deadline(timeout_s)
+        future = self._client.send(self._handle.cancel_goal_async)
+        reply = self._client.pending_reply(future, "cancel").result(deadline.remaining_s)
         if not reply.goals_canceling and not self.is_done:
-            # A goal that ends meanwhile is not there to be cancelled: its result tells.
+            # The goal ended before the request arrived; `result` reports how.
             if reply.return_code == reply.ERROR_GOAL_TERMINATED:
                 return
-            raise RefusedError(f"action {self._client.name} does not let its goal be cancelled")
+            raise RefusedError(f"action {self._client.name}: the server refused to cancel the goal")
 
 
 class ActionClient:
     """``ActionClient(ros, "marginguard_msgs/action/Replay", "/marginguard/replay").call(goal)``.
 
-    A goal that is taken on after its caller gave up is cancelled and counted in `late_goals`:
-    nobody would follow it.
+    A goal that the server accepts after the caller's timeout is cancelled and counted in
+    `late_goals`.
     """
 
     def __init__(self, ros: RosNode, action: str | type, name: str) -> None:
@@ -103,17 +103,17 @@ class ActionClient:
             raise CallError(f"no client for an action {name!r}: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
         self.late_goals = 0
-        self._server = ServerWait(ros, lambda: self.is_there, f"action {self.name}")
+        self._server = ServerWait(ros, lambda: self.is_available, f"action {self.name}")
         self._closed = False
         ros.on_close(self.close)
 
     @property
-    def is_there(self) -> bool:
-        """Whether somebody serves it now."""
+    def is_available(self) -> bool:
+        """True if an action server is discovered."""
         return not self._closed and is_served(self._ros, self._client.server_is_ready)
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
-        """Return once somebody serves it; raises `NotThereError`."""
+        """Wait for an action server; raises `ServerUnavailableError`."""
         self._server.wait(Deadline(timeout_s, cancel))
 
     def start(
@@ -124,31 +124,36 @@ class ActionClient:
         *,
         feedback: Callable[[Any], None] | None = None,
     ) -> Goal:
-        """Send ``goal``; returns when the server has taken it on, within ``timeout_s``.
+        """Send ``goal`` and wait up to ``timeout_s`` until the server has accepted it.
 
-        The goal is a message, as ROS has it, or plain values with lengths in mm.
+        The goal is a ROS message (lengths in m) or a mapping of plain values (lengths in mm).
         ``feedback(message)`` is called in the node's thread. Raises `GoalRejectedError`,
-        `NotThereError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
+        `ServerUnavailableError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
         if isinstance(goal, Mapping):
             goal = from_plain(self.type.Goal, goal)
         if not isinstance(goal, self.type.Goal):
             raise CallError(
-                f"{self.name}: a {type(goal).__name__} is no goal of {self.type.__name__}"
+                f"{self.name}: the goal is a {type(goal).__name__}; "
+                f"expected {self.type.__name__}.Goal or a mapping"
             )
-        limit = Deadline(timeout_s, cancel)
-        self._server.wait(limit)
+        deadline = Deadline(timeout_s, cancel)
+        self._server.wait(deadline)
 
-        def said(message: Any) -> None:
+        def on_feedback(message: Any) -> None:
             if feedback is not None:
                 feedback(message.feedback)
 
-        future = self.sent(lambda: self._client.send_goal_async(goal, feedback_callback=said))
-        pending = self.pending(future, "goal", abandon=lambda: self._take_late(future))
+        future = self.send(
+            lambda: self._client.send_goal_async(goal, feedback_callback=on_feedback)
+        )
+        pending = self.pending_reply(
+            future, "goal", abandon=lambda: self._cancel_if_accepted(future)
+        )
         try:
-            handle = pending.result(limit.remaining_s, cancel)
+            handle = pending.result(deadline.remaining_s, cancel)
         finally:
-            pending.cancel()  # does nothing when the answer has come
+            pending.cancel()  # does nothing when the reply has arrived
         if not handle.accepted:
             raise GoalRejectedError(f"action {self.name} rejected the goal")
         return Goal(self, handle)
@@ -161,70 +166,70 @@ class ActionClient:
         *,
         feedback: Callable[[Any], None] | None = None,
     ) -> Any:
-        """The result of ``goal``; a caller that gives up takes the goal back from the server."""
-        limit = Deadline(timeout_s, cancel)
+        """Send ``goal`` and return its result; cancels the goal on timeout and on ``cancel``."""
+        deadline = Deadline(timeout_s, cancel)
         started = self.start(goal, timeout_s, cancel, feedback=feedback)
         try:
-            return started.result(limit.remaining_s, cancel)
+            return started.result(deadline.remaining_s, cancel)
         except (CallTimeoutError, CallCancelledError):
             try:
-                started.cancel(_CANCEL_S)
+                started.cancel(_CANCEL_TIMEOUT_S)
             except CallError as error:
-                self._ros.node.get_logger().warning(f"{error}: it goes on, and nobody follows it")
+                self._ros.node.get_logger().warning(f"{error}; the goal continues unattended")
             raise
 
-    def sent(self, send: Callable[[], Future]) -> Future:
-        """What ``send()`` gives in the node's thread; for this client and its goals.
+    def send(self, request: Callable[[], Future]) -> Future:
+        """Call ``request()`` in the node's thread and return its future.
 
-        rclpy notes a request after it was sent, without a lock: in another thread the reply, which
-        the node's own takes in, could be faster, and would be thrown away. Raises `CallError`.
+        rclpy registers a request after sending it, without a lock. From another thread the node's
+        thread could receive the reply first and drop it. Raises `CallError`.
         """
         futures: list[Future] = []
         reasons: list[str] = []
 
-        def work() -> None:
+        def send_now() -> None:
             try:
                 if not (self._closed or reasons):
-                    futures.append(send())
+                    futures.append(request())
             except SENDING_ERRORS as error:
                 reasons.append(reason_of(error))
 
         try:
-            self._ros.call(work)
+            self._ros.call(send_now)
         except BridgeError as error:
             reasons.append(str(error))
         if not futures:
             reason = reasons[0] if reasons else "the client is closed"
-            raise CallError(f"action {self.name}: nothing can be sent: {reason}")
+            raise CallError(f"action {self.name}: cannot send the request: {reason}")
         return futures[0]
 
-    def pending(
+    def pending_reply(
         self, future: Future, what: str, *, abandon: Callable[[], None] = lambda: None
-    ) -> Pending:
-        """A reply of one of the action's services."""
-        return Pending(
+    ) -> PendingReply:
+        """Wrap the ``future`` of a reply of one of the action's services."""
+        return PendingReply(
             self._ros,
             future,
             f"{what} of action {self.name}",
-            there=lambda: self.is_there,
+            is_available=lambda: self.is_available,
             abandon=abandon,
         )
 
     def close(self) -> None:
-        """Leave the graph; goals that are under way are not followed any more. Once is enough."""
+        """Destroy the client; running goals continue unattended. Idempotent."""
         if not self._closed:
             self._closed = True
             self._client.destroy()
 
-    def _take_late(self, future: Future) -> None:
-        def taken(future: Future) -> None:
+    def _cancel_if_accepted(self, future: Future) -> None:
+        def cancel(future: Future) -> None:
             handle = future.result()
             if handle is not None and handle.accepted:
                 self.late_goals += 1
                 handle.cancel_goal_async()
                 self._ros.node.get_logger().warning(
-                    f"action {self.name}: a goal was taken on after its caller had given up: "
-                    "cancelled"
+                    f"action {self.name}: cancelled a goal that was accepted after the caller's "
+                    "timeout"
                 )
 
-        future.add_done_callback(taken)
+        future.add_done_callback(cancel)

@@ -1,4 +1,4 @@
-"""Actions of ours: the work is done in a thread of its own, and every goal ends in a known way."""
+"""Action server that executes each goal in a separate thread and always sends a result."""
 
 import threading
 from collections.abc import Callable
@@ -11,24 +11,24 @@ from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError
-from app.bridge.calls.service_server import failed
+from app.bridge.calls.service_server import failure_reply
 from app.bridge.convert.types import action_type
 from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
-_END_S = 10.0
-"""How long a goal's work may take to notice, at the end, that it was cancelled."""
+_CLOSE_TIMEOUT_S = 10.0
+"""How long `ActionServer.close` waits until the cancelled goal has ended."""
 
-_RESULT_KEPT_S = 60
-"""How long a result may be asked for; rclpy's 900 s let a flood of goals fill the memory."""
+_RESULT_TIMEOUT_S = 60
+"""How long a result is kept; with rclpy's default of 900 s many goals would fill the memory."""
 
-_ROUNDS = 3
-"""rclpy sends a result two rounds of the executor after the work on its goal has ended."""
+_EXECUTOR_CYCLES = 3
+"""rclpy sends a result two executor cycles after the goal's callback has returned."""
 
 
-class Ending(Enum):
-    """How the work on a goal ended."""
+class GoalOutcome(Enum):
+    """Terminal state of a goal."""
 
     SUCCEEDED = auto()
     ABORTED = auto()
@@ -36,7 +36,7 @@ class Ending(Enum):
 
 
 class ServedGoal:
-    """What the work on a goal sees of it; made by `ActionServer` alone."""
+    """A goal that is being executed. Created by `ActionServer` only."""
 
     def __init__(self, handle: ServerGoalHandle) -> None:
         self.request = handle.request
@@ -45,17 +45,17 @@ class ServedGoal:
         self._stop: Callable[[], None] | None = None
 
     def feedback(self, message: Any) -> None:
-        """Tell whoever follows the goal how far it is."""
+        """Publish a feedback message."""
         self._handle.publish_feedback(message)
 
     def on_cancel(self, stop: Callable[[], None]) -> None:
-        """Call ``stop()`` once the goal is cancelled, from the node's thread or, if it is, now."""
+        """Call ``stop()`` in the node's thread on cancellation; now if already cancelled."""
         self._stop = stop
         if self.cancelled.is_set():
             stop()
 
     def cancel(self) -> None:
-        """Tell the work to stop."""
+        """Set `cancelled` and call the function given to `on_cancel`."""
         self.cancelled.set()
         if self._stop is not None:
             self._stop()
@@ -64,14 +64,14 @@ class ServedGoal:
 class ActionServer:
     """Serve the action ``name``, one goal at a time.
 
-    ``check(goal)`` runs in the node's thread, quickly, and raises `MarginGuardError` to reject a
-    goal (the reason goes to the log: ROS has no field for it). ``run(served)`` does the work in a
-    thread of its own and returns the result with how it ended. What it raises aborts the goal,
-    with the reason in the result's ``message`` where the type has one, and is counted: in
-    `refused` when it is a `MarginGuardError`, in `failures` otherwise. Cancelling is always
-    granted: ``served.cancelled`` is set, and the work has to look.
+    ``check(goal)`` runs in the node's thread and must not block. It raises `MarginGuardError` to
+    reject a goal; the reason is logged because ROS has no field for it. ``run(served)`` executes
+    the goal in a separate thread and returns the result and its outcome. An exception aborts the
+    goal and is written to the result's ``message`` if the type has that field. It is counted in
+    `refused` if it is a `MarginGuardError`, otherwise in `failures`. Cancel requests are always
+    accepted: they set ``served.cancelled``, which ``run`` must check.
 
-    When the node is closed the goal under way is cancelled and its result still sent.
+    Closing the node cancels the active goal and still sends its result.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class ActionServer:
         ros: RosNode,
         action: str | type,
         name: str,
-        run: Callable[[ServedGoal], tuple[Any, Ending]],
+        run: Callable[[ServedGoal], tuple[Any, GoalOutcome]],
         *,
         check: Callable[[Any], None] = lambda goal: None,
     ) -> None:
@@ -98,43 +98,45 @@ class ActionServer:
                 self.type,
                 name,
                 self._execute,
-                goal_callback=self._asked,
-                handle_accepted_callback=self._accepted,
-                cancel_callback=self._cancel,
-                result_timeout=_RESULT_KEPT_S,
+                goal_callback=self._on_goal,
+                handle_accepted_callback=self._on_accepted,
+                cancel_callback=self._on_cancel,
+                result_timeout=_RESULT_TIMEOUT_S,
             )
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            raise CallError(f"no action {name!r}: {reason_of(error)}") from error
+            raise CallError(f"action {name!r} cannot be served: {reason_of(error)}") from error
         self.name = str(ros.node.resolve_topic_name(name))
         self._idle = threading.Event()
         self._idle.set()
         ros.on_close(self.close)
 
     def close(self) -> None:
-        """Cancel the goal under way, wait until its result is out, stop serving."""
+        """Cancel the active goal, wait until its result is sent, stop serving."""
         if self._closing:
             return
         self._closing = True
         for served in tuple(self._goals.values()):
             served.cancel()
-        if not self._idle.wait(_END_S):
-            self._ros.node.get_logger().error(f"action {self.name}: its work does not end")
-        for _ in range(_ROUNDS):
-            around = threading.Event()
-            self._ros.call_soon(around.set)
-            around.wait(_END_S)
+        if not self._idle.wait(_CLOSE_TIMEOUT_S):
+            self._ros.node.get_logger().error(
+                f"action {self.name}: the cancelled goal does not end"
+            )
+        for _ in range(_EXECUTOR_CYCLES):
+            cycle_done = threading.Event()
+            self._ros.call_soon(cycle_done.set)
+            cycle_done.wait(_CLOSE_TIMEOUT_S)
         self._server.destroy()
 
-    def _asked(self, goal: Any) -> GoalResponse:
+    def _on_goal(self, goal: Any) -> GoalResponse:
         reason = ""
         if self._goals or self._closing:
-            reason = "a goal is under way"
+            reason = "another goal is active"
         else:
             try:
                 self._check(goal)
             except MarginGuardError as error:
                 reason = str(error)
-            except Exception as error:  # the caller must have an answer
+            except Exception as error:  # the caller must get a reply
                 self.failures += 1
                 reason = f"the check failed: {type(error).__name__}: {error}"
         if reason:
@@ -145,13 +147,13 @@ class ActionServer:
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _accepted(self, handle: ServerGoalHandle) -> None:
-        # Not earlier: a goal whose sender has gone is accepted and never comes here.
+    def _on_accepted(self, handle: ServerGoalHandle) -> None:
+        # Not in `_on_goal`: a goal whose sender has left is accepted but never gets here.
         self._idle.clear()
         self._goals[bytes(handle.goal_id.uuid)] = ServedGoal(handle)
         handle.execute()
 
-    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         served = self._goals.get(bytes(handle.goal_id.uuid))
         if served is None:
             return CancelResponse.REJECT
@@ -159,7 +161,7 @@ class ActionServer:
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Run in the node's thread, which goes on with other things until the work is done."""
+        """Coroutine of the node's thread; suspends until the worker thread has finished."""
         key = bytes(handle.goal_id.uuid)
         served = self._goals[key]
         if self._closing:
@@ -174,9 +176,9 @@ class ActionServer:
         result, ending = await done
         del self._goals[key]
         try:
-            if ending is Ending.CANCELLED and handle.is_cancel_requested:
+            if ending is GoalOutcome.CANCELLED and handle.is_cancel_requested:
                 handle.canceled()
-            elif ending is Ending.SUCCEEDED:
+            elif ending is GoalOutcome.SUCCEEDED:
                 handle.succeed()
             else:
                 handle.abort()
@@ -184,16 +186,17 @@ class ActionServer:
             self._idle.set()
         return result
 
-    def _outcome(self, served: ServedGoal) -> tuple[Any, Ending]:
+    def _outcome(self, served: ServedGoal) -> tuple[Any, GoalOutcome]:
         try:
             result, ending = self._run(served)
-            serialize_message(result)  # one that cannot be sent would be none
+            serialize_message(result)  # an invalid result must fail here, not when it is sent
         except MarginGuardError as error:
             self.refused += 1
-            return failed(self.type.Result(), str(error)), Ending.ABORTED
-        except Exception as error:  # whatever it is, the goal must end
+            return failure_reply(self.type.Result(), str(error)), GoalOutcome.ABORTED
+        except Exception as error:  # any failure must end the goal
             self.failures += 1
-            words = f"{type(error).__name__}: {error}"
-            self._ros.node.get_logger().error(f"action {self.name} failed: {words}")
-            return failed(self.type.Result(), f"the server failed: {words}"), Ending.ABORTED
+            reason = f"{type(error).__name__}: {error}"
+            self._ros.node.get_logger().error(f"action {self.name} failed: {reason}")
+            result = failure_reply(self.type.Result(), f"the server failed: {reason}")
+            return result, GoalOutcome.ABORTED
         return result, ending

@@ -1,4 +1,4 @@
-"""How a call can end without a reply, or with one that says no."""
+"""Errors of calls to other nodes."""
 
 from typing import Any
 
@@ -6,39 +6,39 @@ from app.bridge.errors import BridgeError
 
 
 class CallError(BridgeError):
-    """Root of what can go wrong with a call to another node."""
+    """Base class: a call to another node failed."""
 
 
-class NotThereError(CallError):
-    """Nobody served the call within its time."""
+class ServerUnavailableError(CallError):
+    """No server was discovered within the timeout."""
 
 
 class ServerGoneError(CallError):
-    """Who had to answer left before it did."""
+    """The server left the graph before it replied."""
 
 
 class CallTimeoutError(CallError):
-    """The server is there, and did not answer in time."""
+    """The server is available but did not reply within the timeout."""
 
 
 class CallCancelledError(CallError):
-    """The caller did not want the reply any more."""
+    """The caller cancelled the call."""
 
 
 class RefusedError(CallError):
-    """The other side said no; the message has its reason."""
+    """The server refused the request; the message contains its reason."""
 
 
 class ParameterUnsetError(CallError):
-    """A parameter that the node has not declared, or not given a value."""
+    """The node has not declared the parameter or has not set its value."""
 
 
 class GoalRejectedError(RefusedError):
-    """The server did not take the goal on."""
+    """The action server rejected the goal."""
 
 
 class GoalEndedError(CallError):
-    """Root of a goal that ended in another way than it should; ``result`` is what came of it."""
+    """Base class: a goal ended without success; ``result`` is the server's result."""
 
     def __init__(self, message: str, result: Any) -> None:
         super().__init__(message)
@@ -46,8 +46,8 @@ class GoalEndedError(CallError):
 
 
 class GoalAbortedError(GoalEndedError):
-    """The server gave up."""
+    """The server aborted the goal."""
 
 
 class GoalCancelledError(GoalEndedError):
-    """The server stopped because it was asked to."""
+    """The goal was cancelled on request."""

@@ -1,4 +1,4 @@
-"""The parameters of another node: list, read, set, describe, and hear of their changes."""
+"""Parameters of another node: list, get, set, describe, and watch for changes."""
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ from app.bridge.qos import Topic
 
 _EVENTS = Topic("/parameter_events", ParameterEvent, qos_profile_parameter_events)
 _REPEAT_S = 1.0
-"""To ask or to set a second time changes nothing."""
+"""Parameter requests are idempotent and can be repeated."""
 
 _SERVICES = {
     "list_parameters": ListParameters,
@@ -47,7 +47,7 @@ _SERVICES = {
 
 @dataclass(frozen=True, slots=True)
 class ParameterDescription:
-    """What a node says of a parameter; ``lowest`` and ``highest`` are None without a range."""
+    """Descriptor of a parameter; ``lowest`` and ``highest`` are None without a range."""
 
     name: str
     type: str
@@ -60,7 +60,7 @@ class ParameterDescription:
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """What `/parameter_events` tells of the node: new values, and names that are gone."""
+    """Changes of the node from `/parameter_events`: new values and names of deleted parameters."""
 
     values: Mapping[str, Plain | None]
     deleted: tuple[str, ...]
@@ -69,31 +69,31 @@ class ParameterChange:
 class ParameterClient:
     """``ParameterClient(ros, "/robot_state_publisher").get("robot_description")``.
 
-    Every call finds the node and has its answer within ``timeout_s``, or ends when ``cancel`` is
-    set in another thread. Raises `NotThereError`, `ServerGoneError`, `CallTimeoutError`,
-    `CallCancelledError`, and what each method names.
+    ``timeout_s`` covers discovery of the node and its reply. Setting ``cancel`` from another
+    thread ends the call. Every method raises `ServerUnavailableError`, `ServerGoneError`,
+    `CallTimeoutError` and `CallCancelledError` in addition to the errors it documents.
     """
 
     def __init__(self, ros: RosNode, node: str) -> None:
         self._ros = ros
         if not node.strip("/"):
-            raise CallError("the name of the node whose parameters are wanted is empty")
+            raise CallError("parameter client: the node name is empty")
         self._services = {
             name: ServiceClient(ros, kind, f"{node.rstrip('/')}/{name}")
             for name, kind in _SERVICES.items()
         }
         self.node = self._services["get_parameters"].name.removesuffix("/get_parameters")
-        self._watchers: list[Callable[[ParameterChange], None]] = []
+        self._callbacks: list[Callable[[ParameterChange], None]] = []
         self._events: Subscription | None = None
 
     @property
-    def is_there(self) -> bool:
-        """Whether the node serves its parameters now."""
-        return self._services["get_parameters"].is_there
+    def is_available(self) -> bool:
+        """True if the parameter services of the node are discovered."""
+        return self._services["get_parameters"].is_available
 
     @property
     def late_replies(self) -> int:
-        """Replies that came after their callers had given up."""
+        """Number of replies that arrived after the caller's timeout."""
         return sum(service.late_replies for service in self._services.values())
 
     def names(
@@ -102,7 +102,7 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> tuple[str, ...]:
-        """The names of the node's parameters, below the ``prefixes`` when there are any."""
+        """List the names of the node's parameters, restricted to ``prefixes`` if any are given."""
         request = ListParameters.Request(prefixes=list(prefixes), depth=0)
         reply = self._call("list_parameters", request, timeout_s, cancel)
         return tuple(reply.result.names)
@@ -113,7 +113,7 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> Plain:
-        """The value of one parameter; raises `ParameterUnsetError`."""
+        """Get the value of one parameter; raises `ParameterUnsetError`."""
         return self.get_many((name,), timeout_s, cancel)[name]
 
     def get_many(
@@ -122,16 +122,16 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> dict[str, Plain]:
-        """The values of several at one moment; `ParameterUnsetError` when any of them has none."""
+        """Get several parameters in one request; raises `ParameterUnsetError` if any is not set."""
         request = GetParameters.Request(names=list(names))
         values = self._call("get_parameters", request, timeout_s, cancel).values
-        # One name that is not declared leaves the whole reply empty, in rclpy and rclcpp alike.
+        # rclpy and rclcpp return an empty reply if any name is not declared.
         if len(values) != len(names):
-            raise ParameterUnsetError(f"{self.node} has not declared {_listed(names)}")
+            raise ParameterUnsetError(f"{self.node} has not declared {_quoted(names)}")
         found = {name: plain_value(value) for name, value in zip(names, values, strict=True)}
         unset = [name for name, value in found.items() if value is None]
         if unset:
-            raise ParameterUnsetError(f"{self.node} has no value for {_listed(unset)}")
+            raise ParameterUnsetError(f"{self.node} has no value for {_quoted(unset)}")
         return {name: value for name, value in found.items() if value is not None}
 
     def type_of(
@@ -140,7 +140,7 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> str:
-        """``integer``, ``double[]`` ...; empty for a parameter that is not set or not declared."""
+        """Type name such as ``integer`` or ``double[]``; empty if not set or not declared."""
         request = GetParameterTypes.Request(names=[name])
         types = self._call("get_parameter_types", request, timeout_s, cancel).types
         return TYPE_NAMES.get(types[0], f"type {types[0]}") if len(types) == 1 else ""
@@ -151,7 +151,7 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> bool:
-        """Whether the parameter is declared and has a value."""
+        """True if the parameter is declared and has a value."""
         return self.type_of(name, timeout_s, cancel) != ""
 
     def set(
@@ -160,11 +160,11 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> None:
-        """Set each for itself; `RefusedError` names those that were refused, the others are set."""
+        """Set each value independently; `RefusedError` lists the refused ones, the rest are set."""
         request = SetParameters.Request(parameters=_messages(values))
         results = self._call("set_parameters", request, timeout_s, cancel).results
         if len(results) != len(values):
-            raise CallError(f"{self.node} answered {len(results)} of {len(values)} settings")
+            raise CallError(f"{self.node} returned {len(results)} results; expected {len(values)}")
         refused = [
             f"{name}: {result.reason}"
             for name, result in zip(values, results, strict=True)
@@ -179,11 +179,11 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> None:
-        """Set all of them or none; raises `RefusedError` with the node's reason."""
+        """Set all values or none; raises `RefusedError` with the node's reason."""
         request = SetParametersAtomically.Request(parameters=_messages(values))
         result = self._call("set_parameters_atomically", request, timeout_s, cancel).result
         if not result.successful:
-            raise RefusedError(f"{self.node} refused {_listed(tuple(values))}: {result.reason}")
+            raise RefusedError(f"{self.node} refused {_quoted(tuple(values))}: {result.reason}")
 
     def describe(
         self,
@@ -191,7 +191,7 @@ class ParameterClient:
         timeout_s: float = DEFAULT_TIMEOUT_S,
         cancel: threading.Event | None = None,
     ) -> ParameterDescription:
-        """Type, text and range; raises `ParameterUnsetError` when it is not declared."""
+        """Get type, description and range; raises `ParameterUnsetError` if not declared."""
         request = DescribeParameters.Request(names=[name])
         descriptors = self._call("describe_parameters", request, timeout_s, cancel).descriptors
         if len(descriptors) != 1:
@@ -199,17 +199,17 @@ class ParameterClient:
         return _description(descriptors[0])
 
     def watch(self, changed: Callable[[ParameterChange], None]) -> None:
-        """Call ``changed(change)`` in our node's thread whenever the other's parameters change."""
-        self._watchers.append(changed)
+        """Call ``changed(change)`` in the thread of our node when parameters change."""
+        self._callbacks.append(changed)
         if self._events is None:
             self._events = self._ros.subscribe(_EVENTS, self._take_event)
 
     def close(self) -> None:
-        """Leave the graph; needed only before the node itself is closed, in the node's thread."""
+        """Destroy the clients, in the node's thread. Closing the node does this as well."""
         for service in self._services.values():
             service.close()
         if self._events is not None:
-            self._ros.unsubscribe(self._events)
+            self._ros.destroy_subscription(self._events)
 
     def _take_event(self, event: ParameterEvent) -> None:
         if event.node != self.node:
@@ -220,10 +220,12 @@ class ParameterClient:
                 for parameter in (*event.new_parameters, *event.changed_parameters)
             }
         except ConversionError as error:
-            self._ros.node.get_logger().warning(f"an event of {self.node} is left out: {error}")
+            self._ros.node.get_logger().warning(
+                f"ignored a parameter event of {self.node}: {error}"
+            )
             return
-        change = ParameterChange(values, tuple(gone.name for gone in event.deleted_parameters))
-        for changed in self._watchers:
+        change = ParameterChange(values, tuple(each.name for each in event.deleted_parameters))
+        for changed in self._callbacks:
             changed(change)
 
     def _call(
@@ -249,5 +251,5 @@ def _description(message: ParameterDescriptor) -> ParameterDescription:
     )
 
 
-def _listed(names: Sequence[str]) -> str:
+def _quoted(names: Sequence[str]) -> str:
     return ", ".join(repr(name) for name in names)

@@ -1,4 +1,4 @@
-"""Parameters of our own node: declared with type, unit and range, refused whole when invalid."""
+"""Parameters of our own node, declared with type, unit and range."""
 
 import math
 import threading
@@ -22,10 +22,10 @@ from app.geometry import MarginGuardError
 
 @dataclass(frozen=True, slots=True)
 class ParameterDeclaration:
-    """A parameter's name and first value, which gives its type; what it means, in which unit.
+    """Name, initial value (which fixes the type), description and unit of a parameter.
 
-    ``lowest`` and ``highest`` are allowed themselves; a float must be finite unless its range
-    says otherwise. Raises `CallError` for a value that its own range refuses.
+    The range from ``lowest`` to ``highest`` includes both ends. Without a range a float must be
+    finite. Raises `CallError` if the initial value is outside the range.
     """
 
     name: str
@@ -38,16 +38,18 @@ class ParameterDeclaration:
 
     def __post_init__(self) -> None:
         if (self.lowest is None) != (self.highest is None):
-            raise CallError(f"parameter {self.name}: a range has two ends")
+            raise CallError(
+                f"parameter {self.name}: range from {self.lowest} to {self.highest}; "
+                "expected both ends or none"
+            )
         problem = self.problem(self.value)
         if problem:
             raise CallError(problem)
 
     def problem(self, value: object) -> str:
-        """Why ``value`` cannot be set; empty when it can."""
+        """Why ``value`` is invalid; empty if it is valid."""
         if type(value) is not type(self.value):
-            wanted = type(self.value).__name__
-            return f"{self.name} is {value!r:.80}: {wanted} wanted"
+            return f"{self.name} is {value!r:.80}; expected {type(self.value).__name__}"
         numbers = value if isinstance(value, tuple) else (value,)
         for number in numbers:
             if isinstance(number, bool) or not isinstance(number, int | float):
@@ -55,15 +57,15 @@ class ParameterDeclaration:
             if self.lowest is not None and self.highest is not None:
                 if not self.lowest <= number <= self.highest:
                     return (
-                        f"{self.name} is {number:g}: {self.lowest:g} to {self.highest:g} "
-                        f"{self.unit} wanted".replace("  ", " ")
+                        f"{self.name} is {number:g}; expected {self.lowest:g} to "
+                        f"{self.highest:g} {self.unit}".rstrip()
                     )
             elif not math.isfinite(number):
-                return f"{self.name} is {number}: a finite number wanted"
+                return f"{self.name} is {number}; expected a finite number"
         return ""
 
     def descriptor(self) -> ParameterDescriptor:
-        """What others are told of it."""
+        """The ROS descriptor of the parameter."""
         message = ParameterDescriptor(
             description=self.text,
             additional_constraints=f"unit: {self.unit}" if self.unit else "",
@@ -82,15 +84,15 @@ class ParameterDeclaration:
 
 
 class ParameterServer:
-    """Declares ``parameters`` on ``ros``, and keeps every set of values that it gives out valid.
+    """Declares ``parameters`` on ``ros`` and validates every change.
 
-    ``accept(values)`` gets all values as they would be, and raises `MarginGuardError` to refuse
-    them: then none of them is changed and the caller is told the reason. It runs in the node's
-    thread, and only for values that fit their declarations. Values given to the node at its start
-    (``--ros-args -p``) go the same way; raises `CallError` when they are refused.
+    ``accept(values)`` receives the complete candidate set and raises `MarginGuardError` to refuse
+    it; then no value changes and the caller gets the reason. It runs in the node's thread, after
+    the values have passed their declarations. Overrides at start-up (``--ros-args -p``) are
+    validated in the same way; raises `CallError` if they are refused.
 
-    A request by ``set_parameters`` sets one after the other, as ROS has it everywhere:
-    ``set_parameters_atomically`` is for values that depend on each other.
+    ROS applies ``set_parameters`` one parameter at a time. Values that depend on each other need
+    ``set_parameters_atomically``.
     """
 
     def __init__(
@@ -105,7 +107,7 @@ class ParameterServer:
         self._accept = accept
         self._lock = threading.Lock()
         self._values = {name: each.value for name, each in self._declared.items()}
-        started: dict[str, Plain | None] = {}
+        initial: dict[str, Plain | None] = {}
         for name, each in self._declared.items():
             try:
                 declared = ros.node.declare_parameter(name, each.value, each.descriptor())
@@ -113,47 +115,47 @@ class ParameterServer:
                 raise CallError(
                     f"parameter {name} cannot be declared: {reason_of(error)}"
                 ) from error
-            started[name] = plain_value(declared.get_parameter_value())
-        reason = self._take(started)
+            initial[name] = plain_value(declared.get_parameter_value())
+        reason = self._apply(initial)
         if reason:
-            raise CallError(f"parameters at the start: {reason}")
-        ros.node.add_on_set_parameters_callback(self._asked)
+            raise CallError(f"initial parameters: {reason}")
+        ros.node.add_on_set_parameters_callback(self._on_set)
 
     @property
     def values(self) -> Mapping[str, Plain]:
-        """All values, as they were at one moment."""
+        """Consistent copy of all values."""
         with self._lock:
             return dict(self._values)
 
     def close(self) -> None:
-        """Declare them no more; read-only ones stay with the node, as ROS has it."""
-        self._ros.node.remove_on_set_parameters_callback(self._asked)
+        """Undeclare the parameters; ROS does not allow that for read-only ones."""
+        self._ros.node.remove_on_set_parameters_callback(self._on_set)
         for name, each in self._declared.items():
             if not each.read_only:
                 self._ros.node.undeclare_parameter(name)
 
-    def _asked(self, parameters: list[Parameter]) -> SetParametersResult:
-        asked = {
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        requested = {
             each.name: plain_value(each.get_parameter_value())
             for each in parameters
             if each.name in self._declared
         }
         try:
-            reason = self._take(asked)
-        except Exception as error:  # of `accept`; the caller must have an answer
+            reason = self._apply(requested)
+        except Exception as error:  # raised by `accept`; the caller must get a reply
             reason = f"the server failed: {type(error).__name__}: {error}"
         if reason:
             self.refused += 1
         return SetParametersResult(successful=not reason, reason=reason)
 
-    def _take(self, asked: Mapping[str, Plain | None]) -> str:
-        """Take the values over; the reason when they are refused, and nothing is taken."""
-        for name, value in asked.items():
+    def _apply(self, requested: Mapping[str, Plain | None]) -> str:
+        """Validate and store the values; returns the reason if they are refused."""
+        for name, value in requested.items():
             problem = self._declared[name].problem(value)
             if problem:
                 return problem
         candidate = {**self.values}
-        candidate.update((name, value) for name, value in asked.items() if value is not None)
+        candidate.update((name, value) for name, value in requested.items() if value is not None)
         if self._accept is not None:
             try:
                 self._accept(candidate)

@@ -1,7 +1,7 @@
-"""Parameters of ROS as plain Python values, and back.
+"""Conversion between ROS parameter values and plain Python values.
 
 ============= =====================================
-in ROS        here
+ROS           Python
 ============= =====================================
 not set       None
 bool          bool
@@ -9,7 +9,7 @@ integer       int, 64 bit
 double        float
 string        str
 byte[]        bytes
-bool[] ...    a tuple of the same
+bool[] ...    tuple of the element type
 ============= =====================================
 """
 
@@ -24,7 +24,8 @@ from app.bridge.convert.errors import ConversionError
 Scalar = bool | int | float | str
 Plain = Scalar | bytes | tuple[bool, ...] | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
 Settable = Plain | Sequence[Scalar] | NDArray[np.generic] | None
-"""What a parameter can be set to; an empty list has no type, an empty numpy array has one."""
+"""Values that a parameter can be set to. An empty list must be an empty numpy array, which has a
+type."""
 
 TYPE_NAMES = {
     ParameterType.PARAMETER_NOT_SET: "",
@@ -38,7 +39,7 @@ TYPE_NAMES = {
     ParameterType.PARAMETER_DOUBLE_ARRAY: "double[]",
     ParameterType.PARAMETER_STRING_ARRAY: "string[]",
 }
-"""Names of the types; empty for a parameter that is not set."""
+"""Type names; empty for a parameter that is not set."""
 
 _FIELDS = {
     ParameterType.PARAMETER_BOOL: "bool_value",
@@ -74,11 +75,11 @@ _INT64 = 2**63
 
 
 def plain_value(message: ParameterValue) -> Plain | None:
-    """The value of a parameter; None when it is not set."""
+    """Convert a ROS parameter value; None if it is not set. Raises `ConversionError`."""
     if message.type == ParameterType.PARAMETER_NOT_SET:
         return None
     if message.type not in _FIELDS:
-        raise ConversionError(f"a parameter has type {message.type}: 0 to {max(_FIELDS)} wanted")
+        raise ConversionError(f"parameter type is {message.type}; expected 0 to {max(_FIELDS)}")
     value = getattr(message, _FIELDS[message.type])
     if message.type == ParameterType.PARAMETER_BYTE_ARRAY:
         return b"".join(value)
@@ -86,7 +87,7 @@ def plain_value(message: ParameterValue) -> Plain | None:
 
 
 def parameter_value(value: Settable) -> ParameterValue:
-    """A message of ``value``; raises `ConversionError` for what no parameter can hold."""
+    """Convert ``value`` to a ROS parameter value; raises `ConversionError`."""
     if value is None:
         return ParameterValue(type=ParameterType.PARAMETER_NOT_SET)
     if isinstance(value, bytes):
@@ -106,8 +107,8 @@ def _array(array: NDArray[np.generic]) -> ParameterValue:
     kind = _ARRAYS.get(array.dtype.kind)
     if kind is None or array.ndim != 1:
         raise ConversionError(
-            f"an array of {array.dtype} and shape {array.shape} is no value of a parameter: "
-            "one dimension of bool, integers, floats or strings wanted"
+            f"parameter value is an array of {array.dtype} with shape {array.shape}; "
+            "expected one dimension of bool, integer, float or string"
         )
     values = array.tolist()
     for value in values:
@@ -117,15 +118,22 @@ def _array(array: NDArray[np.generic]) -> ParameterValue:
 
 def _sequence(values: object) -> ParameterValue:
     if not isinstance(values, list | tuple):
-        raise ConversionError(f"{type(values).__name__} is no value of a parameter: {values!r:.80}")
+        raise ConversionError(
+            f"parameter value {values!r:.80} is a {type(values).__name__}; "
+            "expected a scalar, bytes, list, tuple or numpy array"
+        )
     kinds = {_scalar_type(value) for value in values}
     if not kinds:
-        raise ConversionError("an empty list has no type: give an empty numpy array of one")
+        raise ConversionError(
+            "parameter value is an empty list, which has no type; expected an empty numpy array"
+        )
     if kinds == {ParameterType.PARAMETER_INTEGER, ParameterType.PARAMETER_DOUBLE}:
         kinds, values = {ParameterType.PARAMETER_DOUBLE}, [float(value) for value in values]
     kind = kinds.pop()
     if kinds or kind is None:
-        raise ConversionError(f"a list for a parameter mixes types: {values!r:.80}")
+        raise ConversionError(
+            f"parameter value {values!r:.80} mixes types; expected elements of one type"
+        )
     kind = _ARRAY_OF[kind]
     return ParameterValue(type=kind, **{_FIELDS[kind]: list(values)})
 
@@ -134,6 +142,8 @@ def _scalar_type(value: object) -> int | None:
     for kind, number in _SCALARS:
         if isinstance(value, kind):
             if kind is int and not -_INT64 <= value < _INT64:  # type: ignore[operator]
-                raise ConversionError(f"{value} is no value of a parameter: 64 bit wanted")
+                raise ConversionError(
+                    f"parameter value {value} is out of range; expected a signed 64-bit integer"
+                )
             return int(number)
     return None

@@ -1,4 +1,4 @@
-"""A reply that is under way."""
+"""A reply that has been requested and may not have arrived yet."""
 
 import threading
 from collections.abc import Callable
@@ -12,19 +12,18 @@ from app.bridge.calls.errors import (
     CallTimeoutError,
     ServerGoneError,
 )
-from app.bridge.calls.waiting import SLICE_S, Deadline, check_may_wait
+from app.bridge.calls.waiting import POLL_INTERVAL_S, Deadline, check_can_wait
 from app.bridge.node import RosNode
 
-_GONE_AFTER = 25
-"""So many looks in a row without a server, half a second: its last reply may still be on the way,
-and a busy machine hands it over late."""
+_GONE_AFTER_POLLS = 25
+"""Consecutive polls without a server (0.5 s) after which it counts as gone. Its last reply may
+still be in transit, and a busy machine delivers it late."""
 
 
-class Pending:
-    """What `start` of a client gives back; made by clients alone.
+class PendingReply:
+    """Future of a reply, returned by a client's ``start``. Created by clients only.
 
-    ``there()`` says whether a server still is; ``abandon()`` is called when the reply is not
-    wanted any more.
+    ``is_available()`` is true while the server is discovered. ``abandon()`` is called on `cancel`.
     """
 
     def __init__(
@@ -33,13 +32,13 @@ class Pending:
         future: Future,
         what: str,
         *,
-        there: Callable[[], bool],
+        is_available: Callable[[], bool],
         abandon: Callable[[], None],
     ) -> None:
         self._ros = ros
         self._future = future
         self._what = what
-        self._there = there
+        self._is_available = is_available
         self._abandon = abandon
         self._cancelled = False
         self._arrived = threading.Event()
@@ -47,44 +46,44 @@ class Pending:
 
     @property
     def is_done(self) -> bool:
-        """Whether `result` returns at once."""
+        """True if `result` returns at once."""
         return bool(self._future.done())
 
-    def when_done(self, take: Callable[[Any], None]) -> None:
-        """Call ``take(reply)`` in the node's thread; never called after `cancel`."""
+    def when_done(self, callback: Callable[[Any], None]) -> None:
+        """Call ``callback(reply)`` in the node's thread; never called after `cancel`."""
 
-        def arrived(future: Future) -> None:
+        def on_reply(future: Future) -> None:
             if not self._cancelled:
-                take(future.result())
+                callback(future.result())
 
-        self._future.add_done_callback(arrived)
+        self._future.add_done_callback(on_reply)
 
     def result(self, timeout_s: float, cancel: threading.Event | None = None) -> Any:
-        """The reply.
+        """Wait for the reply and return it.
 
-        Raises `CallTimeoutError` when it has not come in time (it may be asked for again),
-        `ServerGoneError` when who had to send it has left, `CallCancelledError`.
+        Raises `CallTimeoutError` (`result` may be called again), `ServerGoneError` when the server
+        has left the graph, `CallCancelledError`.
         """
-        limit = Deadline(timeout_s, cancel)
+        deadline = Deadline(timeout_s, cancel)
         if not self._future.done():
-            check_may_wait(self._ros, self._what)
-        missing = 0
+            check_can_wait(self._ros, self._what)
+        polls_without_server = 0
         while not self._future.done():
             if self._cancelled:
                 raise CallCancelledError(f"{self._what} was cancelled by the caller")
-            limit.check(self._what)
+            deadline.check(self._what)
             if not self._ros.is_open:
-                raise CallError(f"{self._what}: the node was closed before the reply came")
-            missing = 0 if self._there() else missing + 1
-            if missing >= _GONE_AFTER:
+                raise CallError(f"{self._what}: the node was closed before the reply arrived")
+            polls_without_server = 0 if self._is_available() else polls_without_server + 1
+            if polls_without_server >= _GONE_AFTER_POLLS:
                 raise ServerGoneError(f"{self._what}: the server left before it replied")
-            if limit.remaining_s == 0.0:
+            if deadline.remaining_s == 0.0:
                 raise CallTimeoutError(f"{self._what}: no reply within {timeout_s:g} s")
-            self._arrived.wait(min(SLICE_S, limit.remaining_s))
+            self._arrived.wait(min(POLL_INTERVAL_S, deadline.remaining_s))
         return self._future.result()
 
     def cancel(self) -> None:
-        """The reply is not wanted; whoever waits in `result` gets `CallCancelledError`."""
+        """Discard the reply; a pending `result` raises `CallCancelledError`."""
         if not self._future.done():
             self._cancelled = True
             self._arrived.set()

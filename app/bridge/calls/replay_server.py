@@ -1,4 +1,4 @@
-"""``~/replay`` and ``~/load_case``: recorded cases played for another process that asks for it."""
+"""``~/replay`` and ``~/load_case``: load and play recorded cases on request of other nodes."""
 
 import math
 import time
@@ -9,20 +9,20 @@ from typing import Protocol
 from marginguard_msgs.action import Replay
 from marginguard_msgs.srv import LoadCase
 
-from app.bridge.calls.action_server import ActionServer, Ending, ServedGoal
+from app.bridge.calls.action_server import ActionServer, GoalOutcome, ServedGoal
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.messages import MM_PER_M
 from app.bridge.node import RosNode
 from app.fixture import MarginState
 from app.geometry import InputError
 
-FEEDBACK_HZ = 20.0
-"""At most: a replay without waiting makes thousands of frames a second."""
+MAX_FEEDBACK_HZ = 20.0
+"""Limits the feedback of replays faster than real time, which reach thousands of frames/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayPart:
-    """What is to be played: ``rate`` is None for as fast as possible, ``end_s`` may be infinite."""
+    """Part of a case to play. ``rate`` None means as fast as possible; ``end_s`` may be inf."""
 
     folder: str
     rate: float | None
@@ -32,7 +32,7 @@ class ReplayPart:
 
 @dataclass(frozen=True, slots=True)
 class ReplayProgress:
-    """Where a replay stands; ``signed_distance_mm`` is None while it is not known."""
+    """Progress of a replay; ``signed_distance_mm`` is None while it is unknown."""
 
     time_s: float
     frames: int
@@ -42,7 +42,7 @@ class ReplayProgress:
 
 @dataclass(frozen=True, slots=True)
 class ReplayTotals:
-    """What was played, to the end or up to where it was stopped."""
+    """Totals of a replay that has finished or was stopped."""
 
     frames: int
     breaches: int
@@ -51,7 +51,7 @@ class ReplayTotals:
 
 @dataclass(frozen=True, slots=True)
 class CaseInfo:
-    """What a caller is told of a case that was opened; ``duration_s`` from first frame to last."""
+    """Summary of a loaded case; ``duration_s`` spans the first to the last frame."""
 
     name: str
     frames: int
@@ -59,22 +59,29 @@ class CaseInfo:
 
 
 class Cases(Protocol):
-    """Opens cases and plays them, in the thread that asks; the wiring is the command's."""
+    """Loads and plays cases in the calling thread. Implemented by the ``serve`` command."""
 
     def load(self, folder: str) -> CaseInfo:
-        """Open the case; empty: the one that is open. Raises `MarginGuardError`."""
+        """Load a case; an empty ``folder`` means the loaded one. Raises `MarginGuardError`."""
 
     def play(
         self,
         part: ReplayPart,
-        tell: Callable[[ReplayProgress], None],
-        stops: Callable[[Callable[[], None]], None],
+        on_progress: Callable[[ReplayProgress], None],
+        on_cancel: Callable[[Callable[[], None]], None],
+        /,
     ) -> ReplayTotals:
-        """Play a case, calling ``tell`` at every frame; gives ``stops`` what ends it at once."""
+        """Play a case and call ``on_progress`` at every frame.
+
+        ``on_cancel(stop)`` registers the function that stops the replay at once.
+        """
 
 
 class ReplayServer:
-    """Serves both on ``ros`` until the node is closed. One replay at a time."""
+    """Serves the action and the service on ``ros`` until the node is closed.
+
+    Runs one replay at a time.
+    """
 
     def __init__(self, ros: RosNode, cases: Cases) -> None:
         self._cases = cases
@@ -83,23 +90,24 @@ class ReplayServer:
 
     def _load_case(self, request: LoadCase.Request, response: LoadCase.Response) -> None:
         if not request.case_folder:
-            raise InputError("case_folder is empty: the folder of a case wanted")
-        facts = self._cases.load(request.case_folder)
+            raise InputError("case_folder is empty; expected the folder of a case")
+        info = self._cases.load(request.case_folder)
         response.success = True
-        response.name = facts.name
-        response.frames = facts.frames
-        response.duration = facts.duration_s
+        response.name = info.name
+        response.frames = info.frames
+        response.duration = info.duration_s
 
-    def _run(self, served: ServedGoal) -> tuple[Replay.Result, Ending]:
+    def _run(self, served: ServedGoal) -> tuple[Replay.Result, GoalOutcome]:
         goal: Replay.Goal = served.request
         part = _part(goal)
-        facts = self._cases.load(part.folder)
-        if not part.start_s <= facts.duration_s:
+        info = self._cases.load(part.folder)
+        if not part.start_s <= info.duration_s:
             raise InputError(
-                f"start {part.start_s:g} s is after the recording's end, {facts.duration_s:g} s"
+                f"start is {part.start_s:g} s; expected at most {info.duration_s:g} s, "
+                "the duration of the recording"
             )
-        feedback = _Feedback(served, facts.duration_s)
-        totals = self._cases.play(part, feedback.tell, served.on_cancel)
+        feedback = _Feedback(served, info.duration_s)
+        totals = self._cases.play(part, feedback.update, served.on_cancel)
         feedback.flush()
         cancelled = served.cancelled.is_set()
         result = Replay.Result(
@@ -109,47 +117,45 @@ class ReplayServer:
             breaches=totals.breaches,
             min_signed_distance=_metres(totals.min_signed_distance_mm),
         )
-        return result, Ending.CANCELLED if cancelled else Ending.SUCCEEDED
+        return result, GoalOutcome.CANCELLED if cancelled else GoalOutcome.SUCCEEDED
 
 
 class _Feedback:
-    """Progress as messages, no more of them than anyone can follow, the last one always."""
+    """Publishes progress at `MAX_FEEDBACK_HZ` at most; `flush` publishes the latest one."""
 
     def __init__(self, served: ServedGoal, duration_s: float) -> None:
         self._served = served
         self._duration_s = duration_s
         self._next_s = -math.inf
-        self._held: ReplayProgress | None = None
+        self._progress: ReplayProgress | None = None
 
-    def tell(self, progress: ReplayProgress) -> None:
-        self._held = progress
+    def update(self, progress: ReplayProgress) -> None:
+        self._progress = progress
         now_s = time.monotonic()
         if now_s >= self._next_s:
-            self._next_s = now_s + 1.0 / FEEDBACK_HZ
+            self._next_s = now_s + 1.0 / MAX_FEEDBACK_HZ
             self.flush()
 
     def flush(self) -> None:
-        if self._held is None:
+        if self._progress is None:
             return
         self._served.feedback(
             Replay.Feedback(
-                time=self._held.time_s,
+                time=self._progress.time_s,
                 duration=self._duration_s,
-                frames=self._held.frames,
-                state=int(self._held.state),
-                signed_distance=_metres(self._held.signed_distance_mm),
+                frames=self._progress.frames,
+                state=int(self._progress.state),
+                signed_distance=_metres(self._progress.signed_distance_mm),
             )
         )
-        self._held = None
+        self._progress = None
 
 
 def _part(goal: Replay.Goal) -> ReplayPart:
     if not (math.isfinite(goal.start) and goal.start >= 0.0):
-        raise InputError(f"start of a replay is {goal.start} s: 0 or more wanted")
+        raise InputError(f"start is {goal.start} s; expected 0 or more")
     if not goal.end > goal.start:
-        raise InputError(
-            f"end of a replay is {goal.end} s: after its start, {goal.start} s, wanted"
-        )
+        raise InputError(f"end is {goal.end} s; expected more than the start, {goal.start} s")
     rate = None if goal.rate == math.inf else goal.rate
     return ReplayPart(goal.case_folder, rate, goal.start, goal.end)
 

@@ -1,4 +1,4 @@
-"""Calls to a service of another node that end: with a reply, or with a reason."""
+"""Service client whose calls always end, with a reply or an error."""
 
 import math
 import threading
@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError, CallTimeoutError
-from app.bridge.calls.pending import Pending
+from app.bridge.calls.pending import PendingReply
 from app.bridge.calls.waiting import (
     DEFAULT_TIMEOUT_S,
     SENDING_ERRORS,
@@ -22,16 +22,15 @@ from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 
-_MOST_OPEN = 1000
-_MOST_ABANDONED = 100
+_MAX_OPEN = 1000
+_MAX_ABANDONED = 100
 
 
 class ServiceClient:
     """``ServiceClient(ros, "std_srvs/srv/Trigger", "/robot/home").call(Trigger.Request())``.
 
-    A reply that comes after its caller gave up is not lost silently: it is said in the log and
-    counted in `late_replies`. Of those that never come, the newest hundred are remembered;
-    `forgotten` counts the others.
+    A reply that arrives after the caller's timeout is logged and counted in `late_replies`. The
+    newest 100 abandoned calls are tracked for that; `forgotten` counts the dropped ones.
     """
 
     def __init__(self, ros: RosNode, service: str | type, name: str) -> None:
@@ -44,20 +43,20 @@ class ServiceClient:
         self.name = str(self._client.service_name)
         self.late_replies = 0
         self.forgotten = 0
-        self._server = ServerWait(ros, lambda: self.is_there, f"service {self.name}")
+        self._server = ServerWait(ros, lambda: self.is_available, f"service {self.name}")
         self._closed = False
         self._lock = threading.Lock()
         self._open: set[Future] = set()
         self._abandoned: deque[Future] = deque()
 
     @property
-    def is_there(self) -> bool:
-        """Whether somebody serves it now."""
+    def is_available(self) -> bool:
+        """True if a server of the service is discovered."""
         with self._lock:
             return not self._closed and is_served(self._ros, self._client.service_is_ready)
 
     def wait(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
-        """Return once somebody serves it; raises `NotThereError`."""
+        """Wait for a server; raises `ServerUnavailableError`."""
         self._server.wait(Deadline(timeout_s, cancel))
 
     def call(
@@ -68,41 +67,43 @@ class ServiceClient:
         *,
         repeat_s: float = math.inf,
     ) -> Any:
-        """The reply to ``request``; ``timeout_s`` is for finding the server and its answer.
+        """Send ``request`` and return the reply; ``timeout_s`` includes finding the server.
 
-        Setting ``cancel`` ends the wait from another thread. A request that does no harm twice may
-        be sent again every ``repeat_s``: a server that has not discovered us yet drops its reply,
-        which ROS tells nobody, so that a request that is sent once may end with its timeout.
-        Raises `NotThereError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
+        Setting ``cancel`` from another thread ends the wait. An idempotent request can be repeated
+        every ``repeat_s``: a server that has not discovered this client yet drops its reply
+        without notice, so a request that is sent once can time out. Raises
+        `ServerUnavailableError`, `ServerGoneError`, `CallTimeoutError`, `CallCancelledError`.
         """
-        limit = Deadline(timeout_s, cancel)
-        self._server.wait(limit, settle=repeat_s > timeout_s)
+        deadline = Deadline(timeout_s, cancel)
+        self._server.wait(deadline, settle=repeat_s > timeout_s)
         while True:
             pending = self.start(request)
             try:
-                return pending.result(min(limit.remaining_s, repeat_s), cancel)
+                return pending.result(min(deadline.remaining_s, repeat_s), cancel)
             except CallTimeoutError:
-                if limit.remaining_s == 0.0:
+                if deadline.remaining_s == 0.0:
                     what = f"service {self.name}: no reply within {timeout_s:g} s"
                     raise CallTimeoutError(what) from None
             finally:
-                pending.cancel()  # does nothing when the reply has come
+                pending.cancel()  # does nothing when the reply has arrived
 
-    def start(self, request: Any) -> Pending:
-        """Send ``request`` and return at once, whether a server is there or not.
+    def start(self, request: Any) -> PendingReply:
+        """Send ``request`` and return at once, without waiting for a server.
 
-        The request is a message, as ROS has it, or plain values with lengths in mm, which are
-        checked against the fields; `app.bridge.convert.to_plain` turns the reply.
+        The request is a ROS message (lengths in m) or a mapping of plain values (lengths in mm).
+        The reply is a ROS message; `app.bridge.convert.to_plain` converts it. Raises `CallError`,
+        and `ConversionError` for a value that does not fit its field.
         """
         if isinstance(request, Mapping):
             request = from_plain(self.type.Request, request)
         if not isinstance(request, self.type.Request):
             raise CallError(
-                f"{self.name}: a {type(request).__name__} is no request of {self.type.__name__}"
+                f"{self.name}: the request is a {type(request).__name__}; "
+                f"expected {self.type.__name__}.Request or a mapping"
             )
         with self._lock:
-            if len(self._open) >= _MOST_OPEN:
-                raise CallError(f"{self.name}: {_MOST_OPEN} calls wait for a reply already")
+            if len(self._open) >= _MAX_OPEN:
+                raise CallError(f"{self.name}: {_MAX_OPEN} calls are already waiting for a reply")
             if self._closed or not self._ros.is_open:
                 what = "client" if self._closed else "node"
                 raise CallError(f"service {self.name}: the {what} is closed")
@@ -112,32 +113,32 @@ class ServiceClient:
                 reason = reason_of(error)
                 raise CallError(f"{self.name}: the request cannot be sent: {reason}") from error
             self._open.add(future)
-        future.add_done_callback(self._take)
-        return Pending(
+        future.add_done_callback(self._on_reply)
+        return PendingReply(
             self._ros,
             future,
             f"service {self.name}",
-            there=lambda: self.is_there,
+            is_available=lambda: self.is_available,
             abandon=lambda: self._abandon(future),
         )
 
     def close(self) -> None:
-        """Leave the graph; a call under way ends, since nobody is there for it any more."""
+        """Destroy the client; pending calls end with `ServerGoneError`."""
         with self._lock:
             if self._ros.is_open and not self._closed:
                 self._ros.node.destroy_client(self._client)
             self._closed = True
 
-    def _take(self, future: Future) -> None:
+    def _on_reply(self, future: Future) -> None:
         with self._lock:
             self._open.discard(future)
             late = future in self._abandoned
             if late:
                 self._abandoned.remove(future)
         if late:
-            # Said before it is counted: whoever sees the count finds the words.
+            # Log before counting, so that the log line exists when the count is observed.
             self._ros.node.get_logger().warning(
-                f"service {self.name}: a reply came after its caller had given up",
+                f"service {self.name}: a reply arrived after the caller's timeout",
                 throttle_duration_sec=1.0,
             )
             with self._lock:
@@ -149,7 +150,7 @@ class ServiceClient:
                 return
             self._open.discard(future)
             self._abandoned.append(future)
-            if len(self._abandoned) <= _MOST_ABANDONED:
+            if len(self._abandoned) <= _MAX_ABANDONED:
                 return
             oldest = self._abandoned.popleft()
             self.forgotten += 1

@@ -1,4 +1,4 @@
-"""Services of ours that always answer: a handler that fails says so to its caller."""
+"""Service server that replies even when its handler fails."""
 
 import threading
 from collections.abc import Callable
@@ -16,13 +16,14 @@ from app.geometry import MarginGuardError
 
 
 class ServiceServer:
-    """Answer ``name`` by ``handle(request, response)``, which fills in the response it is given.
+    """Serves ``name``: ``handle(request, response)`` fills in the response.
 
-    It runs in the node's thread and must not wait for another call; with ``in_thread`` it runs in
-    one of its own, one request at a time, the next being refused meanwhile. rclpy leaves a caller
-    without a reply when a handler raises. Here the reply is a fresh response, whose ``success``
-    stays false and whose ``message`` is the reason where the type has such fields. A refusal
-    (`MarginGuardError`) is counted in `refused`; anything else in `failures`, and in the log.
+    ``handle`` runs in the node's thread and must not wait for another call. With ``in_thread`` it
+    runs in a separate thread, one request at a time; further requests are refused meanwhile.
+    rclpy sends no reply when a handler raises. This class then replies with a new response:
+    ``success`` is false and ``message`` is the reason, if the type has these fields. A
+    `MarginGuardError` is counted in `refused`; other exceptions are counted in `failures` and
+    logged.
     """
 
     def __init__(
@@ -39,17 +40,17 @@ class ServiceServer:
         self.failures = 0
         self._ros = ros
         self._handle = handle
-        self._busy = False  # seen by the node's thread alone
+        self._busy = False  # used in the node's thread only
         try:
             self._service = ros.node.create_service(
                 self.type,
                 name,
-                self._answer_later if in_thread else self._answer,
-                # The default group would hold back all of the node until the thread is done.
+                self._reply_from_thread if in_thread else self._reply,
+                # The default group would block the whole node until the thread is done.
                 callback_group=ReentrantCallbackGroup() if in_thread else None,
             )
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            raise CallError(f"no service {name!r}: {reason_of(error)}") from error
+            raise CallError(f"service {name!r} cannot be served: {reason_of(error)}") from error
         self.name = str(self._service.service_name)
 
     def close(self) -> None:
@@ -57,39 +58,39 @@ class ServiceServer:
         if self._ros.is_open:
             self._ros.node.destroy_service(self._service)
 
-    async def _answer_later(self, request: Any, response: Any) -> Any:
+    async def _reply_from_thread(self, request: Any, response: Any) -> Any:
         if self._busy:
             self.refused += 1
-            return failed(response, f"{self.name} is busy with an earlier request")
+            return failure_reply(response, f"{self.name} is busy with an earlier request")
         self._busy = True
         done = Future()
 
         def work() -> None:
-            done.set_result(self._answer(request, response))
+            done.set_result(self._reply(request, response))
             self._ros.wake()
 
         threading.Thread(target=work, name=f"service {self.name}", daemon=True).start()
-        answer = await done
+        reply = await done
         self._busy = False
-        return answer
+        return reply
 
-    def _answer(self, request: Any, response: Any) -> Any:
+    def _reply(self, request: Any, response: Any) -> Any:
         try:
             self._handle(request, response)
-            serialize_message(response)  # one that cannot be sent would be no answer either
+            serialize_message(response)  # an invalid response must fail here, not when it is sent
         except MarginGuardError as error:
             self.refused += 1
-            return failed(self.type.Response(), str(error))
-        except Exception as error:  # whatever it is, the caller must have an answer
+            return failure_reply(self.type.Response(), str(error))
+        except Exception as error:  # the caller must get a reply for any failure
             self.failures += 1
-            words = f"{type(error).__name__}: {error}"
-            self._ros.node.get_logger().error(f"service {self.name} failed: {words}")
-            return failed(self.type.Response(), f"the server failed: {words}")
+            reason = f"{type(error).__name__}: {error}"
+            self._ros.node.get_logger().error(f"service {self.name} failed: {reason}")
+            return failure_reply(self.type.Response(), f"the server failed: {reason}")
         return response
 
 
-def failed(message: Any, reason: str) -> Any:
-    """A reply or result of blank values with ``reason`` in it, where it has a field for that."""
+def failure_reply(message: Any, reason: str) -> Any:
+    """Set ``reason`` in the ``message`` field of a default response or result, if it has one."""
     if isinstance(getattr(message, "message", None), str):
         message.message = reason.encode("utf-8", "replace").decode("utf-8")
     return message

@@ -1,38 +1,38 @@
-"""Waiting with an end: a time and a way out for every call that blocks."""
+"""Deadlines and waiting for servers."""
 
 import threading
 import time
 from collections.abc import Callable
 
-from app.bridge.calls.errors import CallCancelledError, CallError, NotThereError
+from app.bridge.calls.errors import CallCancelledError, CallError, ServerUnavailableError
 from app.bridge.node import RosNode
 
-SLICE_S = 0.02
-"""rclpy tells nobody that a server came or went: it has to be asked, this often."""
+POLL_INTERVAL_S = 0.02
+"""rclpy has no event for a server that appears or leaves, so it is polled."""
 
 DEFAULT_TIMEOUT_S = 5.0
 
 SENDING_ERRORS = (TypeError, ValueError, AssertionError, SystemError, RuntimeError)
-"""What rclpy raises for a message that cannot be sent, and (the last) on a node that is closed."""
+"""Raised by rclpy for a message that cannot be sent and (the last one) on a closed node."""
 
 _SETTLE_S = 0.1
-"""From when we see a server until it should see us: before that it drops its replies to us."""
+"""Time for a discovered server to discover this client; until then it drops its replies."""
 
 
 class Deadline:
-    """Until when a call may take: ``timeout_s`` from now, or until ``cancel`` is set."""
+    """End of a call: ``timeout_s`` from now, or as soon as ``cancel`` is set."""
 
     def __init__(self, timeout_s: float, cancel: threading.Event | None = None) -> None:
         if not 0.0 <= timeout_s <= 1e6:
-            raise CallError(f"timeout of {timeout_s} s: 0 to 1e6 s wanted")
+            raise CallError(f"timeout is {timeout_s} s; expected 0 to 1e6 s")
         self.timeout_s = timeout_s
         self._cancel = cancel
-        self._until = time.monotonic() + timeout_s
+        self._end_s = time.monotonic() + timeout_s
 
     @property
     def remaining_s(self) -> float:
-        """0 when the time is over."""
-        return max(0.0, self._until - time.monotonic())
+        """Remaining time; 0 after the deadline."""
+        return max(0.0, self._end_s - time.monotonic())
 
     def check(self, what: str) -> None:
         """Raise `CallCancelledError` once ``cancel`` is set."""
@@ -40,29 +40,29 @@ class Deadline:
             raise CallCancelledError(f"{what} was cancelled by the caller")
 
 
-def check_may_wait(ros: RosNode, what: str) -> None:
-    """Raise `CallError` where waiting could never end: on a closed node, in its own thread."""
+def check_can_wait(ros: RosNode, what: str) -> None:
+    """Raise `CallError` where a wait would never end: closed node, or the node's own thread."""
     if ros.in_own_thread:
         raise CallError(
-            f"{what} would wait in the node's own thread, which alone can take the reply: "
-            "start it and take the reply in a callback"
+            f"{what} would block the node's thread, which has to receive the reply; "
+            "use `start` and a callback"
         )
     if not ros.is_open:
         raise CallError(f"{what}: the node is closed")
 
 
 def is_served(ros: RosNode, ready: Callable[[], bool]) -> bool:
-    """Whether ``ready()``, asked of rclpy; False on a node that is closed, or closes meanwhile."""
+    """Result of rclpy's ``ready()``; False on a node that is closed or closing."""
     try:
         return ros.is_open and bool(ready())
-    except RuntimeError:  # the node was closed this very moment
+    except RuntimeError:  # the node was closed concurrently
         return False
 
 
 class ServerWait:
-    """Waits until a server is ``ready()`` and has had the time to find us too.
+    """Waits until a server is ``ready()`` and has had time to discover this client.
 
-    One that left and came back is waited for like a new one.
+    A server that left and came back is treated as new.
     """
 
     def __init__(self, ros: RosNode, ready: Callable[[], bool], what: str) -> None:
@@ -71,20 +71,23 @@ class ServerWait:
         self._what = what
         self._settled = False
 
-    def wait(self, limit: Deadline, *, settle: bool = True) -> None:
-        """Return once it is there; `NotThereError` when the time is over before.
+    def wait(self, deadline: Deadline, *, settle: bool = True) -> None:
+        """Wait for the server; raises `ServerUnavailableError` at the deadline.
 
-        Without ``settle`` a first reply may be lost: for requests that are repeated.
+        ``settle`` False skips the time for discovery of this client. The first reply may then be
+        lost, which is acceptable for requests that are repeated.
         """
-        check_may_wait(self._ros, self._what)
+        check_can_wait(self._ros, self._what)
         pause = threading.Event()
         while not self._ready():
             self._settled = False
-            limit.check(self._what)
-            check_may_wait(self._ros, self._what)
-            if limit.remaining_s == 0.0:
-                raise NotThereError(f"{self._what}: nobody serves it, waited {limit.timeout_s:g} s")
-            pause.wait(min(SLICE_S, limit.remaining_s))
+            deadline.check(self._what)
+            check_can_wait(self._ros, self._what)
+            if deadline.remaining_s == 0.0:
+                raise ServerUnavailableError(
+                    f"{self._what}: no server found within {deadline.timeout_s:g} s"
+                )
+            pause.wait(min(POLL_INTERVAL_S, deadline.remaining_s))
         if settle and not self._settled:
-            pause.wait(min(_SETTLE_S, limit.remaining_s))
+            pause.wait(min(_SETTLE_S, deadline.remaining_s))
             self._settled = True

@@ -1,4 +1,4 @@
-"""``~/desired_twist`` to ``~/allowed_twist``: a velocity through the fixture, answered at once."""
+"""``~/desired_twist`` to ``~/allowed_twist``: limit a velocity command by the constraint."""
 
 import math
 import threading
@@ -29,19 +29,19 @@ from app.geometry import (
 from app.session import StepResult
 
 FUTURE_TOLERANCE_NS = 5 * NS_PER_MS
-"""How far a command's stamp may be ahead: its sender may be another host, whose clock differs."""
+"""Tolerated lead of a command's stamp, because the clocks of two hosts differ."""
 
-_MOST_LETTERS = 256
-"""Of a frame's name: longer ones are refused before anything else is done with them."""
+_MAX_FRAME_CHARS = 256
+"""Longer frame names are refused before they are processed."""
 
-_MOST_WORDS = 200
-_SAY_AGAIN_NS = NS_PER_S
+_MAX_LOG_CHARS = 200
+_LOG_INTERVAL_NS = NS_PER_S
 
 
 class TwistRefusedError(BridgeError):
-    """A command that cannot be brought through the fixture; the answer is no motion.
+    """The command cannot be limited by the constraint; the reply is a zero twist.
 
-    ``kind`` is one of a few: what came over the network is in ``detail`` alone.
+    ``kind`` is one of a fixed set; only ``detail`` contains data from the network.
     """
 
     def __init__(self, kind: str, detail: str = "") -> None:
@@ -51,9 +51,10 @@ class TwistRefusedError(BridgeError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Allowance:
-    """What the last step allows a tool whose origin is at ``tip_mm`` (3,), in the tumour's frame.
+    """Constraint of the last step for the tool's tip at ``tip_mm`` (3,) in the tumour's frame.
 
-    ``until_ns`` is on the monotonic clock, ``stamp_ns`` the tracker's time of the oldest sample.
+    ``until_ns`` is the end of its validity on the monotonic clock. ``stamp_ns`` is the tracker's
+    time of its oldest sample.
     """
 
     constraint: Constraint
@@ -64,25 +65,24 @@ class _Allowance:
 
 
 class TwistLimiter:
-    """Answers each command with the nearest one that the constraint of the last step allows.
+    """Replies to each command with the nearest twist that the constraint of the last step allows.
 
     A twist is the velocity of the tool's tip in m/s and the angular velocity in rad/s, along the
-    axes of the frame that its header names: the tumour's, or any that ``buffer`` knows a way to.
-    The answer has the header of the command.
+    axes of the frame in its header: the tumour's, or any that ``buffer`` connects with it. The
+    reply has the header of the command.
 
-    =============================================== ===============================
-    what is wrong                                   the answer
-    =============================================== ===============================
-    no step yet, or its planes are not of its pose  no motion
-    the step's data have become too old since       no motion
-    not finite, older than ``timeout_ns``, future   no motion
-    frame unknown, or its way stale or future       no motion
-    no command for ``timeout_ns``                   no motion, said every ``timeout_ns``
-    =============================================== ===============================
+    =================================================== ===========================================
+    problem                                             reply
+    =================================================== ===========================================
+    no step yet, or its planes belong to another pose   zero twist
+    the step's data are too old                         zero twist
+    not finite, older than ``timeout_ns``, from future  zero twist
+    frame unknown, or its transform stale or future     zero twist
+    no command for ``timeout_ns``                       zero twist, repeated every ``timeout_ns``
+    =================================================== ===========================================
 
-    Each is counted by its kind in `refused`; the log has one line a second at most. The time-out
-    is watched in a thread of its own: it also ends motion while the node's thread is at something
-    else.
+    `refused` counts each problem by kind; at most one per second is logged. A separate thread
+    checks the timeout, so motion also stops while the node's thread is busy.
     """
 
     def __init__(
@@ -98,53 +98,53 @@ class TwistLimiter:
         self._parameters = parameters or LimiterParameters()
         self._timeout_ns = timeout_ns
         self._lock = threading.Lock()
-        self._speaking = threading.Lock()
+        self._publish_lock = threading.Lock()
         self._allowance: _Allowance | None = None
         self._commanded_ns: int | None = None
         self._frame = ""
-        self._said_ns: int | None = None
+        self._logged_ns: int | None = None
         self.refused: Counter[str] = Counter()
         self._publisher = ros.publisher(topics.ALLOWED_TWIST)
         self._closing = threading.Event()
         self._watchdog = threading.Thread(target=self._watch, name="twist watchdog", daemon=True)
         ros.on_close(self.close)
-        ros.subscribe(topics.DESIRED_TWIST, self._take)
+        ros.subscribe(topics.DESIRED_TWIST, self._on_command)
         self._watchdog.start()
 
     def allow(self, step: StepResult, stale_after_ns: int, spent_ns: int = 0) -> None:
-        """Take over what ``step`` allows, as long as its data are not too old; from any thread.
+        """Use the constraint of ``step`` until its data are stale. Thread-safe.
 
-        ``spent_ns``: how long ago its frame was the present. Planes of an earlier step say nothing
-        about the tool where it is now: they allow nothing.
+        ``spent_ns`` is the time since the step's frame was current. A constraint whose planes
+        belong to an earlier pose of the tool allows no motion.
         """
         allowance = _allowance_of(step, stale_after_ns, spent_ns)
         with self._lock:
             self._allowance = allowance
 
     def forbid(self) -> None:
-        """Allow nothing up to the next `allow`; from any thread."""
+        """Allow no motion until the next `allow`. Thread-safe."""
         with self._lock:
             self._allowance = None
 
     def close(self) -> None:
-        """Answer no more; the last answer is no motion. The topics go with the node.
+        """Stop replying; the last reply is a zero twist. Closing the node destroys the endpoints.
 
-        An endpoint that is destroyed while the node's thread waits for it would break its wait.
+        Destroying an endpoint while the node's thread waits for it would break the wait set.
         """
         if self._closing.is_set():
             return
         self._closing.set()
-        self._ros.not_on_close(self.close)
+        self._ros.remove_on_close(self.close)
         self._watchdog.join()
-        with self._speaking:  # after an answer that is on its way
+        with self._publish_lock:  # after a reply that is being published
             if self._commanded_ns is not None and self._ros.is_open:
                 self._stop("closed")
 
-    def _take(self, command: TwistStamped) -> None:
+    def _on_command(self, command: TwistStamped) -> None:
         if self._closing.is_set():
             return
         frame = command.header.frame_id
-        self._frame = frame if len(frame) <= _MOST_LETTERS else ""
+        self._frame = frame if len(frame) <= _MAX_FRAME_CHARS else ""
         self._commanded_ns = time.monotonic_ns()
         try:
             twist = self._allowed(command)
@@ -152,14 +152,14 @@ class TwistLimiter:
             kind = error.kind if isinstance(error, TwistRefusedError) else type(error).__name__
             self._count(kind, str(error))
             twist = np.zeros(6)
-        with self._speaking:
+        with self._publish_lock:
             if not self._closing.is_set():
                 self._publish(command.header.stamp, twist)
 
     def _allowed(self, command: TwistStamped) -> FloatArray:
         frame = command.header.frame_id
-        if len(frame) > _MOST_LETTERS:
-            detail = f"its name has {len(frame)} letters: {_MOST_LETTERS} allowed"
+        if len(frame) > _MAX_FRAME_CHARS:
+            detail = f"its name has {len(frame)} characters; expected at most {_MAX_FRAME_CHARS}"
             raise TwistRefusedError("frame of a command", detail)
         self._check_age(command)
         desired = _twist_of(command)
@@ -189,7 +189,7 @@ class TwistLimiter:
             raise TwistRefusedError("a command is too old")
 
     def _rotation(self, allowance: _Allowance, frame: str) -> FloatArray:
-        """``tumor_from_frame``'s rotation, (3, 3), at the time of the planes or before it."""
+        """Rotation (3, 3) of ``tumor_from_frame`` at the time of the planes or before it."""
         tumor = allowance.constraint.frame
         if frame == tumor:
             return np.eye(3)
@@ -224,26 +224,28 @@ class TwistLimiter:
         self._count(reason, reason)
         self._publish(self._ros.node.get_clock().now().to_msg(), np.zeros(6))
 
-    def _count(self, kind: str, words: str) -> None:
+    def _count(self, kind: str, reason: str) -> None:
         now_ns = time.monotonic_ns()
         with self._lock:
             self.refused[kind] += 1
-            if self._said_ns is not None and now_ns - self._said_ns < _SAY_AGAIN_NS:
+            if self._logged_ns is not None and now_ns - self._logged_ns < _LOG_INTERVAL_NS:
                 return
-            self._said_ns = now_ns
-        self._ros.node.get_logger().warning(f"{topics.ALLOWED_TWIST.name}: {words[:_MOST_WORDS]}")
+            self._logged_ns = now_ns
+        self._ros.node.get_logger().warning(
+            f"{topics.ALLOWED_TWIST.name}: {reason[:_MAX_LOG_CHARS]}"
+        )
 
     def _publish(self, stamp: object, twist: FloatArray) -> None:
-        answer = TwistStamped()
-        answer.header.stamp = stamp
-        answer.header.frame_id = self._frame
-        answer.twist.linear = messages.vector_message(messages.metres(twist[:3]))
-        answer.twist.angular = messages.vector_message(twist[3:])
-        self._publisher.publish(answer)
+        reply = TwistStamped()
+        reply.header.stamp = stamp
+        reply.header.frame_id = self._frame
+        reply.twist.linear = messages.vector_message(messages.metres(twist[:3]))
+        reply.twist.angular = messages.vector_message(twist[3:])
+        self._publisher.publish(reply)
 
 
 def _allowance_of(step: StepResult, stale_after_ns: int, spent_ns: int) -> _Allowance | None:
-    """None where the step has no planes of the place that the tool has in it."""
+    """None if the step has no planes for the tool's pose in that step."""
     decision, pose = step.decision, step.tumor_from_tip
     constraint, stamp = decision.constraint, decision.stamp
     if constraint is None or not decision.constraint_is_current or stamp is None or pose is None:
@@ -261,7 +263,7 @@ def _allowance_of(step: StepResult, stale_after_ns: int, spent_ns: int) -> _Allo
 
 
 def _twist_of(command: TwistStamped) -> FloatArray:
-    """(6,): mm/s, then rad/s."""
+    """Twist (6,): mm/s, then rad/s. Raises `TwistRefusedError` if it is not finite."""
     linear, angular = command.twist.linear, command.twist.angular
     values = [messages.MM_PER_M * value for value in (linear.x, linear.y, linear.z)]
     values += [angular.x, angular.y, angular.z]

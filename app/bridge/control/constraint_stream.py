@@ -1,4 +1,4 @@
-"""``~/constraint`` at the control rate: made into bytes once, repeated with a new ``seq`` alone."""
+"""Publish ``~/constraint`` at the control rate: serialise once, then change only ``seq``."""
 
 import math
 import sys
@@ -11,55 +11,55 @@ from app.bridge.errors import BridgeError
 from app.bridge.heartbeat import Heartbeat
 from app.fixture import Reason, worst_first
 
-_MARK = 0x0123456789ABCDEF
-_MARK_BYTES = _MARK.to_bytes(8, sys.byteorder)
-_ENCAPSULATION = 4
+_SEQ_MARK = 0x0123456789ABCDEF
+_SEQ_MARK_BYTES = _SEQ_MARK.to_bytes(8, sys.byteorder)
+_CDR_HEADER_BYTES = 4
 
-_QUICK_SWITCH_S = 0.0005
+_SHORT_SWITCH_INTERVAL_S = 0.0005
 
 
 class RawPublisher(Protocol):
-    """What is asked of a publisher: rclpy's takes serialised messages as bytes."""
+    """Publisher of serialised messages, such as rclpy's."""
 
     def publish(self, raw: bytes) -> None:
-        """Send the bytes of a message as they are."""
+        """Publish a serialised message."""
 
 
 class RawConstraint(NamedTuple):
-    """A serialised constraint without its ``seq``: what stands before and what stands after."""
+    """Bytes of a serialised constraint before and after its ``seq``."""
 
     before: bytes
     after: bytes
 
     @classmethod
     def of(cls, message: FixtureConstraint) -> "RawConstraint":
-        """Serialise ``message``, whose ``seq`` is changed by this."""
-        message.seq = _MARK
+        """Serialise ``message``, overwriting its ``seq``; raises `BridgeError`."""
+        message.seq = _SEQ_MARK
         raw = serialize_message(message)
-        # CDR: two numbers of 4 bytes (the stamp), a text with its length and a zero, seq at 8.
-        text = len(message.header.frame_id.encode()) + 1
-        place = _ENCAPSULATION + -(-(12 + text) // 8) * 8
-        if raw[place : place + 8] != _MARK_BYTES:
-            raise BridgeError(f"a serialised FixtureConstraint does not hold its seq at {place}")
-        return cls(raw[:place], raw[place + 8 :])
+        # CDR: stamp (2 x 4 bytes), string length (4), string with its zero, seq aligned to 8.
+        text_bytes = len(message.header.frame_id.encode()) + 1
+        offset = _CDR_HEADER_BYTES + -(-(12 + text_bytes) // 8) * 8
+        if raw[offset : offset + 8] != _SEQ_MARK_BYTES:
+            raise BridgeError(f"serialised FixtureConstraint: expected seq at byte {offset}")
+        return cls(raw[:offset], raw[offset + 8 :])
 
     def numbered(self, seq: int) -> bytes:
-        """The whole message with this ``seq``."""
+        """Bytes of the message with this ``seq``."""
         return self.before + seq.to_bytes(8, sys.byteorder) + self.after
 
 
 class ConstraintStream:
-    """Sends each constraint at once, and repeats it ``hz`` times a second from a thread.
+    """Publishes each constraint at once and repeats it at ``hz`` from a heartbeat thread.
 
-    Repetition extends nothing: ``valid_until`` and the stamp stay those of the samples that went
-    in. ``hz`` None repeats nothing. Up to a `newest` that says how long its message lasts, the
-    receiver alone judges that by ``valid_until``; afterwards the message itself says ``stale``
-    and holds, should the thread that takes the steps be stuck while this one still beats. That is
-    a fault as any other: the next message does not undo it (`newest`).
+    Repetition does not extend the validity: ``valid_until`` and the stamp stay those of the
+    samples. ``hz`` None repeats nothing. A message that is sent with ``lasts_ns`` is replaced by a
+    ``stale`` one on hold after that time, in case the stepping thread is stuck while the heartbeat
+    continues. This counts as a fault, which the next message does not clear (see `newest`).
+    Without ``lasts_ns`` only the receiver checks the validity, with ``valid_until``.
 
-    A stream of more than 100 Hz lets threads of this process take turns every half a millisecond
-    (`sys.setswitchinterval`, for all of them, until `close`): with Python's own 5 ms a busy thread
-    would make it miss beats.
+    Above 100 Hz the interpreter's switch interval is 0.5 ms until `close`
+    (`sys.setswitchinterval`, for the whole process). With the default of 5 ms a busy thread would
+    delay the heartbeat.
     """
 
     def __init__(self, publisher: RawPublisher, hz: float | None) -> None:
@@ -69,17 +69,18 @@ class ConstraintStream:
         self._fault_seq = 0
         self._switch_s = sys.getswitchinterval()
         if hz is not None and hz > 100.0:
-            sys.setswitchinterval(min(self._switch_s, _QUICK_SWITCH_S))
+            sys.setswitchinterval(min(self._switch_s, _SHORT_SWITCH_INTERVAL_S))
         self._heartbeat = Heartbeat(self._send, hz)
 
     def newest(self, message: FixtureConstraint, *, lasts_ns: int | None = None) -> bool:
-        """Send ``message`` now and repeat it; after ``lasts_ns`` repeat it as stale and on hold.
+        """Publish ``message`` now and repeat it; after ``lasts_ns`` repeat it as stale and on hold.
 
-        ``lasts_ns`` is how far ``valid_until`` is from now, at least 0, on whatever clock the
-        caller has its stamps; None for a clock that can be stopped, as that of a replay.
+        ``lasts_ns`` is the time from now to ``valid_until``, at least 0, on the clock of the
+        caller's stamps. It is None for a clock that can stop, such as that of a replay.
 
-        False when the one before had become stale, or was followed by a `rest`: then ``message``
-        is sent on hold, as ``latched``, and the caller has to latch the hold where it decides.
+        Returns False if the previous message had become stale or was followed by `rest`.
+        ``message`` is then published on hold with the reason ``latched``, and the caller has to
+        latch the hold in its own state.
         """
         first = self._begin(message, lasts_ns, unless_ended=True)
         in_time = first is not None
@@ -96,11 +97,11 @@ class ConstraintStream:
         return in_time
 
     def forget(self, message: FixtureConstraint) -> bool:
-        """Repeat ``message``, which is UNKNOWN, in place of planes that mean nothing any more.
+        """Replace the repeated message, whose planes are no longer valid, by an UNKNOWN one.
 
-        It is a fault of its own, whatever was said before: nobody who looked at an earlier
-        constraint can have looked at what comes after it. False, and nothing is sent, while
-        nothing is repeated. Not to be called while another thread is at `rest`.
+        Counts as a new fault: an acknowledgement of an earlier constraint cannot cover what
+        follows. Returns False and publishes nothing if nothing is being repeated. Do not call
+        this concurrently with `rest`.
         """
         if self._last is None:
             return False
@@ -110,7 +111,7 @@ class ConstraintStream:
         return True
 
     def rest(self, reason: str) -> None:
-        """Hold for this reason as the last word, then silence until the next `newest`."""
+        """Publish a last message on hold with ``reason``, then nothing until the next `newest`."""
         last = None if self._last is None else RawConstraint.of(_held(self._last, reason))
         self._last = None
         self._heartbeat.rest(last)
@@ -124,22 +125,22 @@ class ConstraintStream:
 
     @property
     def seq(self) -> int:
-        """The number that the next message will have: so many were sent."""
+        """Sequence number of the next message, which is the number of messages published."""
         return self._heartbeat.seq
 
     @property
     def missed(self) -> int:
-        """Beats that were left out because they came too late."""
+        """Number of heartbeats that were skipped because they were late."""
         return self._heartbeat.missed
 
     @property
     def fault_seq(self) -> int:
-        """The number of the first message that told of the latest fault; 0 before any."""
+        """Sequence number of the first message of the latest fault; 0 before any fault."""
         return max(self._fault_seq, self._heartbeat.ended_seq)
 
     @property
     def ended(self) -> bool:
-        """Whether what is repeated now is stale, or at rest."""
+        """True if the repeated message is stale or publishing has stopped (`rest`)."""
         return self._heartbeat.ended
 
     def _begin(
@@ -157,7 +158,7 @@ class ConstraintStream:
 
 
 def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:
-    """The same planes on hold, of a tumour taken to be still; no number that is of now."""
+    """The same planes on hold, for a tumour at rest; every current measurement is NaN."""
     return FixtureConstraint(
         header=message.header,
         valid_until=message.valid_until,

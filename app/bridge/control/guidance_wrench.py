@@ -1,4 +1,4 @@
-"""``~/guidance_wrench``: the force that warns the hand, at the tip and along its axes."""
+"""Publish ``~/guidance_wrench``: the guidance force at the tool's tip, along the tip's axes."""
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -11,24 +11,23 @@ from app.session import StepResult
 
 
 class GuidancePublisher:
-    """One wrench a step: N and N m in the tip's frame, with the stamp of the oldest sample.
+    """Publishes one wrench per step: N and N m in the tip's frame, stamp of the oldest sample.
 
-    Where the tool is not known, or the planes are not of where it is, the force fades out at its
-    own rate. A step that comes later than
-    the period for which the stiffness was found to be passive changes the force by no more than
-    one period's worth.
+    If the tool's pose is unknown, or the planes belong to another pose, the force fades out at
+    its limited rate. A step that is later than the period for which the stiffness is passive
+    changes the force by no more than one period allows.
     """
 
     def __init__(self, ros: RosNode, parameters: GuidanceParameters) -> None:
         self._parameters = parameters
         self._guidance = Guidance(parameters)
-        self._most_ns = max(1, round(parameters.period_s * NS_PER_S))
+        self._max_step_ns = max(1, round(parameters.period_s * NS_PER_S))
         self._pose: Transform | None = None
         self._last: Stamp | None = None
         self._publisher = ros.publisher(topics.GUIDANCE_WRENCH)
 
     def publish(self, step: StepResult) -> None:
-        """Send the force after ``step``; nothing before the tool was first seen."""
+        """Publish the wrench of ``step``; publishes nothing before the tool's first pose."""
         now, last = step.frame.stamp, self._last
         self._last = now
         decision, constraint = step.decision, None
@@ -37,20 +36,20 @@ class GuidancePublisher:
             constraint = decision.constraint if decision.constraint_is_current else None
         if self._pose is None:
             return
-        step_ns = self._most_ns if last is None else last.age_ns(now)
+        step_ns = self._max_step_ns if last is None else last.age_ns(now)
         wrench = self._guidance.update(
-            constraint, self._pose.translation_mm, min(max(1, step_ns), self._most_ns)
+            constraint, self._pose.translation_mm, min(max(1, step_ns), self._max_step_ns)
         )
         self._send(self._pose, wrench, decision.stamp or now)
 
     def rest(self) -> None:
-        """No force as the last word up to the next step, since nobody would let it fade."""
+        """Publish a zero wrench, because no step follows that would let the force fade out."""
         self._guidance = Guidance(self._parameters)
         if self._pose is not None and self._last is not None:
             self._send(self._pose, np.zeros(6), self._last)
 
     def _send(self, pose: Transform, wrench: FloatArray, stamp: Stamp) -> None:
-        """``wrench`` (6,) along the tumour's axes, turned to those of the tip."""
+        """Publish ``wrench`` (6,), given along the tumour's axes, along those of the tip."""
         tip_from_tumor = pose.rotation.T
         message = WrenchStamped(header=messages.header_message(pose.source, stamp))
         message.wrench.force = messages.vector_message(np.dot(tip_from_tumor, wrench[:3]))

@@ -1,12 +1,12 @@
-"""A node with a life cycle: configured, activated, deactivated, cleaned up by other nodes.
+"""ROS 2 lifecycle node (managed node), driven by other nodes.
 
 =============== ==========================================================================
-unconfigured    publishes nothing but its life cycle, serves nothing else
-inactive        all is loaded, what is latched is said; on the way here from *active* the last
-                constraint says hold, then there is silence, which to a controller means that we
-                are gone
+unconfigured    publishes and serves only the lifecycle interface
+inactive        configured, latched topics are published; after a transition from *active* the
+                last constraint is on hold and nothing follows, which a controller treats as loss
+                of the node
 active          publishes
-finalized       as unconfigured, for good
+finalized       as unconfigured, permanently
 =============== ==========================================================================
 """
 
@@ -26,37 +26,36 @@ from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
-_END_S = 10.0
+_SHUTDOWN_TIMEOUT_S = 10.0
 """How long `LifecycleRosNode.close` waits for the node's thread, which may be configuring."""
 
 
 class Managed(Protocol):
-    """What goes through the life cycle; every method is called in the node's thread.
+    """Transition callbacks of a lifecycle node, called in the node's thread.
 
-    A `MarginGuardError` refuses the transition: the node stays in the state that it is in.
-    Endpoints of the node that `configure` made and nobody took back go with `clean_up`, or with a
-    `configure` that fails.
+    A `MarginGuardError` refuses the transition: the state does not change. Endpoints that
+    `configure` created and did not destroy are destroyed after `clean_up` or a failed `configure`.
     """
 
     def configure(self, ros: RosNode) -> None:
-        """Load everything, make publishers and services; leave nothing behind when it fails."""
+        """Load everything, create publishers and services; release all of it on failure."""
 
     def activate(self) -> None:
-        """Begin to speak."""
+        """Start publishing."""
 
     def deactivate(self) -> None:
-        """Fall silent, with hold as the last word."""
+        """Publish a last constraint on hold and stop publishing."""
 
     def clean_up(self) -> None:
-        """Give back what `configure` made."""
+        """Release everything that `configure` created."""
 
 
 class LifecycleRosNode(RosNode):
-    """A `RosNode` whose state others change by ``~/change_state`` (``ros2 lifecycle set``).
+    """A `RosNode` whose state is changed with ``~/change_state`` (``ros2 lifecycle set``).
 
-    A transition that is not possible in the present state is answered with ``success: false``. A
-    fault that nobody foresaw takes the node back to *unconfigured*, cleaned up and said in the log.
-    `close` shuts an active node down first: with hold as the last word.
+    A transition that is invalid in the current state gets the reply ``success: false``. An
+    unexpected exception is logged and returns the node to *unconfigured*, cleaned up. `close`
+    first shuts down an active node, whose last constraint is then on hold.
     """
 
     def __init__(
@@ -79,18 +78,18 @@ class LifecycleRosNode(RosNode):
         self.on_close(self._shut_down)
 
     def _shut_down(self) -> None:
-        ended = threading.Event()
+        done = threading.Event()
 
         def shut_down() -> None:
             try:
                 cast(LifecycleNode, self.node).trigger_shutdown()
-            except RuntimeError as error:  # it is shut down already
+            except RuntimeError as error:  # it is already shut down
                 self.node.get_logger().debug(str(error))
             finally:
-                ended.set()
+                done.set()
 
         self.call_soon(shut_down)
-        ended.wait(_END_S)
+        done.wait(_SHUTDOWN_TIMEOUT_S)
 
 
 class _StateMachine(LifecycleNode):
@@ -99,80 +98,82 @@ class _StateMachine(LifecycleNode):
         self._log = get_logger(name)
         self._before: frozenset[Any] = frozenset()
         super().__init__(name, **options)
-        serve = self._service_change_state.callback
-        self._service_change_state.callback = partial(self._answered, serve)
+        change_state = self._service_change_state.callback
+        self._service_change_state.callback = partial(self._change_state, change_state)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._before = self._endpoints()
-        done = self._done(lambda: self._owner.managed.configure(self._owner))
-        if done is not TransitionCallbackReturn.SUCCESS:
-            self._take_back()
-        return done
+        result = self._run(lambda: self._owner.managed.configure(self._owner))
+        if result is not TransitionCallbackReturn.SUCCESS:
+            self._destroy_new_endpoints()
+        return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(self._owner.managed.activate)
+        return self._run(self._owner.managed.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(self._deactivate)
+        return self._run(self._deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(self._clean_up)
+        return self._run(self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(lambda: self._end(state.label))
+        return self._run(lambda: self._release(state.label))
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._done(lambda: self._end(state.label))
+        return self._run(lambda: self._release(state.label))
 
-    def _end(self, before: str) -> None:
-        if before == "active":
+    def _release(self, state: str) -> None:
+        if state == "active":
             self._deactivate()
-        if before in ("active", "inactive"):
+        if state in ("active", "inactive"):
             self._clean_up()
 
     def _deactivate(self) -> None:
         self._owner.managed.deactivate()
-        self._owner.flush()  # the last word; its publisher may be gone the next moment
+        self._owner.flush()  # deliver the last constraint before its publisher may be destroyed
 
     def _clean_up(self) -> None:
         self._owner.managed.clean_up()
-        self._take_back()
+        self._destroy_new_endpoints()
 
     def _endpoints(self) -> frozenset[Any]:
         return frozenset(
             (*self.publishers, *self.subscriptions, *self.services, *self.clients, *self.timers)
         )
 
-    def _take_back(self) -> None:
-        """Destroy what was made on the node since it began to be configured."""
-        for made in self._endpoints() - self._before:
-            if isinstance(made, Publisher):
-                self._owner.withdraw(made)
-            elif isinstance(made, Subscription):
-                self.destroy_subscription(made)
-            elif isinstance(made, Service):
-                self.destroy_service(made)
-            elif isinstance(made, Client):
-                self.destroy_client(made)
+    def _destroy_new_endpoints(self) -> None:
+        """Destroy the endpoints that were created since `on_configure` began."""
+        for endpoint in self._endpoints() - self._before:
+            if isinstance(endpoint, Publisher):
+                self._owner.destroy_publisher(endpoint)
+            elif isinstance(endpoint, Subscription):
+                self.destroy_subscription(endpoint)
+            elif isinstance(endpoint, Service):
+                self.destroy_service(endpoint)
+            elif isinstance(endpoint, Client):
+                self.destroy_client(endpoint)
             else:
-                self.destroy_timer(made)
+                self.destroy_timer(endpoint)
 
-    def _done(self, action: Callable[[], None]) -> TransitionCallbackReturn:
-        # rclpy takes whatever a callback raises for an error and tells nobody.
+    def _run(self, action: Callable[[], None]) -> TransitionCallbackReturn:
+        # rclpy turns an exception of a callback into ERROR without logging it.
         try:
             action()
         except MarginGuardError as error:
             self._log.error(f"transition refused: {error}")
             return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # whatever it is, the state machine must know
+        except Exception as error:  # the state machine needs a result for any failure
             self._log.error(f"transition failed: {type(error).__name__}: {error}")
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS
 
-    def _answered(self, serve: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-        # A transition that the state does not know raises in rcl, and the caller would wait.
+    def _change_state(
+        self, change_state: Callable[[Any, Any], Any], request: Any, response: Any
+    ) -> Any:
+        # rcl raises for an invalid transition; without a reply the caller would wait.
         try:
-            return serve(request, response)
+            return change_state(request, response)
         except RuntimeError as error:
             self._log.warning(f"transition {request.transition.id} refused: {reason_of(error)}")
             response.success = False

@@ -1,6 +1,6 @@
-"""The margins as parameters of the node: set live, refused whole when they contradict themselves.
+"""Margins as parameters of the node, validated as a set.
 
-Milliseconds where the margins have nanoseconds, because that is what `case.yaml` has.
+Times are in milliseconds, as in `case.yaml`; the core uses nanoseconds.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,24 +14,23 @@ from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import NS_PER_MS
 
 _TEXTS = {
-    "stop_mm": "approach ends here; must be less than warn_mm",
-    "warn_mm": "amber from here on; must be more than stop_mm",
-    "k_tre": "how many sigmas of the registration's error are added to both",
-    "v_max_mm_s": "how fast tool and tumour may approach; times the data's age, added to both",
-    "stale_after_ns": "older data are not used",
-    "release_samples": "so many better samples in a row end a worse state",
-    "release_band_mm": "by how much the distance must be better for that",
-    "frozen_after_ns": "a pose that repeats itself for longer is a stuck source",
+    "stop_mm": "distance at which the approach stops; must be less than warn_mm",
+    "warn_mm": "distance below which the state is WARNING; must be more than stop_mm",
+    "k_tre": "multiple of the registration's sigma that is added to both distances",
+    "v_max_mm_s": "maximum speed of approach; times the age of the data, added to both distances",
+    "stale_after_ns": "age above which data are stale",
+    "release_samples": "number of consecutive better samples that end a worse state",
+    "release_band_mm": "by how much the distance must exceed the threshold to count as better",
+    "frozen_after_ns": "time after which a pose that does not change counts as frozen",
 }
 
 
 class MarginParameterServer:
-    """Declares each margin on ``ros`` with unit and range, and hands on every set that is valid.
+    """Declares each margin on ``ros`` with unit and range, and applies every valid set.
 
-    ``use(margins)`` is called in the node's thread with each set that differs from the last, the
-    first of them at once where ``--ros-args -p`` asks for other values than ``margins``; what it
-    raises as a `MarginGuardError` refuses the set as well. Raises `CallError` at the start for
-    values that are refused.
+    ``use(margins)`` is called in the node's thread with each set that differs from the previous
+    one; on construction if ``--ros-args -p`` overrides ``margins``. A `MarginGuardError` raised by
+    it refuses the set. The constructor raises `CallError` if the initial values are refused.
     """
 
     def __init__(
@@ -44,20 +43,20 @@ class MarginParameterServer:
 
     @property
     def refused(self) -> int:
-        """How many requests were refused."""
+        """Number of refused requests."""
         return self._server.refused
 
     def close(self) -> None:
-        """Serve them no more."""
+        """Undeclare the parameters."""
         self._server.close()
 
     def set(self, **changes: float) -> None:
-        """Set some of them from this process, as a request over ROS does: whole or not at all.
+        """Set margins from this process, atomically, as a ROS request does.
 
-        Raises `MarginParameterError` with the reason of a refusal.
+        Raises `MarginParameterError` with the reason if the set is refused.
         """
-        wanted = [Parameter(name, value=value) for name, value in changes.items()]
-        result = self._ros.node.set_parameters_atomically(wanted)
+        parameters = [Parameter(name, value=value) for name, value in changes.items()]
+        result = self._ros.node.set_parameters_atomically(parameters)
         if not result.successful:
             raise MarginParameterError(result.reason)
 
@@ -69,14 +68,14 @@ class MarginParameterServer:
 
 
 def margins_of(values: Mapping[str, Plain]) -> MarginParameters:
-    """The margins from the parameters' values; `MarginParameterError` when they are not valid."""
+    """Convert parameter values to margins; raises `MarginParameterError`."""
     found = {}
     for name in MarginParameters.ranges():
-        shown = _shown(name)
-        value = values.get(shown)
+        ros_name = _ros_name(name)
+        value = values.get(ros_name)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise MarginParameterError(f"{shown} {value!r} is not a number")
-        found[name] = round(value * NS_PER_MS) if shown != name else value
+            raise MarginParameterError(f"{ros_name} is {value!r}; expected a number")
+        found[name] = round(value * NS_PER_MS) if ros_name != name else value
     return MarginParameters(**found)  # type: ignore[arg-type]
 
 
@@ -84,14 +83,14 @@ def _declarations(margins: MarginParameters) -> list[ParameterDeclaration]:
     found = []
     for name, (lowest, highest, unit) in MarginParameters.ranges().items():
         value = getattr(margins, name)
-        whole = unit == "samples"
+        is_integer = unit == "samples"
         if unit == "ns":
             value, unit = value / NS_PER_MS, "ms"
             lowest, highest = lowest / NS_PER_MS, highest / NS_PER_MS
         found.append(
             ParameterDeclaration(
-                name=_shown(name),
-                value=int(value) if whole else float(value),
+                name=_ros_name(name),
+                value=int(value) if is_integer else float(value),
                 text=_TEXTS[name],
                 unit=unit,
                 lowest=lowest,
@@ -101,5 +100,6 @@ def _declarations(margins: MarginParameters) -> list[ParameterDeclaration]:
     return found
 
 
-def _shown(name: str) -> str:
+def _ros_name(name: str) -> str:
+    """Name of the parameter, with ``_ms`` instead of ``_ns``."""
     return name.removesuffix("_ns") + "_ms" if name.endswith("_ns") else name

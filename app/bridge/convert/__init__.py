@@ -1,10 +1,10 @@
-"""Messages of any installed type as plain values, in our units, and back."""
+"""Conversion between messages of any installed type and plain values in our units."""
 
 from app.bridge.convert.clouds import cloud_array, cloud_message, cloud_points_mm
 from app.bridge.convert.errors import ConversionError, UnknownTypeError
 from app.bridge.convert.images import image_array, image_message
 from app.bridge.convert.plain import from_plain, to_plain
-from app.bridge.convert.quality import quality
+from app.bridge.convert.qos_profile import qos_profile
 from app.bridge.convert.queue import TopicQueue
 from app.bridge.convert.topics import TopicPublisher, TopicSubscriber
 from app.bridge.convert.types import action_type, message_type, service_type, type_name
@@ -23,7 +23,7 @@ __all__ = [
     "image_array",
     "image_message",
     "message_type",
-    "quality",
+    "qos_profile",
     "service_type",
     "to_plain",
     "type_name",

@@ -1,4 +1,4 @@
-"""Point clouds of ROS as numpy arrays, points in mm."""
+"""Conversion between ROS point clouds and numpy arrays, with points in mm."""
 
 import sys
 from types import MappingProxyType
@@ -24,26 +24,28 @@ _TYPES = MappingProxyType(
         PointField.FLOAT64: "f8",
     }
 )
-_MOST_FIELDS = 256
-_MOST_BYTES = 1 << 16
+_MAX_FIELDS = 256
+_MAX_POINT_BYTES = 1 << 16
 
 
 def cloud_array(message: PointCloud2) -> NDArray[Any]:
-    """The points (n,) as a structured array with the cloud's own fields, in its own units.
+    """Structured array (n,) with the fields and units of the cloud.
 
-    Looks into the message, read-only. Raises `ConversionError` for fields and sizes that do not
-    fit the data.
+    The array is a read-only view of the message. Raises `ConversionError` if fields or sizes do
+    not match the data.
     """
     data = np.frombuffer(message.data, dtype=np.uint8) if len(message.data) else np.empty(0, "u1")
     row_bytes = message.width * message.point_step
     if message.row_step < row_bytes or data.size != message.row_step * message.height:
         raise ConversionError(
             f"a cloud of {message.width} x {message.height} points of {message.point_step} bytes "
-            f"has rows of {message.row_step} and {data.size} bytes"
+            f"has rows of {message.row_step} bytes and {data.size} bytes in total; "
+            f"expected rows of at least {row_bytes} bytes and a matching total"
         )
-    if message.point_step > _MOST_BYTES:
+    if message.point_step > _MAX_POINT_BYTES:
         raise ConversionError(
-            f"a point of a cloud has {message.point_step} bytes: {_MOST_BYTES} at most wanted"
+            f"a point of a cloud has {message.point_step} bytes; "
+            f"expected at most {_MAX_POINT_BYTES}"
         )
     point = _point(message)
     if row_bytes * message.height == 0:
@@ -55,24 +57,24 @@ def cloud_array(message: PointCloud2) -> NDArray[Any]:
 
 
 def cloud_points_mm(message: PointCloud2) -> FloatArray:
-    """x, y and z of every point (n, 3) in mm; NaN where the sensor saw nothing."""
+    """Points (n, 3) in mm; NaN where the sensor has no measurement. Raises `ConversionError`."""
     cloud = cloud_array(message)
     names = cloud.dtype.names or ()
     if not {"x", "y", "z"} <= set(names):
-        raise ConversionError(f"a cloud has the fields {', '.join(names)}: x, y and z wanted")
+        raise ConversionError(f"a cloud has the fields {', '.join(names)}; expected x, y and z")
     for name in "xyz":
         if cloud.dtype[name].shape or cloud.dtype[name].kind not in "fiu":
             raise ConversionError(
-                f"field {name} of a cloud is {cloud.dtype[name]}: a number wanted"
+                f"field {name} of a cloud is {cloud.dtype[name]}; expected a number"
             )
     return np.stack([cloud[name].astype(np.float64) for name in "xyz"], axis=1) * MM_PER_M
 
 
 def cloud_message(points_mm: FloatArray, frame: str, stamp: Stamp) -> PointCloud2:
-    """A cloud of points (n, 3), in m and with 32 bits a number, as ROS tools expect them."""
+    """Convert points (n, 3) in mm to a cloud of 32-bit floats in m, the common layout in ROS."""
     points = np.asarray(points_mm, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise ConversionError(f"points of shape {points.shape}: (n, 3) wanted")
+        raise ConversionError(f"points have shape {points.shape}; expected (n, 3)")
     message = PointCloud2(header=header_message(frame, stamp), height=1, width=len(points))
     message.fields = [
         PointField(name=name, offset=4 * index, datatype=PointField.FLOAT32, count=1)
@@ -89,21 +91,24 @@ def cloud_message(points_mm: FloatArray, frame: str, stamp: Stamp) -> PointCloud
 def _point(message: PointCloud2) -> np.dtype[Any]:
     order = ">" if message.is_bigendian else "<"
     names = [field.name for field in message.fields]
-    if len(names) > _MOST_FIELDS or len(set(names)) != len(names) or "" in names:
-        raise ConversionError(f"a cloud has {len(names)} fields: up to {_MOST_FIELDS}, each named")
+    if len(names) > _MAX_FIELDS or len(set(names)) != len(names) or "" in names:
+        raise ConversionError(
+            f"a cloud has {len(names)} fields; expected at most {_MAX_FIELDS} with unique names"
+        )
     formats: list[Any] = []
     for field in message.fields:
         kind = _TYPES.get(field.datatype)
         if kind is None or field.count < 1:
             raise ConversionError(
                 f"field {field.name!r:.40} of a cloud has type {field.datatype} and "
-                f"count {field.count}: 1 to {max(_TYPES)}, and 1 or more, wanted"
+                f"count {field.count}; expected a type from 1 to {max(_TYPES)} and a count of at "
+                "least 1"
             )
         size = np.dtype(kind).itemsize * field.count
         if field.offset + size > message.point_step:
             raise ConversionError(
-                f"field {field.name!r:.40} of a cloud ends at byte {field.offset + size} of a "
-                f"point of {message.point_step}"
+                f"field {field.name!r:.40} of a cloud ends at byte {field.offset + size}; "
+                f"expected at most {message.point_step}, the size of a point"
             )
         formats.append(order + kind if field.count == 1 else (order + kind, (field.count,)))
     return np.dtype(

@@ -1,11 +1,11 @@
-"""What cannot be said as a message."""
+"""Errors of converting messages."""
 
 from app.bridge.errors import BridgeError
 
 
 class UnknownTypeError(BridgeError):
-    """A name that is no type of message, service or action, or one that is not installed."""
+    """The name is not a message, service or action type, or the type is not installed."""
 
 
 class ConversionError(BridgeError):
-    """A value that does not fit the field that it is meant for."""
+    """The value does not fit its field."""

@@ -1,4 +1,4 @@
-"""How each kind of field is read out of a message and, checked, put into one."""
+"""Codecs that read a field of a message as a plain value and write it back with checks."""
 
 import math
 from array import array
@@ -14,7 +14,7 @@ from app.bridge.convert.errors import ConversionError
 from app.bridge.convert.units import Scale
 
 NUMBERS = {
-    # name: code of array.array and of numpy
+    # ROS type: type code of array.array and numpy
     "float": "f",
     "double": "d",
     "int8": "b",
@@ -30,19 +30,22 @@ _FLOATS = ("float", "double")
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 SizeCheck = Callable[[int, str], None]
-"""Raises `ConversionError` when a field of that name may not have so many values."""
+"""``check(count, name)`` raises `ConversionError` if the field cannot hold ``count`` values."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldCodec:
-    """From a field's value to a plain one; and back, with the field's name for words."""
+    """``read(value)`` gives the plain value; ``write(plain, name)`` goes back and checks it.
+
+    ``name`` is the field's name for error messages.
+    """
 
     read: Callable[[Any], Any]
     write: Callable[[Any, str], Any]
 
 
-def basic_way(kind: str, scale: Scale | None) -> FieldCodec:
-    """A single number, truth value or byte."""
+def basic_codec(kind: str, scale: Scale | None) -> FieldCodec:
+    """Codec of a single number, boolean or byte."""
     if kind in _FLOATS:
         factor = scale if isinstance(scale, float) else 1.0
         return FieldCodec(
@@ -60,48 +63,52 @@ def basic_way(kind: str, scale: Scale | None) -> FieldCodec:
         limits = np.iinfo(NUMBERS[kind])
         low, high = int(limits.min), int(limits.max)
         return FieldCodec(read=int, write=lambda value, name: _integer(value, name, low, high))
-    raise ConversionError(f"a field of type {kind} cannot be converted")
+    raise ConversionError(f"field type {kind} is not supported")
 
 
-def string_way(slot: AbstractType) -> FieldCodec:
-    """A string, as long as it may be, that its encoding can say."""
-    most = slot.maximum_size if slot.has_maximum_size() else None
+def string_codec(slot: AbstractType) -> FieldCodec:
+    """Codec of a string; checks its maximum length and its encoding."""
+    max_chars = slot.maximum_size if slot.has_maximum_size() else None
     encoding = "utf-16-le" if isinstance(slot, AbstractWString) else "utf-8"
 
     def write(value: Any, name: str) -> str:
         if not isinstance(value, str):
-            raise ConversionError(f"{name} is {shown(value)}: a string wanted")
-        if most is not None and len(value) > most:
-            raise ConversionError(f"{name} has {len(value)} characters: {most} at most wanted")
+            raise ConversionError(f"{name} is {preview(value)}; expected a string")
+        if max_chars is not None and len(value) > max_chars:
+            raise ConversionError(
+                f"{name} has {len(value)} characters; expected at most {max_chars}"
+            )
         try:
             value.encode(encoding)
         except UnicodeEncodeError as error:
-            raise ConversionError(f"{name} is {shown(value)}: no text in {encoding}") from error
+            raise ConversionError(
+                f"{name} is {preview(value)}; expected text that {encoding} can encode"
+            ) from error
         return value
 
     return FieldCodec(read=str, write=write)
 
 
-def bytes_way(check: SizeCheck) -> FieldCodec:
-    """octet[]."""
+def bytes_codec(check: SizeCheck) -> FieldCodec:
+    """Codec of octet[]."""
 
     def write(value: Any, name: str) -> list[bytes]:
         if not isinstance(value, bytes | bytearray):
-            raise ConversionError(f"{name} is {shown(value)}: bytes wanted")
+            raise ConversionError(f"{name} is {preview(value)}; expected bytes")
         check(len(value), name)
         return [bytes([each]) for each in value]
 
     return FieldCodec(read=b"".join, write=write)
 
 
-def numbers_way(kind: str, check: SizeCheck, scale: Scale | None, *, fixed: bool) -> FieldCodec:
-    """Numbers of one kind, all at once; ``fixed`` is an array whose size the type says."""
+def numbers_codec(kind: str, check: SizeCheck, scale: Scale | None, *, fixed: bool) -> FieldCodec:
+    """Codec of an array of numbers, vectorised; ``fixed`` if the type fixes the array's size."""
     code = NUMBERS[kind]
     factor = np.asarray(scale) if scale is not None and kind in _FLOATS else None
 
     def read(values: Any) -> NDArray[Any]:
         found = np.frombuffer(values, dtype=code) if len(values) else np.empty(0, dtype=code)
-        return closed(found[:] if factor is None else found.astype(np.float64) * factor)
+        return read_only(found[:] if factor is None else found.astype(np.float64) * factor)
 
     def write(values: Any, name: str) -> Any:
         numbers = _numbers(values, name, kind)
@@ -120,72 +127,74 @@ def numbers_way(kind: str, check: SizeCheck, scale: Scale | None, *, fixed: bool
 
 
 def _numbers(values: Any, name: str, kind: str) -> NDArray[Any]:
-    """Numbers (n,), row by row when they have more dimensions."""
+    """Numbers (n,), flattened row by row."""
     if isinstance(values, bytes | bytearray):
         values = np.frombuffer(values, dtype=np.uint8)
     try:
         found = np.asarray(values)
     except (ValueError, OverflowError) as error:
-        raise ConversionError(f"{name} is {shown(values)}: an array of {kind} wanted") from error
+        raise ConversionError(
+            f"{name} is {preview(values)}; expected an array of {kind}"
+        ) from error
     if found.size == 0:
         return np.empty(0, dtype=NUMBERS[kind])
     if found.ndim == 0 or found.dtype.kind not in ("iuf" if kind in _FLOATS else "iu"):
-        raise ConversionError(f"{name} is {shown(values)}: an array of {kind} wanted")
+        raise ConversionError(f"{name} is {preview(values)}; expected an array of {kind}")
     return found.reshape(-1)
 
 
 def _fitting(numbers: NDArray[Any], name: str, code: str) -> NDArray[Any]:
-    """The same numbers in the field's own type, when they fit it."""
+    """Convert ``numbers`` to the field's type; raises `ConversionError` if one does not fit."""
     if numbers.dtype == np.dtype(code):
         return numbers
     if code in "fd":
         with np.errstate(over="ignore"):
-            turned = numbers.astype(code)
-        bad = np.isfinite(numbers) & ~np.isfinite(turned)
+            converted = numbers.astype(code)
+        bad = np.isfinite(numbers) & ~np.isfinite(converted)
     else:
         limits = np.iinfo(code)
         bad = (numbers < limits.min) | (numbers > limits.max)
-        turned = numbers.astype(code)
+        converted = numbers.astype(code)
     if bad.any():
         index = int(bad.argmax())
-        raise ConversionError(f"{name}[{index}] is {numbers[index]}: it does not fit the field")
-    return turned
+        raise ConversionError(f"{name}[{index}] is {numbers[index]}; out of range of the field")
+    return converted
 
 
 def _float(value: Any, name: str, factor: float, kind: str) -> float:
     if isinstance(value, bool | np.bool_) or not isinstance(
         value, int | float | np.integer | np.floating
     ):
-        raise ConversionError(f"{name} is {shown(value)}: a number wanted")
+        raise ConversionError(f"{name} is {preview(value)}; expected a number")
     try:
         number = float(value) / factor
     except OverflowError as error:
-        raise ConversionError(f"{name} is {shown(value)}: it does not fit the field") from error
+        raise ConversionError(f"{name} is {preview(value)}; out of range of the field") from error
     if kind == "float" and math.isfinite(number) and abs(number) > _LARGEST_FLOAT32:
-        raise ConversionError(f"{name} is {shown(value)}: it does not fit 32 bits")
+        raise ConversionError(f"{name} is {preview(value)}; out of range of a 32-bit float")
     return number
 
 
 def _integer(value: Any, name: str, low: int, high: int) -> int:
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-        raise ConversionError(f"{name} is {shown(value)}: a whole number wanted")
+        raise ConversionError(f"{name} is {preview(value)}; expected an integer")
     if not low <= value <= high:
-        raise ConversionError(f"{name} is {shown(value)}: {low} to {high} wanted")
+        raise ConversionError(f"{name} is {preview(value)}; expected {low} to {high}")
     return int(value)
 
 
 def _bool(value: Any, name: str) -> bool:
     if not isinstance(value, bool | np.bool_):
-        raise ConversionError(f"{name} is {shown(value)}: true or false wanted")
+        raise ConversionError(f"{name} is {preview(value)}; expected true or false")
     return bool(value)
 
 
-def closed(values: NDArray[Any]) -> NDArray[Any]:
-    """The array, read-only from now on."""
+def read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """Mark the array read-only and return it."""
     values.flags.writeable = False
     return values
 
 
-def shown(value: Any) -> str:
-    """The beginning of it, for an error."""
+def preview(value: Any) -> str:
+    """Shortened repr of ``value`` for an error message."""
     return f"{value!r:.60}"

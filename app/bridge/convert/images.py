@@ -1,4 +1,4 @@
-"""Images of ROS as numpy arrays, without touching a pixel one by one."""
+"""Conversion between ROS images and numpy arrays, without loops over pixels."""
 
 import sys
 from types import MappingProxyType
@@ -33,15 +33,15 @@ ENCODINGS = MappingProxyType(
         "64FC1": ("f8", 1),
     }
 )
-"""Name of an encoding: type of a sample, samples of a pixel."""
+"""Encoding name: numpy type of a sample, samples per pixel."""
 
 
 def image_array(message: Image) -> NDArray[Any]:
-    """Rows from the top: (height, width), or (height, width, samples) of a coloured image.
+    """Pixels (height, width), or (height, width, samples) for a multi-channel image, top row first.
 
-    Looks into the message, read-only; values as they are (the bytes in this machine's order).
-    Raises `ConversionError` for an encoding that is not in the table, and for sizes that do not
-    fit the data.
+    The array is read-only, in native byte order, and a view of the message where possible. Raises
+    `ConversionError` for an encoding that is not in `ENCODINGS` and for sizes that do not match
+    the data.
     """
     sample, samples = _encoding(message.encoding)
     dtype = np.dtype(sample).newbyteorder(">" if message.is_bigendian else "<")
@@ -62,13 +62,13 @@ def image_array(message: Image) -> NDArray[Any]:
 
 
 def image_message(pixels: NDArray[Any], encoding: str, frame: str, stamp: Stamp) -> Image:
-    """An image in ``encoding``; raises `ConversionError` when the array is not one of that kind."""
+    """Convert pixels to a message; raises `ConversionError` if they do not fit ``encoding``."""
     sample, samples = _encoding(encoding)
-    wanted = pixels.shape[:2] if samples == 1 else (*pixels.shape[:2], samples)
-    if pixels.ndim < 2 or pixels.shape != wanted or pixels.dtype != np.dtype(sample):
+    shape = pixels.shape[:2] if samples == 1 else (*pixels.shape[:2], samples)
+    if pixels.ndim < 2 or pixels.shape != shape or pixels.dtype != np.dtype(sample):
         raise ConversionError(
-            f"{encoding} from an array {pixels.shape} of {pixels.dtype}: (rows, columns"
-            f"{'' if samples == 1 else f', {samples}'}) of {np.dtype(sample)} wanted"
+            f"pixels for {encoding} have shape {pixels.shape} and type {pixels.dtype}; expected "
+            f"(rows, columns{'' if samples == 1 else f', {samples}'}) and {np.dtype(sample)}"
         )
     message = Image(header=header_message(frame, stamp), encoding=encoding)
     message.height, message.width = (int(size) for size in pixels.shape[:2])
@@ -80,5 +80,7 @@ def image_message(pixels: NDArray[Any], encoding: str, frame: str, stamp: Stamp)
 
 def _encoding(name: str) -> tuple[str, int]:
     if name not in ENCODINGS:
-        raise ConversionError(f"encoding {name!r:.40} of an image: {', '.join(ENCODINGS)} wanted")
+        raise ConversionError(
+            f"image encoding is {name!r:.40}; expected one of {', '.join(ENCODINGS)}"
+        )
     return ENCODINGS[name]

@@ -1,18 +1,18 @@
-"""Messages of any installed type to plain values, and back, in our units.
+"""Conversion between messages of any installed type and plain values in our units.
 
 ======================= ==========================================================
-in a message            here
+message                 plain value
 ======================= ==========================================================
 message                 dict of its fields
 bool, integer, string   the same
-float                   float, in the unit that `app.bridge.convert.units` gives it
+float                   float, in the unit that `app.bridge.convert.units` defines
 octet, octet[]          int, bytes
-bool[], numbers[]       numpy array (n,); float64 where it was scaled, read-only
+bool[], numbers[]       read-only numpy array (n,); float64 if scaled
 strings[], messages[]   list
 ======================= ==========================================================
 
-Going back every value is checked against its field. rclpy checks nothing unless told so, and sends
-an integer in a float field as another number: ``Float64(data=1)`` arrives as 5e-324.
+`from_plain` checks every value against its field. rclpy does not check by default and corrupts an
+integer in a float field: ``Float64(data=1)`` arrives as 5e-324.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,12 +35,12 @@ from app.bridge.convert.fields import (
     NUMBERS,
     FieldCodec,
     SizeCheck,
-    basic_way,
-    bytes_way,
-    closed,
-    numbers_way,
-    shown,
-    string_way,
+    basic_codec,
+    bytes_codec,
+    numbers_codec,
+    preview,
+    read_only,
+    string_codec,
 )
 from app.bridge.convert.types import message_type, type_name
 from app.bridge.convert.units import SCALES, Scale
@@ -49,98 +49,102 @@ Plain = dict[str, Any]
 
 
 def to_plain(message: Any) -> Plain:
-    """The fields of ``message`` as plain values, lengths in mm.
+    """Convert ``message`` to plain values, with lengths in mm.
 
-    Numpy arrays that were not scaled look into the message: do not change it afterwards.
+    Numpy arrays that are not scaled are views of the message; do not modify it afterwards.
     """
-    plain: Plain = _message_way(message.__class__, None).read(message)
+    plain: Plain = _message_codec(message.__class__, None).read(message)
     return plain
 
 
 def from_plain(kind: str | type, values: Mapping[str, Any]) -> Any:
-    """A message of ``kind``, a class or a name; fields that are not given keep their first values.
+    """Create a message of type ``kind``, a class or a name; missing fields keep their defaults.
 
-    Raises `ConversionError`, which names the field, for a value that does not fit, and
+    Raises `ConversionError`, with the name of the field, for a value that does not fit, and
     `UnknownTypeError`.
     """
     found = message_type(kind) if isinstance(kind, str) else kind
-    return _message_way(found, None).write(values, found.__name__)
+    return _message_codec(found, None).write(values, found.__name__)
 
 
 @cache
-def _message_way(kind: Any, forced: float | None) -> FieldCodec:
-    """``forced`` is the scale of all numbers within, when the holder of the message says one."""
+def _message_codec(kind: Any, forced: float | None) -> FieldCodec:
+    """Codec of a message type; ``forced`` is the scale of all its numbers, set by the parent."""
     table = SCALES.get(type_name(kind), {})
-    ways: dict[str, FieldCodec] = {}
+    codecs: dict[str, FieldCodec] = {}
     for field, slot in zip(
         kind.get_fields_and_field_types(),
         kind.SLOT_TYPES,
         strict=True,
     ):
         scale = table.get(field) if forced is None else forced
-        ways[field] = _way(slot, scale)
+        codecs[field] = _field_codec(slot, scale)
 
     def read(message: Any) -> Plain:
-        return {field: way.read(getattr(message, field)) for field, way in ways.items()}
+        return {field: codec.read(getattr(message, field)) for field, codec in codecs.items()}
 
     def write(values: Any, name: str) -> Any:
         if isinstance(values, kind):
             values = read(values)
         if not isinstance(values, Mapping):
-            raise ConversionError(f"{name} is {shown(values)}: a mapping of its fields wanted")
+            raise ConversionError(f"{name} is {preview(values)}; expected a mapping of its fields")
         message = kind()
         for field, value in values.items():
-            way = ways.get(field)
-            if way is None:
-                raise ConversionError(f"{name} has no field {field!r}: {', '.join(ways)}")
-            setattr(message, field, way.write(value, f"{name}.{field}"))
+            codec = codecs.get(field)
+            if codec is None:
+                raise ConversionError(
+                    f"{name} has no field {field!r}; expected one of {', '.join(codecs)}"
+                )
+            setattr(message, field, codec.write(value, f"{name}.{field}"))
         return message
 
     return FieldCodec(read, write)
 
 
-def _way(slot: AbstractType, scale: Scale | None) -> FieldCodec:
+def _field_codec(slot: AbstractType, scale: Scale | None) -> FieldCodec:
     if isinstance(slot, NamespacedType):
         if isinstance(scale, tuple):
-            raise ConversionError(f"units of {slot.name}: one number wanted for a message")
-        return _message_way(getattr(import_module(".".join(slot.namespaces)), slot.name), scale)
+            raise ConversionError(
+                f"unit of {slot.name} is {scale}; expected one scale for a nested message"
+            )
+        return _message_codec(getattr(import_module(".".join(slot.namespaces)), slot.name), scale)
     if isinstance(slot, AbstractNestedType):
-        return _sequence_way(slot, scale)
+        return _sequence_codec(slot, scale)
     if isinstance(slot, BasicType):
-        return basic_way(slot.typename, scale)
-    return string_way(slot)
+        return basic_codec(slot.typename, scale)
+    return string_codec(slot)
 
 
-def _sequence_way(slot: AbstractNestedType, scale: Scale | None) -> FieldCodec:
+def _sequence_codec(slot: AbstractNestedType, scale: Scale | None) -> FieldCodec:
     item = slot.value_type
     check = _size_check(slot)
     if isinstance(item, BasicType) and item.typename in NUMBERS:
-        return numbers_way(item.typename, check, scale, fixed=isinstance(slot, Array))
+        return numbers_codec(item.typename, check, scale, fixed=isinstance(slot, Array))
     if isinstance(item, BasicType) and item.typename == "octet":
-        return bytes_way(check)
-    way = _way(item, scale)
+        return bytes_codec(check)
+    codec = _field_codec(item, scale)
 
     def write(values: Any, name: str) -> list[Any]:
         if isinstance(values, str | bytes | Mapping) or not isinstance(
             values, Sequence | np.ndarray
         ):
-            raise ConversionError(f"{name} is {shown(values)}: a list wanted")
+            raise ConversionError(f"{name} is {preview(values)}; expected a list")
         check(len(values), name)
-        return [way.write(value, f"{name}[{index}]") for index, value in enumerate(values)]
+        return [codec.write(value, f"{name}[{index}]") for index, value in enumerate(values)]
 
     if isinstance(item, BasicType):
-        return FieldCodec(read=lambda values: closed(np.array(values, dtype=bool)), write=write)
-    return FieldCodec(read=lambda values: [way.read(value) for value in values], write=write)
+        return FieldCodec(read=lambda values: read_only(np.array(values, dtype=bool)), write=write)
+    return FieldCodec(read=lambda values: [codec.read(value) for value in values], write=write)
 
 
 def _size_check(slot: AbstractNestedType) -> SizeCheck:
     fixed = slot.size if isinstance(slot, Array) else None
-    most = slot.maximum_size if isinstance(slot, BoundedSequence) else None
+    max_count = slot.maximum_size if isinstance(slot, BoundedSequence) else None
 
     def check(count: int, name: str) -> None:
         if fixed is not None and count != fixed:
-            raise ConversionError(f"{name} has {count} values: {fixed} wanted")
-        if most is not None and count > most:
-            raise ConversionError(f"{name} has {count} values: {most} at most wanted")
+            raise ConversionError(f"{name} has {count} values; expected {fixed}")
+        if max_count is not None and count > max_count:
+            raise ConversionError(f"{name} has {count} values; expected at most {max_count}")
 
     return check

@@ -1,4 +1,4 @@
-"""Any topic, in and out, with plain values: what a user of a scene asks for by name and type."""
+"""Publishers and subscribers for any topic, given by name and type, with plain values."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -13,29 +13,29 @@ from app.bridge.convert.types import message_type
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 
-Made = TypeVar("Made")
+Endpoint = TypeVar("Endpoint")
 
-MOST_BYTES = 256 << 20
-"""More than any image or cloud of an operating room."""
+MAX_BYTES = 256 << 20
+"""Larger than any image or point cloud in use."""
 
 
 class TopicPublisher:
     """``TopicPublisher(ros, "PoseStamped", "~/target").publish({"pose": {...}})``, lengths in mm.
 
-    Another endpoint that does not hear it because of its quality of service is said in the log,
-    and in `RosNode.incompatible`.
+    Subscriptions with incompatible quality of service are logged and listed in
+    `RosNode.incompatible`.
     """
 
     def __init__(self, ros: RosNode, kind: str | type, name: str, qos: QoSProfile = STREAM) -> None:
         self.topic = Topic(name, message_type(kind), qos)
         self.count = 0
         self._ros = ros
-        self._publisher = made(lambda: ros.publisher(self.topic), name)
+        self._publisher = create_endpoint(lambda: ros.publisher(self.topic), name)
 
     def publish(self, values: Mapping[str, Any] | Any) -> int:
-        """Send plain values, or a message as it is; gives the number of subscribers.
+        """Publish plain values or a message; returns the number of subscribers.
 
-        Raises `ConversionError`, with nothing sent, for a value that does not fit its field.
+        Raises `ConversionError` and publishes nothing if a value does not fit its field.
         """
         if not isinstance(values, self.topic.type):
             values = from_plain(self.topic.type, values)
@@ -44,15 +44,15 @@ class TopicPublisher:
         return int(self._publisher.get_subscription_count())
 
     def close(self) -> None:
-        """Leave the graph; needed only before the node itself is closed."""
-        self._ros.call(lambda: self._ros.withdraw(self._publisher))
+        """Destroy the publisher. Closing the node does this as well."""
+        self._ros.call(lambda: self._ros.destroy_publisher(self._publisher))
 
 
 class TopicSubscriber:
-    """Keeps the last message of a topic; ``changed()`` is called in the node's thread for each.
+    """Keeps the last message of a topic; calls ``changed()`` in the node's thread for each one.
 
-    Messages are taken as bytes and read only when somebody asks for one, so that ten thousand a
-    second cost next to nothing. Those over 256 MB are left out and counted in `too_long`.
+    Messages are deserialised only when `message` or `values` is read, so high rates cost little.
+    Messages over 256 MB are ignored and counted in `too_long`.
     """
 
     def __init__(
@@ -71,13 +71,13 @@ class TopicSubscriber:
         self._lock = threading.Lock()
         self._raw: bytes | None = None
         self._message: Any = None
-        made(lambda: ros.subscribe(self.topic, self._take, raw=True), name)
+        create_endpoint(lambda: ros.subscribe(self.topic, self._on_message, raw=True), name)
 
     @property
     def message(self) -> Any:
-        """The last message as ROS has it (lengths in m); None before the first.
+        """The last message (lengths in m); None before the first.
 
-        Raises `ConversionError` for bytes that are no message of the type.
+        Raises `ConversionError` if the bytes are not a message of the type.
         """
         with self._lock:
             if self._raw is not None:
@@ -91,8 +91,8 @@ class TopicSubscriber:
         message = self.message
         return None if message is None else to_plain(message)
 
-    def _take(self, raw: bytes) -> None:
-        if len(raw) > MOST_BYTES:
+    def _on_message(self, raw: bytes) -> None:
+        if len(raw) > MAX_BYTES:
             self.too_long += 1
             return
         with self._lock:
@@ -102,19 +102,21 @@ class TopicSubscriber:
 
 
 def read_message(raw: bytes, topic: Topic) -> Any:
-    """The message in ``raw``; raises `ConversionError` for bytes that are none of the type."""
+    """Deserialise ``raw``; raises `ConversionError` if it is not a message of the topic's type."""
     try:
         return deserialize_message(raw, topic.type)
-    except Exception as error:  # whatever rclpy makes of a stranger's bytes
+    except Exception as error:  # rclpy raises several unrelated types for invalid bytes
         raise ConversionError(
-            f"{topic.name}: {len(raw)} bytes are no {topic.type.__name__}: "
+            f"{topic.name}: {len(raw)} bytes are not a valid {topic.type.__name__}: "
             f"{' '.join(str(error).split())}"
         ) from error
 
 
-def made(make: Callable[[], Made], name: str) -> Made:
-    """What ``make()`` gives for topic ``name``; raises `ConversionError` where it cannot be."""
+def create_endpoint(create: Callable[[], Endpoint], name: str) -> Endpoint:
+    """Call ``create()`` for topic ``name``; raises `ConversionError` if rclpy refuses."""
     try:
-        return make()
-    except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-        raise ConversionError(f"no topic {name!r}: {' '.join(str(error).split())}") from error
+        return create()
+    except Exception as error:  # rclpy raises an unrelated type for each problem
+        raise ConversionError(
+            f"topic {name!r} cannot be used: {' '.join(str(error).split())}"
+        ) from error

@@ -1,4 +1,4 @@
-"""Types of messages, services and actions by their names, as a configuration file has them."""
+"""Look up message, service and action types by name."""
 
 import re
 from importlib import import_module
@@ -31,50 +31,51 @@ SHORT_NAMES = MappingProxyType(
         "PolyData": "sensor_msgs/msg/PointCloud2",
     }
 )
-"""The names that users of SlicerROS2 know."""
+"""Short names of SlicerROS2."""
 
 _PART = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_MARKS = {"msg": "SLOT_TYPES", "srv": "Request", "action": "Goal"}
+_CLASS_MARKS = {"msg": "SLOT_TYPES", "srv": "Request", "action": "Goal"}
 
 
 def message_type(name: str | type) -> type[Any]:
-    """``"Pose"``, ``"geometry_msgs/Pose"`` or ``"geometry_msgs/msg/Pose"`` as a class."""
+    """Class of ``"Pose"``, ``"geometry_msgs/Pose"`` or ``"geometry_msgs/msg/Pose"``."""
     return _imported(SHORT_NAMES.get(name, name) if isinstance(name, str) else name, "msg")
 
 
 def service_type(name: str | type) -> type[Any]:
-    """``"std_srvs/Trigger"`` or ``"std_srvs/srv/Trigger"`` as a class."""
+    """Class of ``"std_srvs/Trigger"`` or ``"std_srvs/srv/Trigger"``."""
     return _imported(name, "srv")
 
 
 def action_type(name: str | type) -> type[Any]:
-    """``"marginguard_msgs/Replay"`` or ``"marginguard_msgs/action/Replay"`` as a class."""
+    """Class of ``"marginguard_msgs/Replay"`` or ``"marginguard_msgs/action/Replay"``."""
     return _imported(name, "action")
 
 
 def type_name(kind: type) -> str:
-    """``geometry_msgs/msg/Pose`` of a class."""
+    """Full name of a message class, such as ``geometry_msgs/msg/Pose``."""
     package, folder, *_ = kind.__module__.split(".")
     return f"{package}/{folder}/{kind.__name__}"
 
 
 def _imported(name: str | type, folder: str) -> type[Any]:
     if isinstance(name, type):
-        if not hasattr(name, _MARKS[folder]):
-            raise UnknownTypeError(f"{name.__name__} is no {folder} type of ROS")
+        if not hasattr(name, _CLASS_MARKS[folder]):
+            raise UnknownTypeError(f"{name.__name__} is not a ROS {folder} type")
         return name
     package, *middle, last = parts = name.split("/") if "/" in name else ["", name]
     if middle not in ([], [folder]) or not all(map(_PART.fullmatch, parts)):
         raise UnknownTypeError(
-            f"{name!r} is no name of a {folder} type: PACKAGE/{folder}/Name or PACKAGE/Name wanted"
+            f"{name!r} is not the name of a {folder} type; expected PACKAGE/{folder}/Name or "
+            "PACKAGE/Name"
         )
     try:
         module = import_module(f"{package}.{folder}")
     except ImportError as error:
         raise UnknownTypeError(
-            f"{name}: the package {package!r} with a folder {folder!r} is not installed"
+            f"{name}: package {package!r} with folder {folder!r} is not installed"
         ) from error
     found = getattr(module, last, None)
-    if not (isinstance(found, type) and hasattr(found, _MARKS[folder])):
+    if not (isinstance(found, type) and hasattr(found, _CLASS_MARKS[folder])):
         raise UnknownTypeError(f"{name}: {package} has no such {folder} type")
     return found

@@ -1,16 +1,16 @@
-"""The one table of units for messages of other people: field by field, from m to mm.
+"""Table of the unit scales, per field, between messages (m) and plain values (mm).
 
-A message holds metres; plain values hold millimetres. A type is scaled wherever it occurs, in
-other messages too: `Point` in `Pose`, `Pose` in `PoseArray`, and so on. `Vector3` has no unit by
-itself, so whoever holds one says what it is. An entry for a field holds for all that is in it, and
-comes before the entry of the field's own type (an `ImageMarker` has points in pixels).
+A type is scaled wherever it occurs, also nested: `Point` in `Pose`, `Pose` in `PoseArray`, and so
+on. `Vector3` has no unit of its own; the message that contains it defines it. An entry for a field
+applies to everything in that field and overrides the entry of the field's type (an `ImageMarker`
+has points in pixels).
 
-Radians, seconds, newtons, newton metres, colours and plain numbers are as they are. So are
-`JointState` and `JointTrajectory`, whose numbers are rad or m as the joint has it, and the bytes of
-`Image` and `PointCloud2` (`app.bridge.convert.clouds` reads points in mm).
+Radians, seconds, newtons, newton metres, colours and plain numbers are not scaled. `JointState` and
+`JointTrajectory` are not scaled either: their numbers are rad or m depending on the joint. The
+bytes of `Image` and `PointCloud2` are unchanged; `app.bridge.convert.clouds` converts points.
 
-Where SlicerROS2 differs: it scales the translations of `Pose` and `Transform`, and leaves points,
-vectors and twists in m, in one and the same scene.
+SlicerROS2 differs: it scales the translations of `Pose` and `Transform` but leaves points, vectors
+and twists in m.
 """
 
 from collections.abc import Mapping
@@ -19,35 +19,35 @@ from types import MappingProxyType
 from app.bridge.messages import MM_PER_M
 
 Scale = float | tuple[float, ...]
-"""mm for a m: one number for every number of the field, or one for each."""
+"""Factor from the message's unit to ours: one for all numbers of the field, or one per number."""
 
-_AS_IT_IS = 1.0
+_UNSCALED = 1.0
 
 
 def _covariance() -> tuple[float, ...]:
-    """6 x 6, row by row: three lengths, then three angles."""
-    units = (MM_PER_M,) * 3 + (_AS_IT_IS,) * 3
+    """Scales of a 6 x 6 covariance, row by row: three lengths, then three angles."""
+    units = (MM_PER_M,) * 3 + (_UNSCALED,) * 3
     return tuple(row * column for row in units for column in units)
 
 
-_SIX = _covariance()
-_THREE = (MM_PER_M**2,) * 9
+_POSE_COVARIANCE = _covariance()
+_LINEAR_COVARIANCE = (MM_PER_M**2,) * 9
 
 SCALES: Mapping[str, Mapping[str, Scale]] = MappingProxyType(
     {
         "geometry_msgs/msg/Point": {"x": MM_PER_M, "y": MM_PER_M, "z": MM_PER_M},
         "geometry_msgs/msg/Point32": {"x": MM_PER_M, "y": MM_PER_M, "z": MM_PER_M},
         "geometry_msgs/msg/Pose2D": {"x": MM_PER_M, "y": MM_PER_M},
-        "geometry_msgs/msg/PoseWithCovariance": {"covariance": _SIX},
+        "geometry_msgs/msg/PoseWithCovariance": {"covariance": _POSE_COVARIANCE},
         "geometry_msgs/msg/Transform": {"translation": MM_PER_M},
         "geometry_msgs/msg/Twist": {"linear": MM_PER_M},
-        "geometry_msgs/msg/TwistWithCovariance": {"covariance": _SIX},
+        "geometry_msgs/msg/TwistWithCovariance": {"covariance": _POSE_COVARIANCE},
         "geometry_msgs/msg/Accel": {"linear": MM_PER_M},
-        "geometry_msgs/msg/AccelWithCovariance": {"covariance": _SIX},
+        "geometry_msgs/msg/AccelWithCovariance": {"covariance": _POSE_COVARIANCE},
         "geometry_msgs/msg/Inertia": {"com": MM_PER_M},
         "sensor_msgs/msg/Imu": {
             "linear_acceleration": MM_PER_M,
-            "linear_acceleration_covariance": _THREE,
+            "linear_acceleration_covariance": _LINEAR_COVARIANCE,
         },
         "sensor_msgs/msg/LaserEcho": {"echoes": MM_PER_M},
         "sensor_msgs/msg/LaserScan": {
@@ -62,7 +62,7 @@ SCALES: Mapping[str, Mapping[str, Scale]] = MappingProxyType(
             "range": MM_PER_M,
             "variance": MM_PER_M**2,
         },
-        "shape_msgs/msg/Plane": {"coef": (_AS_IT_IS, _AS_IT_IS, _AS_IT_IS, MM_PER_M)},
+        "shape_msgs/msg/Plane": {"coef": (_UNSCALED, _UNSCALED, _UNSCALED, MM_PER_M)},
         "shape_msgs/msg/SolidPrimitive": {"dimensions": MM_PER_M},
         "stereo_msgs/msg/DisparityImage": {"t": MM_PER_M},
         "nav_msgs/msg/GridCells": {"cell_width": MM_PER_M, "cell_height": MM_PER_M},
@@ -70,8 +70,8 @@ SCALES: Mapping[str, Mapping[str, Scale]] = MappingProxyType(
         "visualization_msgs/msg/Marker": {"scale": MM_PER_M},
         "visualization_msgs/msg/InteractiveMarker": {"scale": MM_PER_M},
         "visualization_msgs/msg/ImageMarker": {
-            "position": _AS_IT_IS,
-            "points": _AS_IT_IS,
+            "position": _UNSCALED,
+            "points": _UNSCALED,
         },
         "marginguard_msgs/msg/HalfSpace": {"offset": MM_PER_M, "tumor_velocity": MM_PER_M},
         "marginguard_msgs/msg/FixtureConstraint": {

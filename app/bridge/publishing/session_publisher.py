@@ -160,7 +160,7 @@ class SessionPublisher:
 
     def _withdraw(self) -> None:
         for publisher in self._created:
-            self.ros.withdraw(publisher)
+            self.ros.destroy_publisher(publisher)
 
     def _lasts_ns(self, step: StepResult, spent_ns: int) -> int | None:
         """For how long a heartbeat may repeat the constraint of ``step``.

@@ -1,4 +1,4 @@
-"""Robots on the ROS graph, any number at once: descriptions that change, links that move."""
+"""Robots on the ROS graph: their descriptions and the poses of their links."""
 
 from app.bridge.robots.description import DescriptionListener, DescriptionSource, MeshMapSource
 from app.bridge.robots.errors import FollowError

@@ -1,7 +1,7 @@
-"""A robot's description from the ROS graph, loaded again whenever it changes.
+"""Load a robot's description from the ROS graph and reload it when it changes.
 
-Both ways are tried: the parameter of a node, and the latched topic. Whichever says something new is
-taken. What comes is a stranger's text: see `app.robot.robot_from_text`.
+The description comes from a node's parameter or from a latched topic; any new text is loaded. The
+text is untrusted input: see `app.robot.robot_from_text`.
 """
 
 import threading
@@ -16,9 +16,9 @@ from std_msgs.msg import String
 from app.bridge.calls.errors import (
     CallError,
     CallTimeoutError,
-    NotThereError,
     ParameterUnsetError,
     ServerGoneError,
+    ServerUnavailableError,
 )
 from app.bridge.calls.parameter_client import ParameterChange, ParameterClient
 from app.bridge.node import RosNode
@@ -28,19 +28,19 @@ from app.geometry import MarginGuardError
 from app.robot import Robot, bodies_from_mesh_map, robot_from_text
 
 MAX_MESSAGE_BYTES = 9 * 1024 * 1024
-_LOOK_AGAIN_S = 0.5
+_POLL_INTERVAL_S = 0.5
 _CALL_TIMEOUT_S = 5.0
-_CLOSE_S = 5.0
-_MOST_WORDS = 300
-_SAID_EVERY_S = 5.0
+_JOIN_TIMEOUT_S = 5.0
+_MAX_CHARS = 300
+_LOG_INTERVAL_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class DescriptionSource:
-    """Which parameter of which node, and which topic; an empty name leaves that way out.
+    """Parameter of a node and topic that provide a description; an empty name disables one.
 
-    Names without a leading ``/`` are in the robot's namespace. ``package_dirs`` and
-    ``allowed_dirs`` are the folders that meshes may be in.
+    Names without a leading ``/`` are in the robot's namespace. Meshes must be in one of
+    ``package_dirs`` or ``allowed_dirs``.
     """
 
     node: str = DEFAULT_NODE
@@ -50,30 +50,30 @@ class DescriptionSource:
     allowed_dirs: tuple[str | Path, ...] = ()
 
     def load(self, text: str) -> Robot:
-        """The robot of a URDF."""
+        """Load a robot from URDF text; raises `MarginGuardError`."""
         return robot_from_text(text, package_dirs=self.package_dirs, allowed_dirs=self.allowed_dirs)
 
 
 @dataclass(frozen=True, slots=True)
 class MeshMapSource(DescriptionSource):
-    """AMBF's map of meshes instead: free bodies for tf to place."""
+    """Parameter with the mesh map of AMBF, which defines free bodies placed by tf."""
 
     node: str = "/ambf"
     parameter: str = "/ambf/rigid_body_mesh_path_map"
     topic: str = ""
 
     def load(self, text: str) -> Robot:
-        """The bodies of ``name:path;name:path``."""
+        """Load bodies from ``name:path;name:path``; raises `MarginGuardError`."""
         return bodies_from_mesh_map(
             text, package_dirs=self.package_dirs, allowed_dirs=self.allowed_dirs
         )
 
 
 class DescriptionListener:
-    """Calls ``changed(robot)`` in a thread of its own for the first description and each new one.
+    """Calls ``changed(robot)`` in a separate thread for the first description and each new one.
 
-    One that cannot be loaded leaves the robot as it was: `problem` says why, `refused` counts them.
-    A text that is repeated is not loaded again. Closed with the node, or before it by `close`.
+    A description that cannot be loaded is ignored: `problem` is the reason and `refused` counts
+    them. Repeated text is not loaded again. Closed by `close` or with the node.
     """
 
     def __init__(
@@ -90,10 +90,10 @@ class DescriptionListener:
         self._settings = settings
         self._source = source
         self._changed = changed
-        self._said: dict[str, str] = {}
+        self._texts: dict[str, str] = {}
         self._condition = threading.Condition()
-        self._waiting: list[str] = []
-        self._ask = False
+        self._received: list[str] = []
+        self._parameter_changed = False
         self._closing = threading.Event()
         self._client: ParameterClient | None = None
         self._subscription: Subscription | None = None
@@ -110,76 +110,81 @@ class DescriptionListener:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop listening; a description that is being loaded is not said any more."""
+        """Stop listening; a description that is being loaded is discarded."""
         self._closing.set()
         with self._condition:
             self._condition.notify()
         if threading.current_thread() is not self._thread:
-            self._thread.join(_CLOSE_S)
-        self._ros.not_on_close(self.close)
-        self._ros.call(self._leave)
+            self._thread.join(_JOIN_TIMEOUT_S)
+        self._ros.remove_on_close(self.close)
+        self._ros.call(self._destroy_endpoints)
 
-    def _leave(self) -> None:
+    def _destroy_endpoints(self) -> None:
         if self._subscription is not None:
-            self._ros.unsubscribe(self._subscription)
+            self._ros.destroy_subscription(self._subscription)
         if self._client is not None:
             self._client.close()
 
     def _take_message(self, raw: bytes) -> None:
         if len(raw) > MAX_MESSAGE_BYTES:
-            self._refuse(f"a description has {len(raw)} bytes: {MAX_MESSAGE_BYTES} allowed")
+            self._refuse(
+                f"the description has {len(raw)} bytes; expected at most {MAX_MESSAGE_BYTES}"
+            )
             return
         message: String = deserialize_message(raw, String)
         with self._condition:
-            self._waiting[:] = [message.data]
+            self._received[:] = [message.data]
             self._condition.notify()
 
     def _take_change(self, change: ParameterChange) -> None:
         if self._source.parameter in change.values:
             with self._condition:
-                self._ask = True
+                self._parameter_changed = True
                 self._condition.notify()
 
     def _run(self) -> None:
-        was_there = False
+        was_available = False
         while not self._closing.is_set():
             with self._condition:
-                if not (self._waiting or self._ask or self._closing.is_set()):
-                    self._condition.wait(_LOOK_AGAIN_S)
-                waiting, asked = list(self._waiting), self._ask
-                self._waiting.clear()
-                self._ask = False
+                if not (self._received or self._parameter_changed or self._closing.is_set()):
+                    self._condition.wait(_POLL_INTERVAL_S)
+                received, parameter_changed = list(self._received), self._parameter_changed
+                self._received.clear()
+                self._parameter_changed = False
             client = self._client
-            is_there = client is not None and client.is_there
-            if client is not None and is_there and (asked or not was_there):
-                # A node that left and came back, or could not answer, is asked again.
-                is_there = self._ask_parameter(client)
-            was_there = is_there
-            for text in waiting:
-                self._take_text("topic", text)
+            is_available = client is not None and client.is_available
+            if client is not None and is_available and (parameter_changed or not was_available):
+                # False if the node did not reply, so that the next cycle reads it again.
+                is_available = self._read_parameter(client)
+            was_available = is_available
+            for text in received:
+                self._load_text("topic", text)
 
-    def _ask_parameter(self, client: ParameterClient) -> bool:
-        """Ask the node; False when it did not answer."""
+    def _read_parameter(self, client: ParameterClient) -> bool:
+        """Get and load the parameter; False if the node did not reply."""
         try:
             value = client.get(self._source.parameter, _CALL_TIMEOUT_S, self._closing)
-        except (NotThereError, CallTimeoutError, ServerGoneError):
+        except (ServerUnavailableError, CallTimeoutError, ServerGoneError):
             return False
-        except ParameterUnsetError:  # it has it on the topic, or will set it: that is an event
+        except ParameterUnsetError:  # it may be on the topic; setting it later is an event
             return True
         except CallError as error:
             self._refuse(str(error))
             return True
         if isinstance(value, str):
-            self._take_text("parameter", value)
+            self._load_text("parameter", value)
         else:
-            self._refuse(f"{self._source.parameter} of {client.node} is no text")
+            self._refuse(
+                f"{self._source.parameter} of {client.node} is a {type(value).__name__}; "
+                "expected a string"
+            )
         return True
 
-    def _take_text(self, way: str, text: str) -> None:
-        if self._said.get(way) == text or self._closing.is_set():
+    def _load_text(self, origin: str, text: str) -> None:
+        if self._texts.get(origin) == text or self._closing.is_set():
             return
-        is_known = text in self._said.values()
-        self._said[way] = text
+        is_known = text in self._texts.values()
+        self._texts[origin] = text
         if is_known:
             return
         try:
@@ -192,10 +197,10 @@ class DescriptionListener:
         if not self._closing.is_set():
             self._changed(robot)
 
-    def _refuse(self, words: str) -> None:
+    def _refuse(self, reason: str) -> None:
         self.refused += 1
-        self.problem = words[:_MOST_WORDS]
+        self.problem = reason[:_MAX_CHARS]
         self._ros.node.get_logger().warning(
             f"description of robot {self._settings.name!r}: {self.problem}",
-            throttle_duration_sec=_SAID_EVERY_S,
+            throttle_duration_sec=_LOG_INTERVAL_S,
         )

@@ -1,7 +1,7 @@
-"""What can be wrong with following a robot."""
+"""Error of following a robot."""
 
 from app.bridge.errors import BridgeError
 
 
 class FollowError(BridgeError):
-    """A robot cannot be followed as asked."""
+    """The settings of a followed robot are invalid."""

@@ -1,4 +1,4 @@
-"""One robot on the ROS graph: its description, and where its links are now."""
+"""A robot on the ROS graph: its description and the current poses of its links."""
 
 from collections.abc import Callable
 
@@ -18,16 +18,17 @@ from app.geometry import NS_PER_S
 from app.robot import Robot
 
 MAX_JOINT_STATE_BYTES = 1 << 18
-"""Thousands of joints; a longer message is no robot."""
+"""Room for thousands of joints."""
 
 
 class FollowedRobot:
-    """A robot that is given, or described on the graph, and follows tf or joint states.
+    """Follows the links of a robot through tf or joint states.
 
-    ``buffer`` is filled by the caller's `TfListener`, shared by all robots. Any number of them can
-    live on one node, each with its own `RobotSettings`. When the description changes the robot
-    starts anew from it; ``changed(robot)`` is called then, in another thread. ``received()`` is
-    called in the node's thread after every joint state; for tf the listener has the same.
+    ``described_by`` is the robot, or the source of its description on the graph. ``joint_states``
+    is the topic to follow; if it is empty the links follow tf. The caller's `TfListener` fills
+    ``buffer``, which all robots share. A new description restarts the robot and calls
+    ``changed(robot)`` in another thread. ``received()`` is called in the node's thread after every
+    joint state; for tf use that of the listener.
     """
 
     def __init__(
@@ -60,11 +61,11 @@ class FollowedRobot:
 
     @property
     def robot(self) -> Robot | None:
-        """The newest description that could be loaded, None before the first."""
+        """Robot of the latest valid description; None before the first."""
         return self._robot
 
     def state(self, now_ns: int) -> RobotState:
-        """Where the links are at the newest time that is known of all; ``now_ns`` tells its age."""
+        """Poses of the links at their latest common time; ``now_ns`` decides if they are stale."""
         follower = self._follower
         if follower is None:
             problem = self.description.problem if self.description is not None else ""
@@ -72,7 +73,7 @@ class FollowedRobot:
         return follower.state(now_ns)
 
     def _follow(self, robot: Robot) -> None:
-        # The robot first: whoever sees a state, in another thread, looks for whose it is.
+        # Set the robot first: another thread that reads a state then finds its robot.
         self._robot = robot
         self._follower = (
             JointFollower(robot, self.settings, self._buffer)

@@ -1,7 +1,7 @@
-"""A robot that follows joint states: forward kinematics of the newest position of every joint.
+"""Follow joint states: forward kinematics of the latest position of every joint.
 
-Positions may come in any order and in parts (an arm's driver and its gripper's), so each joint
-keeps its last one and the state is as old as the oldest that it needs.
+A joint state may contain a subset of the joints, as an arm and its gripper have separate drivers.
+Each joint keeps its latest position, and the state is as old as the oldest position it needs.
 """
 
 import math
@@ -27,13 +27,13 @@ class _Sample:
 
 
 class JointFollower:
-    """`take` is for the thread that receives, `state` for the one that shows.
+    """Computes link poses from joint states. `take` and `state` may run in different threads.
 
-    ``buffer`` says where the robot's root is in a fixed frame that is another; without it such a
-    frame is a problem. What cannot be used is left out, counted in `refused` and in words among
-    the state's problems: names of no joint, two of one name, a position too many or too few, a
-    stamp of 0. The robot is stale while a joint has no position, or one that is no number, or one
-    that is too old or from the future.
+    ``buffer`` locates the robot's root in a fixed frame other than the root; without it, such a
+    frame is reported as a problem. Invalid messages are ignored, counted in `refused` and listed
+    in the state's problems: duplicate names, different numbers of names and positions, a stamp of
+    0. Names of unknown joints are listed as a problem. The state is stale while a joint has no
+    position, a position that is not finite, too old, or from the future.
     """
 
     def __init__(
@@ -51,64 +51,57 @@ class JointFollower:
         self._samples: dict[str, _Sample] = {}
         self._not_finite: dict[str, float] = {}
         self._refusal = ""
-        self._extra = ""
+        self._unknown_joints = ""
         self._last: tuple[FloatArray, int | None] | None = None
 
     def take(self, names: Sequence[str], positions: Sequence[float], stamp_ns: int) -> None:
-        """Take one message in: rad, m for sliding joints, as ROS has them."""
+        """Process one message; positions are in rad, or m for prismatic joints."""
         with self._lock:
-            self._refusal = self._refused(names, positions, stamp_ns)
+            self._refusal = _refusal_of(names, positions, stamp_ns)
             if self._refusal:
                 self.refused += 1
                 return
-            extra = [name for name in names if name not in self._moving]
-            self._extra = f"joints that the robot has not: {_some(extra)}" if extra else ""
+            unknown = [name for name in names if name not in self._moving]
+            self._unknown_joints = (
+                f"joints unknown to the robot: {_some(unknown)}" if unknown else ""
+            )
             for name, position in zip(names, positions, strict=True):
                 if name in self._moving:
                     self._insert(name, float(position), stamp_ns)
 
     def state(self, now_ns: int) -> RobotState:
-        """The links where the newest positions put them."""
+        """Link poses from the latest positions; stale with the previous poses on a problem."""
         with self._lock:
-            samples, stopping = self._usable(), self._stopping()
-            said = [text for text in (self._refusal, self._extra) if text]
+            samples, problems = self._usable(), self._position_problems()
+            notes = [text for text in (self._refusal, self._unknown_joints) if text]
         stamp_ns = min((sample.stamp_ns for sample in samples.values()), default=None)
-        if not stopping:
+        if not problems:
             try:
                 poses = self._poses(samples, stamp_ns)
                 self._last = (poses, stamp_ns)
             except (JointError, TfError) as error:
-                stopping.append(str(error))
+                problems.append(str(error))
         poses_now, stamp_now = self._last or (None, None)
         limits = self._settings.freshness_limits
         old = age_problem(stamp_now, now_ns, limits)
         if old:
             oldest = min(samples, key=lambda name: samples[name].stamp_ns, default="")
-            stopping.append(f"{old} (joint {oldest!r})" if oldest else old)
-        else:  # the oldest of them alone is known to be fresh
+            problems.append(f"{old} (joint {oldest!r})" if oldest else old)
+        else:  # only the oldest sample has been checked so far
             future = [
                 name
                 for name, sample in samples.items()
                 if freshness_of(sample.stamp_ns, now_ns, limits) is Freshness.FUTURE
             ]
             if future:
-                stopping.append(f"joints whose position is from the future: {_some(future)}")
+                problems.append(f"joints whose position is from the future: {_some(future)}")
         return RobotState(
-            self._root, self._links, poses_now, stamp_now, bool(stopping), (*stopping, *said)
+            self._root, self._links, poses_now, stamp_now, bool(problems), (*problems, *notes)
         )
-
-    def _refused(self, names: Sequence[str], positions: Sequence[float], stamp_ns: int) -> str:
-        if len(names) != len(positions):
-            return f"a joint state has {len(names)} names and {len(positions)} positions"
-        if len(set(names)) != len(names):
-            return "a joint state names a joint twice"
-        if stamp_ns <= 0:
-            return f"a joint state has the stamp {stamp_ns} ns: when it was measured is wanted"
-        return ""
 
     def _insert(self, name: str, position: float, stamp_ns: int) -> None:
         last = self._samples.get(name)
-        # A little older: it came late. Much older: the source was started again.
+        # Slightly older: it arrived late. Much older: the source was restarted.
         if last is not None and 0 < last.stamp_ns - stamp_ns <= self._settings.stale_after_ns:
             return
         if math.isfinite(position):
@@ -118,7 +111,7 @@ class JointFollower:
             self._not_finite[name] = position
 
     def _usable(self) -> dict[str, _Sample]:
-        """All but the followers of others (mimic) that were told once and then no more."""
+        """All samples but outdated ones of mimic joints, whose positions are not needed."""
         limits = self._settings.freshness_limits
         newest_ns = max((sample.stamp_ns for sample in self._samples.values()), default=0)
         return {
@@ -128,13 +121,13 @@ class JointFollower:
             or freshness_of(sample.stamp_ns, newest_ns, limits) is Freshness.VALID
         }
 
-    def _stopping(self) -> list[str]:
-        """What makes the positions unusable, whatever the time."""
+    def _position_problems(self) -> list[str]:
+        """Problems of the positions that do not depend on the time."""
         missing = [name for name in self._needed if name not in self._samples]
-        stopping = [f"joints without a position: {_some(missing)}"] if missing else []
+        problems = [f"joints without a position: {_some(missing)}"] if missing else []
         if self._not_finite:
-            stopping.append(f"joints whose position is no number: {_some(list(self._not_finite))}")
-        return stopping
+            problems.append(f"joints whose position is not finite: {_some(list(self._not_finite))}")
+        return problems
 
     def _poses(self, samples: dict[str, _Sample], stamp_ns: int | None) -> FloatArray:
         links = self._robot.forward_kinematics(
@@ -145,14 +138,29 @@ class JointFollower:
         if self._root != root_frame:
             if self._buffer is None:
                 raise JointError(
-                    f"joint states cannot tell where {root_frame!r} is in {self._root!r}: tf wanted"
+                    f"the pose of {root_frame!r} in {self._root!r} is unknown; "
+                    "expected a tf buffer that provides it"
                 )
-            # Mostly it is fixed, and then it holds at any time.
+            # A static transform has no stamp and is valid at any time.
             newest_ns = self._buffer.latest_common_ns(self._root, root_frame)
             at_ns = stamp_ns if newest_ns is not None else None
             poses = self._buffer.lookup(self._root, root_frame, at_ns).transform.matrix @ poses
         poses.flags.writeable = False
         return poses
+
+
+def _refusal_of(names: Sequence[str], positions: Sequence[float], stamp_ns: int) -> str:
+    """Why a joint state is invalid; empty if it is valid."""
+    if len(names) != len(positions):
+        return (
+            f"a joint state has {len(names)} names and {len(positions)} positions; "
+            "expected as many positions as names"
+        )
+    if len(set(names)) != len(names):
+        return "a joint state has duplicate joint names; expected unique names"
+    if stamp_ns <= 0:
+        return f"a joint state has the stamp {stamp_ns} ns; expected the time of measurement"
+    return ""
 
 
 def _some(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""How one robot among several is named on the ROS graph."""
+"""Names of one of several robots on the ROS graph."""
 
 from dataclasses import dataclass
 
@@ -24,12 +24,13 @@ def pose_limits(stale_after_ns: int) -> FreshnessLimits:
 
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
-    """Where a robot's description and state are, in ROS names.
+    """ROS names of a robot's description and state.
 
-    ``namespace`` stands before the names of its topics and of its nodes; ``tf_prefix`` before the
-    names of its links in tf, with a ``/`` between, whether it was given or not. ``fixed_frame`` is
-    the tf frame that its poses are in, as it stands; empty: the (prefixed) root of the robot. A
-    state older than ``stale_after_ns`` is stale.
+    ``namespace`` prefixes the names of its topics and nodes. ``tf_prefix`` prefixes the names of
+    its links in tf; a ``/`` between them is added if missing. ``fixed_frame`` is the unprefixed tf
+    frame of its poses; if empty it is the prefixed root link. A state older than
+    ``stale_after_ns`` is stale. Raises `FollowError` for an empty name and a limit that is not
+    positive.
     """
 
     name: str
@@ -40,13 +41,14 @@ class RobotSettings:
 
     def __post_init__(self) -> None:
         if not self.name.strip():
-            raise FollowError("a robot's name is empty")
+            raise FollowError(f"robot name is {self.name!r}; expected a name that is not blank")
         for text in (self.namespace.strip("/"), self.tf_prefix.rstrip("/"), self.fixed_frame):
             if text:
                 check_frame(text)
         if self.stale_after_ns <= 0:
             raise FollowError(
-                f"robot {self.name!r} is stale after {self.stale_after_ns} ns: more than 0 wanted"
+                f"stale_after_ns of robot {self.name!r} is {self.stale_after_ns}; "
+                "expected more than 0"
             )
 
     @property
@@ -55,17 +57,17 @@ class RobotSettings:
         return pose_limits(self.stale_after_ns)
 
     def topic(self, name: str) -> str:
-        """The absolute name of a topic or node of this robot; one with a ``/`` in front stays."""
+        """Absolute name of a topic or node of this robot; one with a leading ``/`` is unchanged."""
         if name.startswith("/"):
             return name
         namespace = self.namespace.strip("/")
         return f"/{namespace}/{name}" if namespace else f"/{name}"
 
     def frame(self, link: str) -> str:
-        """The tf frame of a link."""
+        """Name of the tf frame of a link."""
         prefix = self.tf_prefix.rstrip("/")
         return f"{prefix}/{link}" if prefix else link
 
     def root_frame(self, robot: Robot) -> str:
-        """The frame that poses are in: the fixed one, else the root link's."""
+        """Frame of the poses: ``fixed_frame`` if set, otherwise that of the root link."""
         return self.fixed_frame or self.frame(robot.root_link)

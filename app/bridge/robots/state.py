@@ -1,4 +1,4 @@
-"""Where a robot's links are, whether it was told by tf or by joint states."""
+"""Poses of a robot's links, from tf or from joint states."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from app.geometry import NS_PER_MS, FloatArray, Freshness, FreshnessLimits, fres
 class RobotState:
     """``root_from_link`` of every link at one time.
 
-    ``poses`` is (n, 4, 4) in mm, read-only, in the order of ``links``; None before they were
-    known for the first time, the last known ones while ``is_stale``. ``stamp_ns`` is that of the
-    oldest sample that they are made of; None for poses that hold always. ``problems`` says what
-    is wrong, a sentence each; there can be some although the poses are not stale.
+    ``poses`` is (n, 4, 4) in mm, read-only, in the order of ``links``. It is None before the first
+    poses, and holds the last ones while ``is_stale``. ``stamp_ns`` is that of the oldest sample
+    used; None if all of them are static. ``problems`` lists descriptions of problems; not all of
+    them make the poses stale.
     """
 
     root: str
@@ -24,9 +24,9 @@ class RobotState:
 
 
 def age_problem(stamp_ns: int | None, now_ns: int, limits: FreshnessLimits) -> str:
-    """Why a state with that stamp cannot be used now; empty if it can.
+    """Why a state with ``stamp_ns`` is not valid at ``now_ns``; empty if it is valid.
 
-    A state without a stamp consists of static edges alone and holds at any time.
+    A state without a stamp consists of static edges and is valid at any time.
     """
     if stamp_ns is None or freshness_of(stamp_ns, now_ns, limits) is Freshness.VALID:
         return ""

@@ -1,4 +1,4 @@
-"""A robot that follows tf: one lookup for all of its links at one stamp."""
+"""Follow tf: one lookup of all links of a robot at one stamp."""
 
 from app.bridge.robots.settings import RobotSettings
 from app.bridge.robots.state import RobotState, age_problem
@@ -8,7 +8,7 @@ from app.robot import Robot
 
 
 class TfFollower:
-    """Reads the links' poses from ``buffer``, which a `TfListener` fills; for one thread."""
+    """Reads the links' poses from ``buffer``, which a `TfListener` fills. Not thread-safe."""
 
     def __init__(self, robot: Robot, settings: RobotSettings, buffer: TransformBuffer) -> None:
         self._settings = settings
@@ -19,7 +19,7 @@ class TfFollower:
         self._last: tuple[FloatArray, int | None] | None = None
 
     def state(self, now_ns: int) -> RobotState:
-        """The newest poses that all links have in common; stale, with the last ones, without."""
+        """Poses at the latest common time of all links; stale with the previous ones on error."""
         problem = ""
         try:
             found = self._buffer.poses(self._root, self._frames)

@@ -1,4 +1,4 @@
-"""tf: a buffer that needs no node, a listener and broadcasters with the stamps of the samples."""
+"""tf: a transform buffer that needs no node, a listener and broadcasters."""
 
 from app.bridge.tf.buffer import Lookup, PoseSet, TransformBuffer
 from app.bridge.tf.errors import (

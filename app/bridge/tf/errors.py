@@ -1,23 +1,23 @@
-"""What a buffer of transforms cannot answer, each under the name that tf2 has made known."""
+"""Errors of the transform buffer, named as in tf2."""
 
 from app.bridge.errors import BridgeError
 
 
 class TfError(BridgeError):
-    """Root of what the buffer refuses or cannot answer."""
+    """Base class: an insertion or a lookup failed."""
 
 
 class TfInvalidError(TfError):
-    """A sample that is not one: not finite, no rotation, a frame that is its own parent."""
+    """Invalid sample: not finite, not a rotation, or a frame that is its own parent."""
 
 
 class TfLookupError(TfError):
-    """A frame that nobody has named yet."""
+    """Unknown frame."""
 
 
 class TfConnectivityError(TfError):
-    """Two frames without a way between them, or an edge that would close a loop."""
+    """No path between two frames, or an edge that would close a loop."""
 
 
 class TfExtrapolationError(TfError):
-    """A time before the first or after the last sample on the way: nothing is extrapolated."""
+    """Time outside the samples of an edge; the buffer does not extrapolate."""

@@ -1,39 +1,48 @@
-"""The samples of one edge of the tree, over the last seconds."""
+"""Recent samples of one edge of the transform tree."""
 
 from bisect import bisect_left, bisect_right
 
-from app.bridge.tf.pose import Pose, between
+from app.bridge.tf.pose import Pose, interpolate
 
 _COMPACT = 1024
-"""Samples that are out of date are taken off the front of a list in lots of this size."""
+"""Outdated samples are removed from the front of the lists in batches of this size."""
 
 DISORDER_NS = 1_000_000_000
-"""A sample this much older than the newest did not come late: its source has begun anew."""
+"""A sample that is older than the newest by more than this indicates a restarted source."""
 
 
 class EdgeHistory:
-    """Samples of ``parent_from_child`` in the order of their stamps, or one that always holds.
+    """Samples of ``parent_from_child`` in the order of their stamps, or one static sample.
 
-    Kept are those within ``keep_ns`` of the newest, ``most`` at most: memory is bounded however
-    fast a source is. Samples may come out of order, but for a jump back by more than
-    `DISORDER_NS`: what was known is forgotten then, and `restarts` counts it. Two samples of one
-    stamp are a repetition: the first one stays, as in tf2, so that an answer does not change.
+    Keeps samples within ``keep_ns`` of the newest, ``max_samples`` at most. Samples may arrive out
+    of order. A jump back by more than `DISORDER_NS` discards the history and is counted in
+    `restarts`. Of two samples with the same stamp the first is kept, as in tf2, so that the result
+    of a lookup does not change.
     """
 
-    __slots__ = ("_first", "_keep_ns", "_most", "_poses", "_stamps", "parent", "restarts", "static")
+    __slots__ = (
+        "_first",
+        "_keep_ns",
+        "_max_samples",
+        "_poses",
+        "_stamps",
+        "parent",
+        "restarts",
+        "static",
+    )
 
-    def __init__(self, parent: str, *, static: bool, keep_ns: int, most: int) -> None:
+    def __init__(self, parent: str, *, static: bool, keep_ns: int, max_samples: int) -> None:
         self.parent = parent
         self.static = static
         self.restarts = 0
         self._keep_ns = keep_ns
-        self._most = most
+        self._max_samples = max_samples
         self._stamps: list[int] = []
         self._poses: list[Pose] = []
         self._first = 0
 
     def insert(self, stamp_ns: int, pose: Pose) -> bool:
-        """Take a sample in; False when its stamp was known or is too old to be kept."""
+        """Add a sample; False if its stamp is known or too old."""
         if self.static:
             self._stamps, self._poses = [stamp_ns], [pose]
             return True
@@ -41,35 +50,35 @@ class EdgeHistory:
         if not stamps or stamp_ns > stamps[-1]:
             stamps.append(stamp_ns)
             self._poses.append(pose)
-            self._forget_old()
+            self._remove_old()
             return True
         if stamp_ns < stamps[-1] - DISORDER_NS:
             self._stamps, self._poses, self._first = [stamp_ns], [pose], 0
             self.restarts += 1
             return True
-        place = bisect_left(stamps, stamp_ns, self._first)
-        if stamps[place] == stamp_ns or stamp_ns < stamps[-1] - self._keep_ns:
+        index = bisect_left(stamps, stamp_ns, self._first)
+        if stamps[index] == stamp_ns or stamp_ns < stamps[-1] - self._keep_ns:
             return False
-        stamps.insert(place, stamp_ns)
-        self._poses.insert(place, pose)
-        self._forget_old()
+        stamps.insert(index, stamp_ns)
+        self._poses.insert(index, pose)
+        self._remove_old()
         return True
 
     @property
     def newest_ns(self) -> int:
-        """The stamp of the newest sample; a history is made together with its first one."""
+        """Stamp of the newest sample; a history has at least one."""
         return self._stamps[-1]
 
     @property
     def oldest_ns(self) -> int:
-        """The stamp of the oldest sample that is kept."""
+        """Stamp of the oldest sample."""
         return self._stamps[self._first]
 
     def __len__(self) -> int:
         return len(self._stamps) - self._first
 
     def at(self, stamp_ns: int) -> Pose | None:
-        """The pose at that time, between the samples around it; None beyond them."""
+        """Pose interpolated at ``stamp_ns``; None outside the range of the samples."""
         if self.static:
             return self._poses[0]
         stamps = self._stamps
@@ -78,16 +87,16 @@ class EdgeHistory:
         after = bisect_right(stamps, stamp_ns, self._first)
         if after == self._first or after == len(stamps):
             return None
-        begin = stamps[after - 1]
-        if begin == stamp_ns:
+        before_ns = stamps[after - 1]
+        if before_ns == stamp_ns:
             return self._poses[after - 1]
-        fraction = (stamp_ns - begin) / (stamps[after] - begin)
-        return between(self._poses[after - 1], self._poses[after], fraction)
+        fraction = (stamp_ns - before_ns) / (stamps[after] - before_ns)
+        return interpolate(self._poses[after - 1], self._poses[after], fraction)
 
-    def _forget_old(self) -> None:
+    def _remove_old(self) -> None:
         stamps = self._stamps
-        until = stamps[-1] - self._keep_ns
-        while stamps[self._first] < until or len(stamps) - self._first > self._most:
+        oldest_kept_ns = stamps[-1] - self._keep_ns
+        while stamps[self._first] < oldest_kept_ns or len(stamps) - self._first > self._max_samples:
             self._first += 1
         if self._first >= _COMPACT:
             del stamps[: self._first], self._poses[: self._first]

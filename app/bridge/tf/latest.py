@@ -1,4 +1,4 @@
-"""The newest poses of many frames, for a thread that shows them."""
+"""Latest poses of many frames, for a display thread."""
 
 import time
 from collections.abc import Sequence
@@ -9,12 +9,12 @@ from app.runtime.latest_value import LatestValue
 
 
 class LatestPoses:
-    """Poses of ``frames`` in ``root`` at one stamp, taken from ``buffer`` whenever they are newer.
+    """Looks up poses of ``frames`` in ``root`` at one stamp whenever ``buffer`` has newer ones.
 
-    ``TfListener(ros, buffer, received=latest.received)`` fills and wakes it; another thread calls
-    `take` in a loop. They are looked up when they are taken, so a set that is superseded costs
-    nothing; `superseded` counts the messages that were followed by another before anyone looked.
-    `missing` says why there are no poses of all frames yet, and is empty once there are.
+    Use with ``TfListener(ros, buffer, received=latest.received)``; another thread calls `take` in a
+    loop. The lookup happens in `take`, so superseded updates cost nothing. `superseded` counts the
+    messages that arrived between two calls of `take`, but for the last. `missing` is the reason
+    why a frame has no pose yet; it is empty once all frames have one.
     """
 
     def __init__(self, buffer: TransformBuffer, root: str, frames: Sequence[str]) -> None:
@@ -22,34 +22,34 @@ class LatestPoses:
         self._buffer = buffer
         self._root = root
         self._frames = tuple(frames)
-        self._news = LatestValue[bool]()
+        self._changes = LatestValue[bool]()
         self._taken_ns: int | None = None
 
     def received(self) -> None:
-        """Say that the buffer has something new; from any thread."""
-        self._news.put(True)
+        """Signal that the buffer has new samples. Thread-safe."""
+        self._changes.put(True)
 
     @property
     def superseded(self) -> int:
-        """How many messages were not looked at because a newer one was there already."""
-        return self._news.superseded
+        """Number of messages that were superseded before `take` was called."""
+        return self._changes.superseded
 
     def take(self, timeout_s: float) -> PoseSet | None:
-        """The newest poses, as soon as their common stamp is another than that of the last ones.
+        """Wait for poses whose common stamp differs from that of the previous call.
 
-        None when there were none in ``timeout_s``. A set over static edges alone has no stamp: it
-        is taken after every message.
+        None after ``timeout_s``. Poses over static edges only have no stamp; they are returned
+        after every message.
         """
-        until_s = time.monotonic() + timeout_s
+        end_s = time.monotonic() + timeout_s
         while True:
-            left_s = until_s - time.monotonic()
-            if not self._news.take(max(0.0, left_s)):
+            remaining_s = end_s - time.monotonic()
+            if not self._changes.take(max(0.0, remaining_s)):
                 return None
             poses = self._newer()
             if poses is not None:
                 return poses
-            if left_s <= 0.0:
-                return None  # a flood of messages about other frames must not keep us here
+            if remaining_s <= 0.0:
+                return None  # many messages about other frames must not extend the timeout
 
     def _newer(self) -> PoseSet | None:
         try:

@@ -1,4 +1,4 @@
-"""``/tf`` and ``/tf_static`` into a buffer, as raw bytes: no Python message objects on the way."""
+"""Subscribe to ``/tf`` and ``/tf_static`` and fill a buffer, without Python message objects."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -14,21 +14,20 @@ from app.bridge.tf.buffer import TransformBuffer
 from app.bridge.tf.wire import TfMessageReader
 from app.geometry import NS_PER_S, MarginGuardError
 
-_MOST_BYTES = 1 << 20
-"""A thousand transforms with long names; more in one message is no tree of frames."""
+_MAX_BYTES = 1 << 20
+"""Room for a thousand transforms with long names."""
 
-_MOST_WORDS = 200
+_MAX_CHARS = 200
 
 
 class TfListener:
-    """Fills ``buffer`` from the moment that it is made until the node is closed.
+    """Fills ``buffer`` until the node is closed.
 
-    What cannot be read or inserted is left out, and `refused` counts it by the kind of error;
-    `last_refusal` is the latest one in words. ``received()``, when given, is called in the node's
-    thread after every message that brought something. A ``/clock`` that jumps back empties the
-    buffer but for static edges; with ``clock`` False nobody's ``/clock`` is heard. ``qos`` is what
-    is asked of ``/tf``: as tf2 asks, so that broadcasters which do not promise delivery are not
-    heard, and said in the log.
+    Messages and samples that are invalid are ignored; `refused` counts them by type of error and
+    `last_refusal` describes the latest one. ``received()`` is called in the node's thread after
+    every readable message. A jump back of ``/clock`` discards all but the static edges; ``clock``
+    False does not subscribe to ``/clock``. ``qos`` is that of ``/tf``. By default it is reliable as
+    in tf2, so best-effort broadcasters are not received, which is logged.
     """
 
     def __init__(
@@ -55,8 +54,10 @@ class TfListener:
 
     def _take(self, raw: bytes, *, static: bool) -> None:
         self.messages += 1
-        if len(raw) > _MOST_BYTES:
-            self._refuse("TooLong", f"a tf message has {len(raw)} bytes: {_MOST_BYTES} allowed")
+        if len(raw) > _MAX_BYTES:
+            self._refuse(
+                "TooLong", f"a tf message has {len(raw)} bytes; expected at most {_MAX_BYTES}"
+            )
             return
         try:
             samples = self._read(raw)
@@ -74,6 +75,6 @@ class TfListener:
     def _take_clock(self, message: Clock) -> None:
         self.buffer.set_now(message.clock.sec * NS_PER_S + message.clock.nanosec)
 
-    def _refuse(self, kind: str, words: str) -> None:
+    def _refuse(self, kind: str, reason: str) -> None:
         self.refused[kind] += 1
-        self.last_refusal = words[:_MOST_WORDS]
+        self.last_refusal = reason[:_MAX_CHARS]

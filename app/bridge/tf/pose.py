@@ -1,4 +1,4 @@
-"""Poses as seven plain floats: for chains of thirty of them in a millisecond.
+"""Poses as tuples of seven floats, which compose faster than numpy matrices.
 
 A pose is ``(x, y, z, qx, qy, qz, qw)``: a translation in mm and a unit quaternion. ``a_from_b``
 maps coordinates in b to coordinates in a, as `app.geometry.Transform` does.
@@ -17,14 +17,14 @@ Pose: TypeAlias = tuple[float, float, float, float, float, float, float]
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 _NEARLY_PARALLEL = 1.0 - 1e-9
-"""The cosine beyond which a sine is too small to divide by; the chord is the arc there."""
+"""Cosine above which the sine is too small to divide by; linear interpolation is exact there."""
 
 
 def compose(a_from_b: Pose, b_from_c: Pose) -> Pose:
     """``a_from_c``."""
     ax, ay, az, x, y, z, w = a_from_b
     bx, by, bz, p, q, r, s = b_from_c
-    # v + 2 u x (u x v + w v), u the quaternion's vector: a rotation without its matrix.
+    # Rotation by a unit quaternion (u, w): v' = v + 2 u x (u x v + w v).
     tx, ty, tz = 2.0 * (y * bz - z * by), 2.0 * (z * bx - x * bz), 2.0 * (x * by - y * bx)
     return (
         ax + bx + w * tx + y * tz - z * ty,
@@ -53,17 +53,18 @@ def inverse(a_from_b: Pose) -> Pose:
     )
 
 
-def between(first: Pose, second: Pose, fraction: float) -> Pose:
-    """From ``first`` (0) to ``second`` (1): linear in translation, shortest arc in rotation.
+def interpolate(first: Pose, second: Pose, fraction: float) -> Pose:
+    """Interpolate from ``first`` (``fraction`` 0) to ``second`` (1).
 
-    Spherical linear interpolation of unit quaternions (Shoemake 1985), as tf2 does it.
+    Linear interpolation of the translation and spherical linear interpolation of the quaternion
+    along the shorter arc (Shoemake 1985), as in tf2.
     """
     ax, ay, az, ap, aq, ar, as_ = first
     bx, by, bz, bp, bq, br, bs = second
     cosine = ap * bp + aq * bq + ar * br + as_ * bs
     sign = 1.0
     if cosine < 0.0:
-        # A quaternion and its negative are one rotation: take the nearer one.
+        # A quaternion and its negative are the same rotation: use the nearer one.
         sign, cosine = -1.0, -cosine
     if cosine > _NEARLY_PARALLEL:
         u, v = 1.0 - fraction, sign * fraction

@@ -1,7 +1,6 @@
-"""``tf2_msgs/TFMessage`` from and to CDR bytes, without rclpy's message objects.
+"""Read and write ``tf2_msgs/TFMessage`` as CDR bytes, without rclpy's message objects.
 
-Twenty-six transforms cost over a millisecond through rclpy's message objects and a small part of
-that here.
+Deserialising 26 transforms takes over a millisecond with rclpy and a small part of that here.
 """
 
 import struct
@@ -20,7 +19,7 @@ _POSE = struct.Struct("<7d")
 
 
 class TfSample(NamedTuple):
-    """``parent_from_child`` at ``stamp_ns``; the pose in mm, as the sender gave it, unchecked."""
+    """``parent_from_child`` at ``stamp_ns``; the pose is in mm and not validated."""
 
     parent: str
     child: str
@@ -35,12 +34,12 @@ class TfMessageReader:
         self._read = tf_reader()
 
     def __call__(self, message: bytes) -> list[TfSample]:
-        """The transforms of a message, in mm; `TfInvalidError` for bytes that are none."""
+        """Deserialise a message, converting m to mm; raises `TfInvalidError` for invalid bytes."""
         try:
             poses = self._read(message)
         except ValueError as error:
             raise TfInvalidError(
-                f"a tf message of {len(message)} bytes is damaged: {error}"
+                f"a tf message of {len(message)} bytes is invalid: {error}"
             ) from error
         return [
             TfSample(parent, child, ns, (MM_PER_M * x, MM_PER_M * y, MM_PER_M * z, *quaternion))
@@ -49,7 +48,7 @@ class TfMessageReader:
 
 
 def write_tf_message(samples: Iterable[TfSample]) -> bytes:
-    """The serialised message of ``samples``, mm made metres, to be published as it is."""
+    """Serialise ``samples`` to a message, converting mm to m, for a raw publish."""
     body = bytearray(4)
     count = 0
     for parent, child, stamp_ns, pose in samples:

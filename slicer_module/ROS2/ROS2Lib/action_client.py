@@ -153,5 +153,5 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
             goal.cancel.set()
             goal.done.wait(_CANCEL_S)
         if client is not None and self._owner is not None:
-            self._owner.ros.not_on_close(client.close)
+            self._owner.ros.remove_on_close(client.close)
             self._owner.ros.call(client.close)

@@ -32,7 +32,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
 
     def IsMonitoredNodeReady(self) -> bool:
         """Whether it serves its parameters now."""
-        return self._watch is not None and self._watch.is_there
+        return self._watch is not None and self._watch.is_available
 
     def AddParameter(self, parameterName: str) -> bool:
         """Monitor a parameter; False when it is already. Its value comes in a later `Spin`."""

@@ -34,9 +34,9 @@ class ParameterWatch:
         self._thread.start()
 
     @property
-    def is_there(self) -> bool:
+    def is_available(self) -> bool:
         """Whether the node serves its parameters now."""
-        return self._client.is_there
+        return self._client.is_available
 
     def ask(self, name: str) -> None:
         """Have the value of ``name`` from now on."""
@@ -79,11 +79,11 @@ class ParameterWatch:
                 if not (self._asked and was_there) and not self._closing.is_set():
                     self._condition.wait(_LOOK_AGAIN_S)
                 asked = set(self._asked)
-            is_there = self._client.is_there
-            if is_there and not was_there:
+            is_available = self._client.is_available
+            if is_available and not was_there:
                 with self._condition:
                     asked = set(self._names)
-            was_there = is_there and self._get(asked)
+            was_there = is_available and self._get(asked)
 
     def _get(self, names: set[str]) -> bool:
         """Ask for ``names``; False when the node did not answer."""

@@ -4,7 +4,7 @@ from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.convert import quality, type_name
+from app.bridge.convert import qos_profile, type_name
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.kinds import Kind, kind_of
 from ROS2Lib.member import Member, Owner
@@ -45,7 +45,7 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
     def SetQoSHistoryDepth(self, depth: int) -> None:
         """How many messages wait at most; before it is added to a ROS node."""
         self._check_not_added()
-        quality(depth=depth)
+        qos_profile(depth=depth)
         self._depth = depth
 
     def SetQoSReliability(self, policy: int) -> None:
@@ -81,7 +81,7 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
 
     def quality(self) -> Any:
         """As it was set."""
-        return quality(
+        return qos_profile(
             depth=self._depth,
             reliability=_RELIABILITY[self._reliability],
             durability=_DURABILITY[self._durability],

@@ -14,8 +14,8 @@ from app.bridge.calls import (
     GoalAbortedError,
     GoalCancelledError,
     GoalRejectedError,
-    NotThereError,
     RefusedError,
+    ServerUnavailableError,
     ServiceClient,
 )
 from app.bridge.convert import UnknownTypeError
@@ -126,7 +126,7 @@ def test_a_server_may_refuse_to_stop(lookup, ros):
 
 
 def test_nobody_there_and_names_that_are_none(ros):
-    with pytest.raises(NotThereError, match="action /nobody"):
+    with pytest.raises(ServerUnavailableError, match="action /nobody"):
         ActionClient(ros, LOOKUP, "/nobody").call(goal("x"), 0.05)
     with pytest.raises(UnknownTypeError, match="NoAction"):
         ActionClient(ros, "tf2_msgs/action/NoAction", "/x")

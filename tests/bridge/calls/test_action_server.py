@@ -7,7 +7,7 @@ import pytest
 from std_msgs.msg import String
 from tf2_msgs.action import LookupTransform
 
-from app.bridge.calls import ActionClient, ActionServer, CallError, Ending, GoalCancelledError
+from app.bridge.calls import ActionClient, ActionServer, CallError, GoalCancelledError, GoalOutcome
 from app.bridge.node import RosNode
 from app.geometry import InputError
 
@@ -24,12 +24,12 @@ def work(served):
     if how == "fail":
         raise ZeroDivisionError("of mine")
     if how == "nonsense":
-        return String(data=3), Ending.SUCCEEDED
+        return String(data=3), GoalOutcome.SUCCEEDED
     if how == "wait":
         served.feedback(LookupTransform.Feedback())
         served.cancelled.wait(60.0)
-        return result, Ending.CANCELLED
-    return result, Ending.SUCCEEDED
+        return result, GoalOutcome.CANCELLED
+    return result, GoalOutcome.SUCCEEDED
 
 
 def check(goal):
@@ -102,7 +102,7 @@ def close_under_way(domain_id, start_receiver):
         served.feedback(LookupTransform.Feedback())
         under_way.set()
         served.cancelled.wait(60.0)
-        return LookupTransform.Result(), Ending.CANCELLED
+        return LookupTransform.Result(), GoalOutcome.CANCELLED
 
     with RosNode("marginguard", domain_id=domain_id) as ros:
         ActionServer(ros, LOOKUP, "~/lookup", wait)

@@ -7,10 +7,10 @@ import pytest
 
 from app.bridge.calls import (
     CallError,
-    NotThereError,
     ParameterClient,
     ParameterUnsetError,
     RefusedError,
+    ServerUnavailableError,
 )
 from app.bridge.convert import ConversionError
 
@@ -86,7 +86,7 @@ def test_changes_are_heard(client, ros):
 
 
 def test_a_node_that_is_not_there(ros):
-    with pytest.raises(NotThereError, match="/nobody/get_parameters"):
+    with pytest.raises(ServerUnavailableError, match="/nobody/get_parameters"):
         ParameterClient(ros, "/nobody").get("x", timeout_s=0.05)
     with pytest.raises(CallError, match="empty"):
         ParameterClient(ros, "/")

@@ -9,8 +9,8 @@ from app.bridge.calls import (
     CallCancelledError,
     CallError,
     CallTimeoutError,
-    NotThereError,
     ServerGoneError,
+    ServerUnavailableError,
     ServiceClient,
 )
 from app.bridge.convert import ConversionError, UnknownTypeError
@@ -45,7 +45,7 @@ def test_a_started_call_gives_its_reply_to_a_callback(ros, peer):
 
 
 def test_nobody_there(ros):
-    with pytest.raises(NotThereError, match=r"/nobody.*waited 0.05 s"):
+    with pytest.raises(ServerUnavailableError, match=r"/nobody.*waited 0.05 s"):
         ServiceClient(ros, TRIGGER, "/nobody").call(Trigger.Request(), timeout_s=0.05)
 
 
@@ -193,6 +193,6 @@ def test_a_closed_client_asks_nobody(ros, peer):
     client.wait(30.0)
     client.close()
     client.close()
-    assert not client.is_there
+    assert not client.is_available
     with pytest.raises(CallError, match="/peer/echo: the client is closed"):
         client.start({"data": True})

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.bridge.convert import ConversionError, TopicQueue, quality
+from app.bridge.convert import ConversionError, TopicQueue, qos_profile
 from app.bridge.node import RosNode
 
 STRING = "std_msgs/msg/String"
@@ -15,7 +15,7 @@ def ros(domain_id):
 
 
 def test_a_full_queue_loses_the_oldest_and_counts_them(ros):
-    queue = TopicQueue(ros, STRING, "/words", quality(depth=3))
+    queue = TopicQueue(ros, STRING, "/words", qos_profile(depth=3))
     texts = ("a", "b", "c", "d", "e")
     for text in texts:  # as CDR has it: header, length with the final zero, characters
         queue._take_in(b"\x00\x01\x00\x00\x02\x00\x00\x00" + text.encode() + b"\x00")
@@ -25,13 +25,13 @@ def test_a_full_queue_loses_the_oldest_and_counts_them(ros):
 
 
 def test_bytes_that_are_no_message_are_said(ros):
-    queue = TopicQueue(ros, STRING, "/words", quality())
+    queue = TopicQueue(ros, STRING, "/words", qos_profile())
     with pytest.raises(ConversionError, match="/words: 3 bytes are no String"):
         queue.read(b"\x00\x01\x00")
 
 
 def test_a_closed_queue_has_left_the_graph(ros):
-    queue = TopicQueue(ros, STRING, "/words", quality())
+    queue = TopicQueue(ros, STRING, "/words", qos_profile())
     assert ros.node.count_subscribers("/words") == 1
     queue.close()
     assert ros.node.count_subscribers("/words") == 0

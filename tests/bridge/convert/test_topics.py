@@ -11,7 +11,7 @@ from app.bridge.convert import (
     TopicPublisher,
     TopicSubscriber,
     UnknownTypeError,
-    quality,
+    qos_profile,
 )
 from app.bridge.node import RosNode
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
@@ -99,7 +99,7 @@ def test_our_millimetres_are_metres_there(ros, start_receiver):
     ],
 )
 def test_types_that_users_of_slicer_know(ros, start_receiver, short, kind, values, there):
-    publisher = TopicPublisher(ros, short, "~/x", quality(durability="transient_local"))
+    publisher = TopicPublisher(ros, short, "~/x", qos_profile(durability="transient_local"))
     publisher.publish(values)
     (line,) = start_receiver(f"/marginguard/x:{kind}:1:latched").messages()
     assert there.items() <= line["message"].items()
@@ -108,15 +108,15 @@ def test_types_that_users_of_slicer_know(ros, start_receiver, short, kind, value
 def test_a_late_joiner_hears_what_another_process_has_latched(ros, speak):
     speak("/notice", "std_msgs/msg/String", "0", "{'data': 'ready for you'}", "latched")
     heard = threading.Event()
-    latched = quality(depth=1, durability="transient_local")
+    latched = qos_profile(depth=1, durability="transient_local")
     subscriber = TopicSubscriber(ros, "String", "/notice", latched, changed=heard.set)
     assert heard.wait(30.0)
     assert subscriber.values == {"data": "ready for you"}
 
 
 def test_a_promise_that_does_not_fit_is_reported(ros, speak, capfd):
-    subscriber = TopicSubscriber(ros, "String", "/lossy", quality(reliability="reliable"))
-    fitting, heard = quality(reliability="best_effort"), threading.Event()
+    subscriber = TopicSubscriber(ros, "String", "/lossy", qos_profile(reliability="reliable"))
+    fitting, heard = qos_profile(reliability="best_effort"), threading.Event()
     TopicSubscriber(ros, "String", "/lossy", fitting, changed=heard.set)
     speak("/lossy", "std_msgs/msg/String", "0.01", "{'data': 'x'}", "best_effort")
     assert heard.wait(30.0)
@@ -128,7 +128,7 @@ def test_a_promise_that_does_not_fit_is_reported(ros, speak, capfd):
 def test_ten_thousand_a_second_cost_no_reading(ros, speak):
     # As fast as one process can: each is taken, one is read.
     many = threading.Event()
-    subscriber = TopicSubscriber(ros, POSE, "/flood", quality(depth=1), changed=lambda: taken())
+    subscriber = TopicSubscriber(ros, POSE, "/flood", qos_profile(depth=1), changed=lambda: taken())
 
     def taken():
         if subscriber.count >= 2000:
@@ -163,4 +163,4 @@ def test_names_and_promises_that_are_none(ros):
             make(ros, "String", "two words")
     for wrong in ({"depth": 0}, {"reliability": "good"}, {"durability": "for ever"}):
         with pytest.raises(ConversionError):
-            quality(**wrong)
+            qos_profile(**wrong)

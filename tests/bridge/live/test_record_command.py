@@ -23,7 +23,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import Marker
 
 from app.bridge.calls import ServiceClient
-from app.bridge.convert import quality
+from app.bridge.convert import qos_profile
 from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 from app.case import open_case
@@ -152,7 +152,7 @@ def test_publishers_that_promise_less_and_come_later_are_recorded_and_nothing_tw
     start, domain_id, tmp_path
 ):
     news = Topic("/news", String, STREAM)
-    weaker = Topic("/news", String, quality(reliability="best_effort", depth=100))
+    weaker = Topic("/news", String, qos_profile(reliability="best_effort", depth=100))
     with RosNode("speaker", domain_id=domain_id) as ros:
         reliable = ros.publisher(news)
         recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "x"), "--topics", "/news")

@@ -234,7 +234,7 @@ def test_stamps_that_jump_back_begin_an_edge_anew():
 
 
 def test_memory_is_bounded_by_time_by_number_and_by_frames():
-    buffer = TransformBuffer(keep_ns=1_000, most_samples=50, most_frames=3)
+    buffer = TransformBuffer(keep_ns=1_000, max_samples=50, max_frames=3)
     for stamp in range(5_000):
         buffer.insert("a", "b", stamp, IDENTITY)
     buffer.lookup("a", "b", 4_950)

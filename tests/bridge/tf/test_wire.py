@@ -41,8 +41,8 @@ def by_rclpy(samples):
 def test_what_rclpy_writes_is_read(given_samples):
     read = TfMessageReader()(serialize_message(by_rclpy(given_samples)))
     assert [sample[:3] for sample in read] == [sample[:3] for sample in given_samples]
-    for sample, wanted in zip(read, given_samples, strict=True):
-        assert sample.pose == pytest.approx(wanted.pose, rel=1e-12, abs=1e-12)
+    for sample, needed in zip(read, given_samples, strict=True):
+        assert sample.pose == pytest.approx(needed.pose, rel=1e-12, abs=1e-12)
 
 
 @settings(max_examples=150)

@@ -1,4 +1,4 @@
-"""Quality of service in words, as a configuration file has it."""
+"""QoS profiles from the names of their policies."""
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -12,19 +12,24 @@ _DURABILITY = {
     "volatile": DurabilityPolicy.VOLATILE,
     "transient_local": DurabilityPolicy.TRANSIENT_LOCAL,
 }
-_MOST_DEPTH = 10_000
+_MAX_DEPTH = 10_000
 
 
-def quality(
+def qos_profile(
     *, depth: int = 10, reliability: str = "reliable", durability: str = "volatile"
 ) -> QoSProfile:
-    """Keep the last ``depth`` messages; ``transient_local`` is what ROS users call latched."""
-    if not 1 <= depth <= _MOST_DEPTH:
-        raise ConversionError(f"depth {depth} of a topic: 1 to {_MOST_DEPTH} wanted")
+    """QoS profile that keeps the last ``depth`` messages; ``transient_local`` means latched.
+
+    Raises `ConversionError` for an unknown policy and a depth out of range.
+    """
+    if not 1 <= depth <= _MAX_DEPTH:
+        raise ConversionError(f"depth is {depth}; expected 1 to {_MAX_DEPTH}")
     if reliability not in _RELIABILITY:
-        raise ConversionError(f"reliability {reliability!r}: {' or '.join(_RELIABILITY)} wanted")
+        raise ConversionError(
+            f"reliability is {reliability!r}; expected {' or '.join(_RELIABILITY)}"
+        )
     if durability not in _DURABILITY:
-        raise ConversionError(f"durability {durability!r}: {' or '.join(_DURABILITY)} wanted")
+        raise ConversionError(f"durability is {durability!r}; expected {' or '.join(_DURABILITY)}")
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
