@@ -1,8 +1,8 @@
-"""An independent ROS process that calls services one after the other and prints the replies.
+"""Independent ROS process that calls services one after the other and prints the replies.
 
     caller.py NAME:TYPE:{"field": value} ...
 
-Prints ``ready``, then each reply as a line of JSON. It imports nothing of the project.
+Prints ``ready``, then each reply as a line of JSON. It does not import the project.
 """
 
 import json

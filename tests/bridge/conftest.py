@@ -1,4 +1,4 @@
-"""ROS for tests: a domain each, on this machine only; other processes; steps to send."""
+"""ROS fixtures: a separate domain on this machine, peer processes, steps to publish."""
 
 import json
 import os
@@ -34,11 +34,11 @@ from tests.session_content import ONE_LINK_URDF, one_link_content
 HERE = Path(__file__).resolve().parent
 RECEIVER = HERE / "receiver.py"
 DEADLINE_S = 90.0
-"""A wait that takes longer has failed; nothing here takes more than a few seconds."""
+"""Timeout of a wait; none takes more than a few seconds if it succeeds."""
 
 
 class Receiver:
-    """A process of its own that prints each message it gets as a line of JSON."""
+    """Process that prints each message it receives as a line of JSON."""
 
     def __init__(
         self, script: Path, arguments: list[str], environment: dict[str, str], log: Path
@@ -52,40 +52,40 @@ class Receiver:
                 text=True,
                 env={**os.environ, **environment},
             )
-        # Ends a read that would wait for ever.
+        # Ends a read that would otherwise block indefinitely.
         self._deadline = threading.Timer(DEADLINE_S, self._process.kill)
         self._deadline.start()
         self._early: list[str] = []
 
     def wait_until_ready(self) -> None:
-        """Return when the other process has found a publisher for each of its topics."""
+        """Wait until the process has discovered a publisher for each of its topics."""
         early = []
         for line in self._lines():
             if line.strip() == "ready":
                 self._early = early
                 return
-            early.append(line)  # latched, from before the others were found
-        pytest.fail(f"the receiving process found no publisher: {self._said()}")
+            early.append(line)  # latched message, received before the other publishers were found
+        pytest.fail(f"the receiving process found no publisher: {self._result()}")
 
     def take(self, count: int) -> list[dict[str, Any]]:
-        """The next ``count`` messages, as soon as they are there."""
-        self._wait_anew()
+        """Wait for the next ``count`` messages."""
+        self._restart_deadline()
         lines = list(islice(self._lines(), count))
         if len(lines) < count:
-            pytest.fail(f"{len(lines)} messages came, {count} wanted: {self._said()}")
+            pytest.fail(f"received {len(lines)} messages; expected {count}: {self._result()}")
         return [json.loads(line) for line in lines]
 
     def messages(self) -> list[dict[str, Any]]:
-        """All further messages; it ends by itself once it has what it was told to wait for."""
-        self._wait_anew()
+        """All further messages until the process has received its counts and exits."""
+        self._restart_deadline()
         lines = [line for line in self._lines() if line.strip() != "ready"]
         if self._process.wait() != 0:
-            pytest.fail(f"the receiving process did not get everything: {self._said()}")
+            pytest.fail(f"the receiving process did not get all messages: {self._result()}")
         return [json.loads(line) for line in lines]
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """The process stands still meanwhile."""
+        """Suspend the process in the ``with`` block."""
         self._process.send_signal(signal.SIGSTOP)
         try:
             yield
@@ -100,7 +100,7 @@ class Receiver:
         assert self._process.stdout is not None
         self._process.stdout.close()
 
-    def _wait_anew(self) -> None:
+    def _restart_deadline(self) -> None:
         self._deadline.cancel()
         self._deadline = threading.Timer(DEADLINE_S, self._process.kill)
         self._deadline.start()
@@ -111,7 +111,7 @@ class Receiver:
             yield self._early.pop(0)
         yield from iter(self._process.stdout.readline, "")
 
-    def _said(self) -> str:
+    def _result(self) -> str:
         self._process.kill()
         return f"status {self._process.wait()}, {self._log.read_text()!r}"
 
@@ -121,7 +121,7 @@ StartReceiver = Callable[..., Receiver]
 
 @pytest.fixture
 def start_receiver(domain_id: int, tmp_path: Path) -> Iterator[StartReceiver]:
-    """``start_receiver("/tf", "tf2_msgs/msg/TFMessage", ...)``; killed at the end if need be."""
+    """``start_receiver("/tf:tf2_msgs/msg/TFMessage:10", ...)``; killed after the test."""
     started: list[Receiver] = []
 
     def start(
@@ -159,7 +159,7 @@ CYCLONE_ON_THIS_MACHINE = {
 
 @pytest.fixture
 def start_cyclone(start_receiver: StartReceiver) -> StartReceiver:
-    """``start_cyclone("virtual_fixture", "10")``: a listener on ``/tf`` without ROS."""
+    """``start_cyclone("virtual_fixture", "10")`` starts a ``/tf`` listener without ROS."""
 
     def start(*arguments: str, wait: bool = True) -> Receiver:
         return start_receiver(
@@ -186,12 +186,12 @@ MakeStep = Callable[..., StepResult]
 
 @pytest.fixture
 def make_step() -> MakeStep:
-    """``make_step(3)``: the fourth step of a replay at 50 Hz, all of it tracked."""
+    """``make_step(3)`` makes the fourth step of a replay at 50 Hz, with all frames tracked."""
     return _step
 
 
 def _step(index: int, *, lost: bool = False, state: MarginState | None = None) -> StepResult:
-    """One step: the tool 7.5 mm from the tumour, moving along x by 1 mm a step.
+    """Step with the tool 7.5 mm from the tumour, moving along x by 1 mm per step.
 
     The needle's sample is 3 ms older than the frame and governs the decision's stamp.
     """

@@ -1,11 +1,11 @@
-"""A process of another DDS implementation that calls services: Eclipse Cyclone DDS, without ROS.
+"""Process that calls services with Eclipse Cyclone DDS, without ROS.
 
     cyclone_caller.py NODE PARAMETER
 
-Calls ``NODE/ping`` (std_srvs/Trigger) and asks for the node's parameter, a double, by
+Calls ``NODE/ping`` (std_srvs/Trigger) and reads the node's parameter, a double, with
 ``NODE/get_parameters``; prints each reply as a line of JSON. A service is a pair of topics,
-``rq/NAMERequest`` and ``rr/NAMEReply``. Which request a reply belongs to stands in the metadata
-of the sample, which this reader does not see: it has one request under way at a time.
+``rq/NAMERequest`` and ``rr/NAMEReply``. The metadata of a sample identifies the request of a
+reply. This reader does not see the metadata, so it has one pending request at a time.
 """
 
 import json
@@ -30,27 +30,27 @@ QOS = Qos(
     Policy.Durability.Volatile,
     Policy.History.KeepLast(10),
 )
-MOST_TRIES = 60
+MAX_TRIES = 60
 
 
 def call(participant, name, request, reply_type):
-    """The first reply; the request is sent again every second, for an early one is dropped."""
-    asked = Topic(participant, f"rq{name}Request", type(request), qos=QOS)
-    answered = Topic(participant, f"rr{name}Reply", reply_type, qos=QOS)
-    reader = DataReader(participant, answered, qos=QOS)
-    writer = DataWriter(participant, asked, qos=QOS)
-    for _ in range(MOST_TRIES):
+    """Return the first reply; repeats the request every second, because an early one is lost."""
+    requests = Topic(participant, f"rq{name}Request", type(request), qos=QOS)
+    replies = Topic(participant, f"rr{name}Reply", reply_type, qos=QOS)
+    reader = DataReader(participant, replies, qos=QOS)
+    writer = DataWriter(participant, requests, qos=QOS)
+    for _ in range(MAX_TRIES):
         writer.write(request)
         for reply in reader.take_iter(timeout=duration(seconds=1)):
             return reply
-    raise TimeoutError(f"{name} did not answer")
+    raise TimeoutError(f"{name} did not reply")
 
 
 def main(node, parameter):
     participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
     print("ready", flush=True)
-    said = call(participant, f"{node}/ping", TriggerRequest(0), TriggerResponse)
-    print(json.dumps({"success": said.success, "message": said.message}), flush=True)
+    pong = call(participant, f"{node}/ping", TriggerRequest(0), TriggerResponse)
+    print(json.dumps({"success": pong.success, "message": pong.message}), flush=True)
     found = call(
         participant,
         f"{node}/get_parameters",

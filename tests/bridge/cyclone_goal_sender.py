@@ -1,11 +1,10 @@
-"""A process of another DDS implementation that sends goals: Eclipse Cyclone DDS, without ROS.
+"""Process that sends goals with Eclipse Cyclone DDS, without ROS.
 
     cyclone_goal_sender.py NAME ACTION JSON ...
 
 NAME serves ``marginguard_msgs/action/ACTION``. Each JSON is an object with the goal's fields;
-"cancel" in it cancels the goal at its first feedback. Prints ``ready``, then for each goal what
-the action's services and topics said, as a line of JSON. It imports nothing of the project and
-nothing of ROS.
+"cancel" cancels the goal at its first feedback. Prints ``ready``, then the replies and messages of
+each goal as a line of JSON. It imports neither the project nor ROS.
 """
 
 import json
@@ -33,7 +32,7 @@ from cyclonedds.util import duration
 RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
 QOS = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(1000))
 LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1000))
-MOST_TRIES = 60
+MAX_TRIES = 60
 DEADLINE_S = 80  # the first replay after a checkout compiles for up to a minute
 ENDED = (4, 5, 6)  # succeeded, cancelled, aborted: action_msgs/GoalStatus
 
@@ -42,25 +41,25 @@ class Service:
     """Requests and replies of one service; one request at a time."""
 
     def __init__(self, participant, name, request_type, reply_type):
-        asked = Topic(participant, f"rq/{name}Request", request_type, qos=QOS)
-        answered = Topic(participant, f"rr/{name}Reply", reply_type, qos=QOS)
-        self._reader = DataReader(participant, answered, qos=QOS)
-        self._writer = DataWriter(participant, asked, qos=QOS)
+        requests = Topic(participant, f"rq/{name}Request", request_type, qos=QOS)
+        replies = Topic(participant, f"rr/{name}Reply", reply_type, qos=QOS)
+        self._reader = DataReader(participant, replies, qos=QOS)
+        self._writer = DataWriter(participant, requests, qos=QOS)
 
-    def ask(self, request):
+    def send(self, request):
         self._writer.write(request)
 
-    def reply(self, wanted=lambda reply: True):
-        return following(self._reader, wanted)
+    def reply(self, accept=lambda reply: True):
+        return next_sample(self._reader, accept)
 
     def call(self, request):
-        self.ask(request)
+        self.send(request)
         return self.reply()
 
     def is_served(self, request):
-        """Whether somebody answers within a minute; asked every second, an early one is dropped."""
-        for _ in range(MOST_TRIES):
-            self.ask(request)
+        """True if a reply arrives within a minute; repeats the request every second."""
+        for _ in range(MAX_TRIES):
+            self.send(request)
             for _ in self._reader.take_iter(timeout=duration(seconds=1)):
                 return True
         return False
@@ -90,37 +89,38 @@ class Action:
         self._result = Service(participant, f"{name}/get_result", *types.get_result)
 
     def wait_for_server(self):
-        """Wait for the one who gives feedback, then ask for no goal's result until it is answered.
+        """Wait for the feedback publisher, then request an unknown result until a reply arrives.
 
-        Endpoints are announced in order: a server that has found our last service has found all,
-        and we have found its services once we have found its topics, which it makes after them.
+        Endpoints are announced in the order of their creation. A server that has discovered our
+        last service has discovered all of them. It creates its topics after its services, so its
+        services are discovered once its topics are.
         """
         self._feedback.set_status_mask(DDSStatus.SubscriptionMatched)
         waiting = WaitSet(self._participant)
         waiting.attach(self._feedback)
-        if waiting.wait(timeout=duration(seconds=MOST_TRIES)) == 0:
-            raise TimeoutError("nobody gives feedback")
+        if waiting.wait(timeout=duration(seconds=MAX_TRIES)) == 0:
+            raise TimeoutError("no publisher of feedback found")
         if not self._result.is_served(self._result_request(UUID(bytes(16)))):
-            raise TimeoutError("the action does not answer")
+            raise TimeoutError("the action does not reply")
 
     def send(self, fields, cancel):
         key, goal = UUID(uuid.uuid4().bytes), self._types.goal(**fields)
         goal_request, _ = self._types.send_goal
         if not self._goal.call(goal_request(key, goal)).accepted:
             raise ValueError(f"rejected: {goal}")
-        first = following(self._feedback, lambda message: message.goal_id == key)
+        first = next_sample(self._feedback, lambda message: message.goal_id == key)
         cancelled = None
         if cancel:
             reply = self._cancel.call(CancelGoalRequest(GoalInfo(key, Time(0, 0))))
             ours = [info.goal_id == key for info in reply.goals_canceling]
             cancelled = {"return_code": reply.return_code, "ours": ours}
-        self._result.ask(self._result_request(key))
-        # Late answers to `wait_for_server` have status 0, unknown.
+        self._result.send(self._result_request(key))
+        # Late replies to `wait_for_server` have status 0, unknown.
         result = self._result.reply(lambda reply: reply.status != 0)
         return {
             "first": asdict(first.feedback),
             "cancel": cancelled,
-            "states": self._states_until_the_end(key),
+            "states": self._states(key),
             "status": result.status,
             "result": asdict(result.result),
         }
@@ -129,7 +129,8 @@ class Action:
         request, _ = self._types.get_result
         return request(key)
 
-    def _states_until_the_end(self, key):
+    def _states(self, key):
+        """All states of the goal up to a terminal one."""
         states = []
 
         def has_ended(message):
@@ -137,16 +138,16 @@ class Action:
             states.extend(new)
             return new and new[-1] in ENDED
 
-        following(self._status, has_ended)
+        next_sample(self._status, has_ended)
         return states
 
 
-def following(reader, wanted=lambda sample: True):
-    """The next sample that is wanted; `TimeoutError` when none comes for too long."""
+def next_sample(reader, accept=lambda sample: True):
+    """Return the next sample that ``accept`` accepts; raises `TimeoutError`."""
     for sample in reader.take_iter(timeout=duration(seconds=DEADLINE_S)):
-        if wanted(sample):
+        if accept(sample):
             return sample
-    raise TimeoutError(f"{reader.topic.name} brought nothing that was waited for")
+    raise TimeoutError(f"no expected sample on {reader.topic.name}")
 
 
 def main(name, kind, *goals):

@@ -1,11 +1,11 @@
-"""A process of another DDS implementation: Eclipse Cyclone DDS, its types written by hand.
+"""Process that receives ``/tf`` with Eclipse Cyclone DDS, with hand-written types.
 
     cyclone_listener.py CHILD COUNT
 
-Prints ``ready`` once a publisher was found, then every transform that arrives on ``/tf`` as a line
-of JSON, and ends with status 0 once COUNT transforms of the frame CHILD have come (status 1 after
-a minute without). It imports nothing of the project and nothing of ROS: names and layouts are
-those of ROS 2's mapping to DDS (topic prefix ``rt``, types ``package::msg::dds_::Type_``).
+Prints ``ready`` when a publisher is discovered, then every transform on ``/tf`` as a line of JSON.
+Exits with status 0 after COUNT transforms of the frame CHILD, with 1 after a minute without
+messages. It imports neither the project nor ROS: names and layouts follow ROS 2's mapping to DDS
+(topic prefix ``rt``, types ``package::msg::dds_::Type_``).
 """
 
 import json
@@ -45,10 +45,10 @@ def main(child: str, count: int) -> int:
     reader.set_status_mask(DDSStatus.SubscriptionMatched)
     waiting = WaitSet(participant)
     waiting.attach(reader)
-    # A volatile reader drops what is sent before it knows the writer, even from a writer that
-    # knows the reader already.
+    # A volatile reader drops samples sent before it has discovered the writer, even if the writer
+    # has already discovered the reader.
     if waiting.wait(timeout=duration(seconds=60)) == 0:
-        print("nobody publishes rt/tf", file=sys.stderr)
+        print("no publisher of rt/tf found", file=sys.stderr)
         return 1
     waiting.detach(reader)
     print("ready", flush=True)

@@ -1,7 +1,7 @@
-"""A tracker by another DDS implementation, Eclipse Cyclone DDS: edges of ``/tf``, one when asked.
+"""Process that publishes edges on ``/tf`` with Eclipse Cyclone DDS, one per line of input.
 
-Prints ``ready`` when two readers listen. For each line of standard input it sends the next edge
-(``tracker -> sent_N``, stamped N ns), reliably and once. It imports nothing of ROS.
+Prints ``ready`` when it has two readers. For each line of standard input it publishes the next
+edge (``tracker -> sent_N``, stamp N ns) once, reliably. It does not import ROS.
 """
 
 import os
@@ -23,10 +23,10 @@ def main():
     while len(writer.get_matched_subscriptions()) < 2:
         time.sleep(0.01)
     print("ready", flush=True)
-    nowhere = Transform(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    identity = Transform(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
     for number, _ in enumerate(sys.stdin):
         header = Header(Time(0, number), "tracker")
-        writer.write(TFMessage([TransformStamped(header, f"sent_{number}", nowhere)]))
+        writer.write(TFMessage([TransformStamped(header, f"sent_{number}", identity)]))
 
 
 if __name__ == "__main__":

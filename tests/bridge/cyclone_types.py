@@ -1,8 +1,8 @@
-"""Types of ROS 2 as another DDS implementation has them, written by hand; nothing of ROS here.
+"""Hand-written ROS 2 types for Cyclone DDS, without ROS.
 
-Names and layouts are those of ROS 2's mapping to DDS: ``package::msg::dds_::Type_``; a request
-without fields has one that means nothing. An action is three services and two topics, whose types
-hold the action's own goal, result and feedback beside the goal's id.
+Names and layouts follow ROS 2's mapping to DDS: ``package::msg::dds_::Type_``. A request without
+fields has one unused field. An action consists of three services and two topics, whose types
+contain the action's goal, result and feedback and the id of the goal.
 """
 
 from dataclasses import dataclass
@@ -197,7 +197,7 @@ class CalibrateFeedback(IdlStruct, typename="marginguard_msgs::action::dds_::Cal
 
 
 class ActionTypes:
-    """The types of an action's own services and topics, made from those of its three parts."""
+    """Types of an action's services and topics, made from its goal, result and feedback types."""
 
     def __init__(self, name, goal_type, result_type, feedback_type):
         scope = f"marginguard_msgs::action::dds_::{name}_"

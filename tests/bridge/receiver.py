@@ -1,11 +1,10 @@
-"""An independent ROS process: prints what it receives as JSON. It imports nothing of the project.
+"""Independent ROS process that prints the messages it receives. It does not import the project.
 
     receiver.py TOPIC:TYPE:COUNT[:latched] ...
 
-Prints ``ready`` once every topic has a publisher (both sides must know each other: a volatile
-reader drops what is sent before it knows the writer), then ``{"topic": ..., "message": {...}}`` a
-line, and ends with status 0 once every topic has had its COUNT of messages (status 1 after a
-minute without any).
+Prints ``ready`` when every topic has a publisher (a volatile reader drops messages that are sent
+before it has discovered the writer), then ``{"topic": ..., "message": {...}}`` per line. Exits with
+status 0 when every topic has received its COUNT of messages, with 1 after a minute without any.
 """
 
 import json
@@ -35,16 +34,16 @@ def main() -> int:
     unmatched = set()
     done = rclpy.task.Future()
 
-    heard_s = [time.monotonic()]
+    received_s = [time.monotonic()]
 
-    def take(topic, message):
-        heard_s[0] = time.monotonic()
+    def on_message(topic, message):
+        received_s[0] = time.monotonic()
         print(json.dumps({"topic": topic, "message": as_plain(message)}), flush=True)
         waiting[topic] -= 1
         if max(waiting.values()) <= 0 and not done.done():
             done.set_result(True)
 
-    def match(topic):
+    def on_matched(topic):
         if topic in unmatched:
             unmatched.remove(topic)
             if not unmatched:
@@ -63,11 +62,13 @@ def main() -> int:
         node.create_subscription(
             getattr(import_module(f"{package}.{folder}"), name),
             topic,
-            lambda message, topic=topic: take(topic, message),
+            lambda message, topic=topic: on_message(topic, message),
             qos,
-            event_callbacks=SubscriptionEventCallbacks(matched=lambda _, topic=topic: match(topic)),
+            event_callbacks=SubscriptionEventCallbacks(
+                matched=lambda _, topic=topic: on_matched(topic)
+            ),
         )
-    while not done.done() and time.monotonic() - heard_s[0] < 60.0:
+    while not done.done() and time.monotonic() - received_s[0] < 60.0:
         rclpy.spin_until_future_complete(node, done, timeout_sec=1.0)
     node.destroy_node()
     rclpy.shutdown()

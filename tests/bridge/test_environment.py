@@ -1,4 +1,4 @@
-"""Discovery stays on this machine by default, and the wheels' start-up hook does no harm."""
+"""Discovery stays on this machine by default; start-up hook of the ROS wheels."""
 
 import os
 import subprocess
@@ -42,12 +42,12 @@ def test_discovery_stays_on_this_machine_by_udp(given):
     variables = dict(given)
     line = prepare_environment(variables)
     assert variables == {**given, **BY_UDP}
-    assert "this machine: set" in line
+    assert "this machine; set" in line
     assert "SUBNET" in line
 
 
 @pytest.mark.parametrize("choice", ["SUBNET", "OFF", "SYSTEM_DEFAULT", "LOCALHOST"])
-def test_the_choice_of_the_user_wins(choice):
+def test_user_choice_is_kept(choice):
     variables = {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": choice,
         "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT",
@@ -58,7 +58,7 @@ def test_the_choice_of_the_user_wins(choice):
 
 
 @pytest.mark.parametrize("choice", ["SUBNET", "OFF"])
-def test_a_child_may_be_asked_for_another_range(choice):
+def test_child_can_use_another_range(choice):
     variables = {**BY_UDP, "ROS_AUTOMATIC_DISCOVERY_RANGE": choice}
     line = prepare_environment(variables)
     assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in variables
@@ -69,16 +69,16 @@ def test_a_child_may_be_asked_for_another_range(choice):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("FASTRTPS_DEFAULT_PROFILES_FILE", "his.xml"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "user.xml"),
         ("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"),
         ("ROS_DISCOVERY_SERVER", "10.0.0.2:11811"),
         ("ROS_LOCALHOST_ONLY", "1"),
         ("ROS_STATIC_PEERS", "10.0.0.2"),
     ],
 )
-def test_an_arrangement_of_the_user_is_not_undone_and_said(name, value):
+def test_user_configuration_is_kept_and_named(name, value):
     variables = {name: value}
-    assert f"this machine, but for what {name} may say" in prepare_environment(variables)
+    assert f"this machine, unless {name} configures" in prepare_environment(variables)
     assert variables == {
         name: value,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -86,7 +86,7 @@ def test_an_arrangement_of_the_user_is_not_undone_and_said(name, value):
     }
 
 
-def test_a_profile_of_the_user_in_the_folder_that_we_run_in_counts_too(monkeypatch, tmp_path):
+def test_user_profile_in_working_directory_is_kept(monkeypatch, tmp_path):
     (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text("<profiles/>")
     monkeypatch.chdir(tmp_path)
     variables = {}
@@ -97,22 +97,22 @@ def test_a_profile_of_the_user_in_the_folder_that_we_run_in_counts_too(monkeypat
     assert skipped == BY_UDP
 
 
-def test_without_its_profile_discovery_is_not_opened(monkeypatch, tmp_path):
+def test_discovery_stays_local_if_the_profile_is_missing(monkeypatch, tmp_path):
     monkeypatch.setattr("app.bridge.environment.UDP_ON_THIS_MACHINE", tmp_path / "gone.xml")
     variables = {}
     prepare_environment(variables)
     assert variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
-def test_the_environment_of_the_process_is_the_default(monkeypatch):
+def test_process_environment_is_the_default(monkeypatch):
     for name in BY_UDP:
         monkeypatch.setenv(name, "")
     prepare_environment()
     assert {name: os.environ[name] for name in BY_UDP} == BY_UDP
 
 
-def test_a_killed_peer_shares_no_memory_with_us_and_no_other_machine_hears_of_us(domain_id):
-    # Asked of the kernel: Fast DDS could leave our profile out without a word.
+def test_node_uses_no_shared_memory_and_no_multicast(domain_id):
+    # Checked in the kernel, because Fast DDS may ignore our profile without an error.
     with RosNode("alone", domain_id=domain_id):
         assert "/dev/shm/fastrtps" not in Path("/proc/self/maps").read_text()
         assert not listens_to_other_machines(domain_id)
@@ -121,10 +121,10 @@ def test_a_killed_peer_shares_no_memory_with_us_and_no_other_machine_hears_of_us
 STARTED = """
 import sys
 from app.bridge import BridgeError, RosNode
-from app.bridge.open_ports import hears_other_machines
+from app.bridge.open_ports import listens_to_other_machines
 try:
     with RosNode("alone", domain_id=int(sys.argv[1])) as ros:
-        print(hears_other_machines(int(sys.argv[1])))
+        print(listens_to_other_machines(int(sys.argv[1])))
 except BridgeError as error:
     print(error)
 """
@@ -143,26 +143,26 @@ def started(domain: int, **environment: str) -> str:
     ).stdout.strip()
 
 
-def test_a_node_is_refused_that_other_machines_would_hear(domain_id, tmp_path):
-    # As with a Fast DDS that knows the profile by another variable.
+def test_node_visible_to_other_machines_is_refused(domain_id, tmp_path):
+    # A profile without our settings simulates a Fast DDS that does not read ours.
     unread = tmp_path / UDP_ON_THIS_MACHINE.name
     unread.write_text(WHOLE_NETWORK)
     line = started(domain_id, FASTRTPS_DEFAULT_PROFILES_FILE=str(unread))
-    assert "'alone' would be heard by other machines" in line
+    assert "'alone' would be visible to other machines" in line
     assert "\n" not in line
 
 
-def test_a_node_that_is_asked_for_the_network_hears_it(domain_id, tmp_path):
-    his = tmp_path / "his.xml"
-    his.write_text(WHOLE_NETWORK)
+def test_subnet_range_opens_discovery(domain_id, tmp_path):
+    profile = tmp_path / "user.xml"
+    profile.write_text(WHOLE_NETWORK)
     environment = {
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(his),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
     }
     assert started(domain_id, **environment) == "True"
 
 
-def test_the_start_up_hook_keeps_process_arguments_and_streams():
+def test_start_up_hook_keeps_process_arguments_and_streams():
     program = "import os, sys; print(os.getpid(), sys.argv[1:], sys.stdin.read())"
     process = subprocess.Popen(
         [sys.executable, "-c", program, "replay", "a b", ""],
@@ -175,7 +175,7 @@ def test_the_start_up_hook_keeps_process_arguments_and_streams():
     assert out.strip() == f"{process.pid} ['replay', 'a b', ''] given"
 
 
-def test_a_process_that_never_saw_the_hook_can_still_start_ros():
+def test_ros_starts_without_the_start_up_hook():
     program = "import rclpy.context as c; x = c.Context(); x.init(); x.shutdown(); print('up')"
     result = subprocess.run(
         [sys.executable, "-c", program],

@@ -1,4 +1,4 @@
-"""Repeats what is newest, counts without a gap, and does not die in silence."""
+"""Heartbeat: repetition, sequence numbers, expiry and errors."""
 
 import threading
 
@@ -20,7 +20,7 @@ class Sent:
             self.enough.set()
 
 
-def test_without_a_rate_each_message_is_sent_once():
+def test_without_rate_each_message_is_sent_once():
     sent = Sent(2)
     heartbeat = Heartbeat(sent, None)
     heartbeat.newest("a")
@@ -29,7 +29,7 @@ def test_without_a_rate_each_message_is_sent_once():
     assert sent.pairs == [("a", 0), ("b", 1)]
 
 
-def test_the_newest_is_repeated_and_counted_without_a_gap():
+def test_newest_message_is_repeated_with_consecutive_seq():
     sent = Sent(20)
     heartbeat = Heartbeat(sent, 1000.0)
     heartbeat.newest("a")
@@ -37,12 +37,12 @@ def test_the_newest_is_repeated_and_counted_without_a_gap():
     heartbeat.newest("b")
     heartbeat.close()
     assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))
-    words = [message for message, _ in sent.pairs]
-    assert words == sorted(words)
-    assert words.count("a") >= 20
+    messages = [message for message, _ in sent.pairs]
+    assert messages == sorted(messages)
+    assert messages.count("a") >= 20
 
 
-def test_before_the_first_message_there_is_no_beat_and_after_closing_none_either():
+def test_nothing_is_sent_before_first_message_and_after_close():
     sent = Sent(1)
     heartbeat = Heartbeat(sent, 1000.0)
     assert not sent.enough.wait(0.02)
@@ -53,7 +53,7 @@ def test_before_the_first_message_there_is_no_beat_and_after_closing_none_either
     assert len(sent.pairs) == count
 
 
-def test_an_error_in_the_thread_is_raised_by_the_next_message():
+def test_error_in_the_thread_is_raised_on_close():
     failed = threading.Event()
 
     def send(message, seq):
@@ -69,13 +69,13 @@ def test_an_error_in_the_thread_is_raised_by_the_next_message():
 
 
 @pytest.mark.parametrize("hz", [0.0, -1.0, 1001.0, float("nan")])
-def test_a_rate_out_of_range_is_refused(hz):
+def test_rate_out_of_range_is_refused(hz):
     with pytest.raises(BridgeError, match="heartbeat rate"):
         Heartbeat(print, hz)
 
 
 class SimulatedClock:
-    """Stands for the module ``time``: it goes on by what the threads sleep and nothing else."""
+    """Replaces the module ``time``; only `sleep` advances it."""
 
     def __init__(self):
         self.now_ns = 0
@@ -87,7 +87,7 @@ class SimulatedClock:
         self.now_ns += round(seconds * 1e9)
 
 
-def test_a_late_beat_is_sent_late_and_moves_none_of_those_after_it(monkeypatch):
+def test_late_beat_does_not_delay_the_next_beats(monkeypatch):
     clock = SimulatedClock()
     monkeypatch.setattr("app.bridge.heartbeat.time", clock)
     sent_ms = []
@@ -111,7 +111,7 @@ def test_a_late_beat_is_sent_late_and_moves_none_of_those_after_it(monkeypatch):
     assert after_ms == [0.0, 1.0, 2.0, 6.5, 6.5, 6.5, 6.5, 7.0, 8.0, 9.0]
 
 
-def test_a_beat_that_is_missed_is_left_out_and_counted():
+def test_missed_beats_are_skipped_and_counted():
     sent = Sent(3)
     held, go_on = threading.Event(), threading.Event()
 
@@ -124,7 +124,7 @@ def test_a_beat_that_is_missed_is_left_out_and_counted():
     heartbeat = Heartbeat(send, 1000.0)
     heartbeat.newest("a")
     assert held.wait(30.0)
-    # Time passes in a beat: as many are missed as would have fitted.
+    # The beats that are due while one is blocked are missed.
     threading.Event().wait(0.05)
     go_on.set()
     assert sent.enough.wait(30.0)
@@ -133,7 +133,7 @@ def test_a_beat_that_is_missed_is_left_out_and_counted():
     assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))
 
 
-def test_a_message_that_came_to_its_end_is_not_followed_unseen():
+def test_expired_message_is_replaced_and_reported():
     sent = Sent(1)
     heartbeat = Heartbeat(sent, None)
     heartbeat.newest("a", lasts_ns=10**12, afterwards="a is old")
@@ -150,20 +150,20 @@ def test_a_message_that_came_to_its_end_is_not_followed_unseen():
     assert sent.pairs == [("a", 0), ("b is old", 1), ("d", 2), ("rest", 3)]
 
 
-def test_the_last_word_is_sent_also_after_an_error_in_the_thread():
+def test_last_message_is_sent_after_an_error_in_the_thread():
     sent = []
 
     def send(message, seq):
         if seq == 1:
-            raise RuntimeError("the wire is cut")
+            raise RuntimeError("cannot publish")
         sent.append(message)
 
     heartbeat = Heartbeat(send, 1000.0)
     (beats,) = [thread for thread in threading.enumerate() if thread.name == "heartbeat"]
     heartbeat.newest("a")
     beats.join()
-    heartbeat.seq = 2  # the wire is mended
-    with pytest.raises(BridgeError, match="the wire is cut"):
+    heartbeat.seq = 2  # publishing works again
+    with pytest.raises(BridgeError, match="cannot publish"):
         heartbeat.rest("hold")
     assert sent == ["a", "hold"]
     heartbeat.close()

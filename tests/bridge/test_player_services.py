@@ -1,4 +1,4 @@
-"""The player obeys another process, and says why when it does not."""
+"""Player services called by another process."""
 
 import math
 from pathlib import Path
@@ -25,7 +25,7 @@ def player():
 
 @pytest.fixture
 def call(domain_id, start_receiver, player):
-    """``call("pause:TYPE:{}", ...)``: the replies that another process got."""
+    """``call("pause:TYPE:{}", ...)`` gives the replies to another process."""
     with RosNode("marginguard", domain_id=domain_id) as ros:
         PlayerServices(ros, player)
 
@@ -36,12 +36,12 @@ def call(domain_id, start_receiver, player):
         yield calls
 
 
-def test_pause_step_seek_and_play(call, player):
+def test_pause_step_seek_and_play_services(call, player):
     replies = call(f"pause:{TRIGGER}:{{}}", f"step:{TRIGGER}:{{}}", f'seek:{SEEK}:{{"time": 4.0}}')
     assert [reply["success"] for reply in replies] == [True, True, True]
     assert replies[2]["time"] == 4.0
     assert player.paused
-    # A seek while paused shows the frame that it went to, and no other.
+    # A seek while paused plays only the frame at that time.
     frames = player.play()
     assert next(frames).stamp.ns == 4 * 10**9
     assert call(f"play:{TRIGGER}:{{}}")[0]["success"]
@@ -49,7 +49,7 @@ def test_pause_step_seek_and_play(call, player):
     assert [frame.stamp.ns // 10**9 for frame in frames] == [5, 6, 7, 8, 9]
 
 
-def test_what_the_player_refuses_comes_back_as_a_reason(call, player):
+def test_refused_request_has_a_reason(call, player):
     seek, rate = call(f'seek:{SEEK}:{{"time": -1.0}}', f'set_rate:{SET_RATE}:{{"rate": 0.0}}')
     assert not seek["success"]
     assert "-1.0" in seek["message"]
@@ -59,8 +59,8 @@ def test_what_the_player_refuses_comes_back_as_a_reason(call, player):
     assert len(list(player.play())) == 10
 
 
-def test_an_infinite_rate_means_no_waiting(call, player):
-    # The clock of this player stands still: at a rate of 1 it would wait for ever.
+def test_infinite_rate_does_not_wait(call, player):
+    # The clock of this player does not advance: at a rate of 1 it would wait indefinitely.
     player.set_rate(1.0)
     (reply,) = call(f'set_rate:{SET_RATE}:{{"rate": Infinity}}')
     assert reply == {"success": True, "message": ""}

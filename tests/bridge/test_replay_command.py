@@ -1,4 +1,4 @@
-"""``marginguard replay`` in real time, heard by another DDS implementation while it runs."""
+"""``marginguard replay`` in real time, received by another DDS implementation."""
 
 import os
 import subprocess
@@ -18,7 +18,7 @@ def case_folder(project_root):
 
 @pytest.fixture
 def replay(domain_id, case_folder, project_root, tmp_path):
-    """The command, playing at the pace of the recording; ended at the latest with the test."""
+    """The command, playing at the rate of the recording; killed after the test."""
     log_file = tmp_path / "replay.log"
     with log_file.open("w") as log:
         process = subprocess.Popen(
@@ -31,11 +31,11 @@ def replay(domain_id, case_folder, project_root, tmp_path):
     yield process
     process.kill()
     process.wait()
-    print(log_file.read_text())  # shown when the test fails
+    print(log_file.read_text())  # displayed if the test fails
 
 
 def recorded_stamps(case_folder):
-    """Every acquisition stamp of the recording, by child frame; those of the joints as ``None``."""
+    """Acquisition stamps of the recording by child frame; those of joint states under ``None``."""
     stamps = {}
     for frame in open_case(case_folder).frames():
         for sample in frame.poses:
@@ -45,7 +45,7 @@ def recorded_stamps(case_folder):
     return stamps
 
 
-def test_cyclone_dds_hears_the_virtual_fixture_with_source_stamps(
+def test_cyclone_dds_receives_the_virtual_fixture_with_source_stamps(
     replay, case_folder, start_cyclone, tmp_path
 ):
     lines = start_cyclone("virtual_fixture", str(SAMPLES), wait=False).messages()
@@ -55,22 +55,22 @@ def test_cyclone_dds_hears_the_virtual_fixture_with_source_stamps(
     assert "Traceback" not in (tmp_path / "replay.log").read_text()
 
     recorded = recorded_stamps(case_folder)
-    anything = set().union(*recorded.values())
-    heard = {}
+    all_stamps = set().union(*recorded.values())
+    received = {}
     for line in lines:
-        heard.setdefault((line["parent"], line["child"]), []).append(line["stamp_ns"])
-    for (_, child), stamps in heard.items():
+        received.setdefault((line["parent"], line["child"]), []).append(line["stamp_ns"])
+    for (_, child), stamps in received.items():
         assert stamps == sorted(set(stamps)), f"{child}: each sample once, in order"
         if child == "virtual_fixture":
-            assert set(stamps) <= anything
+            assert set(stamps) <= all_stamps
         else:
             assert set(stamps) <= recorded.get(child, recorded[None]), child
-    fixture = heard["tumor", "virtual_fixture"]
+    fixture = received["tumor", "virtual_fixture"]
     assert len(fixture) >= SAMPLES
-    # At the pace of the recording: the stamps of 100 samples at 50 Hz are some 2 s apart.
+    # At the rate of the recording 100 samples at 50 Hz span about 2 s.
     assert 1.5e9 < fixture[SAMPLES - 1] - fixture[0] < 60e9
-    assert ("tracker", "cautery") in heard
-    links = [child for parent, child in heard if child not in recorded and parent != "tumor"]
+    assert ("tracker", "cautery") in received
+    links = [child for parent, child in received if child not in recorded and parent != "tumor"]
     assert len(links) >= 6
     for line in lines:
         assert abs(sum(value**2 for value in line["rotation"]) - 1.0) < 1e-9

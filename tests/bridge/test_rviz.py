@@ -1,4 +1,4 @@
-"""What ROS users open must ask for what is published, with a promise that fits."""
+"""RViz, launch and Foxglove files must match the published topics and the commands."""
 
 import ast
 import json
@@ -34,13 +34,13 @@ def topics_of(entry: Any) -> Iterator[dict[str, Any]]:
             yield from topics_of(item)
 
 
-def test_rviz_listens_to_topics_that_exist_and_are_latched(project_root):
+def test_rviz_subscribes_to_existing_topics_with_matching_qos(project_root):
     files = sorted((project_root / "rviz").glob("*.rviz"))
     assert files
     for path in files:
-        asked = list(topics_of(yaml.safe_load(path.read_text())))
-        assert asked
-        for entry in asked:
+        subscribed = list(topics_of(yaml.safe_load(path.read_text())))
+        assert subscribed
+        for entry in subscribed:
             topic = PUBLISHED[entry["Value"]]
             latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
             assert entry["Durability Policy"] == ("Transient Local" if latched else "Volatile")
@@ -55,7 +55,7 @@ def test_rviz_listens_to_topics_that_exist_and_are_latched(project_root):
         ("rviz.launch.py", []),
     ],
 )
-def test_a_launch_file_runs_command_lines_that_parse(project_root, file, commands):
+def test_launch_files_run_valid_command_lines(project_root, file, commands):
     text = (project_root / "launch" / file).read_text()
     tree = ast.parse(text)
     lines = [
@@ -64,9 +64,9 @@ def test_a_launch_file_runs_command_lines_that_parse(project_root, file, command
     assert len(lines) == len(commands)
     for line, command in zip(lines, commands, strict=True):
         assert isinstance(line, ast.List)
-        # A launch configuration stands for a value that the user gives: 1 is a case and a rate.
-        words = [item.value if isinstance(item, ast.Constant) else "1" for item in line.elts]
-        assert build_parser().parse_args(words[1:]).command == command
+        # A launch configuration is replaced by "1", which is valid as a case and as a rate.
+        arguments = [item.value if isinstance(item, ast.Constant) else "1" for item in line.elts]
+        assert build_parser().parse_args(arguments[1:]).command == command
     declared = set(re.findall(r"DeclareLaunchArgument\(\s*\"(\w+)\"", text))
     assert set(re.findall(r"LaunchConfiguration\(\"(\w+)\"\)", text)) == declared
     for name in re.findall(r"\"(\w+\.launch\.py)\"", text):
@@ -75,32 +75,32 @@ def test_a_launch_file_runs_command_lines_that_parse(project_root, file, command
         assert (project_root / "rviz" / name).is_file()
 
 
-def test_the_ros_package_installs_what_is_there_and_hides_no_other(project_root):
+def test_ros_package_installs_existing_folders_and_hides_no_other_package(project_root):
     folder = project_root / "ros" / "marginguard"
     package = ElementTree.parse(folder / "package.xml").getroot()
     assert package.findtext("name") == "marginguard"
     (names,) = re.findall(r"foreach\(folder ([^)]*)\)", (folder / "CMakeLists.txt").read_text())
     for name in names.split():
         assert (project_root / name).is_dir()
-    # colcon looks no further once it has found one.
+    # colcon does not search below a folder with a package.xml.
     assert not (project_root / "package.xml").exists()
     assert not (project_root / "ros" / "package.xml").exists()
 
 
-def test_the_foxglove_layout_shows_what_is_published(project_root):
+def test_foxglove_layout_uses_published_topics(project_root):
     layout = json.loads((project_root / "foxglove" / "marginguard.json").read_text())
     panels = layout["configById"]
 
-    def shown(node: Any) -> Iterator[str]:
+    def panels_of(node: Any) -> Iterator[str]:
         if isinstance(node, str):
             yield node
             return
         assert node["direction"] in {"row", "column"}
         assert 0 < node["splitPercentage"] < 100
         for part in ("first", "second"):
-            yield from shown(node[part])
+            yield from panels_of(node[part])
 
-    assert sorted(shown(layout["layout"])) == sorted(panels)
+    assert sorted(panels_of(layout["layout"])) == sorted(panels)
     assert {name.partition("!")[0] for name in panels} >= {
         "3D",
         "Plot",

@@ -1,4 +1,4 @@
-"""Another DDS implementation understands what we send, under discovery on this machine only."""
+"""Interoperability with Cyclone DDS, with discovery restricted to this machine."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ START_NS = 1_700_000_000_000_000_001
 def test_cyclone_dds_receives_tf_field_by_field(domain_id, start_cyclone):
     quarter_turn_about_z = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     transform = Transform("tumor", "virtual_fixture", quarter_turn_about_z, [1.0, 20.0, -300.0])
-    with RosNode("speaker", domain_id=domain_id) as ros:
+    with RosNode("sender", domain_id=domain_id) as ros:
         publisher = ros.publisher(TF)
         listener = start_cyclone("virtual_fixture", "20")
         assert ros.wait_for_subscribers(TF, 1, timeout_s=30.0)
@@ -33,8 +33,8 @@ def test_cyclone_dds_receives_tf_field_by_field(domain_id, start_cyclone):
     for line in received:
         assert line["translation"] == [0.001, 0.02, -0.3]
         half = 0.5**0.5
-        for value, wanted in zip(line["rotation"], [0.0, 0.0, half, half], strict=True):
-            assert abs(value - wanted) < 1e-15
+        for value, expected in zip(line["rotation"], [0.0, 0.0, half, half], strict=True):
+            assert abs(value - expected) < 1e-15
 
 
 def test_cyclone_dds_calls_a_service_and_reads_a_parameter(domain_id, start_receiver):

@@ -1,4 +1,4 @@
-"""A real pyigtl server in another process, and a plain socket for what no server would send."""
+"""A pyigtl server in another process, and a plain socket for invalid data."""
 
 import json
 import re
@@ -13,7 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-PEER = Path(__file__).resolve().parent / "peer.py"
+from tests.bridge.conftest import start_receiver as start_receiver
+from tests.ros_domain import domain_id as domain_id
+
+PEER = Path(__file__).resolve().parents[1] / "oracles" / "pyigtl_peer.py"
 DEADLINE_S = 60.0
 
 
@@ -46,7 +49,7 @@ class PyigtlServer:
 
 @pytest.fixture
 def start_pyigtl() -> Iterator[Callable[..., PyigtlServer]]:
-    """``start_pyigtl(port=0)``; killed at the end."""
+    """``start_pyigtl(port=0)`` starts a server, which is killed after the test."""
     started: list[PyigtlServer] = []
 
     def start(port: int = 0) -> PyigtlServer:
@@ -60,14 +63,14 @@ def start_pyigtl() -> Iterator[Callable[..., PyigtlServer]]:
 
 @pytest.fixture
 def listening() -> Iterator[socket.socket]:
-    """A socket on this machine that accepts connections, each to be played by the test."""
+    """Listening socket whose connections the test serves."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(DEADLINE_S)
         yield server
 
 
 def pose(x: float, y: float, z: float) -> list[list[float]]:
-    """A quarter turn about z, then a translation in mm: all of it exact in 32 bits."""
+    """Rotation by 90 degrees about z and a translation in mm, exact in 32-bit floats."""
     return np.array(
         [[0.0, -1.0, 0.0, x], [1.0, 0.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]]
     ).tolist()

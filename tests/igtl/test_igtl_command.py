@@ -1,4 +1,4 @@
-"""``marginguard igtl`` between a pyigtl server and a ROS process, all of them processes."""
+"""``marginguard igtl`` between a pyigtl server and a ROS receiver in separate processes."""
 
 import math
 import signal
@@ -34,7 +34,7 @@ def start_command(domain_id: int) -> Iterator[Callable[[int], subprocess.Popen[s
         process.communicate()
 
 
-def test_what_a_server_tracks_is_published(
+def test_received_transforms_are_published_on_ros(
     start_pyigtl: Callable[..., PyigtlServer],
     start_receiver: StartReceiver,
     start_command: Callable[[int], subprocess.Popen[str]],
@@ -48,17 +48,19 @@ def test_what_a_server_tracks_is_published(
     )
     command = start_command(server.port)
     receiver.wait_until_ready()
-    came: dict[str, list[dict[str, Any]]] = {"/tracked_transforms": [], "/tf": []}
-    # The publishers may find the receiver later than it has found them: say it until it is heard.
+    received_messages: dict[str, list[dict[str, Any]]] = {"/tracked_transforms": [], "/tf": []}
+    # The publishers may discover the receiver later than it discovers them: send repeatedly.
     tracked: dict[str, dict[str, Any]] = {}
-    while len(tracked) < 2 or not came["/tf"]:
+    while len(tracked) < 2 or not received_messages["/tf"]:
         server.send(name="NeedleToTracker", matrix=pose(1, 2, 3), metadata=OUT_OF_VIEW)
         server.send(
             matrix=pose(1000, 2000, 3000), time_s=TIME_S, metadata={"TransformStatus": "OK"}
         )
         [received] = receiver.take(1)
-        came.setdefault(received["topic"], []).append(received["message"])
-        tracked = {each["child_frame_id"]: each for each in came["/tracked_transforms"]}
+        received_messages.setdefault(received["topic"], []).append(received["message"])
+        tracked = {
+            each["child_frame_id"]: each for each in received_messages["/tracked_transforms"]
+        }
 
     stylus, needle = tracked["stylus"], tracked["needle"]
     assert (stylus["status"], needle["status"]) == (0, 3)
@@ -67,8 +69,8 @@ def test_what_a_server_tracks_is_published(
     assert stylus["transform"]["rotation"]["z"] == pytest.approx(math.sqrt(0.5))
     assert math.isnan(needle["transform"]["translation"]["x"])
     assert math.isnan(needle["transform"]["rotation"]["w"])
-    # One message holds what came in together: sent again, the pose can be in it twice.
-    on_tf = came["/tf"][0]["transforms"][0]
+    # A message holds the samples of one read; a repeated pose can be in it twice.
+    on_tf = received_messages["/tf"][0]["transforms"][0]
     assert (on_tf["child_frame_id"], on_tf["header"]) == ("stylus", stylus["header"])
     assert on_tf["transform"] == stylus["transform"]
 
@@ -85,13 +87,13 @@ def test_what_a_server_tracks_is_published(
     assert values["OpenIGTLink: connections"] == "1"
 
     command.send_signal(signal.SIGINT)
-    _, said = command.communicate(timeout=30.0)
-    assert command.returncode == 130, said
-    assert f"connected to 127.0.0.1:{server.port}" in said
-    assert "Traceback" not in said
+    _, stderr = command.communicate(timeout=30.0)
+    assert command.returncode == 130, stderr
+    assert f"connected to 127.0.0.1:{server.port}" in stderr
+    assert "Traceback" not in stderr
 
 
-def test_an_address_that_is_none_is_one_line(domain_id: int) -> None:
+def test_invalid_address_is_a_one_line_error(domain_id: int) -> None:
     ended = subprocess.run(
         [sys.executable, "-m", "app.cli", "igtl", "--port", "0"],
         capture_output=True,
@@ -100,4 +102,6 @@ def test_an_address_that_is_none_is_one_line(domain_id: int) -> None:
         check=False,
     )
     assert ended.returncode == 2
-    assert ended.stderr.splitlines()[-1].startswith("marginguard: error: 'localhost' port 0")
+    assert ended.stderr.splitlines()[-1].startswith(
+        "marginguard: error: server is 'localhost' port 0; expected "
+    )

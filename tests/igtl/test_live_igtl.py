@@ -1,4 +1,4 @@
-"""``marginguard live`` fed by a pyigtl server: the same distances as a replay of the same poses."""
+"""``marginguard live`` with a pyigtl server measures the same distances as a replay."""
 
 import os
 import re
@@ -22,7 +22,7 @@ from tests.igtl.conftest import DEADLINE_S, PyigtlServer
 STEP_S = 0.02
 
 
-def test_live_finds_what_a_replay_finds(
+def test_live_session_measures_the_same_distance_as_a_replay(
     start_pyigtl: Callable[..., PyigtlServer], domain_id: int, project_root: Path, tmp_path: Path
 ) -> None:
     server = start_pyigtl()
@@ -69,9 +69,9 @@ def test_live_finds_what_a_replay_finds(
         stop.set()
         tracker.join()
         live.send_signal(signal.SIGINT)
-        _, said = live.communicate()
+        _, stderr = live.communicate()
         deadline.cancel()
-    assert found is not None, said
+    assert found is not None, stderr
     assert float(found[1]) == pytest.approx(expected.signed_distance_mm, abs=0.02)
     assert live.returncode == 130
-    assert "connected to 127.0.0.1" in said
+    assert "connected to 127.0.0.1" in stderr

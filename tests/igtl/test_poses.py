@@ -1,4 +1,4 @@
-"""Transforms and their statuses, as a PLUS server says them."""
+"""Transforms and their status in messages of a PLUS server."""
 
 import math
 
@@ -9,13 +9,13 @@ from app.geometry import TrackedTransform, TrackingStatus
 from app.igtl.poses import MAX_EDGES, TYPES, PoseReader
 from app.igtl.stream import MessageStream, Refusals
 from tests.igtl.conftest import pose
-from tests.igtl.peer import message
+from tests.oracles.pyigtl_peer import message
 
 POSE = pose(10.5, -20.25, 30.0)
 
 
 class Reading:
-    """Bytes in, samples out."""
+    """Message stream and pose reader in sequence."""
 
     def __init__(self) -> None:
         self.refusals = Refusals()
@@ -32,7 +32,7 @@ def reading() -> Reading:
     return Reading()
 
 
-def test_a_transform_is_its_names_its_pose_and_the_servers_time(reading: Reading) -> None:
+def test_transform_has_frames_pose_and_the_servers_time(reading: Reading) -> None:
     [sample] = reading.of(name="StylusTipToReference", matrix=POSE, time_s=1_700_000_000.125)
     assert (sample.target, sample.source) == ("reference", "stylus_tip")
     assert sample.stamp.ns == 1_700_000_000_125_000_000
@@ -59,7 +59,7 @@ def test_a_transform_is_its_names_its_pose_and_the_servers_time(reading: Reading
         ({"TransformStatus": "OK", "TransformValid": "False"}, TrackingStatus.INVALID),
     ],
 )
-def test_the_status_is_the_servers(
+def test_status_is_read_from_the_metadata(
     reading: Reading, metadata: dict[str, str], status: TrackingStatus
 ) -> None:
     [sample] = reading.of(matrix=POSE, metadata=metadata)
@@ -70,13 +70,13 @@ def test_the_status_is_the_servers(
     )
 
 
-def test_a_header_without_room_for_a_status_is_counted(reading: Reading) -> None:
+def test_version_1_header_counts_as_without_status(reading: Reading) -> None:
     [sample] = reading.of(matrix=POSE, version=1)
     assert sample.status is TrackingStatus.OK
     assert reading.poses.without_status == 1
 
 
-def test_elements_of_tdata_have_names_types_and_statuses_of_their_own(reading: Reading) -> None:
+def test_tdata_elements_have_their_own_name_type_and_status(reading: Reading) -> None:
     samples = reading.of(
         type="TDATA",
         name="Tracker",
@@ -126,7 +126,7 @@ def changed(row: int, column: int, value: float) -> list[list[float]]:
         (np.zeros((4, 4)).tolist(), TrackingStatus.NOT_RIGID),
     ],
 )
-def test_what_is_no_pose_is_lost_whatever_the_server_says(
+def test_invalid_matrix_is_lost_even_with_status_ok(
     reading: Reading, matrix: list[list[float]], status: TrackingStatus
 ) -> None:
     [sample] = reading.of(matrix=matrix, metadata={"TransformStatus": "OK"})
@@ -134,19 +134,19 @@ def test_what_is_no_pose_is_lost_whatever_the_server_says(
 
 
 @pytest.mark.parametrize("time_s", [0.0, 3e9])
-def test_a_time_that_nobody_measured_is_refused(reading: Reading, time_s: float) -> None:
+def test_invalid_time_is_refused(reading: Reading, time_s: float) -> None:
     assert reading.of(matrix=POSE, time_s=time_s) == []
     assert reading.refusals.counts == {"IgtlStampError": 1}
     assert f"time {round(time_s * 1e9)} ns" in reading.refusals.last
 
 
 @pytest.mark.parametrize("name", ["", "Probe", "AToBToC", "Stylus Tip ToTracker", "../ToTracker"])
-def test_a_name_that_names_no_frames_is_refused(reading: Reading, name: str) -> None:
+def test_name_without_frames_is_refused(reading: Reading, name: str) -> None:
     assert reading.of(name=name, matrix=POSE) == []
     assert reading.refusals.counts == {"FrameError": 1}
 
 
-def test_a_body_of_the_wrong_length_is_refused(reading: Reading) -> None:
+def test_body_of_wrong_length_is_refused(reading: Reading) -> None:
     short = message("STRING", "AToB", string="x")
     short._message_type = "TDATA"
     stream = MessageStream(TYPES, reading.refusals)
@@ -155,7 +155,7 @@ def test_a_body_of_the_wrong_length_is_refused(reading: Reading) -> None:
     assert reading.refusals.counts == {"IgtlContentError": 1}
 
 
-def test_names_without_end_are_refused(reading: Reading) -> None:
+def test_number_of_transforms_is_limited(reading: Reading) -> None:
     for index in range(MAX_EDGES + 10):
         reading.of(name=f"S{index}ToTracker", matrix=POSE)
     assert reading.refusals.counts == {"IgtlLimitError": 10}

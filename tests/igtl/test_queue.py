@@ -1,4 +1,4 @@
-"""Everything in order, or the newest of each edge."""
+"""Sample queue and backoff."""
 
 import threading
 
@@ -11,14 +11,14 @@ def sample(source: str, ns: int) -> TrackedTransform:
     return TrackedTransform.lost("tracker", source, Stamp(ns), TrackingStatus.MISSING)
 
 
-def test_waits_grow_to_a_bound_and_begin_anew() -> None:
+def test_backoff_doubles_to_its_limit_and_resets() -> None:
     backoff = Backoff(0.25, 1.5)
     assert [backoff.next_s() for _ in range(5)] == [0.25, 0.5, 1.0, 1.5, 1.5]
     backoff.reset()
     assert backoff.next_s() == 0.25
 
 
-def test_all_is_kept_in_order_while_there_is_room() -> None:
+def test_queue_is_fifo_below_its_limit() -> None:
     queue = SampleQueue(max_samples=4)
     sent = [sample("a", 1), sample("b", 1), sample("a", 2)]
     queue.put(sent[:2])
@@ -28,7 +28,7 @@ def test_all_is_kept_in_order_while_there_is_room() -> None:
     assert queue.superseded == 0
 
 
-def test_of_a_flood_the_newest_of_each_edge_is_kept() -> None:
+def test_full_queue_keeps_the_newest_sample_of_each_edge() -> None:
     queue = SampleQueue(max_samples=10)
     for ns in range(1, 10_001):
         queue.put([sample("a", ns)])
@@ -41,14 +41,14 @@ def test_of_a_flood_the_newest_of_each_edge_is_kept() -> None:
     assert queue.superseded == 10_001 - len(taken)
 
 
-def test_what_is_cleared_is_gone_and_close_wakes_the_taker() -> None:
+def test_clear_discards_samples_and_close_wakes_the_reader() -> None:
     queue = SampleQueue()
     queue.put([sample("a", 1)])
     queue.clear()
     assert queue.take(0.0) == []
     taken: list[object] = []
-    taker = threading.Thread(target=lambda: taken.append(queue.take(60.0)))
-    taker.start()
+    reader = threading.Thread(target=lambda: taken.append(queue.take(60.0)))
+    reader.start()
     queue.close()
-    taker.join(60.0)
+    reader.join(60.0)
     assert taken == [None]

@@ -1,4 +1,4 @@
-"""A source against a pyigtl server in another process, and against what no server would do."""
+"""`IgtlSource` with a pyigtl server in another process, and with invalid data on a socket."""
 
 import queue
 import socket
@@ -14,23 +14,23 @@ from app.igtl import IgtlError, IgtlSource
 from app.igtl.backoff import Backoff
 from app.igtl.wire import start_tracking_request
 from tests.igtl.conftest import PyigtlServer, pose
-from tests.igtl.peer import message
+from tests.oracles.pyigtl_peer import message
 
 WAIT_S = 30.0
 StartPyigtl = Callable[..., PyigtlServer]
 
 
 class Listening:
-    """A source, its samples and words in queues to wait on."""
+    """A source with queues of its samples and status texts."""
 
     def __init__(self, port: int, **options: Any) -> None:
         self._samples: queue.Queue[TrackedTransform] = queue.Queue()
-        self._words: queue.Queue[str] = queue.Queue()
+        self._statuses: queue.Queue[str] = queue.Queue()
         self.source = IgtlSource(
             "127.0.0.1",
             port,
             lambda samples: [self._samples.put(sample) for sample in samples],
-            changed=self._words.put,
+            changed=self._statuses.put,
             backoff=Backoff(0.01, 0.1),
             **options,
         )
@@ -38,13 +38,13 @@ class Listening:
     def sample(self) -> TrackedTransform:
         return self._samples.get(timeout=WAIT_S)
 
-    def words(self, beginning: str) -> str:
-        while not (words := self._words.get(timeout=WAIT_S)).startswith(beginning):
+    def status(self, beginning: str) -> str:
+        while not (status := self._statuses.get(timeout=WAIT_S)).startswith(beginning):
             pass
-        return words
+        return status
 
     @property
-    def nothing_came(self) -> bool:
+    def is_empty(self) -> bool:
         return self._samples.empty()
 
 
@@ -64,10 +64,12 @@ def listen() -> Iterator[Listen]:
         each.source.close()
 
 
-def test_poses_and_statuses_of_a_pyigtl_server(start_pyigtl: StartPyigtl, listen: Listen) -> None:
+def test_poses_and_statuses_of_a_pyigtl_server_are_received(
+    start_pyigtl: StartPyigtl, listen: Listen
+) -> None:
     server = start_pyigtl()
     listening = listen(server.port)
-    listening.words("connected to 127.0.0.1")
+    listening.status("connected to 127.0.0.1")
     server.send(matrix=pose(1, 2, 3), time_s=1_700_000_000.5, metadata={"TransformStatus": "OK"})
     server.send(type="STRING", name="Log", string="hello")
     server.send(matrix=pose(1, 2, 3), metadata={"TransformStatus": "OUT_OF_VIEW"})
@@ -95,35 +97,35 @@ def test_poses_and_statuses_of_a_pyigtl_server(start_pyigtl: StartPyigtl, listen
     assert not any("refused" in key for key in counts)
 
 
-def test_a_server_that_was_killed_is_found_again(start_pyigtl: StartPyigtl, listen: Listen) -> None:
+def test_killed_server_is_reconnected(start_pyigtl: StartPyigtl, listen: Listen) -> None:
     server = start_pyigtl()
     listening = listen(server.port)
-    listening.words("connected")
+    listening.status("connected")
     server.send(matrix=pose(1, 0, 0), time_s=1.0)
     assert listening.sample().stamp.ns == 1_000_000_000
 
     server.kill()
-    assert "trying again in" in listening.words("lost")
-    assert "trying again in" in listening.words("cannot reach")
+    assert "retrying in" in listening.status("lost")
+    assert "retrying in" in listening.status("cannot reach")
     assert not listening.source.connected
 
     again = start_pyigtl(server.port)
-    listening.words("connected")
+    listening.status("connected")
     again.send(matrix=pose(2, 0, 0), time_s=2.0)
     assert listening.sample().stamp.ns == 2_000_000_000
-    assert listening.nothing_came
+    assert listening.is_empty
     assert listening.source.counts()["OpenIGTLink: connections"] == 2
 
 
 def accepted(listening: socket.socket) -> socket.socket:
     server, _ = listening.accept()
     server.settimeout(WAIT_S)
-    wanted = start_tracking_request()
-    assert server.recv(len(wanted), socket.MSG_WAITALL) == wanted
+    request = start_tracking_request()
+    assert server.recv(len(request), socket.MSG_WAITALL) == request
     return server
 
 
-def test_garbage_ends_a_connection_and_not_the_source(
+def test_invalid_header_closes_the_connection_and_source_reconnects(
     listening: socket.socket, listen: Listen
 ) -> None:
     source = listen(listening.getsockname()[1])
@@ -131,14 +133,14 @@ def test_garbage_ends_a_connection_and_not_the_source(
     for garbage in (b"\xff" * 4096, b"HTTP/1.1 400 Bad Request\r\n" * 10):
         with accepted(listening) as server:
             server.sendall(garbage)
-            assert "begins no OpenIGTLink message" in source.words("lost")
+            assert "OpenIGTLink header begins with" in source.status("lost")
     with accepted(listening) as server:
         server.sendall(good)
         assert source.sample().source == "stylus"
     assert source.source.counts()["OpenIGTLink: refused (IgtlFramingError)"] == 2
 
 
-def test_half_a_message_is_not_continued_by_the_next_connection(
+def test_partial_message_is_discarded_on_reconnection(
     listening: socket.socket, listen: Listen
 ) -> None:
     source = listen(listening.getsockname()[1])
@@ -146,56 +148,52 @@ def test_half_a_message_is_not_continued_by_the_next_connection(
     for cut in (20, 58, 100):
         with accepted(listening) as server:
             server.sendall(old[:cut])
-        source.words("lost")
+        source.status("lost")
     with accepted(listening) as server:
         for place in range(0, len(new), 7):
             server.sendall(new[place : place + 7])
         assert source.sample().stamp.ns == 2_000_000_000
-        assert source.nothing_came
+        assert source.is_empty
 
 
-def test_a_server_that_stays_silent_within_a_message_is_left(
-    listening: socket.socket, listen: Listen
-) -> None:
+def test_silent_server_is_disconnected(listening: socket.socket, listen: Listen) -> None:
     source = listen(listening.getsockname()[1], silence_s=0.05)
     with accepted(listening) as server:
         server.sendall(message(matrix=pose(1, 2, 3)).pack()[:-1])
-        assert "no message for 0.05 s" in source.words("lost")
+        assert "no message for 0.05 s" in source.status("lost")
         assert server.recv(1) == b""
 
 
-def test_a_header_of_ten_megabytes_costs_its_message_alone(
-    listening: socket.socket, listen: Listen
-) -> None:
+def test_oversized_message_is_skipped(listening: socket.socket, listen: Listen) -> None:
     source = listen(listening.getsockname()[1])
     with accepted(listening) as server:
         huge = struct.pack(">H12s20sQQQ", 2, b"TRANSFORM", b"AToB", 1 << 32, 10_000_000, 0)
         server.sendall(huge + bytes(10_000_000) + message(matrix=pose(1, 2, 3)).pack())
         assert source.sample().source == "stylus"
     assert source.source.counts()["OpenIGTLink: refused (IgtlLimitError)"] == 1
-    assert "10000000 bytes: 65536 allowed" in source.source.last_refusal
+    assert "10000000 bytes; expected at most 65536" in source.source.last_refusal
 
 
-def test_what_the_taker_raises_is_not_lost(listening: socket.socket) -> None:
+def test_exception_in_deliver_is_raised_on_close(listening: socket.socket) -> None:
     def fails(samples: object) -> None:
-        raise ValueError("the taker is broken")
+        raise ValueError("deliver is broken")
 
     source = IgtlSource("127.0.0.1", listening.getsockname()[1], fails)
     with accepted(listening) as server:
         server.sendall(message(matrix=pose(1, 2, 3)).pack())
         assert server.recv(1) == b""
-    with pytest.raises(IgtlError, match="the taker is broken"):
+    with pytest.raises(IgtlError, match="deliver is broken"):
         source.close()
     source.close()
 
 
 @pytest.mark.parametrize(("host", "port"), [("", 18944), ("localhost", 0), ("localhost", 65536)])
-def test_an_address_that_is_none_is_refused(host: str, port: int) -> None:
-    with pytest.raises(IgtlError, match="is no server"):
+def test_invalid_address_is_refused(host: str, port: int) -> None:
+    with pytest.raises(IgtlError, match="; expected a host name and a port from 1 to 65535"):
         IgtlSource(host, port, lambda samples: None)
 
 
-def test_a_host_that_is_not_to_be_found_is_said(listen: Listen) -> None:
-    words: queue.Queue[str] = queue.Queue()
-    with IgtlSource("x" * 70, 18944, lambda samples: None, changed=words.put):
-        assert words.get(timeout=WAIT_S).startswith("cannot reach")
+def test_unknown_host_is_reported(listen: Listen) -> None:
+    statuses: queue.Queue[str] = queue.Queue()
+    with IgtlSource("x" * 70, 18944, lambda samples: None, changed=statuses.put):
+        assert statuses.get(timeout=WAIT_S).startswith("cannot reach")

@@ -1,4 +1,4 @@
-"""A stream of messages, cut anywhere."""
+"""Message streams split at arbitrary positions."""
 
 import struct
 import tracemalloc
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from app.igtl.errors import IgtlFramingError
 from app.igtl.stream import MessageStream, Refusals
 from tests.igtl.conftest import pose
-from tests.igtl.peer import message
+from tests.oracles.pyigtl_peer import message
 
 TEN_MEGABYTES = 10_000_000
 FIRST = message(matrix=pose(1, 2, 3), time_s=1.0).pack()
@@ -25,7 +25,7 @@ def started() -> tuple[MessageStream, Refusals]:
 
 
 @given(st.lists(st.integers(0, len(FIRST + TEXT + LAST)), max_size=30))
-def test_it_does_not_matter_where_the_stream_is_cut(cuts: list[int]) -> None:
+def test_messages_do_not_depend_on_chunk_boundaries(cuts: list[int]) -> None:
     stream, _ = started()
     sent = FIRST + TEXT + LAST
     places = [0, *sorted(cuts), len(sent)]
@@ -36,7 +36,7 @@ def test_it_does_not_matter_where_the_stream_is_cut(cuts: list[int]) -> None:
     assert (stream.complete, stream.ignored) == (3, 1)
 
 
-def test_a_damaged_body_does_not_take_its_neighbours_with_it() -> None:
+def test_damaged_body_does_not_affect_other_messages() -> None:
     stream, refusals = started()
     damaged = FIRST[:-1] + bytes([FIRST[-1] ^ 1])
     assert len(stream.feed(FIRST + damaged + LAST)) == 2
@@ -45,7 +45,7 @@ def test_a_damaged_body_does_not_take_its_neighbours_with_it() -> None:
 
 
 @pytest.mark.parametrize("kind", [b"TRANSFORM", b"IMAGE"])
-def test_ten_megabytes_pass_without_being_kept(kind: bytes) -> None:
+def test_large_body_is_skipped_without_being_stored(kind: bytes) -> None:
     stream, refusals = started()
     huge = struct.pack(">H12s20sQQQ", 1, kind, b"X", 0, TEN_MEGABYTES, 0)
     piece = bytes(1 << 16)
@@ -62,7 +62,7 @@ def test_ten_megabytes_pass_without_being_kept(kind: bytes) -> None:
     assert refusals.counts == ({"IgtlLimitError": 1} if kind == b"TRANSFORM" else {})
 
 
-def test_what_is_no_message_ends_the_stream() -> None:
+def test_invalid_header_raises() -> None:
     stream, _ = started()
     with pytest.raises(IgtlFramingError):
         stream.feed(FIRST + b"\r\n" + LAST)

@@ -55,7 +55,7 @@ def test_who_asks_hears_that_the_handler_failed(node, ask, caplog, wrong):
     server.failed = False
     reply = ask(server, "/scene/fails", {"data": True})
     assert reply["success"] is False
-    assert ("no tumour yet" if wrong == "raises" else "a string wanted") in reply["message"]
+    assert ("no tumour yet" if wrong == "raises" else "expected a string") in reply["message"]
     assert "the handler failed" in caplog.text
     assert node.RemoveAndDeleteServiceServerNode("/scene/fails")
 

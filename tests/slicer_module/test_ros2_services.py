@@ -66,7 +66,7 @@ def test_a_service_that_nobody_serves_is_said(logic, node):
     client.SetTimeoutSeconds(0.1)
     client.SendAsyncRequest({})
     assert logic.WaitForServiceResponse(client, 5.0) is False
-    assert client.GetLastError() == "service /nobody: nobody serves it, waited 0.1 s"
+    assert client.GetLastError() == "service /nobody: no server found within 0.1 s"
     assert node.RemoveAndDeleteServiceClientNode("/nobody")
 
 

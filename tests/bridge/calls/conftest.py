@@ -1,4 +1,4 @@
-"""A node of ours beside a process that uses rclpy alone."""
+"""A node of ours and a peer process with plain rclpy."""
 
 from pathlib import Path
 

@@ -1,9 +1,9 @@
-"""An independent ROS process that sends goals to an action by rclpy alone, one after the other.
+"""Independent ROS process that sends goals to an action with plain rclpy, one after the other.
 
     goal_sender.py NAME TYPE JSON ...
 
-Each JSON is an object with the goal's fields; "cancel_after" in it is the number of feedback
-messages after which the goal is cancelled. Prints ``ready``, then a line of JSON for each goal:
+Each JSON is an object with the goal's fields; "cancel_after" is the number of feedback messages
+after which the goal is cancelled. Prints ``ready``, then a line of JSON for each goal:
 {"status", "feedback" (count), "first", "last" (feedback), "result"}, or {"status": "rejected"}.
 """
 
@@ -44,17 +44,17 @@ def main() -> int:
 
     def send(fields):
         cancel_after = fields.pop("cancel_after", None)
-        heard, accepted = [], []
+        feedback, accepted = [], []
 
         def cancel_when_due():
-            if accepted and cancel_after is not None and len(heard) >= cancel_after:
+            if accepted and cancel_after is not None and len(feedback) >= cancel_after:
                 accepted.pop().cancel_goal_async()
 
-        def hear(message):
-            heard.append(as_plain(message.feedback))
+        def on_feedback(message):
+            feedback.append(as_plain(message.feedback))
             cancel_when_due()
 
-        handle = wait(client.send_goal_async(kind.Goal(**fields), feedback_callback=hear))
+        handle = wait(client.send_goal_async(kind.Goal(**fields), feedback_callback=on_feedback))
         if not handle.accepted:
             return {"status": "rejected"}
         accepted.append(handle)
@@ -62,9 +62,9 @@ def main() -> int:
         reply = wait(handle.get_result_async())
         return {
             "status": STATUS.get(reply.status, reply.status),
-            "feedback": len(heard),
-            "first": heard[0] if heard else None,
-            "last": heard[-1] if heard else None,
+            "feedback": len(feedback),
+            "first": feedback[0] if feedback else None,
+            "last": feedback[-1] if feedback else None,
             "result": as_plain(reply.result),
         }
 

@@ -1,4 +1,4 @@
-"""An independent ROS process that sets parameters of another node by rclpy alone.
+"""Independent ROS process that sets parameters of another node with plain rclpy.
 
     parameter_setter.py NODE JSON ...
 
@@ -27,22 +27,22 @@ def main() -> int:
         return future.result()
 
     for argument in sys.argv[2:]:
-        asked = json.loads(argument)
-        if isinstance(asked, str):
-            value = parameter_value_to_python(wait(client.get_parameters([asked])).values[0])
-            described = wait(client.describe_parameters([asked])).descriptors[0]
+        request = json.loads(argument)
+        if isinstance(request, str):
+            value = parameter_value_to_python(wait(client.get_parameters([request])).values[0])
+            described = wait(client.describe_parameters([request])).descriptors[0]
             ranges = [*described.floating_point_range, *described.integer_range]
-            said = {
+            reply = {
                 "value": value,
                 "text": described.description,
                 "unit": described.additional_constraints,
                 "range": [[each.from_value, each.to_value] for each in ranges],
             }
         else:
-            parameters = [Parameter(name, value=value) for name, value in asked.items()]
+            parameters = [Parameter(name, value=value) for name, value in request.items()]
             result = wait(client.set_parameters_atomically(parameters)).result
-            said = {"ok": result.successful, "reason": result.reason}
-        print(json.dumps(said), flush=True)
+            reply = {"ok": result.successful, "reason": result.reason}
+        print(json.dumps(reply), flush=True)
     return 0
 
 

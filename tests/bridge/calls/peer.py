@@ -1,17 +1,17 @@
-"""An independent ROS process with parameters, services and an action, by rclpy alone.
+"""Independent ROS process with parameters, services and an action, with plain rclpy.
 
     peer.py
 
-Prints ``ready``, then a line of JSON for what happens to it; serves until it is killed or told to
-leave. It imports nothing of the project.
+Prints ``ready``, then a line of JSON for each event; serves until it is killed or ``/peer/leave``
+is called. It does not import the project.
 
     /peer parameters    gain (0 to 10), names, table, level (read only)
-    /peer/echo          SetBool: replies what it got
-    /peer/slow          Trigger: replies when /peer/go was called
+    /peer/echo          SetBool: replies the value of the request
+    /peer/slow          Trigger: replies after /peer/go is called
     /peer/go            Trigger
     /peer/leave         Trigger: ends the process without a reply
-    /peer/lookup        tf2_msgs LookupTransform: source_frame says how it ends; "found" is said
-                        once it has discovered a client, whose answers would be lost before
+    /peer/lookup        tf2_msgs LookupTransform: source_frame selects the outcome; prints "found"
+                        when it has discovered a client, whose replies would be lost before
 """
 
 import contextlib
@@ -29,7 +29,7 @@ from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.action import LookupTransform
 
 
-def say(**values):
+def report(**values):
     print(json.dumps(values), flush=True)
 
 
@@ -66,7 +66,7 @@ def main() -> int:
         return response
 
     def slow(_, response):
-        say(slow="waits")
+        report(slow="waits")
         go.wait(30.0)
         response.success, response.message = True, "at last"
         return response
@@ -98,22 +98,22 @@ def main() -> int:
         return CancelResponse.ACCEPT
 
     def run(handle):
-        how = handle.request.source_frame
+        outcome = handle.request.source_frame
         for _ in range(3):
             handle.publish_feedback(LookupTransform.Feedback())
         result = LookupTransform.Result()
-        result.transform.child_frame_id = how
-        if how == "cancel":
-            say(goal="waits")
+        result.transform.child_frame_id = outcome
+        if outcome == "cancel":
+            report(goal="waits")
             cancelled.wait(30.0)
-            # The callback that said yes comes before the state of the goal follows.
+            # The cancel callback returns before the state of the goal changes.
             while not handle.is_cancel_requested:
                 cancelled.wait(0.001)
             handle.canceled()
-            say(goal="cancelled")
-        elif how == "abort":
+            report(goal="cancelled")
+        elif outcome == "abort":
             handle.abort()
-        elif how == "stubborn":
+        elif outcome == "stubborn":
             go.wait(30.0)
             handle.succeed()
         else:
@@ -131,10 +131,10 @@ def main() -> int:
     )
 
     def look_for_client():
-        # A client has this one after all of its readers, and they are discovered in that order.
+        # A client creates this reader last, and readers are discovered in order of creation.
         if node.count_subscribers("/peer/lookup/_action/status"):
             timer.cancel()
-            say(lookup="found")
+            report(lookup="found")
 
     timer = node.create_timer(0.02, look_for_client)
     executor = MultiThreadedExecutor(6)

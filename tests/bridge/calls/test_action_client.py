@@ -1,4 +1,4 @@
-"""Goals for another process, each ending in a way that has a name."""
+"""Goals sent to another process, with every outcome."""
 
 import threading
 
@@ -31,18 +31,18 @@ def lookup(ros, peer):
     return client
 
 
-def goal(how):
-    return LookupTransform.Goal(source_frame=how)
+def goal(outcome):
+    return LookupTransform.Goal(source_frame=outcome)
 
 
-def test_result_and_feedback(lookup):
-    heard = []
-    result = lookup.call(goal("fine"), 30.0, feedback=heard.append)
+def test_goal_gets_result_and_feedback(lookup):
+    feedback = []
+    result = lookup.call(goal("fine"), 30.0, feedback=feedback.append)
     assert result.transform.child_frame_id == "fine"
-    assert all(isinstance(each, LookupTransform.Feedback) for each in heard)
+    assert all(isinstance(each, LookupTransform.Feedback) for each in feedback)
 
 
-def test_rejected_aborted_and_cancelled(lookup, peer):
+def test_rejected_aborted_and_cancelled_goals_raise(lookup, peer):
     with pytest.raises(GoalRejectedError, match="/peer/lookup"):
         lookup.start(goal("reject"), 30.0)
     with pytest.raises(GoalAbortedError) as aborted:
@@ -59,7 +59,7 @@ def test_rejected_aborted_and_cancelled(lookup, peer):
 
 
 class Slow(dict):
-    """Where rclpy notes its requests; whoever looks whether one is there takes his time."""
+    """Replaces rclpy's table of requests; looking up a request takes 0.3 s."""
 
     def __contains__(self, key):
         threading.Event().wait(0.3)
@@ -67,13 +67,13 @@ class Slow(dict):
 
 
 @pytest.mark.parametrize("requests", ["_pending_goal_requests", "_pending_result_requests"])
-def test_a_reply_that_is_faster_than_its_caller_is_not_lost(lookup, requests):
-    # In another thread than the node's own it would come before the request is noted.
+def test_reply_faster_than_its_registration_is_not_lost(lookup, requests):
+    # Sent from another thread, the reply would arrive before the request is registered.
     setattr(lookup._client, requests, Slow())
     assert lookup.call(goal("fine"), 5.0).transform.child_frame_id == "fine"
 
 
-def test_a_node_that_is_closed_ends_a_call_with_a_reason(ros, lookup, peer):
+def test_closing_the_node_ends_a_call_with_a_reason(ros, lookup, peer):
     ended = []
 
     def call():
@@ -92,7 +92,7 @@ def test_a_node_that_is_closed_ends_a_call_with_a_reason(ros, lookup, peer):
         lookup.start(goal("fine"), 1.0)
 
 
-def test_a_caller_that_gives_up_takes_its_goal_back(lookup, peer):
+def test_goal_is_cancelled_when_its_caller_times_out(lookup, peer):
     with pytest.raises(CallTimeoutError):
         lookup.call(goal("cancel"), 0.5)
     assert peer.take(2) == [{"goal": "waits"}, {"goal": "cancelled"}]
@@ -116,21 +116,23 @@ def test_a_wait_is_cancelled_from_another_thread(lookup, peer):
     assert peer.take(1) == [{"goal": "cancelled"}]
 
 
-def test_a_server_may_refuse_to_stop(lookup, ros):
+def test_server_can_refuse_to_cancel(lookup, ros):
     started = lookup.start(goal("stubborn"), 30.0)
-    with pytest.raises(RefusedError, match="does not let its goal be cancelled"):
+    with pytest.raises(RefusedError, match="the server refused to cancel the goal"):
         started.cancel(30.0)
     ServiceClient(ros, Trigger, "/peer/go").call({}, timeout_s=30.0, repeat_s=1.0)
     assert started.result(30.0).transform.child_frame_id == "stubborn"
-    started.cancel()  # over already
+    started.cancel()  # the goal has already ended
 
 
-def test_nobody_there_and_names_that_are_none(ros):
-    with pytest.raises(ServerUnavailableError, match="action /nobody"):
-        ActionClient(ros, LOOKUP, "/nobody").call(goal("x"), 0.05)
+def test_missing_server_and_invalid_names_are_errors(ros):
+    with pytest.raises(ServerUnavailableError, match="action /missing: no server found"):
+        ActionClient(ros, LOOKUP, "/missing").call(goal("x"), 0.05)
     with pytest.raises(UnknownTypeError, match="NoAction"):
         ActionClient(ros, "tf2_msgs/action/NoAction", "/x")
     with pytest.raises(CallError, match="no client for an action"):
         ActionClient(ros, LOOKUP, "two words")
-    with pytest.raises(CallError, match="no goal of LookupTransform"):
+    with pytest.raises(
+        CallError, match=r"is a LookupTransform_Result; expected LookupTransform.Goal"
+    ):
         ActionClient(ros, LOOKUP, "/x").start(LookupTransform.Result())

@@ -1,4 +1,4 @@
-"""Goals from another process: every one ends, whatever our work does."""
+"""Goals from another process: each ends with a result, even if its execution fails."""
 
 import threading
 from pathlib import Path
@@ -16,16 +16,16 @@ LOOKUP = "tf2_msgs/action/LookupTransform"
 
 
 def work(served):
-    how = served.request.source_frame
+    outcome = served.request.source_frame
     result = LookupTransform.Result()
-    result.transform.child_frame_id = how
-    if how == "refuse":
+    result.transform.child_frame_id = outcome
+    if outcome == "refuse":
         raise InputError("no such case")
-    if how == "fail":
+    if outcome == "fail":
         raise ZeroDivisionError("of mine")
-    if how == "nonsense":
+    if outcome == "nonsense":
         return String(data=3), GoalOutcome.SUCCEEDED
-    if how == "wait":
+    if outcome == "wait":
         served.feedback(LookupTransform.Feedback())
         served.cancelled.wait(60.0)
         return result, GoalOutcome.CANCELLED
@@ -46,9 +46,9 @@ def send(start_receiver, *goals):
     return start_receiver("/marginguard/lookup", LOOKUP, *goals, script=SENDER).messages()
 
 
-def test_every_ending(server, start_receiver, capfd):
-    hows = ("fine", "refuse", "fail", "nonsense", "reject")
-    goals = [f'{{"source_frame": "{how}"}}' for how in hows]
+def test_every_outcome_of_a_goal_is_reported(server, start_receiver, capfd):
+    outcomes = ("fine", "refuse", "fail", "nonsense", "reject")
+    goals = [f'{{"source_frame": "{outcome}"}}' for outcome in outcomes]
     replies = send(start_receiver, *goals)
     assert [reply["status"] for reply in replies] == [
         "succeeded",
@@ -59,19 +59,19 @@ def test_every_ending(server, start_receiver, capfd):
     ]
     assert replies[0]["result"]["transform"]["child_frame_id"] == "fine"
     assert (server.refused, server.failures, server.rejected) == (1, 2, 1)
-    said = capfd.readouterr().err
-    assert "goal rejected: not this one" in said
-    assert "failed: ZeroDivisionError: of mine" in said
+    log = capfd.readouterr().err
+    assert "goal rejected: not this one" in log
+    assert "failed: ZeroDivisionError: of mine" in log
 
 
 @pytest.mark.parametrize("after", [0, 1])
-def test_cancelled_by_another_process(server, start_receiver, after):
+def test_goal_is_cancelled_by_another_process(server, start_receiver, after):
     (reply,) = send(start_receiver, f'{{"source_frame": "wait", "cancel_after": {after}}}')
     assert reply["status"] == "cancelled"
     assert reply["result"]["transform"]["child_frame_id"] == "wait"
 
 
-def test_one_goal_at_a_time_and_the_node_stays_responsive(server, ros, start_receiver):
+def test_second_goal_is_rejected_and_node_stays_responsive(server, ros, start_receiver):
     client = ActionClient(ros, LOOKUP, "~/lookup")
     first = client.start(LookupTransform.Goal(source_frame="wait"), 30.0)
     assert send(start_receiver, '{"source_frame": "fine"}') == [{"status": "rejected"}]
@@ -82,32 +82,32 @@ def test_one_goal_at_a_time_and_the_node_stays_responsive(server, ros, start_rec
 
 
 def test_closing_the_node_ends_the_goal_and_sends_its_result(domain_id, start_receiver):
-    # A caller asks for a goal's result after it has heard that the goal was taken: a node that
-    # closes between the two has nobody to send it to. Then there is nothing to see: once more.
+    # A client requests the result after the goal is accepted. If the node closes in between, the
+    # client gets no result, so try again.
     for _ in range(5):
-        reply = close_under_way(domain_id, start_receiver)
+        reply = close_during_goal(domain_id, start_receiver)
         if reply is not None:
             break
-    # Nobody asked for the cancel by ROS's own way, so that "cancelled" is no ending of the goal.
+    # Without a cancel request ROS does not allow the outcome "cancelled".
     assert reply is not None
     assert reply["status"] == "aborted"
 
 
-def close_under_way(domain_id, start_receiver):
-    """What the sender of a goal got from a node that closed meanwhile; None when it got nothing."""
-    ended, under_way = threading.Event(), threading.Event()
+def close_during_goal(domain_id, start_receiver):
+    """Reply to the sender of a goal when the node closes during it; None if it got none."""
+    ended, active = threading.Event(), threading.Event()
 
     def wait(served):
-        served.on_cancel(ended.set)  # set again when the node closes
+        served.on_cancel(ended.set)  # called when the node closes
         served.feedback(LookupTransform.Feedback())
-        under_way.set()
+        active.set()
         served.cancelled.wait(60.0)
         return LookupTransform.Result(), GoalOutcome.CANCELLED
 
     with RosNode("marginguard", domain_id=domain_id) as ros:
         ActionServer(ros, LOOKUP, "~/lookup", wait)
         sender = start_receiver("/marginguard/lookup", LOOKUP, "{}", script=SENDER)
-        assert under_way.wait(30.0)
+        assert active.wait(30.0)
     assert ended.is_set()
     try:
         (reply,) = sender.messages()
@@ -116,7 +116,7 @@ def close_under_way(domain_id, start_receiver):
     return reply
 
 
-def test_a_name_that_ros_refuses_is_one_line(ros):
-    with pytest.raises(CallError, match="no action 'two words'") as caught:
+def test_invalid_name_is_a_one_line_error(ros):
+    with pytest.raises(CallError, match="action 'two words' cannot be served") as caught:
         ActionServer(ros, LOOKUP, "two words", work)
     assert "\n" not in str(caught.value)

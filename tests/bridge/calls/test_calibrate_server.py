@@ -1,4 +1,4 @@
-"""A tool that another process turns is calibrated for a third one."""
+"""Calibration action: one process moves the tool, another sends the goals."""
 
 import json
 from pathlib import Path
@@ -19,15 +19,15 @@ TIP_M = np.array([5.0, 12.6, 103.3]) / 1000.0
 
 @pytest.fixture
 def calibrate(ros, start_receiver):
-    """``calibrate("pivot", {...}, ...)``: the replies to goals while the tool moves so."""
+    """``calibrate("pivot", {...}, ...)`` gives the replies to goals while the tool moves so."""
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     CalibrateServer(ros, buffer)
 
     def send(motion, *goals):
         start_receiver(motion, script=TOOL)
-        wanted = {"frame": "stylus", "parent_frame": "reference", "samples": 60, "timeout": 30.0}
-        texts = [json.dumps({**wanted, **goal}) for goal in goals]
+        defaults = {"frame": "stylus", "parent_frame": "reference", "samples": 60, "timeout": 30.0}
+        texts = [json.dumps({**defaults, **goal}) for goal in goals]
         return start_receiver("/marginguard/calibrate", CALIBRATE, *texts, script=SENDER).messages()
 
     return send
@@ -38,7 +38,7 @@ def point(reply):
     return np.array([vector["x"], vector["y"], vector["z"]])
 
 
-def test_pivot(calibrate):
+def test_pivot_calibration(calibrate):
     (reply,) = calibrate("pivot", {"method": Calibrate.Goal.PIVOT})
     assert reply["status"] == "succeeded"
     assert reply["result"]["samples"] == 60
@@ -50,21 +50,21 @@ def test_pivot(calibrate):
     assert 0.5 < reply["last"]["variation"] < 2.1
 
 
-def test_spin(calibrate):
+def test_spin_calibration(calibrate):
     (reply,) = calibrate("spin", {"method": Calibrate.Goal.SPIN, "samples": 40})
     assert reply["status"] == "succeeded"
     assert np.allclose(point(reply), TIP_M, atol=1e-9)
     rotation = reply["result"]["transform"]["transform"]["rotation"]
-    # +z of the tip along +z of the stylus: no turn but about z.
+    # The tip's z-axis is the stylus's z-axis, so the rotation is about z only.
     assert np.hypot(rotation["x"], rotation["y"]) < 1e-6
 
 
-def test_landmark_and_what_is_refused(calibrate):
+def test_landmark_and_refused_goals(calibrate):
     landmark, pivot, unknown, nonsense, cancelled = calibrate(
         "still",
         {"method": Calibrate.Goal.LANDMARK, "frame": "stylus_tip", "samples": 300},
         {"method": Calibrate.Goal.PIVOT, "timeout": 0.3},
-        {"method": Calibrate.Goal.PIVOT, "frame": "nobody", "timeout": 0.1},
+        {"method": Calibrate.Goal.PIVOT, "frame": "missing", "timeout": 0.1},
         {"method": 9},
         {"method": Calibrate.Goal.PIVOT, "cancel_after": 1},
     )
@@ -72,7 +72,7 @@ def test_landmark_and_what_is_refused(calibrate):
     assert np.allclose(point(landmark), [0.1, -0.05, 0.02], atol=0.0002)
     assert pivot["status"] == "aborted"
     assert "expected at least 10" in pivot["result"]["message"]
-    assert "'nobody' in 'reference'" in unknown["result"]["message"]
-    assert "method 9" in nonsense["result"]["message"]
+    assert "'missing' in 'reference'" in unknown["result"]["message"]
+    assert "calibration method is 9" in nonsense["result"]["message"]
     assert cancelled["status"] == "cancelled"
     assert "cancelled after 1 poses" in cancelled["result"]["message"]

@@ -1,4 +1,4 @@
-"""The parameters of a process that knows nothing of us."""
+"""Parameters of another process."""
 
 import queue
 
@@ -20,7 +20,7 @@ def client(ros, peer):
     return ParameterClient(ros, "/peer")
 
 
-def test_list_read_and_describe(client):
+def test_parameters_are_listed_read_and_described(client):
     assert {"gain", "names", "table", "arm.reach", "level"} <= set(client.names(timeout_s=30.0))
     assert client.names("arm") == ("arm.reach",)
     assert client.get_many(("gain", "names", "table", "level")) == {
@@ -35,7 +35,7 @@ def test_list_read_and_describe(client):
     assert client.type_of("table") == "integer[]"
 
 
-def test_what_is_not_set_is_no_value(client):
+def test_unset_parameter_raises(client):
     for name in ("nothing", "blank"):
         with pytest.raises(ParameterUnsetError, match=f"/peer .*'{name}'"):
             client.get(name, timeout_s=30.0)
@@ -47,7 +47,7 @@ def test_what_is_not_set_is_no_value(client):
         client.describe("nothing")
 
 
-def test_values_are_set_and_refused_with_the_nodes_reason(client):
+def test_refused_values_have_the_nodes_reason(client):
     client.set({"gain": 2.5, "names": ["x"], "table": np.array([], dtype=np.int64)}, timeout_s=30.0)
     assert client.get("gain") == 2.5
     assert client.get("names") == ("x",)
@@ -61,7 +61,7 @@ def test_values_are_set_and_refused_with_the_nodes_reason(client):
     }
 
 
-def test_all_or_none(client):
+def test_set_atomically_sets_all_or_none(client):
     with pytest.raises(RefusedError, match=r"'names', 'gain': .*out of range"):
         client.set_atomically({"names": ["y"], "gain": 11.0}, timeout_s=30.0)
     assert client.get("names") == ("a", "b")
@@ -69,11 +69,11 @@ def test_all_or_none(client):
     assert client.get_many(("names", "gain")) == {"names": ("y",), "gain": 3.0}
 
 
-def test_changes_are_heard(client, ros):
+def test_parameter_changes_are_received(client, ros):
     changes = queue.Queue()
     client.watch(changes.put)
     client.get("gain", timeout_s=30.0)
-    # The subscription is found by the other node in its own time.
+    # The other node may not have discovered the subscription yet.
     for value in range(1000):
         client.set({"arm.reach": float(value)})
         try:
@@ -85,21 +85,21 @@ def test_changes_are_heard(client, ros):
     assert change.deleted == ()
 
 
-def test_a_node_that_is_not_there(ros):
-    with pytest.raises(ServerUnavailableError, match="/nobody/get_parameters"):
-        ParameterClient(ros, "/nobody").get("x", timeout_s=0.05)
+def test_missing_node_and_empty_name_are_errors(ros):
+    with pytest.raises(ServerUnavailableError, match="/missing/get_parameters"):
+        ParameterClient(ros, "/missing").get("x", timeout_s=0.05)
     with pytest.raises(CallError, match="empty"):
         ParameterClient(ros, "/")
 
 
-def test_values_that_no_parameter_can_hold(ros):
-    client = ParameterClient(ros, "/nobody")
-    for value, words in (
-        ([], "no type"),
+def test_invalid_parameter_values_are_refused(ros):
+    client = ParameterClient(ros, "/missing")
+    for value, message in (
+        ([], "has no type"),
         ([1, "a"], "mixes types"),
         ({"a": 1}, "dict"),
-        (2**63, "64 bit"),
+        (2**63, "64-bit"),
         (np.zeros((2, 2)), "one dimension"),
     ):
-        with pytest.raises(ConversionError, match=words):
+        with pytest.raises(ConversionError, match=message):
             client.set({"x": value})

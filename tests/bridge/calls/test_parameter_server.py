@@ -1,4 +1,4 @@
-"""Our parameters, set by another process: taken whole or refused whole, with the reason."""
+"""Our parameters set by another process: a set is applied or refused as a whole."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def in_order(values):
         )
 
 
-def test_set_from_another_process(ros, start_receiver):
+def test_parameters_are_set_from_another_process(ros, start_receiver):
     server = ParameterServer(ros, DECLARED, in_order)
     replies = start_receiver(
         "/marginguard",
@@ -59,12 +59,12 @@ def test_set_from_another_process(ros, start_receiver):
         "name": "arm",
         "box_mm": (3.0,),
     }
-    # What ROS itself holds is the same.
+    # The values in rclpy are the same.
     assert ros.node.get_parameter("stop_mm").value == 2.0
     assert ros.node.get_parameter("count").value == 3
 
 
-def test_a_check_that_fails_is_a_refusal(ros, start_receiver):
+def test_exception_in_accept_refuses_the_values(ros, start_receiver):
     def accept(values):
         if values["stop_mm"] != 1.0:
             raise ZeroDivisionError("of mine")
@@ -76,14 +76,14 @@ def test_a_check_that_fails_is_a_refusal(ros, start_receiver):
     assert server.refused == 1
 
 
-def test_values_given_at_the_start(domain_id):
+def test_initial_values_override_the_defaults(domain_id):
     given = ("--ros-args", "-p", "stop_mm:=3.0")
     with RosNode("marginguard", domain_id=domain_id, ros_args=given) as ros:
         assert ParameterServer(ros, DECLARED, in_order).values["stop_mm"] == 3.0
 
 
 @pytest.mark.parametrize("given", ["stop_mm:=30.0", "stop_mm:=51.0", "stop_mm:=text"])
-def test_values_refused_at_the_start(domain_id, given):
+def test_invalid_initial_values_are_refused(domain_id, given):
     arguments = ("--ros-args", "-p", given)
     with (
         RosNode("marginguard", domain_id=domain_id, ros_args=arguments) as ros,
@@ -93,10 +93,10 @@ def test_values_refused_at_the_start(domain_id, given):
     assert "\n" not in str(caught.value)
 
 
-def test_a_declaration_that_refuses_its_own_value():
-    with pytest.raises(CallError, match="stop_mm is 60: 0 to 50 mm wanted"):
+def test_invalid_declaration_is_refused():
+    with pytest.raises(CallError, match="stop_mm is 60; expected 0 to 50 mm"):
         ParameterDeclaration("stop_mm", 60.0, "", "mm", 0.0, 50.0)
-    with pytest.raises(CallError, match="two ends"):
+    with pytest.raises(CallError, match="expected both ends or none"):
         ParameterDeclaration("stop_mm", 1.0, "", "mm", lowest=0.0)
-    with pytest.raises(CallError, match="finite"):
+    with pytest.raises(CallError, match="expected a finite number"):
         ParameterDeclaration("stop_mm", float("nan"), "")

@@ -1,4 +1,4 @@
-"""Plain values through rclpy's own parameters and back."""
+"""Conversion of parameter values, compared with rclpy."""
 
 import pytest
 from hypothesis import given
@@ -25,7 +25,7 @@ def test_there_and_back(value):
 
 
 @given(VALUES)
-def test_rclpy_reads_the_same(value):
+def test_rclpy_reads_the_same_value(value):
     from rcl_interfaces.msg import Parameter as Message
 
     read = Parameter.from_parameter_msg(Message(name="x", value=parameter_value(value))).value
@@ -36,12 +36,12 @@ def test_rclpy_reads_the_same(value):
     assert read == value
 
 
-def test_whole_numbers_among_floats_are_floats():
+def test_integers_among_floats_become_floats():
     assert plain_value(parameter_value([1, 2.5])) == (1.0, 2.5)
 
 
 @pytest.mark.parametrize("kind", [10, 255])
-def test_a_type_that_does_not_exist(kind):
+def test_unknown_parameter_type_is_refused(kind):
     from rcl_interfaces.msg import ParameterValue
 
     from app.bridge.convert import ConversionError

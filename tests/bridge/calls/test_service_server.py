@@ -1,4 +1,4 @@
-"""Whatever a handler does, the other process gets an answer."""
+"""A service server replies to another process even when its handler fails."""
 
 import threading
 from pathlib import Path
@@ -12,13 +12,13 @@ CALLER = Path(__file__).resolve().parents[1] / "caller.py"
 TRIGGER = "std_srvs/srv/Trigger"
 
 
-def test_answers_refusals_and_failures(ros, start_receiver, capfd):
+def test_server_replies_on_success_refusal_and_failure(ros, start_receiver, capfd):
     def good(_, response):
         response.success = True
 
     def refuses(_, response):
-        response.success = True  # half done when it changed its mind
-        raise InputError("rate 0: 0.001 to 1000 wanted")
+        response.success = True  # must not be in the reply
+        raise InputError("rate is 0; expected 0.001 to 1000")
 
     def fails(_, response):
         raise ZeroDivisionError("of mine")
@@ -34,7 +34,7 @@ def test_answers_refusals_and_failures(ros, start_receiver, capfd):
     replies = start_receiver(*names, script=CALLER).messages()
     assert replies[:3] == [
         {"success": True, "message": ""},
-        {"success": False, "message": "rate 0: 0.001 to 1000 wanted"},
+        {"success": False, "message": "rate is 0; expected 0.001 to 1000"},
         {"success": False, "message": "the server failed: ZeroDivisionError: of mine"},
     ]
     assert not replies[3]["success"]
@@ -48,30 +48,30 @@ def test_answers_refusals_and_failures(ros, start_receiver, capfd):
     assert "/marginguard/fails failed: ZeroDivisionError" in capfd.readouterr().err
 
 
-def test_a_slow_handler_in_its_own_thread_holds_nobody_up(ros, peer):
-    asked, answer = threading.Event(), threading.Event()
+def test_slow_handler_in_thread_does_not_block_the_node(ros, peer):
+    requested, proceed = threading.Event(), threading.Event()
 
     def slow(_, response):
-        asked.set()
-        answer.wait(60.0)
+        requested.set()
+        proceed.wait(60.0)
         response.success = True
 
     ServiceServer(ros, TRIGGER, "~/slow", slow, in_thread=True)
     client = ServiceClient(ros, TRIGGER, "~/slow")
     client.wait(30.0)
     pending = client.start({})
-    assert asked.wait(30.0)
-    # The node takes replies and requests meanwhile: one at a time is served.
+    assert requested.wait(30.0)
+    # Meanwhile the node receives replies and refuses further requests.
     assert ServiceClient(ros, "std_srvs/SetBool", "/peer/echo").call({"data": True}, 30.0).success
     busy = client.call({}, 30.0)
     assert not busy.success
     assert "busy with an earlier request" in busy.message
-    answer.set()
+    proceed.set()
     assert pending.result(30.0).success
     assert client.call({}, 30.0).success
 
 
-def test_a_name_that_ros_refuses_is_one_line(ros):
-    with pytest.raises(CallError, match="no service 'two words'") as caught:
+def test_invalid_name_is_a_one_line_error(ros):
+    with pytest.raises(CallError, match="service 'two words' cannot be served") as caught:
         ServiceServer(ros, TRIGGER, "two words", lambda request, response: None)
     assert "\n" not in str(caught.value)

@@ -1,11 +1,11 @@
-"""A process of its own whose tool turns about a fixed tip: tf at 200 Hz by rclpy alone.
+"""Process that publishes a tool rotating about its fixed tip on tf at 200 Hz with plain rclpy.
 
     tool_sender.py MOTION
 
-``pivot``: about the tip in all directions; ``spin``: about the shaft; ``still``: not at all, with
-the tip known. The tip is at (5, 12.6, 103.3) mm of the frame ``stylus``, the shaft its z-axis
-through the tip, the fixed point at (100, -50, 20) mm of ``reference``. Prints ``ready``; ends when
-it is killed.
+``pivot``: about the tip in all directions; ``spin``: about the shaft; ``still``: at rest, with the
+tip on ``/tf_static``. The tip is at (5, 12.6, 103.3) mm of the frame ``stylus``, the shaft is its
+z-axis through the tip, the fixed point is at (100, -50, 20) mm of ``reference``. Prints ``ready``;
+ends when it is killed.
 """
 
 import random
@@ -21,8 +21,8 @@ TIP = np.array([5.0, 12.6, 103.3])
 FIXED = np.array([100.0, -50.0, 20.0])
 
 
-def turned(axis, angle):
-    """The quaternion (x, y, z, w) and the matrix of a turn about ``axis``."""
+def rotation_about(axis, angle):
+    """Quaternion (x, y, z, w) and matrix of a rotation about ``axis``."""
     x, y, z = axis = np.asarray(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     matrix = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
@@ -53,11 +53,13 @@ def main(motion):
     def send():
         if motion == "pivot":
             around = chance.uniform(0, 2 * np.pi)
-            quaternion, matrix = turned([np.cos(around), np.sin(around), 0.1], chance.uniform(0, 1))
+            quaternion, matrix = rotation_about(
+                [np.cos(around), np.sin(around), 0.1], chance.uniform(0, 1)
+            )
         elif motion == "spin":
-            quaternion, matrix = turned([0, 0, 1], chance.uniform(-1.5, 1.5))
+            quaternion, matrix = rotation_about([0, 0, 1], chance.uniform(-1.5, 1.5))
         else:
-            quaternion, matrix = turned([0, 0, 1], 0.0)
+            quaternion, matrix = rotation_about([0, 0, 1], 0.0)
         noise = [chance.gauss(0, 0.05) for _ in range(3)]
         place = FIXED - matrix @ TIP + noise
         publisher.publish(message("reference", "stylus", now().to_msg(), quaternion, place))

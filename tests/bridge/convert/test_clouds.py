@@ -1,4 +1,4 @@
-"""Clouds to points in mm and back, other layouts than ours, and hostile ones."""
+"""Conversion of point clouds, including other layouts and invalid ones."""
 
 import struct
 
@@ -19,13 +19,13 @@ COORDINATES = st.floats(-1e4, 1e4)
 def test_there_and_back(points):
     message = cloud_message(points, "scanner", Stamp(5))
     assert np.allclose(cloud_points_mm(message), points, rtol=1e-6, atol=1e-6)
-    # As any other program would read the bytes.
+    # Independent read of the bytes.
     numbers = struct.unpack(f"<{3 * len(points)}f", bytes(message.data))
     assert np.allclose(numbers, points.ravel() / 1000.0, rtol=1e-6, atol=1e-9)
 
 
 def cloud(**changes):
-    """Two rows of one point: y, x, z of 64 bits, big-endian, a colour before, padding behind."""
+    """Two rows of one point: a colour, then y, x, z as 64-bit big-endian floats, then padding."""
     fields = [("rgb", 0, 7), ("y", 4, 8), ("x", 12, 8), ("z", 20, 8)]
     message = PointCloud2(height=2, width=1, point_step=30, row_step=32, is_bigendian=True)
     message.fields = [
@@ -41,12 +41,12 @@ def cloud(**changes):
     return message
 
 
-def test_another_layout():
+def test_other_field_layout_is_read():
     assert cloud_points_mm(cloud()).tolist() == [[1e3, 2e3, 3e3], [1e4, 2e4, 3e4]]
     assert cloud_array(cloud())["rgb"].tolist() == [0.5, 0.5]
 
 
-def test_points_that_the_sensor_did_not_see_stay_in_their_place():
+def test_points_without_measurement_stay_nan():
     points = np.array([[1.0, 2.0, 3.0], [np.nan] * 3])
     message = cloud_message(points, "scanner", Stamp(5))
     assert not message.is_dense
@@ -69,6 +69,6 @@ def test_points_that_the_sensor_did_not_see_stay_in_their_place():
         {"fields": []},
     ],
 )
-def test_hostile_clouds(changes):
+def test_inconsistent_clouds_are_refused(changes):
     with pytest.raises(ConversionError):
         cloud_points_mm(cloud(**changes))

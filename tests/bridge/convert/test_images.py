@@ -1,4 +1,4 @@
-"""Images to arrays and back, against the layout that ROS writes down, and against hostile sizes."""
+"""Conversion of images, including the layout of the ROS specification and invalid sizes."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_padded_rows_and_big_endian_samples():
     assert image_array(image).tolist() == [[1, 512], [768, 4]]
 
 
-def test_nothing_is_copied():
+def test_image_is_not_copied():
     image = image_message(np.zeros((480, 640, 3), np.uint8), "rgb8", "camera", NOW)
     assert np.shares_memory(image_array(image), np.frombuffer(image.data, np.uint8))
 
@@ -48,7 +48,7 @@ def test_nothing_is_copied():
         {"step": 2**32 - 1},
     ],
 )
-def test_sizes_that_do_not_fit_the_data(change):
+def test_inconsistent_image_sizes_are_refused(change):
     image = image_message(np.zeros((2, 2), np.uint8), "mono8", "camera", NOW)
     for name, value in change.items():
         setattr(image, name, value)
@@ -56,7 +56,7 @@ def test_sizes_that_do_not_fit_the_data(change):
         image_array(image)
 
 
-def test_an_empty_image_is_one():
+def test_empty_image_has_no_pixels():
     assert image_array(Image(encoding="rgb8")).shape == (0, 0, 3)
 
 
@@ -70,6 +70,6 @@ def test_an_empty_image_is_one():
         (np.zeros((2, 2), np.uint8), "yuv422"),
     ],
 )
-def test_arrays_that_are_no_such_image(pixels, encoding):
+def test_arrays_that_do_not_fit_the_encoding_are_refused(pixels, encoding):
     with pytest.raises(ConversionError):
         image_message(pixels, encoding, "camera", NOW)

@@ -1,4 +1,4 @@
-"""Every type that is installed, there and back, and read by an implementation that is not ours."""
+"""Conversion of every installed message type, compared with rosbags."""
 
 import math
 import random
@@ -51,7 +51,7 @@ DTYPES = {
 
 
 def random_message(kind, chance):
-    """A message of ``kind``, made field by field without the code under test."""
+    """Random message of ``kind``, created without the code under test."""
     message = kind()
     for name, slot in zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True):
         setattr(message, name, random_value(slot, chance))
@@ -85,7 +85,7 @@ def random_value(slot, chance):
 
 
 def equal(first, second):
-    """Whether two messages are, floats up to the rounding of m to mm and back."""
+    """True if two messages are equal, with floats up to the rounding of the unit conversion."""
     if hasattr(first, "SLOT_TYPES"):
         return type(first) is type(second) and all(
             equal(getattr(first, name), getattr(second, name))
@@ -111,7 +111,7 @@ VALUES = st.floats(-1e300, 1e300)
 
 
 @given(VALUES, VALUES, VALUES)
-def test_a_length_keeps_its_digits(x, y, z):
+def test_length_keeps_its_precision(x, y, z):
     values = {"x": x, "y": y, "z": z}
     back = to_plain(from_plain("geometry_msgs/Point", values))
     for name, value in values.items():
@@ -119,7 +119,7 @@ def test_a_length_keeps_its_digits(x, y, z):
 
 
 LENGTHS = {
-    # type: the fields that are lengths, every one of them; what is not named is as it is
+    # type: all fields that are lengths; the others are not scaled
     "geometry_msgs/msg/Pose": {"position.x", "position.y", "position.z"},
     "geometry_msgs/msg/PoseStamped": {"pose.position.x", "pose.position.y", "pose.position.z"},
     "geometry_msgs/msg/TransformStamped": {
@@ -154,7 +154,7 @@ def read_by_rosbags(message, path):
 
 
 @pytest.mark.parametrize("name", LENGTHS)
-def test_units_field_by_field_as_another_reader_sees_them(name):
+def test_units_of_every_field_agree_with_rosbags(name):
     kind = message_type(name)
     values = to_plain(kind())
     for path, _ in leaves(values):
@@ -172,20 +172,20 @@ def test_units_field_by_field_as_another_reader_sees_them(name):
         assert value == 250.0
 
 
-def test_what_holds_points_and_arrays_of_lengths():
+def test_nested_points_and_arrays_of_lengths_are_scaled():
     poses = from_plain("PoseArray", {"poses": [{"position": {"z": 5.0}}]})
     assert poses.poses[0].position.z == 0.005
     scan = from_plain("sensor_msgs/LaserScan", {"ranges": [100.0, math.inf], "angle_min": -1.0})
     assert list(scan.ranges) == [pytest.approx(0.1), math.inf]
     assert scan.angle_min == -1.0
-    # A covariance of position and angle together: mm times rad.
+    # Covariance of position and angle: mm rad.
     values = to_plain(from_plain("geometry_msgs/PoseWithCovariance", {"covariance": np.ones(36)}))
     assert np.allclose(values["covariance"], 1.0)
     sent = from_plain("geometry_msgs/PoseWithCovariance", {"covariance": np.ones((6, 6))})
     assert sent.covariance.reshape(6, 6)[0, 0] == pytest.approx(1e-6)
     assert sent.covariance.reshape(6, 6)[0, 5] == pytest.approx(1e-3)
     assert sent.covariance.reshape(6, 6)[5, 5] == 1.0
-    # Pixels are no metres, though they come as points.
+    # Points in pixels are not scaled.
     pixels = from_plain("visualization_msgs/ImageMarker", {"points": [{"x": 3.0}]})
     assert pixels.points[0].x == 3.0
     joints = from_plain("JointState", {"name": ["slide"], "position": [0.1]})
@@ -193,43 +193,43 @@ def test_what_holds_points_and_arrays_of_lengths():
 
 
 @pytest.mark.parametrize(
-    ("kind", "values", "words"),
+    ("kind", "values", "message"),
     [
-        ("String", {"data": 3}, "String.data is 3: a string wanted"),
-        ("String", {"data": "\ud800"}, "no text in utf-8"),
-        ("String", {"text": "x"}, "String has no field 'text': data"),
-        ("Bool", {"data": 1}, "true or false"),
-        ("Int", {"data": 1.0}, "a whole number"),
-        ("Int", {"data": True}, "a whole number"),
-        ("Int", {"data": 2**63}, "9223372036854775807 wanted"),
-        ("Double", {"data": "1"}, "a number wanted"),
-        ("Double", {"data": 10**400}, "does not fit"),
-        ("std_msgs/Float32", {"data": 1e39}, "32 bits"),
-        ("Pose", {"position": [1, 2, 3]}, "Pose.position is .*: a mapping"),
+        ("String", {"data": 3}, "String.data is 3; expected a string"),
+        ("String", {"data": "\ud800"}, "expected text that utf-8 can encode"),
+        ("String", {"text": "x"}, "String has no field 'text'; expected one of data"),
+        ("Bool", {"data": 1}, "expected true or false"),
+        ("Int", {"data": 1.0}, "expected an integer"),
+        ("Int", {"data": True}, "expected an integer"),
+        ("Int", {"data": 2**63}, "expected -9223372036854775808 to 9223372036854775807"),
+        ("Double", {"data": "1"}, "expected a number"),
+        ("Double", {"data": 10**400}, "out of range of the field"),
+        ("std_msgs/Float32", {"data": 1e39}, "out of range of a 32-bit float"),
+        ("Pose", {"position": [1, 2, 3]}, "Pose.position is .*; expected a mapping"),
         ("PoseArray", {"poses": [{"position": {"x": "a"}}]}, r"PoseArray.poses\[0\].position.x"),
-        ("PoseArray", {"poses": {"a": 1}}, "a list wanted"),
-        ("JointState", {"position": ["a"]}, "an array of double"),
-        ("JointState", {"name": "waist"}, "a list wanted"),
-        ("IntArray", {"data": [0.5]}, "an array of int64"),
-        ("std_msgs/UInt8MultiArray", {"data": [1, 256]}, r"data\[1\] is 256: it does not fit"),
+        ("PoseArray", {"poses": {"a": 1}}, "expected a list"),
+        ("JointState", {"position": ["a"]}, "expected an array of double"),
+        ("JointState", {"name": "waist"}, "expected a list"),
+        ("IntArray", {"data": [0.5]}, "expected an array of int64"),
+        ("std_msgs/UInt8MultiArray", {"data": [1, 256]}, r"data\[1\] is 256; out of range"),
         ("std_msgs/UInt8MultiArray", {"data": [-1]}, r"data\[0\] is -1"),
-        ("sensor_msgs/CameraInfo", {"k": [1.0] * 8}, "8 values: 9 wanted"),
-        ("shape_msgs/SolidPrimitive", {"dimensions": [1.0] * 4}, "4 values: 3 at most"),
-        ("std_msgs/Byte", {"data": 256}, "0 to 255"),
+        ("sensor_msgs/CameraInfo", {"k": [1.0] * 8}, "8 values; expected 9"),
+        ("shape_msgs/SolidPrimitive", {"dimensions": [1.0] * 4}, "4 values; expected at most 3"),
+        ("std_msgs/Byte", {"data": 256}, "expected 0 to 255"),
     ],
 )
-def test_a_value_that_does_not_fit_is_named(kind, values, words):
-    with pytest.raises(ConversionError, match=words) as caught:
+def test_invalid_value_is_refused_with_its_field(kind, values, message):
+    with pytest.raises(ConversionError, match=message) as caught:
         from_plain(kind, values)
     assert "\n" not in str(caught.value)
 
 
-def test_an_integer_for_a_float_is_the_same_number():
+def test_integer_in_a_float_field_keeps_its_value():
     sent = from_plain("Double", {"data": 1})
     assert ROSBAGS.deserialize_cdr(bytes(serialize_message(sent)), "std_msgs/msg/Float64").data == 1
 
 
-def test_large_arrays_are_not_copied_on_the_way_in():
+def test_large_arrays_are_views_of_the_message():
     image = from_plain("UInt8Image", {"data": np.zeros(1 << 20, dtype=np.uint8)})
     values = to_plain(image)
     assert np.shares_memory(values["data"], np.frombuffer(image.data, dtype=np.uint8))

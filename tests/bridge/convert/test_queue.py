@@ -1,4 +1,4 @@
-"""Every message of a topic, in order, and a bound on how many wait."""
+"""Queue of the messages of a topic."""
 
 import pytest
 
@@ -14,23 +14,23 @@ def ros(domain_id):
         yield node
 
 
-def test_a_full_queue_loses_the_oldest_and_counts_them(ros):
+def test_full_queue_drops_the_oldest_and_counts_them(ros):
     queue = TopicQueue(ros, STRING, "/words", qos_profile(depth=3))
     texts = ("a", "b", "c", "d", "e")
-    for text in texts:  # as CDR has it: header, length with the final zero, characters
-        queue._take_in(b"\x00\x01\x00\x00\x02\x00\x00\x00" + text.encode() + b"\x00")
+    for text in texts:  # CDR: header, length including the zero, characters
+        queue._on_message(b"\x00\x01\x00\x00\x02\x00\x00\x00" + text.encode() + b"\x00")
     assert [queue.read(raw).data for raw in queue.take()] == ["c", "d", "e"]
     assert queue.lost == 2
     assert queue.take() == []
 
 
-def test_bytes_that_are_no_message_are_said(ros):
+def test_invalid_bytes_in_queue_are_refused(ros):
     queue = TopicQueue(ros, STRING, "/words", qos_profile())
-    with pytest.raises(ConversionError, match="/words: 3 bytes are no String"):
+    with pytest.raises(ConversionError, match="/words: 3 bytes are not a valid String"):
         queue.read(b"\x00\x01\x00")
 
 
-def test_a_closed_queue_has_left_the_graph(ros):
+def test_closed_queue_has_left_the_graph(ros):
     queue = TopicQueue(ros, STRING, "/words", qos_profile())
     assert ros.node.count_subscribers("/words") == 1
     queue.close()

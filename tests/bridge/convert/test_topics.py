@@ -1,4 +1,4 @@
-"""Topics by name and type, with processes on the other side that know rclpy alone."""
+"""Topics by name and type, with plain rclpy in another process."""
 
 import threading
 from pathlib import Path
@@ -16,8 +16,8 @@ from app.bridge.convert import (
 from app.bridge.node import RosNode
 from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 
-CYCLONE = Path(__file__).resolve().parents[1] / "cyclone_speaker.py"
-SPEAKER = Path(__file__).resolve().parent / "speaker.py"
+CYCLONE = Path(__file__).resolve().parents[1] / "cyclone_publisher.py"
+PUBLISHER = Path(__file__).resolve().parent / "repeating_publisher.py"
 POSE = "geometry_msgs/msg/PoseStamped"
 NOTHING = {"x": 0.0, "y": 0.0, "z": 0.0}
 ONE_METRE = "{'pose': {'position': {'x': 1.0, 'z': -0.25}}, 'header': {'frame_id': 'reference'}}"
@@ -30,16 +30,16 @@ def ros(domain_id):
 
 
 @pytest.fixture
-def speak(start_receiver):
-    """``speak("/topic", "TYPE", "0.01", "{...}", "latched")``: another process says it."""
-    return lambda *arguments: start_receiver(*arguments, script=SPEAKER)
+def publish(start_receiver):
+    """``publish("/topic", "TYPE", "0.01", "{...}", "latched")``: another process publishes."""
+    return lambda *arguments: start_receiver(*arguments, script=PUBLISHER)
 
 
-def test_metres_of_another_process_are_millimetres_here(ros, speak):
+def test_received_metres_become_millimetres(ros, publish):
     heard = threading.Event()
     subscriber = TopicSubscriber(ros, "PoseStamped", "/target", changed=heard.set)
     assert subscriber.values is None
-    speak("/target", POSE, "0.01", ONE_METRE)
+    publish("/target", POSE, "0.01", ONE_METRE)
     assert heard.wait(30.0)
     values = subscriber.values
     assert values["pose"]["position"] == {"x": 1000.0, "y": 0.0, "z": -250.0}
@@ -49,7 +49,7 @@ def test_metres_of_another_process_are_millimetres_here(ros, speak):
     assert subscriber.count >= 1
 
 
-def test_another_dds_implementation_is_understood(ros, start_receiver):
+def test_messages_of_cyclone_dds_are_received(ros, start_receiver):
     heard = threading.Event()
     subscriber = TopicSubscriber(ros, "PoseArray", "/poses", changed=heard.set)
     start_receiver("250", script=CYCLONE, environment=CYCLONE_ON_THIS_MACHINE)
@@ -60,7 +60,7 @@ def test_another_dds_implementation_is_understood(ros, start_receiver):
     ]
 
 
-def test_our_millimetres_are_metres_there(ros, start_receiver):
+def test_published_millimetres_become_metres(ros, start_receiver):
     publisher = TopicPublisher(ros, "PoseStamped", "~/target")
     receiver = start_receiver(f"/marginguard/target:{POSE}:1")
     assert ros.wait_for_subscribers(publisher.topic, 1, timeout_s=30.0)
@@ -98,15 +98,15 @@ def test_our_millimetres_are_metres_there(ros, start_receiver):
         ),
     ],
 )
-def test_types_that_users_of_slicer_know(ros, start_receiver, short, kind, values, there):
+def test_short_type_names_of_slicerros2(ros, start_receiver, short, kind, values, there):
     publisher = TopicPublisher(ros, short, "~/x", qos_profile(durability="transient_local"))
     publisher.publish(values)
     (line,) = start_receiver(f"/marginguard/x:{kind}:1:latched").messages()
     assert there.items() <= line["message"].items()
 
 
-def test_a_late_joiner_hears_what_another_process_has_latched(ros, speak):
-    speak("/notice", "std_msgs/msg/String", "0", "{'data': 'ready for you'}", "latched")
+def test_late_subscriber_gets_the_latched_message(ros, publish):
+    publish("/notice", "std_msgs/msg/String", "0", "{'data': 'ready for you'}", "latched")
     heard = threading.Event()
     latched = qos_profile(depth=1, durability="transient_local")
     subscriber = TopicSubscriber(ros, "String", "/notice", latched, changed=heard.set)
@@ -114,52 +114,52 @@ def test_a_late_joiner_hears_what_another_process_has_latched(ros, speak):
     assert subscriber.values == {"data": "ready for you"}
 
 
-def test_a_promise_that_does_not_fit_is_reported(ros, speak, capfd):
+def test_incompatible_qos_is_reported(ros, publish, capfd):
     subscriber = TopicSubscriber(ros, "String", "/lossy", qos_profile(reliability="reliable"))
     fitting, heard = qos_profile(reliability="best_effort"), threading.Event()
     TopicSubscriber(ros, "String", "/lossy", fitting, changed=heard.set)
-    speak("/lossy", "std_msgs/msg/String", "0.01", "{'data': 'x'}", "best_effort")
+    publish("/lossy", "std_msgs/msg/String", "0.01", "{'data': 'x'}", "best_effort")
     assert heard.wait(30.0)
     assert subscriber.count == 0
     assert ros.incompatible == {"/lossy": "RELIABILITY"}
-    assert "another endpoint is not heard, its RELIABILITY" in capfd.readouterr().err
+    assert "because of incompatible RELIABILITY" in capfd.readouterr().err
 
 
-def test_ten_thousand_a_second_cost_no_reading(ros, speak):
-    # As fast as one process can: each is taken, one is read.
+def test_high_rate_messages_are_deserialised_only_on_read(ros, publish):
+    # The other process publishes as fast as it can; only one message is deserialised.
     many = threading.Event()
-    subscriber = TopicSubscriber(ros, POSE, "/flood", qos_profile(depth=1), changed=lambda: taken())
+    subscriber = TopicSubscriber(ros, POSE, "/fast", qos_profile(depth=1), changed=lambda: count())
 
-    def taken():
+    def count():
         if subscriber.count >= 2000:
             many.set()
 
-    speak("/flood", POSE, "0.0001", ONE_METRE)
+    publish("/fast", POSE, "0.0001", ONE_METRE)
     assert many.wait(60.0)
     assert subscriber.values["pose"]["position"]["x"] == 1000.0
     assert ros.failures == 0
 
 
-def test_what_cannot_be_sent_is_not_sent(ros):
+def test_invalid_value_is_not_published(ros):
     publisher = TopicPublisher(ros, "Double", "~/x")
     with pytest.raises(ConversionError, match=r"Float64\.data is 'a'"):
         publisher.publish({"data": "a"})
     assert publisher.count == 0
 
 
-def test_bytes_of_a_stranger_are_no_message(ros):
+def test_invalid_bytes_are_refused(ros):
     subscriber = TopicSubscriber(ros, "String", "/x")
-    subscriber._take(b"\x00\x01\x00\x00\xff\xff\xff\xff")
-    with pytest.raises(ConversionError, match="8 bytes are no String"):
+    subscriber._on_message(b"\x00\x01\x00\x00\xff\xff\xff\xff")
+    with pytest.raises(ConversionError, match="8 bytes are not a valid String"):
         _ = subscriber.values
     assert subscriber.values is None
 
 
-def test_names_and_promises_that_are_none(ros):
+def test_invalid_names_and_policies_are_refused(ros):
     with pytest.raises(UnknownTypeError, match="Nothing"):
         TopicPublisher(ros, "std_msgs/Nothing", "/x")
     for make in (TopicPublisher, TopicSubscriber):
-        with pytest.raises(ConversionError, match="no topic 'two words'"):
+        with pytest.raises(ConversionError, match="topic 'two words' cannot be used"):
             make(ros, "String", "two words")
     for wrong in ({"depth": 0}, {"reliability": "good"}, {"durability": "for ever"}):
         with pytest.raises(ConversionError):

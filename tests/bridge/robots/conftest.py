@@ -1,4 +1,4 @@
-"""A small robot with everything that joint states can tell: a turn, a slide and a follower."""
+"""Small robot with a revolute, a prismatic and a mimic joint."""
 
 import pytest
 

@@ -1,7 +1,7 @@
-"""A robot of its own process, by rclpy alone: description, joint states, the tf of one joint.
+"""Process that publishes a robot with plain rclpy: description, joint states, tf of one joint.
 
-The joint turns at a given rate: its position is ``rate * (stamp - start)``, so that whoever follows
-can tell from a stamp where it has to be. A line on stdin is a new description.
+The position of the joint is ``rate * (stamp - start)``, so that the expected position follows from
+a stamp. Each line on stdin is a new description.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""A process of its own that sends one transform with rclpy alone, then waits to be killed."""
+"""Process that publishes one transform with plain rclpy, then waits to be killed."""
 
 import json
 import sys

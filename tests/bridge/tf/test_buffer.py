@@ -1,4 +1,4 @@
-"""The buffer against a brute force that keeps every sample and multiplies matrices."""
+"""Compare the transform buffer with a brute-force implementation."""
 
 import threading
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation, Slerp
 
 from app.bridge.tf import (
     TfConnectivityError,
@@ -18,6 +17,7 @@ from app.bridge.tf import (
 )
 from app.bridge.tf.history import EdgeHistory
 from app.geometry import NS_PER_S, FrameError
+from tests.oracles.transform_tree import BruteForceTree
 
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -27,61 +27,9 @@ def pose(rng):
     return (*rng.normal(scale=100.0, size=3), *(quaternion / np.linalg.norm(quaternion)))
 
 
-def matrix(pose):
-    result = np.eye(4)
-    result[:3, :3] = Rotation.from_quat(pose[3:]).as_matrix()
-    result[:3, 3] = pose[:3]
-    return result
-
-
-class BruteForce:
-    """The oracle: a dictionary of every sample, SciPy's Slerp, and matrices to the root."""
-
-    def __init__(self):
-        self.parent, self.samples = {}, {}
-
-    def insert(self, parent, child, stamp, pose):
-        self.parent[child] = parent
-        self.samples.setdefault(child, {}).setdefault(stamp, pose)
-
-    def edge(self, child, stamp):
-        samples = self.samples[child]
-        if stamp in samples:
-            return matrix(samples[stamp])
-        times = np.array(sorted(samples))
-        if not times[0] <= stamp <= times[-1]:
-            raise KeyError(stamp)
-        rotations = Rotation.from_quat([samples[time][3:] for time in times])
-        result = np.eye(4)
-        # Relative to the first sample: SciPy takes times as floats.
-        result[:3, :3] = Slerp(times - times[0], rotations)(stamp - times[0]).as_matrix()
-        positions = np.array([samples[time][:3] for time in times])
-        for axis in range(3):
-            result[axis, 3] = np.interp(stamp - times[0], times - times[0], positions[:, axis])
-        return result
-
-    def chain(self, frame):
-        names = [frame]
-        while names[-1] in self.parent:
-            names.append(self.parent[names[-1]])
-        return names
-
-    def lookup(self, target, source, stamp):
-        first, second = self.chain(target), self.chain(source)
-        top = next((name for name in first if name in second), None)
-        if top is None:
-            raise LookupError
-        product = np.eye(4)
-        for child in first[: first.index(top)]:
-            product = product @ np.linalg.inv(self.edge(child, stamp))
-        for child in reversed(second[: second.index(top)]):
-            product = product @ self.edge(child, stamp)
-        return product
-
-
 @st.composite
 def trees(draw):
-    """A forest of up to 8 frames with random samples in random order."""
+    """Forests of up to 8 frames with random samples in random order."""
     count = draw(st.integers(2, 8))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     edges = []
@@ -97,9 +45,9 @@ def trees(draw):
 
 @settings(max_examples=200)
 @given(trees(), st.data())
-def test_any_lookup_is_that_of_the_brute_force(tree, data):
+def test_lookup_agrees_with_brute_force(tree, data):
     edges, names = tree
-    buffer, brute = TransformBuffer(), BruteForce()
+    buffer, brute = TransformBuffer(), BruteForceTree()
     for edge in edges:
         buffer.insert(*edge)
         brute.insert(*edge)
@@ -108,17 +56,17 @@ def test_any_lookup_is_that_of_the_brute_force(tree, data):
         target, source = data.draw(st.sampled_from(names)), data.draw(st.sampled_from(names))
         stamp = data.draw(st.integers(-10, 900_000_010))
         if not {target, source} <= set(known):
-            with pytest.raises(TfLookupError, match="is not known"):
+            with pytest.raises(TfLookupError, match="is unknown; "):
                 buffer.lookup(target, source, stamp)
             continue
         try:
             expected = brute.lookup(target, source, stamp)
         except KeyError:
-            with pytest.raises(TfExtrapolationError, match="is known from"):
+            with pytest.raises(TfExtrapolationError, match="outside the buffered range"):
                 buffer.lookup(target, source, stamp)
             continue
         except LookupError:
-            with pytest.raises(TfConnectivityError, match="no way between"):
+            with pytest.raises(TfConnectivityError, match="no path between"):
                 buffer.lookup(target, source, stamp)
             continue
         found = buffer.lookup(target, source, stamp)
@@ -127,13 +75,13 @@ def test_any_lookup_is_that_of_the_brute_force(tree, data):
         np.testing.assert_allclose(found.transform.matrix, expected, atol=1e-6)
         if target != source:
             latest = buffer.latest_common_ns(target, source)
-            way = {*brute.chain(target)} ^ {*brute.chain(source)}
-            assert latest == min(max(brute.samples[child]) for child in way)
+            path = {*brute.chain(target)} ^ {*brute.chain(source)}
+            assert latest == min(max(brute.samples[child]) for child in path)
 
 
 @settings(max_examples=60)
 @given(trees())
-def test_the_poses_of_many_frames_are_those_of_single_lookups(tree):
+def test_poses_agree_with_single_lookups(tree):
     edges, _ = tree
     buffer = TransformBuffer()
     for edge in edges:
@@ -157,7 +105,7 @@ def _connected(buffer, first, second):
     return True
 
 
-def test_edges_above_the_common_ancestor_are_not_asked():
+def test_edges_above_the_common_ancestor_are_not_used():
     buffer = TransformBuffer()
     buffer.insert("world", "base", 5, IDENTITY)
     buffer.insert("base", "a", 900, IDENTITY)
@@ -166,7 +114,7 @@ def test_edges_above_the_common_ancestor_are_not_asked():
     assert buffer.lookup("a", "b").stamp_ns == 900
 
 
-def test_the_oldest_of_the_newest_samples_makes_the_age():
+def test_age_is_that_of_the_oldest_edge():
     buffer = TransformBuffer()
     buffer.insert("reference", "cautery", 1_000, IDENTITY)
     buffer.insert("cautery", "tip", 0, IDENTITY, static=True)
@@ -177,17 +125,17 @@ def test_the_oldest_of_the_newest_samples_makes_the_age():
     assert buffer.lookup("cautery", "tip").stamp_ns is None
 
 
-def test_what_is_no_pose_is_refused_and_changes_nothing():
+def test_invalid_pose_is_refused_and_changes_nothing():
     buffer = TransformBuffer()
     buffer.insert("a", "b", 1, IDENTITY)
-    for child, bad, words in (
-        ("c", (np.nan, *IDENTITY[1:]), "not finite"),
-        ("c", (*IDENTITY[:6], np.inf), "not finite"),
+    for child, bad, message in (
+        ("c", (np.nan, *IDENTITY[1:]), "expected finite numbers"),
+        ("c", (*IDENTITY[:6], np.inf), "expected finite numbers"),
         ("c", (*IDENTITY[:6], 0.0), "norm 0"),
         ("c", (*IDENTITY[:6], 1.01), "norm 1.01"),
         ("a", IDENTITY, "own parent"),
     ):
-        with pytest.raises(TfInvalidError, match=words):
+        with pytest.raises(TfInvalidError, match=message):
             buffer.insert("a", child, 2, bad)
     with pytest.raises(FrameError, match="not allowed"):
         buffer.insert("/a", "c", 2, IDENTITY)
@@ -195,7 +143,7 @@ def test_what_is_no_pose_is_refused_and_changes_nothing():
     assert buffer.latest_common_ns("a", "b") == 1
 
 
-def test_a_loop_is_refused_by_its_names():
+def test_loop_is_refused_with_its_frames():
     buffer = TransformBuffer()
     buffer.insert("a", "b", 1, IDENTITY)
     buffer.insert("b", "c", 1, IDENTITY)
@@ -204,7 +152,7 @@ def test_a_loop_is_refused_by_its_names():
     assert buffer.parent("a") is None
 
 
-def test_a_new_parent_forgets_the_past_and_is_counted():
+def test_new_parent_discards_the_history():
     buffer = TransformBuffer()
     buffer.insert("a", "c", 1, IDENTITY)
     buffer.insert("b", "c", 2, IDENTITY)
@@ -213,7 +161,7 @@ def test_a_new_parent_forgets_the_past_and_is_counted():
         buffer.lookup("a", "c")
 
 
-def test_a_clock_that_jumps_back_leaves_static_edges_alone():
+def test_clock_jump_back_keeps_only_static_edges():
     buffer = TransformBuffer()
     assert not buffer.set_now(10)
     buffer.insert("a", "b", 9, IDENTITY)
@@ -225,7 +173,7 @@ def test_a_clock_that_jumps_back_leaves_static_edges_alone():
         buffer.lookup("a", "b")
 
 
-def test_stamps_that_jump_back_begin_an_edge_anew():
+def test_stamps_that_jump_back_restart_the_edge():
     buffer = TransformBuffer()
     hour = 3600 * NS_PER_S
     buffer.insert("a", "b", hour, IDENTITY)
@@ -233,21 +181,21 @@ def test_stamps_that_jump_back_begin_an_edge_anew():
     assert (buffer.latest_common_ns("a", "b"), buffer.restarts) == (5, 1)
 
 
-def test_memory_is_bounded_by_time_by_number_and_by_frames():
+def test_buffer_is_limited_by_time_samples_and_frames():
     buffer = TransformBuffer(keep_ns=1_000, max_samples=50, max_frames=3)
     for stamp in range(5_000):
         buffer.insert("a", "b", stamp, IDENTITY)
     buffer.lookup("a", "b", 4_950)
-    with pytest.raises(TfExtrapolationError, match="from 4950 to 4999 ns: asked for 4949 ns"):
+    with pytest.raises(TfExtrapolationError, match=r"at 4949 ns: .*expected 4950 to 4999 ns"):
         buffer.lookup("a", "b", 4_949)
     assert not buffer.insert("a", "b", 3_900, IDENTITY)
     buffer.insert("a", "c", 1, IDENTITY)
-    with pytest.raises(TfInvalidError, match="3 frames allowed"):
+    with pytest.raises(TfInvalidError, match="expected at most 3 frames"):
         buffer.insert("a", "d", 1, IDENTITY)
 
 
-def test_memory_is_bounded_when_samples_come_in_the_wrong_order():
-    history = EdgeHistory("world", static=False, keep_ns=NS_PER_S, most=50)
+def test_history_is_limited_for_samples_in_reverse_order():
+    history = EdgeHistory("world", static=False, keep_ns=NS_PER_S, max_samples=50)
     history.insert(10_000, IDENTITY)
     for stamp_ns in range(9_999, 0, -1):
         history.insert(stamp_ns, IDENTITY)
@@ -256,19 +204,19 @@ def test_memory_is_bounded_when_samples_come_in_the_wrong_order():
     assert history.oldest_ns == 9_951
 
 
-def test_a_repeated_stamp_keeps_its_first_pose():
+def test_repeated_stamp_keeps_its_first_pose():
     buffer = TransformBuffer()
     assert buffer.insert("a", "b", 1, IDENTITY)
     assert not buffer.insert("a", "b", 1, (7.0, *IDENTITY[1:]))
     assert buffer.lookup("a", "b").transform.translation_mm[0] == 0.0
 
 
-def test_waiting_ends_with_the_sample_or_with_the_last_error():
+def test_wait_returns_the_lookup_or_raises_its_last_error():
     buffer = TransformBuffer()
     buffer.insert("a", "b", 1, IDENTITY)
     inserting = threading.Thread(target=buffer.insert, args=("a", "b", 20, IDENTITY))
     inserting.start()
     assert buffer.wait("a", "b", 10, timeout_s=10.0).stamp_ns == 10
     inserting.join()
-    with pytest.raises(TfLookupError, match="'nobody' is not known: known are a, b"):
-        buffer.wait("a", "nobody", timeout_s=0.0)
+    with pytest.raises(TfLookupError, match="'missing' is unknown; known frames: a, b"):
+        buffer.wait("a", "missing", timeout_s=0.0)

@@ -1,4 +1,4 @@
-"""The newest poses of several frames, taken when they are newer than the last ones."""
+"""Latest poses of several frames."""
 
 import threading
 
@@ -28,7 +28,7 @@ def move(buffer, stamp_ns, x_mm, frames=FRAMES, *, static=False):
         buffer.insert("world", frame, stamp_ns, pose, static=static)
 
 
-def test_the_newest_poses_win_and_the_rest_is_counted(buffer, latest):
+def test_take_returns_the_newest_poses_and_counts_the_rest(buffer, latest):
     for number in range(1, 6):
         move(buffer, number, float(number))
         latest.received()
@@ -39,14 +39,14 @@ def test_the_newest_poses_win_and_the_rest_is_counted(buffer, latest):
     assert latest.take(0.0) is None
 
 
-def test_a_message_about_something_else_brings_no_poses(buffer, latest):
+def test_messages_about_other_frames_give_no_poses(buffer, latest):
     move(buffer, 1, 0.0)
     latest.received()
     assert latest.take(0.0) is not None
     move(buffer, 2, 0.0, ["another"])
     latest.received()
     assert latest.take(0.0) is None
-    move(buffer, 2, 0.0, ["left"])  # the stamp that both have is still the first one
+    move(buffer, 2, 0.0, ["left"])  # the common stamp is still the first one
     latest.received()
     assert latest.take(0.0) is None
     move(buffer, 2, 0.0, ["right"])
@@ -54,7 +54,7 @@ def test_a_message_about_something_else_brings_no_poses(buffer, latest):
     assert latest.take(0.0).stamp_ns == 2
 
 
-def test_what_is_missing_is_said_until_it_comes(buffer, latest):
+def test_missing_names_the_frame_until_it_has_a_pose(buffer, latest):
     move(buffer, 1, 0.0, ["left"])
     latest.received()
     assert latest.take(0.0) is None
@@ -65,7 +65,7 @@ def test_what_is_missing_is_said_until_it_comes(buffer, latest):
     assert latest.missing == ""
 
 
-def test_a_source_that_begins_anew_is_followed(buffer, latest):
+def test_restarted_source_is_followed(buffer, latest):
     move(buffer, 10_000_000_000, 1.0)
     latest.received()
     assert latest.take(0.0).stamp_ns == 10_000_000_000
@@ -74,7 +74,7 @@ def test_a_source_that_begins_anew_is_followed(buffer, latest):
     assert latest.take(0.0).stamp_ns == 5
 
 
-def test_static_edges_that_are_said_again_are_taken_again(buffer, latest):
+def test_repeated_static_edges_are_returned_again(buffer, latest):
     for x_mm in (1.0, 2.0):
         move(buffer, 0, x_mm, static=True)
         latest.received()
@@ -83,35 +83,35 @@ def test_static_edges_that_are_said_again_are_taken_again(buffer, latest):
         assert poses.matrices[0, 0, 3] == x_mm
 
 
-def test_a_flood_about_other_frames_does_not_keep_the_reader(buffer, latest, monkeypatch):
-    looked = []
+def test_messages_about_other_frames_do_not_extend_the_timeout(buffer, latest, monkeypatch):
+    lookups = []
 
     def lookup(*_):
-        looked.append(1)
-        assert len(looked) < 1000, "it never comes back"
-        latest.received()  # the next message is there before this one has been looked at
-        raise TfLookupError("not known")
+        lookups.append(1)
+        assert len(lookups) < 1000, "take does not return"
+        latest.received()  # the next message arrives before this lookup returns
+        raise TfLookupError("unknown")
 
     monkeypatch.setattr(buffer, "poses", lookup)
     latest.received()
     assert latest.take(0.0) is None
-    assert looked == [1]
+    assert lookups == [1]
 
 
-def test_a_reader_that_waits_is_woken(buffer, latest):
+def test_waiting_reader_is_woken(buffer, latest):
     taken = []
 
     def read():
         while len(taken) < 50:
             taken.append(latest.take(DEADLINE_S))
-            shown.release()
+            read_once.release()
 
-    shown = threading.Semaphore(0)
+    read_once = threading.Semaphore(0)
     thread = threading.Thread(target=read)
     thread.start()
     for number in range(1, 51):
         move(buffer, number, float(number))
         latest.received()
-        assert shown.acquire(timeout=DEADLINE_S)
+        assert read_once.acquire(timeout=DEADLINE_S)
     thread.join(DEADLINE_S)
     assert [poses.stamp_ns for poses in taken] == list(range(1, 51))

@@ -1,4 +1,4 @@
-"""The listener against rclpy's own publishers, in a process and between processes."""
+"""`TfListener` with publishers of rclpy, within a process and between processes."""
 
 import json
 import subprocess
@@ -39,7 +39,7 @@ def shifted(child, x_mm, parent="world"):
     return Transform(parent, child, np.eye(3), np.array([x_mm, 0.0, 0.0]))
 
 
-def test_what_is_broadcast_is_looked_up_with_its_own_stamp(ros, other):
+def test_broadcast_transform_keeps_its_stamp(ros, other):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     static = StaticTfBroadcaster(other)
@@ -53,7 +53,7 @@ def test_what_is_broadcast_is_looked_up_with_its_own_stamp(ros, other):
     assert found.transform.translation_mm == pytest.approx([81.0, 0.0, 0.0])
 
 
-def test_a_listener_that_joins_late_has_every_latched_transform(ros, other):
+def test_late_listener_gets_every_latched_transform(ros, other):
     static = StaticTfBroadcaster(other)
     second = other.publisher(Topic(topics.TF_STATIC.name, topics.TF_STATIC.type, LATCHED))
     static.send([shifted("a", 1.0), shifted("b", 2.0)])
@@ -66,7 +66,7 @@ def test_a_listener_that_joins_late_has_every_latched_transform(ros, other):
         assert found.transform.translation_mm[0] == pytest.approx(x_mm)
 
 
-def test_what_cannot_be_is_counted_and_the_rest_taken(ros, other):
+def test_invalid_samples_are_counted_and_the_rest_inserted(ros, other):
     buffer = TransformBuffer()
     listener = TfListener(ros, buffer)
     publisher = other.publisher(topics.TF)
@@ -91,7 +91,7 @@ def test_what_cannot_be_is_counted_and_the_rest_taken(ros, other):
     assert buffer.frames == {"world", "a", "good"}
 
 
-def test_a_flood_of_names_is_refused_unread(ros, other):
+def test_oversized_message_is_refused_unread(ros, other):
     buffer = TransformBuffer()
     listener = TfListener(ros, buffer)
     publisher = other.publisher(topics.TF)
@@ -104,7 +104,7 @@ def test_a_flood_of_names_is_refused_unread(ros, other):
     assert buffer.frames == {"world", "a"}
 
 
-def test_a_clock_that_jumps_back_empties_the_buffer(ros, other):
+def test_clock_jump_back_clears_the_buffer(ros, other):
     buffer = TransformBuffer()
     taken = threading.Event()
     TfListener(ros, buffer, received=taken.set)
@@ -118,11 +118,11 @@ def test_a_clock_that_jumps_back_empties_the_buffer(ros, other):
     jumped = threading.Event()
     set_now = buffer.set_now
 
-    def noticed(now_ns):
+    def observed_set_now(now_ns):
         if set_now(now_ns):
             jumped.set()
 
-    buffer.set_now = noticed
+    buffer.set_now = observed_set_now
     for second in (5, 4):
         message = Clock()
         message.clock.sec = second
@@ -131,7 +131,7 @@ def test_a_clock_that_jumps_back_empties_the_buffer(ros, other):
     assert buffer.parent("a") is None
 
 
-def test_a_sender_that_is_killed_and_started_again_is_heard_again(ros, domain_id):
+def test_restarted_sender_is_received_again(ros, domain_id):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     for stamp_ns in (7_000_000_000, 3_000_000_000):
@@ -149,20 +149,20 @@ def test_a_sender_that_is_killed_and_started_again_is_heard_again(ros, domain_id
     assert buffer.restarts == 1
 
 
-def test_a_callback_that_fails_does_not_silence_the_node(ros, other):
+def test_exception_in_a_callback_does_not_stop_the_node(ros, other):
     buffer = TransformBuffer()
     fails = iter([True])
-    heard = threading.Event()
+    second = threading.Event()
 
     def received():
         if next(fails, False):
             raise RuntimeError("on purpose")
-        heard.set()
+        second.set()
 
     TfListener(ros, buffer, received=received)
     moving = TfBroadcaster(other)
     assert other.wait_for_subscribers(topics.TF, 1, DEADLINE_S)
     moving.send([(shifted("a", 1.0), Stamp(1))])
     moving.send([(shifted("a", 2.0), Stamp(2))])
-    assert heard.wait(DEADLINE_S)
+    assert second.wait(DEADLINE_S)
     assert ros.failures == 1

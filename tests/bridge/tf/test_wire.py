@@ -1,4 +1,4 @@
-"""Our reading and writing of CDR against rclpy's own."""
+"""Reading and writing of tf messages as CDR, compared with rclpy."""
 
 import pytest
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
@@ -38,22 +38,22 @@ def by_rclpy(samples):
 
 @settings(max_examples=150)
 @given(samples)
-def test_what_rclpy_writes_is_read(given_samples):
+def test_messages_written_by_rclpy_are_read(given_samples):
     read = TfMessageReader()(serialize_message(by_rclpy(given_samples)))
     assert [sample[:3] for sample in read] == [sample[:3] for sample in given_samples]
-    for sample, needed in zip(read, given_samples, strict=True):
-        assert sample.pose == pytest.approx(needed.pose, rel=1e-12, abs=1e-12)
+    for sample, expected in zip(read, given_samples, strict=True):
+        assert sample.pose == pytest.approx(expected.pose, rel=1e-12, abs=1e-12)
 
 
 @settings(max_examples=150)
 @given(samples)
-def test_rclpy_reads_what_we_write(given_samples):
+def test_written_messages_are_read_by_rclpy(given_samples):
     assert deserialize_message(write_tf_message(given_samples), TFMessage) == by_rclpy(
         given_samples
     )
 
 
-def test_the_other_byte_order_is_read():
+def test_big_endian_message_is_read():
     sample = TfSample("a", "b", 3, (1000.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
     big = (
         b"\x00\x00\x00\x00" + b"\x00\x00\x00\x01" + bytes(4) + b"\x00\x00\x00\x03"
@@ -72,27 +72,27 @@ GOOD = write_tf_message([TfSample("world", "tool", 5, (0.0,) * 6 + (1.0,))])
 
 
 @pytest.mark.parametrize(
-    ("message", "words"),
+    ("message", "reason"),
     [
         (b"", "begins with nothing"),
         (b"\x00\x07" + GOOD[2:], "begins with 0007"),
         (GOOD[:4] + b"\xff\xff\xff\xff" + GOOD[8:], "cannot hold 4294967295"),
-        (GOOD[:4], "is damaged"),
-        (GOOD[:-9], "is damaged"),
+        (GOOD[:4], "is invalid"),
+        (GOOD[:-9], "is invalid"),
         (GOOD[:16] + b"\x00\x00\x00\x00" + GOOD[20:], "name of 0 bytes"),
         (GOOD[:16] + b"\xff\xff\xff\x7f" + GOOD[20:], "name of 2147483647 bytes"),
         (GOOD[:16] + b"\xff\x03\x00\x00" + GOOD[20:], "ends within a name"),
-        (GOOD.replace(b"world", b"wor\xffd"), "is damaged"),
+        (GOOD.replace(b"world", b"wor\xffd"), "is invalid"),
     ],
 )
-def test_damaged_bytes_are_refused_by_what_is_wrong(message, words):
-    with pytest.raises(TfInvalidError, match=words):
+def test_damaged_message_is_refused_with_the_reason(message, reason):
+    with pytest.raises(TfInvalidError, match=reason):
         TfMessageReader()(message)
 
 
 @settings(max_examples=300)
 @given(st.binary(max_size=200), st.integers(0, len(GOOD)))
-def test_no_bytes_do_more_than_be_refused(noise, place):
+def test_arbitrary_bytes_are_read_or_refused(noise, place):
     try:
         TfMessageReader()(GOOD[:place] + noise)
     except TfInvalidError:

@@ -1,9 +1,9 @@
-"""A process of another DDS implementation, Eclipse Cyclone DDS, its types written by hand.
+"""Process that publishes with Eclipse Cyclone DDS, with hand-written types.
 
-    cyclone_speaker.py COUNT
+    cyclone_publisher.py COUNT
 
-Sends a ``geometry_msgs/PoseArray`` of COUNT poses on ``/poses`` again and again; the position of
-pose n is (n, 0, 0.5) m. Prints ``ready``; ends when it is killed. It imports nothing of ROS.
+Publishes a ``geometry_msgs/PoseArray`` of COUNT poses on ``/poses`` repeatedly; the position of
+pose n is (n, 0, 0.5) m. Prints ``ready``; ends when it is killed. It does not import ROS.
 """
 
 import os

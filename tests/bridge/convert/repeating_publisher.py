@@ -1,9 +1,9 @@
-"""An independent ROS process that says one message again and again, by rclpy alone.
+"""Independent ROS process that publishes one message repeatedly with plain rclpy.
 
-    speaker.py TOPIC TYPE PERIOD_S REPR [best_effort|latched]
+    repeating_publisher.py TOPIC TYPE PERIOD_S REPR [best_effort|latched]
 
-REPR is the Python expression of the message's fields, a dict, with nested messages as dicts.
-Prints ``ready``; ends when it is killed.
+REPR is a Python dict of the message's fields, with nested messages as dicts. Prints ``ready``;
+ends when it is killed.
 """
 
 import ast
@@ -23,19 +23,19 @@ def fill(message, fields):
     return message
 
 
-def main(topic, kind, period_s, fields, promise=""):
+def main(topic, kind, period_s, fields, delivery=""):
     rclpy.init()
-    node = rclpy.create_node("speaker")
+    node = rclpy.create_node("repeating_publisher")
     package, folder, name = kind.split("/")
     found = getattr(import_module(f"{package}.{folder}"), name)
     qos = QoSProfile(depth=10)
-    if promise == "best_effort":
+    if delivery == "best_effort":
         qos.reliability = ReliabilityPolicy.BEST_EFFORT
-    if promise == "latched":
+    if delivery == "latched":
         qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
     publisher = node.create_publisher(found, topic, qos)
     message = fill(found(), ast.literal_eval(fields))
-    if promise == "latched":
+    if delivery == "latched":
         publisher.publish(message)
     else:
         node.create_timer(float(period_s), lambda: publisher.publish(message))

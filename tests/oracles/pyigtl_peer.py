@@ -1,8 +1,9 @@
-"""OpenIGTLink messages made by pyigtl, with the one type that it lacks; and a server of pyigtl's.
+"""OpenIGTLink messages encoded by pyigtl, extended by TDATA, and a server of pyigtl.
 
-As a process: ``peer.py PORT`` (0: any free one) prints ``port N``, then sends each message that it
-reads from standard input, a line of JSON: type, name, time_s, version, metadata, and ``matrix`` of
-a TRANSFORM or ``elements`` ([name, type, matrix], ...) of TDATA. It imports nothing of the project.
+As a process: ``pyigtl_peer.py PORT`` (0: any free port) prints ``port N``, then sends each message
+that it reads from standard input as a line of JSON: type, name, time_s, version, metadata, and
+``matrix`` for TRANSFORM or ``elements`` ([name, type, matrix], ...) for TDATA. It does not import
+the project.
 """
 
 import json
@@ -16,7 +17,7 @@ ELEMENT = np.dtype([("name", "S20"), ("type", "u1"), ("reserved", "u1"), ("colum
 
 
 class TrackingDataMessage(MessageBase):
-    """TDATA: 70 bytes an element."""
+    """TDATA message: 70 bytes per element."""
 
     def __init__(self, elements, timestamp, device_name):
         super().__init__(timestamp=timestamp, device_name=device_name)
@@ -30,16 +31,16 @@ class TrackingDataMessage(MessageBase):
 
 
 def message(type="TRANSFORM", name="StylusToTracker", time_s=1.5, version=2, metadata=None, **body):
-    """A pyigtl message; ``.pack()`` gives its bytes."""
+    """Create a pyigtl message; ``.pack()`` encodes it."""
     if type == "TRANSFORM":
-        made = pyigtl.TransformMessage(body["matrix"], timestamp=time_s, device_name=name)
+        result = pyigtl.TransformMessage(body["matrix"], timestamp=time_s, device_name=name)
     elif type == "TDATA":
-        made = TrackingDataMessage(body["elements"], time_s, name)
+        result = TrackingDataMessage(body["elements"], time_s, name)
     else:
-        made = pyigtl.StringMessage(body["string"], timestamp=time_s, device_name=name)
-    made.header_version = version
-    made.metadata = metadata or {}
-    return made
+        result = pyigtl.StringMessage(body["string"], timestamp=time_s, device_name=name)
+    result.header_version = version
+    result.metadata = metadata or {}
+    return result
 
 
 def main() -> None:
