@@ -1,9 +1,9 @@
-"""An independent ROS process that leads a node through its life cycle, by rclpy alone.
+"""Independent ROS process that requests lifecycle transitions with plain rclpy.
 
-    lifecycle_client.py NODE WORD ...
+    lifecycle_client.py NODE REQUEST ...
 
-A word is a transition (``configure``, or its number) or ``state``. Prints ``ready``, then a line of
-JSON for each: {"success"} or {"state"}.
+A request is a transition (``configure``, or its number) or ``state``. Prints ``ready``, then a line
+of JSON for each: {"success"} or {"state"}.
 """
 
 import json
@@ -13,8 +13,8 @@ import rclpy
 from lifecycle_msgs.srv import ChangeState, GetState
 
 
-def impossible() -> ChangeState.Request:
-    """A transition that no state knows."""
+def invalid_transition() -> ChangeState.Request:
+    """Request of a transition that no state has."""
     request = ChangeState.Request()
     request.transition.id = 200
     return request
@@ -27,31 +27,31 @@ def main() -> int:
     state = node.create_client(GetState, f"{sys.argv[1]}/get_state")
     if not (change.wait_for_service(30.0) and state.wait_for_service(30.0)):
         return 1
-    # A server that has not found the client's reader yet answers it in vain, so both are asked for
-    # something harmless until they do.
-    for client, harmless in ((state, GetState.Request()), (change, impossible())):
+    # A server that has not discovered the client's reader drops its replies, so repeat a harmless
+    # request until a reply arrives.
+    for client, harmless in ((state, GetState.Request()), (change, invalid_transition())):
         for _ in range(15):
             future = client.call_async(harmless)
             rclpy.spin_until_future_complete(node, future, timeout_sec=2.0)
             if future.done():
                 break
     print("ready", flush=True)
-    for word in sys.argv[2:]:
-        if word == "state":
+    for name in sys.argv[2:]:
+        if name == "state":
             future = state.call_async(GetState.Request())
         else:
             request = ChangeState.Request()
-            if word.isdigit():
-                request.transition.id = int(word)
+            if name.isdigit():
+                request.transition.id = int(name)
             else:
-                request.transition.label = word
+                request.transition.label = name
             future = change.call_async(request)
         rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
         reply = future.result()
-        said = (
-            {"state": reply.current_state.label} if word == "state" else {"success": reply.success}
+        result = (
+            {"state": reply.current_state.label} if name == "state" else {"success": reply.success}
         )
-        print(json.dumps(said), flush=True)
+        print(json.dumps(result), flush=True)
     return 0
 
 

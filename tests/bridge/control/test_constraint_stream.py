@@ -1,4 +1,4 @@
-"""The stream's bytes are rclpy's own, numbered; what it repeats ends when its data do."""
+"""Constraint stream: serialised bytes, repetition, expiry and faults."""
 
 import math
 import sys
@@ -14,7 +14,7 @@ from app.bridge.control.constraint_stream import ConstraintStream, RawConstraint
 
 
 class Sent:
-    """A publisher that reads what it is given, and tells when enough has come."""
+    """Publisher that deserialises and stores the messages."""
 
     def __init__(self):
         self.messages = []
@@ -25,9 +25,9 @@ class Sent:
             self.messages.append(deserialize_message(raw, FixtureConstraint))
             self._changed.notify_all()
 
-    def wait_until(self, seen):
+    def wait_until(self, condition):
         with self._changed:
-            assert self._changed.wait_for(lambda: seen(self.messages), 30.0)
+            assert self._changed.wait_for(lambda: condition(self.messages), 30.0)
 
 
 def constraint(frame="tumor", planes=2):
@@ -56,7 +56,7 @@ def constraint(frame="tumor", planes=2):
     planes=st.integers(0, 3),
     seq=st.integers(0, 2**64 - 1),
 )
-def test_the_bytes_are_those_of_rclpy(frame, planes, seq):
+def test_bytes_agree_with_rclpy(frame, planes, seq):
     message = constraint(frame, planes)
     raw = RawConstraint.of(message).numbered(seq)
     message.seq = seq
@@ -64,21 +64,21 @@ def test_the_bytes_are_those_of_rclpy(frame, planes, seq):
     assert len(raw) == len(serialize_message(message))
 
 
-def test_beats_repeat_every_value_and_count_without_a_gap():
+def test_heartbeat_repeats_all_values_with_consecutive_seq():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     stream.newest(constraint())
     sent.wait_until(lambda messages: len(messages) >= 20)
     stream.close()
     assert [message.seq for message in sent.messages] == list(range(len(sent.messages)))
-    wanted = constraint()
+    expected = constraint()
     for message in sent.messages:
-        wanted.seq = message.seq
-        assert message == wanted
+        expected.seq = message.seq
+        assert message == expected
     assert stream.seq == len(sent.messages)
 
 
-def test_a_repeated_constraint_says_stale_and_holds_when_its_data_are_too_old():
+def test_expired_constraint_is_repeated_as_stale_on_hold():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     stream.newest(constraint(), lasts_ns=5_000_000)
@@ -96,7 +96,7 @@ def test_a_repeated_constraint_says_stale_and_holds_when_its_data_are_too_old():
     assert math.isnan(stale.lower_bound)
 
 
-def test_what_was_stale_is_held_also_when_it_is_fresh_again():
+def test_constraint_after_a_stale_one_is_held_as_latched():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     assert stream.newest(constraint(), lasts_ns=5_000_000)
@@ -110,14 +110,14 @@ def test_what_was_stale_is_held_also_when_it_is_fresh_again():
     again = sent.messages[-1]
     assert (again.state, again.hold) == (FixtureConstraint.WARNING, True)
     assert list(again.reasons) == ["warning_distance", "latched"]
-    assert stream.fault_seq == stale.seq  # whoever looked at it may re-arm
-    # From here on it is for the session to hold.
+    assert stream.fault_seq == stale.seq  # acknowledging it is sufficient to re-arm
+    # From here on the session holds.
     assert stream.newest(constraint(), lasts_ns=10**12)
     stream.close()
     assert not sent.messages[-1].hold
 
 
-def test_a_fault_that_follows_a_stale_constraint_is_the_same_fault():
+def test_fault_after_a_stale_constraint_is_the_same_fault():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     stream.newest(constraint(), lasts_ns=5_000_000)
@@ -131,7 +131,7 @@ def test_a_fault_that_follows_a_stale_constraint_is_the_same_fault():
     assert stream.fault_seq == first
 
 
-def test_after_a_rest_it_is_held():
+def test_constraint_after_a_rest_is_held():
     sent = Sent()
     stream = ConstraintStream(sent, 100.0)
     stream.newest(constraint())
@@ -141,7 +141,7 @@ def test_after_a_rest_it_is_held():
     stream.close()
 
 
-def test_data_that_are_too_old_from_the_first_are_never_sent_as_fresh():
+def test_expired_constraint_is_never_sent_as_fresh():
     sent = Sent()
     stream = ConstraintStream(sent, None)
     stream.newest(constraint(), lasts_ns=0)
@@ -149,7 +149,7 @@ def test_data_that_are_too_old_from_the_first_are_never_sent_as_fresh():
     assert [message.hold for message in sent.messages] == [True]
 
 
-def test_without_a_rate_each_is_sent_once_and_nothing_expires():
+def test_without_rate_nothing_is_repeated_and_nothing_expires():
     sent = Sent()
     stream = ConstraintStream(sent, None)
     stream.newest(constraint())
@@ -158,7 +158,7 @@ def test_without_a_rate_each_is_sent_once_and_nothing_expires():
     assert [message.seq for message in sent.messages] == [0, 1]
 
 
-def test_the_last_word_before_silence_is_hold():
+def test_rest_publishes_a_last_constraint_on_hold():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     stream.newest(constraint())
@@ -171,7 +171,7 @@ def test_the_last_word_before_silence_is_hold():
     assert len(sent.messages) == count
 
 
-def test_nothing_was_said_before_the_first_constraint():
+def test_rest_before_the_first_constraint_publishes_nothing():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     stream.rest("inactive")
@@ -179,7 +179,7 @@ def test_nothing_was_said_before_the_first_constraint():
     assert sent.messages == []
 
 
-def test_the_latest_fault_is_known_by_its_number():
+def test_fault_seq_is_that_of_the_latest_fault():
     sent = Sent()
     stream = ConstraintStream(sent, None)
     unknown = constraint()
@@ -193,25 +193,25 @@ def test_the_latest_fault_is_known_by_its_number():
 
 
 @pytest.mark.parametrize("hz", [None, 1000.0])
-def test_the_interpreter_takes_turns_as_before_after_closing(hz):
+def test_close_restores_the_switch_interval(hz):
     before = sys.getswitchinterval()
     ConstraintStream(Sent(), hz).close()
     assert sys.getswitchinterval() == before
 
 
-def test_planes_that_mean_nothing_any_more_are_not_repeated_and_are_a_fault_of_their_own():
+def test_forget_replaces_the_planes_and_is_a_new_fault():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     unknown = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True)
-    assert not stream.forget(unknown)  # nothing was said yet
-    # Also where there was a fault before, which somebody has looked at since.
+    assert not stream.forget(unknown)  # nothing has been published yet
+    # It is a new fault also after an earlier one that has been acknowledged.
     stream.newest(constraint())
     fault = constraint()
     fault.state = FixtureConstraint.UNKNOWN
     stream.newest(fault)
-    looked_at = stream.seq
+    acknowledged = stream.seq
     assert stream.forget(unknown)
-    assert stream.fault_seq >= looked_at
+    assert stream.fault_seq >= acknowledged
     sent.wait_until(lambda messages: len(messages[stream.fault_seq :]) >= 5)
     assert not any(message.half_spaces for message in sent.messages[stream.fault_seq :])
     assert stream.newest(constraint())

@@ -1,4 +1,4 @@
-"""The guidance force as another process hears it: at the tip, along the tip's axes, in N."""
+"""Guidance force received by another process: at the tip, along the tip's axes, in N."""
 
 from dataclasses import replace
 
@@ -15,15 +15,15 @@ QUICK = GuidanceParameters(
 )
 
 
-def turned(step):
-    """The tip at (1, 2, 7.5) mm in the tumour, its x along the tumour's +z."""
+def rotated(step):
+    """Copy of ``step`` with the tip at (1, 2, 7.5) mm and its x along the tumour's +z."""
     rotation = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     pose = Transform("tumor", "cautery_tip", rotation, [1.0, 2.0, 7.5])
     return replace(step, tumor_from_tip=pose)
 
 
 def listening(ros, start_receiver, count):
-    """Another process that hears all of what is sent from now on: both sides know each other."""
+    """Receiver process that has been discovered, so that it gets every message from now on."""
     receiver = start_receiver(
         f"/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:{count}"
     )
@@ -31,10 +31,10 @@ def listening(ros, start_receiver, count):
     return receiver
 
 
-def test_half_way_in_it_is_half_the_force_along_the_tips_own_axes(ros, make_step, start_receiver):
+def test_half_the_range_gives_half_the_force_along_the_tips_axes(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, QUICK)
     receiver = listening(ros, start_receiver, 1)
-    step = turned(make_step(0))
+    step = rotated(make_step(0))
     guidance.publish(step)
     message = receiver.take(1)[0]["message"]
     assert message["header"]["frame_id"] == "cautery_tip"
@@ -46,7 +46,7 @@ def test_half_way_in_it_is_half_the_force_along_the_tips_own_axes(ros, make_step
     assert [torque[axis] for axis in "xyz"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
-def test_beside_the_tip_it_turns_the_tool(ros, make_step, start_receiver):
+def test_force_beside_the_tip_gives_a_torque(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, QUICK)
     receiver = listening(ros, start_receiver, 1)
     guidance.publish(make_step(0))
@@ -55,20 +55,20 @@ def test_beside_the_tip_it_turns_the_tool(ros, make_step, start_receiver):
     assert [torque[axis] for axis in "xyz"] == pytest.approx([0.004, -0.002, 0.0])
 
 
-def test_a_tool_that_is_lost_lets_the_force_fade_at_its_rate(ros, make_step, start_receiver):
+def test_force_fades_at_its_rate_when_the_tool_is_lost(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
     receiver = listening(ros, start_receiver, 5)
-    guidance.publish(make_step(0, lost=True))  # nothing: the tool was never seen
+    guidance.publish(make_step(0, lost=True))  # publishes nothing before the tool's first pose
     for index in (1, 2):
         guidance.publish(make_step(index))
     for index in (3, 50, 51):
         guidance.publish(make_step(index, lost=True))
     forces = [line["message"]["wrench"]["force"]["z"] for line in receiver.take(5)]
-    # A newton a period of 20 ms, also over the gap of 47 periods.
+    # 1 N per period of 20 ms, also after a gap of 47 periods.
     assert forces == pytest.approx([1.0, 2.0, 1.0, 0.0, 0.0])
 
 
-def test_planes_of_an_earlier_pose_let_the_force_fade(ros, make_step, start_receiver):
+def test_force_fades_with_planes_of_an_earlier_pose(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
     receiver = listening(ros, start_receiver, 3)
     for index in (1, 2):
@@ -80,10 +80,10 @@ def test_planes_of_an_earlier_pose_let_the_force_fade(ros, make_step, start_rece
     assert forces == pytest.approx([1.0, 2.0, 1.0])
 
 
-def test_at_rest_there_is_no_force_and_it_grows_anew_afterwards(ros, make_step, start_receiver):
+def test_rest_publishes_zero_force_and_restarts_the_ramp(ros, make_step, start_receiver):
     guidance = GuidancePublisher(ros, replace(QUICK, rate_n_s=50.0))
     receiver = start_receiver("/marginguard/guidance_wrench:geometry_msgs/msg/WrenchStamped:4")
-    guidance.rest()  # nothing was said: nothing is to be taken back
+    guidance.rest()  # publishes nothing, because no force has been published
     for index in (1, 2):
         guidance.publish(make_step(index))
     guidance.rest()

@@ -1,4 +1,4 @@
-"""Margins set by another process: whole or not at all, with the reason."""
+"""Margins set by another process: a set is applied or refused as a whole, with the reason."""
 
 import json
 from pathlib import Path
@@ -16,11 +16,11 @@ from app.fixture import MarginParameterError, MarginParameters
 SETTER = Path(__file__).resolve().parents[1] / "calls" / "parameter_setter.py"
 
 
-def test_each_has_a_unit_and_a_range(ros, scene, start_receiver):
+def test_margin_parameters_have_unit_and_range(ros, scene, start_receiver):
     MarginParameterServer(ros, scene.margins, lambda margins: None)
-    asked = ["stop_mm", "stale_after_ms", "release_samples", "k_tre"]
-    setter = start_receiver("marginguard", *map(json.dumps, asked), script=SETTER)
-    found = dict(zip(asked, setter.take(len(asked)), strict=True))
+    requests = ["stop_mm", "stale_after_ms", "release_samples", "k_tre"]
+    setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
+    found = dict(zip(requests, setter.take(len(requests)), strict=True))
     assert found["stop_mm"]["value"] == 1.0
     assert (found["stop_mm"]["unit"], found["stop_mm"]["range"]) == ("unit: mm", [[0.0, 100.0]])
     assert found["stale_after_ms"]["value"] == 200.0
@@ -33,7 +33,7 @@ def test_each_has_a_unit_and_a_range(ros, scene, start_receiver):
     assert found["k_tre"]["value"] == 2.0
 
 
-def test_a_set_is_taken_whole_or_refused_whole(ros, scene, start_receiver):
+def test_a_set_of_margins_is_applied_or_refused_as_a_whole(ros, scene, start_receiver):
     used = []
     server = MarginParameterServer(ros, scene.margins, used.append)
     setter = start_receiver(
@@ -56,12 +56,12 @@ def test_a_set_is_taken_whole_or_refused_whole(ros, scene, start_receiver):
         assert refused["reason"]
     assert "warn_mm 7 is not more than stop_mm 8" in crossed["reason"]
     assert stop["value"] == 6.0
-    wanted = scene.margins.replaced(stop_mm=6.0, warn_mm=9.0)
-    assert used == [wanted, wanted.replaced(stale_after_ns=50_500_000)]
+    first_set = scene.margins.replaced(stop_mm=6.0, warn_mm=9.0)
+    assert used == [first_set, first_set.replaced(stale_after_ns=50_500_000)]
     assert server.margins == used[-1]
 
 
-def test_what_a_start_asks_for_goes_the_same_way(domain_id, scene):
+def test_initial_margins_are_validated_and_applied(domain_id, scene):
     def start(*values):
         arguments = ["--ros-args", *(part for value in values for part in ("-p", value))]
         with RosNode("marginguard", domain_id=domain_id, ros_args=arguments) as ros:
@@ -75,15 +75,15 @@ def test_what_a_start_asks_for_goes_the_same_way(domain_id, scene):
         start("stop_mm:=9.0")
 
 
-def test_parameters_of_ros_itself_cannot_be_set_and_spoil_the_set(ros, scene, start_receiver):
+def test_parameters_of_ros_itself_cannot_be_set(ros, scene, start_receiver):
     used = []
     MarginParameterServer(ros, scene.margins, used.append)
-    asked = [
+    requests = [
         {"use_sim_time": True},
         {"stop_mm": 2.0, "use_sim_time": True},
         {"nonsense": 1.0},
     ]
-    setter = start_receiver("marginguard", *map(json.dumps, asked), script=SETTER)
+    setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
     for refused in setter.take(3):
         assert not refused["ok"]
         assert refused["reason"]
@@ -92,7 +92,7 @@ def test_parameters_of_ros_itself_cannot_be_set_and_spoil_the_set(ros, scene, st
 
 
 @given(st.integers(1, 10**10), st.integers(1, 6 * 10**10))
-def test_milliseconds_and_nanoseconds_are_the_same_time(stale_ns, frozen_ns):
+def test_milliseconds_are_converted_exactly_to_nanoseconds(stale_ns, frozen_ns):
     margins = MarginParameters(1.0, 5.0, 2.0, 50.0, stale_ns, 3, 0.5, frozen_ns)
     values = {
         "stop_mm": 1.0,
@@ -107,12 +107,12 @@ def test_milliseconds_and_nanoseconds_are_the_same_time(stale_ns, frozen_ns):
     assert margins_of(values) == margins
 
 
-def test_a_value_that_is_not_given_is_not_made_up():
-    with pytest.raises(MarginParameterError, match="stop_mm None is not a number"):
+def test_missing_margin_is_refused():
+    with pytest.raises(MarginParameterError, match="stop_mm is None; expected a number"):
         margins_of({})
 
 
-def test_this_process_sets_them_as_another_one_does(ros, scene):
+def test_set_from_this_process_is_validated_as_over_ros(ros, scene):
     used = []
     server = MarginParameterServer(ros, scene.margins, used.append)
     server.set(stop_mm=6.0, warn_mm=9.0)

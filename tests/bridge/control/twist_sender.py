@@ -1,10 +1,10 @@
-"""An independent ROS process: sends desired twists and prints what is allowed, by rclpy alone.
+"""Independent ROS process that sends desired twists and prints the allowed ones, with plain rclpy.
 
     twist_sender.py JSON ...
 
-Each JSON is {"frame", "late_s", "linear", "angular"}; ``late_s`` is how old its stamp is. Prints
-``ready`` when both topics are matched, then for each the answer as {"frame", "linear", "angular"}.
-Last it sends nothing, and prints the answer that comes all the same.
+Each JSON is {"frame", "late_s", "linear", "angular"}; ``late_s`` is the age of its stamp. Prints
+``ready`` when both topics are matched, then each reply as {"frame", "linear", "angular"}. At the
+end it sends nothing and prints the reply of the timeout.
 """
 
 import json
@@ -19,7 +19,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 def main() -> int:
     rclpy.init()
     node = rclpy.create_node("twist_sender")
-    answers = []
+    replies = []
     matched = set()
     publisher = node.create_publisher(
         TwistStamped,
@@ -30,7 +30,7 @@ def main() -> int:
     node.create_subscription(
         TwistStamped,
         "/marginguard/allowed_twist",
-        answers.append,
+        replies.append,
         100,
         event_callbacks=SubscriptionEventCallbacks(matched=lambda _: matched.add("in")),
     )
@@ -38,32 +38,32 @@ def main() -> int:
         rclpy.spin_once(node, timeout_sec=30.0)
     print("ready", flush=True)
     for argument in [*sys.argv[1:], "null"]:
-        asked = json.loads(argument)
+        request = json.loads(argument)
         stamp = None
-        if asked is not None:
+        if request is not None:
             command = TwistStamped()
-            command.header.frame_id = asked["frame"]
-            late = Duration(nanoseconds=round(asked["late_s"] * 1e9))
+            command.header.frame_id = request["frame"]
+            late = Duration(nanoseconds=round(request["late_s"] * 1e9))
             stamp = command.header.stamp = (node.get_clock().now() - late).to_msg()
             linear, angular = command.twist.linear, command.twist.angular
-            linear.x, linear.y, linear.z = asked["linear"]
-            angular.x, angular.y, angular.z = asked["angular"]
+            linear.x, linear.y, linear.z = request["linear"]
+            angular.x, angular.y, angular.z = request["angular"]
             publisher.publish(command)
-        answers.clear()
-        # What the time-out says between two commands is not the answer to one.
-        while not answers or (stamp is not None and answers[-1].header.stamp != stamp):
+        replies.clear()
+        # Skip replies of the timeout, which belong to no command.
+        while not replies or (stamp is not None and replies[-1].header.stamp != stamp):
             rclpy.spin_once(node, timeout_sec=30.0)
-        answer = answers[-1]
-        linear, angular = answer.twist.linear, answer.twist.angular
-        said = {
-            "frame": answer.header.frame_id,
+        reply = replies[-1]
+        linear, angular = reply.twist.linear, reply.twist.angular
+        result = {
+            "frame": reply.header.frame_id,
             "linear": [linear.x, linear.y, linear.z],
             "angular": [angular.x, angular.y, angular.z],
         }
-        if asked is None:  # nobody is to wait for what a process that was killed has not got
+        if request is None:  # leave the graph before the test kills this process
             node.destroy_node()
             rclpy.shutdown()
-        print(json.dumps(said), flush=True)
+        print(json.dumps(result), flush=True)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The two ways of following: the same result, and what is wrong said in words."""
+"""`TfFollower` and `JointFollower`: equal results, stale states and problems."""
 
 import math
 
@@ -25,7 +25,7 @@ def insert(buffer, transform, stamp_ns, *, static=False):
 
 
 def publish_fk(buffer, robot, positions, stamp_ns, settings=ARM):
-    """What a robot_state_publisher sends: an edge a joint."""
+    """Insert one edge per joint, as a robot_state_publisher does."""
     links = robot.forward_kinematics(positions)
     for joint in robot.joints:
         edge = links[joint.parent].inverse() @ links[joint.child]
@@ -64,7 +64,7 @@ def test_tf_and_joint_states_give_the_same_state(turn, push, is_reversed, has_fi
     assert not by_joints.poses.flags.writeable
 
 
-def test_the_mimic_joint_follows_its_leader_by_the_formula(robot):
+def test_mimic_joint_follows_its_formula(robot):
     follower = JointFollower(robot, ARM)
     follower.take(["push", "turn"], [0.0, 0.25], NOW_NS)
     state = follower.state(NOW_NS)
@@ -77,14 +77,12 @@ def test_the_mimic_joint_follows_its_leader_by_the_formula(robot):
     [
         (["turn"], [0.1], NOW_NS, "joints without a position: push"),
         (["turn", "push"], [0.1], NOW_NS, "2 names and 1 positions"),
-        (["turn", "turn"], [0.1, 0.2], NOW_NS, "a joint twice"),
+        (["turn", "turn"], [0.1, 0.2], NOW_NS, "duplicate joint names"),
         (["turn", "push"], [0.1, 0.2], 0, "has the stamp 0"),
         (["turn", "push"], [math.nan, 0.2], NOW_NS, "joints without a position: turn"),
     ],
 )
-def test_a_robot_that_was_never_told_everything_has_no_poses(
-    robot, names, positions, stamp_ns, message
-):
+def test_incomplete_joint_state_gives_no_poses(robot, names, positions, stamp_ns, message):
     follower = JointFollower(robot, ARM)
     follower.take(names, positions, stamp_ns)
     state = follower.state(NOW_NS)
@@ -94,20 +92,20 @@ def test_a_robot_that_was_never_told_everything_has_no_poses(
 
 
 @pytest.mark.parametrize("position", [math.nan, math.inf])
-def test_a_position_that_is_no_number_makes_stale_until_one_that_is(robot, position):
+def test_non_finite_position_makes_the_state_stale(robot, position):
     follower = JointFollower(robot, ARM)
     follower.take(["turn", "push"], [0.1, 0.2], NOW_NS)
     good = follower.state(NOW_NS).poses
     follower.take(["turn", "push"], [position, 0.3], NOW_NS + 1)
     state = follower.state(NOW_NS + 1)
     assert state.is_stale
-    assert state.problems == ("joints whose position is no number: turn",)
+    assert state.problems == ("joints whose position is not finite: turn",)
     np.testing.assert_array_equal(state.poses, good)
     follower.take(["turn", "push"], [0.1, 0.2], NOW_NS + 2)
     assert not follower.state(NOW_NS + 2).is_stale
 
 
-def test_a_joint_that_falls_silent_makes_stale_by_name(robot):
+def test_silent_joint_makes_the_state_stale(robot):
     follower = JointFollower(robot, ARM)
     follower.take(["turn", "push"], [0.1, 0.2], NOW_NS)
     later_ns = NOW_NS + 501 * NS_PER_MS
@@ -118,15 +116,15 @@ def test_a_joint_that_falls_silent_makes_stale_by_name(robot):
     assert state.problems == ("the state is 501 ms old; expected at most 500 ms (joint 'push')",)
 
 
-def test_joints_of_others_are_said_and_do_no_harm(robot):
+def test_unknown_joints_are_reported_and_ignored(robot):
     follower = JointFollower(robot, ARM)
     follower.take(["turn", "wheel", "push"], [0.1, math.nan, 0.2], NOW_NS)
     state = follower.state(NOW_NS)
     assert not state.is_stale
-    assert state.problems == ("joints that the robot has not: wheel",)
+    assert state.problems == ("joints unknown to the robot: wheel",)
 
 
-def test_parts_of_a_robot_may_come_in_messages_of_their_own(robot):
+def test_joints_may_come_in_separate_messages(robot):
     follower = JointFollower(robot, ARM)
     follower.take(["turn"], [0.1], NOW_NS)
     follower.take(["push"], [0.2], NOW_NS + 3 * NS_PER_MS)
@@ -134,7 +132,7 @@ def test_parts_of_a_robot_may_come_in_messages_of_their_own(robot):
     assert (state.is_stale, state.stamp_ns) == (False, NOW_NS)
 
 
-def test_a_late_message_is_left_out_and_a_source_that_begins_anew_is_not(robot):
+def test_late_message_is_ignored_and_restarted_source_is_followed(robot):
     follower = JointFollower(robot, ARM)
     follower.take(["turn", "push"], [0.1, 0.2], NOW_NS)
     fresh = follower.state(NOW_NS).poses
@@ -144,13 +142,13 @@ def test_a_late_message_is_left_out_and_a_source_that_begins_anew_is_not(robot):
     assert follower.state(NOW_NS - 10 * NS_PER_S).stamp_ns == NOW_NS - 10 * NS_PER_S
 
 
-def test_a_state_from_the_future_is_stale(robot):
+def test_state_from_the_future_is_stale(robot):
     follower = JointFollower(robot, ARM)
     follower.take(["turn", "push"], [0.1, 0.2], NOW_NS + NS_PER_S)
     assert "1000 ms in the future" in follower.state(NOW_NS).problems[0]
 
 
-def test_a_flood_of_names_stays_small(robot):
+def test_unknown_names_do_not_accumulate(robot):
     follower = JointFollower(robot, ARM)
     for number in range(200):
         names = [f"{number}-{index}" for index in range(100)]
@@ -159,18 +157,18 @@ def test_a_flood_of_names_stays_small(robot):
     assert all(len(problem) < 400 for problem in follower.state(NOW_NS).problems)
 
 
-def test_a_fixed_frame_without_tf_is_said(robot):
+def test_fixed_frame_without_tf_is_a_problem(robot):
     follower = JointFollower(robot, RobotSettings("r", fixed_frame="room"))
     follower.take(["turn", "push"], [0.1, 0.2], NOW_NS)
-    assert "where 'base' is in 'room': tf wanted" in follower.state(NOW_NS).problems[0]
+    assert "the pose of 'base' in 'room' is unknown" in follower.state(NOW_NS).problems[0]
 
 
-def test_tf_that_stops_or_never_was_is_said_and_the_last_poses_stay(robot):
+def test_missing_tf_is_reported_and_the_last_poses_are_kept(robot):
     buffer = TransformBuffer()
     follower = TfFollower(robot, ARM, buffer)
     before = follower.state(NOW_NS)
     assert (before.is_stale, before.poses) == (True, None)
-    assert "frame 'base' is not known" in before.problems[0]
+    assert "frame 'base' is unknown" in before.problems[0]
     publish_fk(buffer, robot, {"turn": 0.1}, NOW_NS)
     assert not follower.state(NOW_NS).is_stale
     late = follower.state(NOW_NS + NS_PER_S)
@@ -183,7 +181,7 @@ def test_tf_that_stops_or_never_was_is_said_and_the_last_poses_stay(robot):
 @pytest.mark.parametrize(
     "wrong", [{"name": " "}, {"stale_after_ns": 0}, {"tf_prefix": "a b"}, {"namespace": "a//b"}]
 )
-def test_settings_that_cannot_be_are_refused(wrong):
+def test_invalid_settings_are_refused(wrong):
     from app.geometry import MarginGuardError
 
     with pytest.raises(MarginGuardError):
@@ -191,7 +189,7 @@ def test_settings_that_cannot_be_are_refused(wrong):
     assert issubclass(FollowError, MarginGuardError)
 
 
-def test_names_of_a_robot():
+def test_namespace_and_prefix_of_a_robot():
     robot = RobotSettings("r", namespace="/left/", tf_prefix="left_")
     assert robot.topic("joint_states") == "/left/joint_states"
     assert robot.topic("/joint_states") == "/joint_states"
@@ -200,24 +198,24 @@ def test_names_of_a_robot():
     assert RobotSettings("r").frame("base") == "base"
 
 
-def test_bodies_of_ambf_are_placed_by_tf_where_its_file_says(shared_data):
-    """From the parameter string alone; the poses are read from the file by yaml and scipy here."""
+def test_ambf_bodies_have_the_poses_of_their_file(shared_data):
+    """The robot comes from the parameter string; yaml and scipy read the expected poses here."""
     folder = shared_data / "ambf_kuka"
-    said = yaml.safe_load((folder / "blender-kuka.yaml").read_text())
-    bodies = {said[key]["name"]: said[key]["location"] for key in said["bodies"]}
+    values = yaml.safe_load((folder / "blender-kuka.yaml").read_text())
+    bodies = {values[key]["name"]: values[key]["location"] for key in values["bodies"]}
     meshes = folder / "meshes" / "low_res"
     robot = bodies_from_mesh_map(
         ";".join(f"{name}:{meshes / name}.STL" for name in bodies), allowed_dirs=[meshes]
     )
-    buffer, wanted = TransformBuffer(), {"world": np.eye(4)}
+    buffer, expected = TransformBuffer(), {"world": np.eye(4)}
     for name, location in bodies.items():
-        wanted[name] = np.eye(4)
-        turn = Rotation.from_euler("xyz", [location["orientation"][axis] for axis in "rpy"])
-        wanted[name][:3, :3] = turn.as_matrix()
-        wanted[name][:3, 3] = [1000.0 * location["position"][axis] for axis in "xyz"]
-        pose = (*wanted[name][:3, 3].tolist(), *turn.as_quat().tolist())
+        expected[name] = np.eye(4)
+        rotation = Rotation.from_euler("xyz", [location["orientation"][axis] for axis in "rpy"])
+        expected[name][:3, :3] = rotation.as_matrix()
+        expected[name][:3, 3] = [1000.0 * location["position"][axis] for axis in "xyz"]
+        pose = (*expected[name][:3, 3].tolist(), *rotation.as_quat().tolist())
         buffer.insert("world", name, NOW_NS, pose)
     state = TfFollower(robot, RobotSettings("ambf"), buffer).state(NOW_NS)
     assert (state.root, state.is_stale, len(state.links)) == ("world", False, 9)
     for name, pose in zip(state.links, state.poses, strict=True):
-        np.testing.assert_allclose(pose, wanted[name], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(pose, expected[name], rtol=0, atol=1e-9)

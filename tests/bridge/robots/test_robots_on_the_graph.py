@@ -1,4 +1,4 @@
-"""Robots of other processes: two at once, described by parameter or topic, seen by tf or joints."""
+"""Robots of other processes, described by parameter or topic, followed by tf or joint states."""
 
 import json
 import math
@@ -43,7 +43,7 @@ TOOL = """<link name="tool"/><joint name="end" type="fixed"><parent link="arm"/>
 
 
 class RobotProcess:
-    """``robot_process.py`` at work until the test's end."""
+    """``robot_process.py``, running until the end of the test."""
 
     def __init__(self, name, rate, by):
         self.start_ns = time.time_ns()
@@ -83,20 +83,20 @@ def start_robot(domain_id):
 
 
 def wait_until(condition):
-    """Nothing here can wake us: states are computed when they are asked for."""
-    until, pause = time.monotonic() + DEADLINE_S, threading.Event()
+    """Poll ``condition``, because states are computed on request and there is no event."""
+    end_s, pause = time.monotonic() + DEADLINE_S, threading.Event()
     while not condition():
-        assert time.monotonic() < until
+        assert time.monotonic() < end_s
         pause.wait(0.02)
 
 
-def turned_by(state):
+def joint_angle(state):
     arm = state.poses[state.links.index("arm")]
     return math.atan2(arm[1, 0], arm[0, 0])
 
 
 @pytest.mark.parametrize("joint_states", ["", JOINT_STATES])
-def test_two_robots_move_on_their_own(ros, start_robot, joint_states):
+def test_two_robots_move_independently(ros, start_robot, joint_states):
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     processes = {
@@ -121,8 +121,8 @@ def test_two_robots_move_on_their_own(ros, start_robot, joint_states):
         for _ in range(20):
             state = robot.state(time.time_ns())
             assert state.root == f"{name}/base"
-            away = turned_by(state) - processes[name].angle_at(state.stamp_ns)
-            assert math.remainder(away, math.tau) == pytest.approx(0.0, abs=1e-6)
+            error = joint_angle(state) - processes[name].angle_at(state.stamp_ns)
+            assert math.remainder(error, math.tau) == pytest.approx(0.0, abs=1e-6)
             np.testing.assert_allclose(state.poses[1][:3, 3], [250.0, 0.0, 0.0], atol=1e-9)
     processes["left"].close()
     wait_until(lambda: robots["left"].state(time.time_ns()).is_stale)
@@ -130,43 +130,43 @@ def test_two_robots_move_on_their_own(ros, start_robot, joint_states):
 
 
 @pytest.mark.parametrize("joint_states", ["", JOINT_STATES])
-def test_whoever_sees_a_state_sees_its_robot(ros, joint_states):
-    seen = []
+def test_robot_is_set_before_its_state(ros, joint_states):
+    observed = []
 
-    class Watched(FollowedRobot):
-        """Looks at itself between any two steps of its own, as another thread may."""
+    class ObservedRobot(FollowedRobot):
+        """Records its state after every assignment, as another thread may observe it."""
 
         def __setattr__(self, name, value):
             super().__setattr__(name, value)
             if hasattr(self, "_follower"):
-                seen.append((self.state(1).links != (), self.robot is not None))
+                observed.append((self.state(1).links != (), self.robot is not None))
 
     robot = robot_from_text(described("arm"))
-    Watched(ros, RobotSettings("arm"), TransformBuffer(), robot, joint_states=joint_states)
-    assert seen[-1] == (True, True)
-    assert (True, False) not in seen
+    ObservedRobot(ros, RobotSettings("arm"), TransformBuffer(), robot, joint_states=joint_states)
+    assert observed[-1] == (True, True)
+    assert (True, False) not in observed
 
 
 @pytest.mark.parametrize("by", ["parameter", "topic"])
-def test_a_description_that_changes_is_loaded_again(ros, start_robot, by):
+def test_changed_description_is_reloaded(ros, start_robot, by):
     process = start_robot("arm", 0.0, by)
-    said = queue.Queue()
+    robots = queue.Queue()
     listener = DescriptionListener(
-        ros, RobotSettings("arm", namespace="arm"), DescriptionSource(), said.put
+        ros, RobotSettings("arm", namespace="arm"), DescriptionSource(), robots.put
     )
-    assert [link.name for link in said.get(timeout=DEADLINE_S).links] == ["base", "arm"]
+    assert [link.name for link in robots.get(timeout=DEADLINE_S).links] == ["base", "arm"]
     process.describe("<robot name='broken'>")
     wait_until(lambda: listener.refused == 1)
     assert "not well-formed XML" in listener.problem
     process.describe(described("arm", TOOL))
-    assert [link.name for link in said.get(timeout=DEADLINE_S).links] == ["base", "arm", "tool"]
+    assert [link.name for link in robots.get(timeout=DEADLINE_S).links] == ["base", "arm", "tool"]
     assert (listener.problem, listener.loaded) == ("", 2)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x" * 10_000_000, "bytes: 9437184 allowed"),
+        ("x" * 10_000_000, "bytes; expected at most 9437184"),
         ('<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="&a;"/>', "DOCTYPE"),
         (
             '<robot name="r"><link name="a"><collision><geometry><mesh '
@@ -175,26 +175,26 @@ def test_a_description_that_changes_is_loaded_again(ros, start_robot, by):
         ),
     ],
 )
-def test_what_strangers_send_is_refused(ros, other, text, message):
-    said = queue.Queue()
+def test_invalid_description_is_refused(ros, other, text, message):
+    robots = queue.Queue()
     publisher = other.publisher(Topic("/robot_description", String, LATCHED))
     publisher.publish(String(data=text))
-    listener = DescriptionListener(ros, RobotSettings("r"), DescriptionSource(node=""), said.put)
+    listener = DescriptionListener(ros, RobotSettings("r"), DescriptionSource(node=""), robots.put)
     wait_until(lambda: listener.refused == 1)
     assert message in listener.problem
     assert len(listener.problem) <= 300
     publisher.publish(String(data=described("good")))
-    assert said.get(timeout=DEADLINE_S).name == "good"
+    assert robots.get(timeout=DEADLINE_S).name == "good"
 
 
-def test_without_anyone_there_is_a_problem_and_an_end(ros):
+def test_missing_description_is_a_problem(ros):
     robot = FollowedRobot(ros, RobotSettings("r"), TransformBuffer(), DescriptionSource())
     state = robot.state(NS_PER_S)
     assert (state.is_stale, state.poses, state.problems) == (True, None, ("no description yet",))
     robot.description.close()
 
 
-def test_joint_states_beyond_reason_are_refused_by_size(ros, other, robot):
+def test_oversized_joint_state_is_refused(ros, other, robot):
     followed = FollowedRobot(
         ros, RobotSettings("r"), TransformBuffer(), robot, joint_states=JOINT_STATES
     )
