@@ -220,7 +220,7 @@ def test_a_member_that_fails_leaves_the_others_their_spin(api, monkeypatch, capl
 
     monkeypatch.setattr(failing, "spin", fail_double)
     api.Spin()
-    assert "'a' is not known" in lookup.GetProblem()
+    assert "'a' is unknown" in lookup.GetProblem()
     assert "ros2:sub:/failing failed" in caplog.text
 
 

@@ -170,7 +170,7 @@ def test_frames_that_nobody_connects_are_missing_and_say_why(node):
     lookup = node.CreateAndAddTf2LookupNode("nowhere", "never")
     node.Spin()
     assert lookup.GetState() == "missing"
-    assert "'nowhere' is not known" in lookup.GetProblem()
+    assert "'nowhere' is unknown" in lookup.GetProblem()
 
 
 def test_an_observed_transform_is_broadcast_whenever_it_moves(node, peer, spin_until):

@@ -493,7 +493,7 @@ def test_values_that_are_none_of_the_kind_are_not_sent(node):
         ("IntArray", "std_msgs/msg/Int64MultiArray", {"data": [2**40]}, "32 bits"),
         ("Pose", "geometry_msgs/msg/Pose", {"orientation": {"w": 0.0}}, "norm 0"),
         ("IntTable", "std_msgs/msg/Int64MultiArray", {"layout": ROWS_OF_A_TABLE}, "has 0 values"),
-        ("Image", "sensor_msgs/msg/Image", {"encoding": "yuv"}, "'yuv' of an image"),
+        ("Image", "sensor_msgs/msg/Image", {"encoding": "yuv"}, "image encoding is 'yuv'"),
         ("Image", "sensor_msgs/msg/Image", {"encoding": "mono8"}, "0 x 0 has no pixels"),
         ("UInt8Image", "sensor_msgs/msg/Image", {"encoding": "rgb8"}, "0 x 0 has no pixels"),
     ],
