@@ -175,7 +175,7 @@ FRAME_NS = 20_000_000
 
 @pytest.fixture
 def content(tmp_path: Path) -> SessionContent:
-    """A tetrahedron for a tumour and a smaller one for a tool, a robot whose root has a name."""
+    """Content with a tetrahedron as tumour, a smaller one as tool, and a registered robot."""
     urdf = tmp_path / "one_link.urdf"
     urdf.write_text(ONE_LINK_URDF)
     return one_link_content(urdf)
