@@ -1,4 +1,4 @@
-"""A simulated lumpectomy with ground truth: the case that the demo replays."""
+"""A simulated lumpectomy with ground truth, which the demo replays."""
 
 from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
 from app.synthetic.clearance import Clearance

@@ -1,4 +1,4 @@
-"""A monopolar cautery of our own: spatula blade, thin shaft, handle; one closed surface."""
+"""A monopolar cautery as one closed surface: spatula blade, thin shaft, handle."""
 
 from itertools import pairwise
 
@@ -9,7 +9,7 @@ from app.geometry import FloatArray, SurfaceMesh
 CAUTERY_TIP_FRAME = "cautery_tip"
 
 SEGMENTS = 24
-"""Points of each ring around the tool's axis."""
+"""Points per ring around the tool's axis."""
 
 PROFILE_MM = (
     # (from the tip back along the axis, half width in x, half thickness in y)
@@ -26,10 +26,10 @@ PROFILE_MM = (
     (128.0, 5.00, 5.00),
     (130.0, 3.00, 3.00),
 )
-"""The tool's outline. The blade is a flat ellipse; behind it every ring is round."""
+"""The tool's outline. The rings of the blade are flat ellipses, all others circles."""
 
 RING_SPACING_MM = 2.6
-"""Longest step between rings on the part that comes near the tumour."""
+"""Maximum distance between rings on the part that comes near the tumour."""
 
 NEAR_PART_MM = 66.0
 
@@ -37,24 +37,24 @@ NEAR_PART_MM = 66.0
 def cautery_mesh() -> SurfaceMesh:
     """The tool in ``cautery_tip``: tip at the origin, +z forward, the handle along -z."""
     behind_mm, half_x_mm, half_y_mm = _rings()
-    turns = np.arange(SEGMENTS) * (2.0 * np.pi / SEGMENTS)
+    angles = np.arange(SEGMENTS) * (2.0 * np.pi / SEGMENTS)
     rings = np.empty((len(behind_mm), SEGMENTS, 3))
-    rings[..., 0] = half_x_mm[:, None] * np.cos(turns)
-    rings[..., 1] = half_y_mm[:, None] * np.sin(turns)
+    rings[..., 0] = half_x_mm[:, None] * np.cos(angles)
+    rings[..., 1] = half_y_mm[:, None] * np.sin(angles)
     rings[..., 2] = -behind_mm[:, None]
     back = (0.0, 0.0, -float(behind_mm[-1]))
     vertices = np.concatenate([[(0.0, 0.0, 0.0)], rings.reshape(-1, 3), [back]])
 
-    def at(ring: int, segment: int) -> int:
+    def index(ring: int, segment: int) -> int:
         return 1 + ring * SEGMENTS + segment % SEGMENTS
 
     last, end = len(behind_mm) - 1, len(vertices) - 1
-    faces = [(0, at(0, s), at(0, s + 1)) for s in range(SEGMENTS)]
+    faces = [(0, index(0, s), index(0, s + 1)) for s in range(SEGMENTS)]
     for ring in range(last):
         for s in range(SEGMENTS):
-            faces.append((at(ring, s), at(ring + 1, s), at(ring, s + 1)))
-            faces.append((at(ring, s + 1), at(ring + 1, s), at(ring + 1, s + 1)))
-    faces += [(end, at(last, s + 1), at(last, s)) for s in range(SEGMENTS)]
+            faces.append((index(ring, s), index(ring + 1, s), index(ring, s + 1)))
+            faces.append((index(ring, s + 1), index(ring + 1, s), index(ring + 1, s + 1)))
+    faces += [(end, index(last, s + 1), index(last, s)) for s in range(SEGMENTS)]
     return SurfaceMesh(CAUTERY_TIP_FRAME, vertices, np.array(faces))
 
 

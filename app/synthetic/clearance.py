@@ -1,4 +1,4 @@
-"""The true signed distance between tool and tumour, apart from the engine that is being tested.
+"""The true signed distance between tool and tumour, independent of the engine under test.
 
 The sign comes from the tumour's radius function and the size from a dense sampling of its analytic
 surface: neither from the mesh nor from a collision library.
@@ -12,28 +12,28 @@ from app.synthetic.cautery import NEAR_PART_MM
 from app.synthetic.tumour import Tumour, icosphere
 
 NEAR_SPACING_MM = 0.4
-"""Longest edge between samples of the blade and the shaft."""
+"""Maximum distance between samples of the blade and the shaft."""
 
 HANDLE_SPACING_MM = 4.0
-"""The same for the handle, which never comes near the tumour."""
+"""Maximum distance between samples of the handle, which never comes near the tumour."""
 
 SURFACE_SUBDIVISIONS = 6
-"""40 962 samples of the tumour's surface, some 0.3 mm apart."""
+"""40 962 samples of the tumour's surface, about 0.3 mm apart."""
 
 _SLOPE_SAFETY = 0.95
-# No lobe rises further than this between samples that are 0.3 mm apart.
-_MISSED_SUMMIT_MM = 0.05
+_MAX_UNSAMPLED_MM = 0.05
+"""How far a lobe can rise between samples that are 0.3 mm apart."""
 _COARSE = 32
 _BATCH = 16
 
 
 class Clearance:
-    """How near the surface of a tool is to a tumour, in mm, negative inside.
+    """Signed distance between the surfaces of a tool and a tumour, in mm, negative inside.
 
-    ``height``: along the tumour's rays, exact in sign, cheap. ``distance``: to the tangent plane at
-    the nearest sample of the tumour's surface; for samples ``h`` apart on a surface of curvature
-    radius ``R`` that errs by ``h^2 / 8R``, below 0.005 mm. The tool's samples err by the same law,
-    below 0.02 mm on a 1.4 mm shaft.
+    ``height``: along the tumour's rays; exact in sign and cheap. ``distance``: to the tangent plane
+    at the nearest sample of the tumour's surface. With samples ``h`` apart on a surface with radius
+    of curvature ``R`` its error is ``h^2 / 8R``, below 0.005 mm. The same holds for the samples of
+    the tool: below 0.02 mm on a 1.4 mm shaft.
     """
 
     def __init__(self, tumour: Tumour, tool: SurfaceMesh) -> None:
@@ -51,28 +51,28 @@ class Clearance:
         )
         self.tool_length_mm = -float(tool.bounds_mm[0][2])
         radii = np.linalg.norm(self._surface_mm, axis=1)
-        self._greatest_radius_mm = float(radii.max()) + _MISSED_SUMMIT_MM
+        self._max_radius_mm = float(radii.max()) + _MAX_UNSAMPLED_MM
         slope = float(np.einsum("ij,ij->i", self._normals, directions).min())
         self.distance_per_height = _SLOPE_SAFETY * slope
-        """A distance is at least this share of the height: the cosine of the steepest slope."""
+        """Lower bound of distance over height: the cosine of the steepest slope."""
 
     def height_mm(self, tumor_from_tip: Transform) -> float:
-        """The least height over the tool: below 0 exactly when the tool is in the tumour."""
+        """The minimum height over the tool: negative exactly when the tool is in the tumour."""
         return float(self._tumour.height_mm(self._lowest_points(tumor_from_tip)).min())
 
     def distance_mm(self, tumor_from_tip: Transform) -> float:
-        """The least signed distance over the tool."""
+        """The minimum signed distance over the tool."""
         points = self._lowest_points(tumor_from_tip)
         heights = self._tumour.height_mm(points)
-        least_possible = np.where(heights > 0.0, self.distance_per_height * heights, heights)
-        order = np.argsort(least_possible)
+        lower_bounds = np.where(heights > 0.0, self.distance_per_height * heights, heights)
+        order = np.argsort(lower_bounds)
         best = np.inf
-        # From the most promising on, until no other point can lie deeper or nearer.
+        # In ascending order of the bounds, until no other point can be deeper or nearer.
         for first in range(0, len(order), _BATCH):
             batch = order[first : first + _BATCH]
-            if least_possible[batch[0]] > best:
+            if lower_bounds[batch[0]] > best:
                 break
-            # Outside, a point farther than the best one need not be measured to the end.
+            # Outside, the search of a point stops at the distance of the best one.
             bound_mm = best if best > 0.0 else np.inf
             distances = self.point_distances_mm(points[batch], bound_mm)
             best = min(best, float(distances.min()))
@@ -81,7 +81,7 @@ class Clearance:
     def point_distances_mm(self, points_mm: FloatArray, bound_mm: float = np.inf) -> FloatArray:
         """The signed distance (n,) of points (n, 3) in the tumour's frame.
 
-        Those with no sample of the surface within ``bound_mm`` are infinitely far.
+        It is infinite for points without a sample of the surface within ``bound_mm``.
         """
         to_sample, samples = self._tree.query(points_mm, distance_upper_bound=bound_mm)
         known, nearest = np.isfinite(to_sample), np.asarray(samples)
@@ -92,21 +92,21 @@ class Clearance:
         return distances
 
     def _lowest_points(self, tumor_from_tip: Transform) -> FloatArray:
-        """The points of the tool, in the tumour's frame, among which the lowest and nearest are.
+        """Points of the tool, in the tumour's frame, that include the lowest and the nearest one.
 
-        Heights and distances are at least what the greatest radius leaves of the way to the
-        origin, and the least of either is at most the height of any point.
+        Heights and distances are at least the distance to the origin minus the maximum radius, and
+        the minimum of either is at most the height of any point.
         """
         points = tumor_from_tip.apply(self._tool_mm)
-        some = float(self._tumour.height_mm(points[::_COARSE]).min())
-        beyond_mm = np.linalg.norm(points, axis=1) - self._greatest_radius_mm
-        return np.asarray(points[beyond_mm <= max(some, 0.0)])
+        upper_mm = float(self._tumour.height_mm(points[::_COARSE]).min())
+        beyond_mm = np.linalg.norm(points, axis=1) - self._max_radius_mm
+        return np.asarray(points[beyond_mm <= max(upper_mm, 0.0)])
 
 
 def dense_surface(triangles_mm: FloatArray, spacing_mm: float) -> FloatArray:
-    """Points (n, 3) on triangles (m, 3, 3), corners included: no edge between them is longer.
+    """Sample triangles (m, 3, 3) as points (n, 3), corners included, ``spacing_mm`` apart at most.
 
-    Every triangle is halved at its longest edge until that edge fits.
+    Every triangle is halved at its longest edge until that edge is short enough.
     """
     done, open_triangles = [], triangles_mm
     while len(open_triangles):

@@ -10,34 +10,34 @@ from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, InputError, Transform
 
-WIDEST_TURN_RAD = 2.5
-"""Rotation vectors are smooth up to half a turn; this leaves some of it."""
+MAX_TURN_RAD = 2.5
+"""Rotation vectors are smooth below pi; this leaves a margin."""
 
 _HELD_MM = 1e-9
 
 
 class ArmKinematics(Protocol):
-    """What the simulation needs of a robot; handed in, so that this room knows no robot.
+    """Kinematics of a robot, as the simulation needs them.
 
     The tool's tip is the origin of the frame ``tool``, and the tool points along its +z.
     """
 
     @property
     def joint_names(self) -> Sequence[str]:
-        """The joints, in the order of the joint states."""
+        """Names of the joints, in the order of the joint states."""
 
     def base_from_tool(self, joints: Mapping[str, float]) -> Transform:
-        """Forward kinematics: joints (rad; m for sliding ones) to ``robot_base_from_tool``."""
+        """Forward kinematics: joints (rad; m for prismatic ones) to ``robot_base_from_tool``."""
 
     def joints_for(
         self, base_from_tool: Transform, seed: Mapping[str, float] | None
     ) -> Mapping[str, float]:
-        """Inverse kinematics near ``seed``; raises a `MarginGuardError` where it cannot reach."""
+        """Inverse kinematics near ``seed``; raises a `MarginGuardError` for an unreachable pose."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoint:
-    """Where the tool is at ``time_s``: pose, and velocity (3,) of its origin in mm/s."""
+    """Pose of the tool at ``time_s``, and velocity (3,) of its origin in mm/s."""
 
     time_s: float
     pose: Transform
@@ -45,25 +45,26 @@ class Waypoint:
 
 
 class Path:
-    """Smooth motion through waypoints, with no acceleration at each of them.
+    """Smooth motion through waypoints, with zero acceleration at each of them.
 
     Positions are quintic between waypoints: with rest at both ends that is the minimum-jerk
     trajectory (Flash and Hogan 1985). Rotations are monotone cubic in the rotation vector from the
-    first waypoint's, which must stay within `WIDEST_TURN_RAD`; so what rests is still.
+    first waypoint's rotation, so that a held rotation is exactly constant; its length must stay
+    within `MAX_TURN_RAD`.
     """
 
     def __init__(self, waypoints: Sequence[Waypoint]) -> None:
         times = np.array([waypoint.time_s for waypoint in waypoints])
         if len(times) < 2 or (np.diff(times) <= 0.0).any():
-            raise InputError(f"waypoint times {times.tolist()} must rise, and be two or more")
+            raise InputError(f"waypoint times are {times.tolist()}; expected two or more, rising")
         self._first = waypoints[0].pose
         inverse = self._first.rotation.T
         turns = Rotation.from_matrix([inverse @ w.pose.rotation for w in waypoints]).as_rotvec()
-        widest = float(np.linalg.norm(turns, axis=1).max())
-        if widest > WIDEST_TURN_RAD:
+        max_turn = float(np.linalg.norm(turns, axis=1).max())
+        if max_turn > MAX_TURN_RAD:
             raise InputError(
-                f"a waypoint is turned by {widest:.3f} rad from the first: "
-                f"at most {WIDEST_TURN_RAD} allowed"
+                f"a waypoint is rotated by {max_turn:.3f} rad from the first; "
+                f"expected {MAX_TURN_RAD} or less"
             )
         states = [
             np.stack([w.pose.translation_mm, w.velocity_mm_s, np.zeros(3)]) for w in waypoints
@@ -73,7 +74,7 @@ class Path:
         self.start_s, self.end_s = float(times[0]), float(times[-1])
 
     def at(self, time_s: float) -> Transform:
-        """The pose at ``time_s``; before the first and after the last waypoint it rests there."""
+        """The pose at ``time_s``, constant before the first and after the last waypoint."""
         time_s = min(max(time_s, self.start_s), self.end_s)
         turn = Rotation.from_rotvec(self._turns(time_s)).as_matrix()
         rotation = self._first.rotation @ turn
@@ -83,9 +84,8 @@ class Path:
 class JointMotion:
     """An arm that follows a path: joints at knots by inverse kinematics, smooth in between.
 
-    Between knots the joints are monotone cubic, so an arm that holds still does so exactly. What
-    the arm does, and so the truth, is the forward kinematics of these joints; the path is only
-    what it was asked to do.
+    Between knots the joints are monotone cubic, so that a held pose is exactly constant. The true
+    motion is the forward kinematics of these joints; the path is only its set point.
     """
 
     def __init__(self, arm: ArmKinematics, times_s: FloatArray, poses: Sequence[Transform]) -> None:
@@ -96,18 +96,18 @@ class JointMotion:
         joints: Mapping[str, float] | None = None
         reached: Transform | None = None
         for row, pose in enumerate(poses):
-            # A pose that is held keeps its joints: inverse kinematics would let them creep.
+            # A held pose keeps its joints: repeated inverse kinematics would let them drift.
             if joints is None or reached is None or not _same(reached, pose):
                 joints, reached = arm.joints_for(pose, joints), pose
             knots[row] = [joints[name] for name in self.joint_names]
         self._positions = PchipInterpolator(times_s, knots)
 
     def positions(self, time_s: float) -> FloatArray:
-        """Joint positions (n,) in the order of ``joint_names``; at rest beyond both ends."""
+        """Joint positions (n,) in the order of ``joint_names``, constant beyond both ends."""
         return np.asarray(self._positions(np.clip(time_s, *self._span_s)), dtype=np.float64)
 
     def base_from_tool(self, time_s: float) -> Transform:
-        """Where the arm really holds the tool."""
+        """The true pose of the tool."""
         joints = dict(zip(self.joint_names, self.positions(time_s).tolist(), strict=True))
         return self._arm.base_from_tool(joints)
 

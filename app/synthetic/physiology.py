@@ -1,7 +1,7 @@
-"""Breathing, and what it moves: the chest reference a little, the breast and its tumour more.
+"""Breathing, which moves the chest reference a little and the breast with its tumour more.
 
 The patient is ventilated. During registration the breath is held at end expiration, where every
-pose is at its rest; then breathing starts.
+body is at its rest pose; then breathing starts.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from app.geometry import FloatArray, Transform
 class Breathing:
     """Depth of breath over time: 0 at end expiration, 1 at full inspiration.
 
-    ``sin^4(pi f t)``: the course of Lujan et al. 1999 with n = 2, which dwells at end expiration.
+    ``sin^4(pi f t)``: the model of Lujan et al. 1999 with n = 2, which dwells at end expiration.
     Until ``held_until_s`` the breath is held there.
     """
 
@@ -24,14 +24,14 @@ class Breathing:
     frequency_hz: float = 0.25
 
     def depth(self, time_s: float) -> float:
-        """From 0 to 1."""
+        """Depth of breath at ``time_s``, 0 to 1."""
         since_s = max(time_s - self.held_until_s, 0.0)
         return float(np.sin(np.pi * self.frequency_hz * since_s) ** 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BreathingBody:
-    """Something that breathing moves: its rest pose, and its shift and turn at full inspiration.
+    """A body that breathing moves: its rest pose, and its displacement at full inspiration.
 
     ``shift_mm`` (3,) is in the rest pose's target frame; ``turn_rad`` (3,) is a rotation vector
     about the body's own origin.
@@ -42,7 +42,7 @@ class BreathingBody:
     turn_rad: FloatArray
 
     def at(self, depth: float) -> Transform:
-        """The pose at a depth of breath."""
+        """The pose at a depth of breath of 0 to 1."""
         turn = Rotation.from_rotvec(depth * self.turn_rad).as_matrix()
         return Transform(
             self.rest.target,

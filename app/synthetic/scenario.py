@@ -1,6 +1,6 @@
-"""The story of the simulated lumpectomy: what the surgeon does with the tool, and when.
+"""The scenario of the simulated lumpectomy: the planned motion of the tool over time.
 
-Everything is told in ``work``, a frame at the tumour's centre with the axes of the robot's base:
+Poses are planned in ``work``, a frame at the tumour's centre with the axes of the robot's base:
 x away from the robot, z up. The surgeon follows the tissue, so the planned poses are relative to
 the tumour while it moves with the breath.
 """
@@ -23,8 +23,6 @@ WORK_FRAME = "work"
 CROSSING_SPEED_MM_S = 45.0
 """Fast enough that jitter moves a detected crossing by a frame or two at most; below v_max."""
 
-# The corners of a box around the tumour, in an order in which every move follows one of its edges.
-# Their heights differ, so that no four of them share a face.
 LANDMARKS_MM = (
     (-40.0, -44.0, -12.0),
     (38.0, -50.0, -20.0),
@@ -35,17 +33,19 @@ LANDMARKS_MM = (
     (38.0, -46.0, 34.0),
     (-44.0, -48.0, 44.0),
 )
+"""Corners of a box around the tumour, in an order in which every move follows an edge of the box.
+Their heights differ, so that no four of them are coplanar."""
 DWELL_S = 1.3
 DWELL_EDGE_S = 0.05
-"""Cut from both ends of a rest, so that a dwell in the manifest holds still samples only."""
+"""Removed from both ends of a rest, so that a dwell in the manifest holds samples at rest only."""
 
-# The tool points down, its x-axis to the robot: the middle of the arm's wrist.
 _DOWN = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
+"""The tool points down, its x-axis to the robot: the middle of the wrist's range."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Story:
-    """The planned motion ``tumor_from_tip`` and what goes with it; seconds from the first frame."""
+class Scenario:
+    """The planned motion ``tumor_from_tip`` and its events; times in s from the first frame."""
 
     path: Path
     dwells_s: tuple[tuple[float, float], ...]
@@ -53,8 +53,8 @@ class Story:
     dropouts: tuple[Dropout, ...]
 
 
-def tell_story(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform) -> Story:
-    """Landmarks in a breath-hold, then passes around the tumour with three breaches."""
+def plan_scenario(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform) -> Scenario:
+    """Plan landmarks in a breath-hold, then passes around the tumour with three breaches."""
     plan = _Plan(tumour, tumor_from_work)
     landmarks = [plan.landmark(index) for index in range(len(LANDMARKS_MM))]
     script = Script(landmarks[0], clearance.distance_mm)
@@ -64,13 +64,13 @@ def tell_story(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform)
             script.move_to(landmark, 1.0)
         start_s, end_s = script.rest(DWELL_S)
         dwells.append((start_s + DWELL_EDGE_S, end_s - DWELL_EDGE_S))
-    held_until_s = script.now_s + 0.5
+    held_until_s = script.end_s + 0.5
 
     script.move_to(plan.beside(-100.0, 30.0, 30.0), 2.5)
-    first_pass_s = script.now_s
+    first_pass_s = script.end_s
     script.stroke(plan.ring(-90.0, 250.0, 32.0, 8.0), 11.0)
 
-    second_pass_s = script.now_s
+    second_pass_s = script.end_s
     script.stroke(plan.ring(240.0, -80.0, 50.0, 5.0), 13.0)
     script.plunge(
         plan.beside(-85.0, 42.0, 1.0),
@@ -80,7 +80,7 @@ def tell_story(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform)
         speed_mm_s=CROSSING_SPEED_MM_S,
     )
 
-    third_pass_s = script.now_s
+    third_pass_s = script.end_s
     script.stroke(plan.ring(-70.0, 150.0, 66.0, 3.5), 12.0)
     script.plunge(
         plan.beside(165.0, 60.0, 1.0),
@@ -90,7 +90,7 @@ def tell_story(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform)
         speed_mm_s=CROSSING_SPEED_MM_S,
     )
 
-    fourth_pass_s = script.now_s
+    fourth_pass_s = script.end_s
     script.stroke(plan.ring(160.0, 80.0, 66.0, 6.0), 5.0)
     script.move_to(plan.along_the_side(90.0, 30.0), 2.0)
     script.plunge(
@@ -103,19 +103,19 @@ def tell_story(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform)
     script.move_to(plan.beside(90.0, 30.0, 45.0), 3.0)
     script.rest(1.0)
 
-    everything = ("reference", "needle", "cautery")
+    all_frames = ("reference", "needle", "cautery")
     dropouts = (
         Dropout(("cautery",), "invalid", first_pass_s + 2.0, first_pass_s + 2.8),
-        Dropout(everything, "missing", first_pass_s + 6.0, first_pass_s + 6.6),
+        Dropout(all_frames, "missing", first_pass_s + 6.0, first_pass_s + 6.6),
         Dropout(("needle",), "missing", second_pass_s + 5.0, second_pass_s + 5.7),
         Dropout(("cautery",), "missing", third_pass_s + 5.0, third_pass_s + 6.0),
         Dropout(("reference",), "invalid", fourth_pass_s + 2.5, fourth_pass_s + 3.0),
     )
-    return Story(script.path, tuple(dwells), held_until_s, dropouts)
+    return Scenario(script.path, tuple(dwells), held_until_s, dropouts)
 
 
 class _Plan:
-    """Poses ``tumor_from_tip`` by where they lie around the tumour, in degrees and mm.
+    """Poses ``tumor_from_tip`` by their position around the tumour, in degrees and mm.
 
     ``azimuth``: about work's z, 0 away from the robot. ``colatitude``: from straight above.
     """
@@ -125,35 +125,35 @@ class _Plan:
         self._tumor_from_work = tumor_from_work
 
     def landmark(self, index: int) -> Transform:
-        """The tip on a landmark, the tool leaning outward a little, another way at each."""
-        place = np.array(LANDMARKS_MM[index])
-        return self._pose(place, place, 0.3)
+        """The tip on a landmark, the tool tilted slightly outward."""
+        position = np.array(LANDMARKS_MM[index])
+        return self._pose(position, position, 0.3)
 
     def beside(self, azimuth_deg: float, colatitude_deg: float, distance_mm: float) -> Transform:
-        """The tip above the surface by ``distance_mm``, the handle leaning away from the tumour."""
+        """The tip above the surface by ``distance_mm``, the handle tilted away from the tumour."""
         surface, normal = self._surface(azimuth_deg, colatitude_deg)
-        lean = 0.4 * np.deg2rad(colatitude_deg)
-        return self._pose(surface + distance_mm * normal, self._outward(azimuth_deg), lean)
+        tilt = 0.4 * np.deg2rad(colatitude_deg)
+        return self._pose(surface + distance_mm * normal, self._outward(azimuth_deg), tilt)
 
     def ring(
         self, start_deg: float, end_deg: float, colatitude_deg: float, distance_mm: float
     ) -> list[Transform]:
-        """A way round the tumour from one azimuth to another, every 15 degrees or closer."""
+        """Poses around the tumour from one azimuth to another, 15 degrees apart at most."""
         count = int(np.ceil(abs(end_deg - start_deg) / 15.0)) + 1
         azimuths = np.linspace(start_deg, end_deg, count)
         return [self.beside(a, colatitude_deg, distance_mm) for a in azimuths.tolist()]
 
     def along_the_side(self, azimuth_deg: float, aside_mm: float) -> Transform:
-        """The shaft upright, ``aside_mm`` from the tumour's centre, the tip well below it."""
-        place = aside_mm * self._outward(azimuth_deg) + np.array([0.0, 0.0, -19.0])
-        return self._pose(place, self._outward(azimuth_deg), 0.0)
+        """The shaft upright, ``aside_mm`` from the tumour's centre, the tip 19 mm below it."""
+        position = aside_mm * self._outward(azimuth_deg) + np.array([0.0, 0.0, -19.0])
+        return self._pose(position, self._outward(azimuth_deg), 0.0)
 
     def normal(self, azimuth_deg: float, colatitude_deg: float) -> FloatArray:
-        """The outward normal of the tumour there, in the tumour's frame."""
+        """The outward normal (3,) of the tumour, in the tumour's frame."""
         return self._tumor_from_work.rotate(self._surface(azimuth_deg, colatitude_deg)[1])
 
     def outward(self, azimuth_deg: float) -> FloatArray:
-        """The level direction away from the tumour's centre, in the tumour's frame."""
+        """The horizontal direction (3,) away from the tumour's centre, in the tumour's frame."""
         return self._tumor_from_work.rotate(self._outward(azimuth_deg))
 
     def _outward(self, azimuth_deg: float) -> FloatArray:
@@ -169,10 +169,10 @@ class _Plan:
         normal = self._tumour.normals(in_tumor)[0]
         return work_from_tumor.apply(in_tumor[0]), work_from_tumor.rotate(normal)
 
-    def _pose(self, tip_mm: FloatArray, handle_towards: FloatArray, lean_rad: float) -> Transform:
-        """The tip at ``tip_mm``, the handle leaning from straight up by ``lean_rad``."""
-        level = np.array([handle_towards[0], handle_towards[1], 0.0])
-        axis = np.cross((0.0, 0.0, 1.0), level / np.linalg.norm(level))
-        rotation = Rotation.from_rotvec(lean_rad * axis).as_matrix() @ _DOWN
+    def _pose(self, tip_mm: FloatArray, handle_towards: FloatArray, tilt_rad: float) -> Transform:
+        """The tip at ``tip_mm``, the handle tilted by ``tilt_rad`` from the vertical."""
+        horizontal = np.array([handle_towards[0], handle_towards[1], 0.0])
+        axis = np.cross((0.0, 0.0, 1.0), horizontal / np.linalg.norm(horizontal))
+        rotation = Rotation.from_rotvec(tilt_rad * axis).as_matrix() @ _DOWN
         work_from_tip = Transform(WORK_FRAME, CAUTERY_TIP_FRAME, rotation, tip_mm)
         return self._tumor_from_work @ work_from_tip

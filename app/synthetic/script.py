@@ -1,4 +1,4 @@
-"""A script for the tool: rests, moves, strokes and plunges, written down as waypoints."""
+"""Builds the waypoints of a tool from rests, moves, strokes and plunges."""
 
 from collections.abc import Callable, Sequence
 
@@ -8,52 +8,52 @@ from scipy.optimize import brentq
 from app.geometry import FloatArray, Transform
 from app.synthetic.motion import Path, Waypoint
 
-_STILL = np.zeros(3)
+_AT_REST = np.zeros(3)
 
 PLUNGE_FROM_MM = 7.0
-"""How far from the tumour a plunge starts and ends."""
+"""Distance from the tumour at which a plunge starts and ends."""
 
 
 class Script:
-    """Waypoints one after the other; the tool rests where each of the steps ends.
+    """A growing list of waypoints; the tool is at rest at the end of each step.
 
-    ``distance_mm`` gives the tool's signed distance to the tumour at a pose.
+    ``distance_mm`` returns the tool's signed distance to the tumour at a pose.
     """
 
     def __init__(self, start: Transform, distance_mm: Callable[[Transform], float]) -> None:
-        self._waypoints = [Waypoint(0.0, start, _STILL)]
+        self._waypoints = [Waypoint(0.0, start, _AT_REST)]
         self._distance_mm = distance_mm
 
     @property
-    def now_s(self) -> float:
-        """When the script, as written so far, ends."""
+    def end_s(self) -> float:
+        """Time of the last waypoint."""
         return self._waypoints[-1].time_s
 
     @property
     def path(self) -> Path:
-        """The motion that was written down."""
+        """The motion through all waypoints."""
         return Path(self._waypoints)
 
     def rest(self, duration_s: float) -> tuple[float, float]:
-        """Hold still; returns from when to when."""
-        start_s = self.now_s
+        """Hold the pose; returns start and end."""
+        start_s = self.end_s
         self._add(duration_s, self._waypoints[-1].pose)
-        return start_s, self.now_s
+        return start_s, self.end_s
 
     def move_to(self, pose: Transform, duration_s: float) -> None:
-        """Go straight to ``pose`` and stop there."""
+        """Move straight to ``pose`` and stop there."""
         self._add(duration_s, pose)
 
     def stroke(self, poses: Sequence[Transform], duration_s: float) -> None:
-        """Go smoothly through ``poses`` (the first is where the tool goes first), stop at the last.
+        """Move smoothly through ``poses``, one after the other, and stop at the last.
 
-        Equal times between poses; the velocity at each is that between its neighbours
+        Times between poses are equal. The velocity at each is the mean one between its neighbours
         (Catmull-Rom).
         """
         step_s = duration_s / len(poses)
         line = [self._waypoints[-1].pose, *poses]
         for before, here, after in zip(line, line[1:], [*line[2:], None], strict=False):
-            velocity = _STILL
+            velocity = _AT_REST
             if after is not None:
                 velocity = (after.translation_mm - before.translation_mm) / (2.0 * step_s)
             self._add(step_s, here, velocity)
@@ -67,11 +67,11 @@ class Script:
         hold_s: float,
         speed_mm_s: float,
     ) -> None:
-        """Push the tool into the tumour along ``direction`` (unit, (3,)), hold, pull it back.
+        """Move the tool into the tumour along ``direction`` (unit, (3,)), hold, move it back.
 
         ``touching`` is a pose near the surface; the tool is shifted along ``direction`` from it to
         `PLUNGE_FROM_MM` before the tumour, to its surface, and to ``depth_mm`` inside. It crosses
-        the surface at ``speed_mm_s`` both ways.
+        the surface at ``speed_mm_s`` in both directions.
         """
 
         def shifted(along_mm: float) -> Transform:
@@ -82,14 +82,15 @@ class Script:
                 touching.translation_mm + along_mm * direction,
             )
 
-        def where(distance_mm: float) -> float:
-            def miss(along_mm: float) -> float:
+        def offset_at(distance_mm: float) -> float:
+            def residual(along_mm: float) -> float:
                 return self._distance_mm(shifted(along_mm)) - distance_mm
 
-            return float(brentq(miss, -20.0, 12.0, xtol=1e-6))
+            return float(brentq(residual, -20.0, 12.0, xtol=1e-6))
 
-        before, surface, deepest = where(PLUNGE_FROM_MM), where(0.0), where(-depth_mm)
-        # Between rest and a speed the mean is half of it: acceleration is 0 at both ends.
+        before, surface = offset_at(PLUNGE_FROM_MM), offset_at(0.0)
+        deepest = offset_at(-depth_mm)
+        # The mean speed from rest is half the final one: acceleration is 0 at both ends.
         approach_s = 2.0 * (surface - before) / speed_mm_s
         brake_s = 2.0 * (deepest - surface) / speed_mm_s
         velocity = speed_mm_s * direction
@@ -100,5 +101,5 @@ class Script:
         self._add(brake_s, shifted(surface), -velocity)
         self._add(approach_s, shifted(before))
 
-    def _add(self, duration_s: float, pose: Transform, velocity: FloatArray = _STILL) -> None:
-        self._waypoints.append(Waypoint(self.now_s + duration_s, pose, velocity))
+    def _add(self, duration_s: float, pose: Transform, velocity: FloatArray = _AT_REST) -> None:
+        self._waypoints.append(Waypoint(self.end_s + duration_s, pose, velocity))

@@ -1,14 +1,14 @@
-"""The whole simulated operating room: who is where at any time, and what the tracker says of it.
+"""The simulated operating room: true poses at any time, and the samples of the tracker.
 
-What is simulated, and what is not:
+Assumptions:
 
-- The robot's base stands still in the room, and so does the tracker.
+- The robot's base and the tracker are fixed in the room.
 - The chest reference breathes a little (1.2 mm), the tumour and its needle more (4.4 mm). The
   landmarks are touched in a breath-hold at end expiration, as ventilated patients are registered.
-  The base's pose in the reference *there* is the truth of the registration; under full inspiration
-  it is off by what the reference has moved.
-- The needle's sensor is rigid to the tumour, and the tumour is not deformed by the tool.
-- The arm's encoders are exact, on a clock of their own. The tracker has white jitter and dropouts
+  The base's pose in the reference at end expiration is the truth of the registration; at full
+  inspiration it is off by the motion of the reference.
+- The needle's sensor is rigidly attached to the tumour, and the tool does not deform the tumour.
+- The arm's encoders are exact and have their own clock. The tracker has white jitter and dropouts
   but no field distortion.
 """
 
@@ -23,7 +23,7 @@ from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
 from app.synthetic.clearance import Clearance
 from app.synthetic.motion import ArmKinematics, JointMotion
 from app.synthetic.physiology import Breathing, BreathingBody
-from app.synthetic.scenario import WORK_FRAME, Story, tell_story
+from app.synthetic.scenario import WORK_FRAME, Scenario, plan_scenario
 from app.synthetic.tracker import Jitter, reported
 from app.synthetic.tumour import TUMOR_FRAME, Tumour
 
@@ -37,16 +37,16 @@ ROBOT_TO_TRACKER_OFFSET_NS = 37_400_000
 """tracker = robot + offset."""
 
 WORK_IN_BASE_MM = (185.0, 0.0, 90.0)
-"""The tumour's centre: an arm with links of 133 mm reaches every pose of the story there, whether
-the tool's tip is at its pen's tip or an instrument's length (70 mm) ahead."""
+"""The tumour's centre. An arm with links of 133 mm reaches every pose of the scenario there, with
+the tool's tip at the tip of its stylus or 70 mm (an instrument's length) ahead."""
 
 REFERENCE_IN_BASE_MM = (245.0, 120.0, 105.0)
 
-# At full inspiration, in the axes of the base (z up): 4.4 mm and 1.2 mm.
 TISSUE_SHIFT_MM = (0.0, 2.6, 3.6)
 TISSUE_TURN_RAD = (0.015, 0.006, 0.0)
 CHEST_SHIFT_MM = (0.0, 0.4, 1.15)
 CHEST_TURN_RAD = (0.004, 0.0, 0.002)
+"""Motion at full inspiration, in the axes of the base (z up): tissue 4.4 mm, chest 1.2 mm."""
 
 CAUTERY_FROM_TIP = Transform.from_rotation_vector(
     (0.5, -0.3, 1.1), (7.0, -3.0, 70.0), target="cautery", source=CAUTERY_TIP_FRAME
@@ -58,11 +58,11 @@ NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """A simulated case without noise, and its noisy recording; times in s from the first frame."""
+    """A simulated case: true poses and noisy frames; times are in s from the first frame."""
 
     tumour: Tumour
     clearance: Clearance
-    story: Story
+    scenario: Scenario
     breathing: Breathing
     reference: BreathingBody
     needle: BreathingBody
@@ -71,9 +71,9 @@ class Simulation:
 
     @property
     def duration_s(self) -> float:
-        """From the first to the last tracker frame: whole periods."""
+        """Time from the first to the last tracker frame: a multiple of the period."""
         period_s = TRACKER_PERIOD_NS / NS_PER_S
-        return int(self.story.path.end_s / period_s) * period_s
+        return int(self.scenario.path.end_s / period_s) * period_s
 
     @property
     def reference_from_base(self) -> Transform:
@@ -98,9 +98,9 @@ class Simulation:
         return tracker_from_tumor.inverse() @ self.tracker_from_base @ self.base_from_tip(time_s)
 
     def frames(self, jitter: Jitter, random: np.random.Generator) -> Iterator[TrackingFrame]:
-        """What is recorded: tracker frames at 50 Hz, each with the joints read since the last.
+        """Yield the recorded frames: at 50 Hz, each with the joints read since the last.
 
-        A frame of which nothing arrives does not appear, and its joints come with the next one.
+        A frame without any sample is left out, and its joints come with the next one.
         """
         joints: list[JointSample] = []
         joint_ns = self._first_joint_ns()
@@ -122,9 +122,9 @@ class Simulation:
         for frame in TRACKED_FRAMES:
             measured = jitter.measured(self.tracker_from(frame, time_s), random)
             sample = TrackedTransform(measured, stamp, TrackingStatus.OK)
-            kept = reported(sample, self.story.dropouts, time_s)
-            if kept is not None:
-                arrived.append(kept)
+            received = reported(sample, self.scenario.dropouts, time_s)
+            if received is not None:
+                arrived.append(received)
         return tuple(arrived)
 
     def _joint_sample(self, robot_ns: int) -> JointSample:
@@ -136,18 +136,17 @@ class Simulation:
         )
 
     def _first_joint_ns(self) -> int:
-        """The robot's last tick before the first tracker frame, on the robot's clock."""
+        """Stamp of the last joint sample before the first tracker frame, on the robot's clock."""
         first_ns = FIRST_STAMP_NS - ROBOT_TO_TRACKER_OFFSET_NS
         return first_ns // JOINT_PERIOD_NS * JOINT_PERIOD_NS
 
 
 def simulate(arm: ArmKinematics, random: np.random.Generator) -> Simulation:
-    """Grow a tumour, stand the robot somewhere, and let it play the story.
+    """Simulate a case with a random tumour, tracker and chest reference.
 
-    ``random`` decides the tumour's shape and where the tracker is. Raises the arm's error where it
-    cannot reach.
+    Raises the arm's error for a pose that it cannot reach.
     """
-    tumour = Tumour.grown(random)
+    tumour = Tumour.generate(random)
     clearance = Clearance(tumour, cautery_mesh())
     turn = random.normal(size=3)
     turn *= random.uniform(0.3, 1.2) / np.linalg.norm(turn)
@@ -175,26 +174,26 @@ def simulate(arm: ArmKinematics, random: np.random.Generator) -> Simulation:
         tracker_from_base.rotate(CHEST_SHIFT_MM),
         np.array(CHEST_TURN_RAD),
     )
-    story = tell_story(tumour, clearance, tumor_from_work)
-    breathing = Breathing(story.breath_held_until_s)
+    scenario = plan_scenario(tumour, clearance, tumor_from_work)
+    breathing = Breathing(scenario.breath_held_until_s)
 
     base_from_tracker = tracker_from_base.inverse()
 
-    def asked(time_s: float) -> Transform:
+    def planned(time_s: float) -> Transform:
         tracker_from_needle = needle.at(breathing.depth(time_s))
-        tumor_from_tip = story.path.at(time_s)
+        tumor_from_tip = scenario.path.at(time_s)
         return base_from_tracker @ tracker_from_needle @ NEEDLE_FROM_TUMOR @ tumor_from_tip
 
     period_s = TRACKER_PERIOD_NS / NS_PER_S
-    count = int(np.ceil(story.path.end_s / period_s)) + 1
+    count = int(np.ceil(scenario.path.end_s / period_s)) + 1
     knots: FloatArray = period_s * np.arange(count, dtype=np.float64)
     return Simulation(
         tumour,
         clearance,
-        story,
+        scenario,
         breathing,
         reference,
         needle,
         tracker_from_base,
-        JointMotion(arm, knots, [asked(time_s) for time_s in knots.tolist()]),
+        JointMotion(arm, knots, [planned(time_s) for time_s in knots.tolist()]),
     )

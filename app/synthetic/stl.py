@@ -1,4 +1,4 @@
-"""Binary STL, written the same byte for byte from the same surface."""
+"""Writes binary STL; the same surface gives the same bytes."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The electromagnetic tracker: jitter on each pose, and the ways in which poses get lost."""
+"""The electromagnetic tracker: jitter of each pose, and dropouts."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,7 +13,7 @@ DropoutKind = Literal["invalid", "missing"]
 
 @dataclass(frozen=True, slots=True)
 class Jitter:
-    """White noise of each sample, as 3-D root mean squares.
+    """White noise of each sample, as the RMS of 3-D error vectors.
 
     ``position_rms_mm`` is the RMS length of the error vector and ``angle_rms_rad`` that of the
     rotation vector, so each axis has a standard deviation of the RMS divided by sqrt(3).
@@ -23,7 +23,7 @@ class Jitter:
     angle_rms_rad: float = float(np.deg2rad(0.3))
 
     def measured(self, truth: Transform, random: np.random.Generator) -> Transform:
-        """``truth`` as the tracker reports it: moved, and turned about the sensor."""
+        """``truth`` with noise: displaced, and rotated about the sensor."""
         shift = random.normal(scale=self.position_rms_mm / np.sqrt(3.0), size=3)
         turn = random.normal(scale=self.angle_rms_rad / np.sqrt(3.0), size=3)
         return Transform(
@@ -36,10 +36,9 @@ class Jitter:
 
 @dataclass(frozen=True, slots=True)
 class Dropout:
-    """A time during which the tracker loses ``frames``, in seconds from the first tracker frame.
+    """An interval in which the tracker loses ``frames``, in s from the first tracker frame.
 
-    ``invalid``: the samples come, marked INVALID and without numbers. ``missing``: they do not come
-    at all. When all frames are missing the tracker is silent.
+    ``invalid``: samples are marked INVALID and have no pose. ``missing``: there are no samples.
     """
 
     frames: tuple[str, ...]
@@ -48,14 +47,14 @@ class Dropout:
     end_s: float
 
     def covers(self, time_s: float) -> bool:
-        """Whether this dropout is going on at ``time_s``."""
+        """True if the dropout includes ``time_s``."""
         return self.start_s <= time_s <= self.end_s
 
 
 def reported(
     sample: TrackedTransform, dropouts: tuple[Dropout, ...], time_s: float
 ) -> TrackedTransform | None:
-    """What arrives of a sample: itself, one marked INVALID, or None when nothing arrives."""
+    """The sample as received: unchanged, marked INVALID, or None when it is missing."""
     for dropout in dropouts:
         if sample.source in dropout.frames and dropout.covers(time_s):
             if dropout.kind == "missing":

@@ -1,4 +1,4 @@
-"""When the tool really was in the tumour: exact crossings of a motion without noise."""
+"""True breaches: exact times at which a motion without noise enters and leaves the tumour."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,23 +11,22 @@ from app.synthetic.clearance import Clearance
 
 TRAVEL_STEP_S = 0.02
 TRAVEL_SAFETY = 2.0
-"""How far the tool travels is summed over chords of that time, and counted this many times."""
+"""The travel of the tool is summed over chords of `TRAVEL_STEP_S` and multiplied by this."""
 
-FINEST_STEP_S = 0.0005
-"""Steps never get smaller: a touch that is shorter than this is not looked for."""
+MIN_STEP_S = 0.0005
+"""Minimum step: a shorter contact may be missed."""
 
 DEPTH_STEP_S = 0.005
 
 Motion = Callable[[float], Transform]
-"""Seconds from the first frame to ``tumor_from_tip``."""
+"""Maps a time in s from the first frame to ``tumor_from_tip``."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrueBreach:
-    """The tool is in the tumour between ``start_s`` and ``end_s``; the deepest point in between.
+    """An interval in which the tool is in the tumour, and its minimum signed distance.
 
-    ``shaft_only``: the tip itself stays outside all the while, by ``tip_clearance_mm`` at least
-    (negative when the tip gets in).
+    ``tip_clearance_mm``: minimum signed distance of the tip alone, negative when it is inside.
     """
 
     start_s: float
@@ -37,18 +36,18 @@ class TrueBreach:
 
     @property
     def shaft_only(self) -> bool:
-        """Whether the tip never touched the tumour."""
+        """True if the tip stays outside the tumour."""
         return self.tip_clearance_mm > 0.0
 
 
 def find_breaches(
     clearance: Clearance, tumor_from_tip: Motion, duration_s: float
 ) -> tuple[TrueBreach, ...]:
-    """Every breach of a motion from 0 to ``duration_s``.
+    """Find every breach of a motion from 0 to ``duration_s``.
 
-    Steps by conservative advancement: at a distance ``d`` nothing can touch before the tool has
-    travelled ``d``. The sign of the height is exact, so a root finder gives each crossing. A motion
-    that begins or ends inside is closed at that end.
+    Steps by conservative advancement: at a distance ``d`` there is no contact before the tool has
+    travelled ``d``. The sign of the height is exact, so a root finder gives each crossing. A breach
+    at the start or end of the motion begins or ends there.
     """
 
     def height(time_s: float) -> float:
@@ -63,7 +62,7 @@ def find_breaches(
         safe_mm = clearance.distance_per_height * abs(here) / TRAVEL_SAFETY
         reach_mm = float(np.interp(time_s, times, travel_mm)) + safe_mm
         safe_until_s = float(times[np.searchsorted(travel_mm, reach_mm, side="right") - 1])
-        later_s = min(max(safe_until_s, time_s + FINEST_STEP_S), duration_s)
+        later_s = min(max(safe_until_s, time_s + MIN_STEP_S), duration_s)
         later = height(later_s)
         if (later < 0.0) != (here < 0.0):
             crossings.append(float(brentq(height, time_s, later_s, xtol=1e-7)))
@@ -79,15 +78,15 @@ def find_breaches(
 def _travel(
     tumor_from_tip: Motion, duration_s: float, length_mm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Times (n,), and how far (n,) the end of the tool that moves more has travelled by then.
+    """Times (n,), and the travel (n,) up to then of that end of the tool which moves more.
 
-    Points of the axis between the ends travel no farther; the others, a few mm off the axis, are
-    left to the safety factor.
+    Points of the axis between the ends travel no farther; the safety factor covers the others, a
+    few mm off the axis.
     """
     times = np.linspace(0.0, duration_s, int(np.ceil(duration_s / TRAVEL_STEP_S)) + 1)
     ends = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, -length_mm)])
-    places = np.array([tumor_from_tip(time_s).apply(ends) for time_s in times.tolist()])
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=2).max(axis=1)
+    positions = np.array([tumor_from_tip(time_s).apply(ends) for time_s in times.tolist()])
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=2).max(axis=1)
     return times, np.concatenate([[0.0], np.cumsum(steps)])
 
 

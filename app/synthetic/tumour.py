@@ -1,4 +1,4 @@
-"""An irregular tumour whose inside is known exactly: a radius for every direction."""
+"""An irregular tumour with an exact inside test: a radius for every direction."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ _GRADIENT_STEP_MM = 1e-4
 class Tumour:
     """A star-shaped solid around the origin of the frame ``tumor``.
 
-    In the direction ``u`` (unit) its surface lies at the radius of an ellipsoid times lobes::
+    The radius of its surface in the unit direction ``u`` is that of an ellipsoid times lobes::
 
         r(u) = 1 / |u / semi_axes| * (1 + sum_i height_i exp(sharpness_i (u . centre_i - 1)))
 
@@ -38,8 +38,8 @@ class Tumour:
     lobe_sharpness: FloatArray
 
     @classmethod
-    def grown(cls, random: np.random.Generator) -> "Tumour":
-        """A lobulated tumour some 25 to 35 mm across, another for each state of ``random``."""
+    def generate(cls, random: np.random.Generator) -> "Tumour":
+        """A random lobulated tumour with a diameter of about 25 to 35 mm."""
         centres = random.normal(size=(LOBE_COUNT, 3))
         return cls(
             np.array(SEMI_AXES_MM),
@@ -49,23 +49,23 @@ class Tumour:
         )
 
     def radius_mm(self, directions: FloatArray) -> FloatArray:
-        """The distance (n,) from the origin to the surface along unit ``directions`` (n, 3)."""
+        """Radius (n,) of the surface along unit ``directions`` (n, 3)."""
         ellipsoid = 1.0 / np.linalg.norm(directions / self.semi_axes_mm, axis=1)
         lobes = np.exp(self.lobe_sharpness * (directions @ self.lobe_centres.T - 1.0))
         return np.asarray(ellipsoid * (1.0 + lobes @ self.lobe_heights))
 
     def surface_mm(self, directions: FloatArray) -> FloatArray:
-        """The surface points (n, 3) along unit ``directions`` (n, 3)."""
+        """Points (n, 3) of the surface along unit ``directions`` (n, 3)."""
         return directions * self.radius_mm(directions)[:, None]
 
     def height_mm(self, points_mm: FloatArray) -> FloatArray:
-        """How far (n,) each point (n, 3) lies above the surface along its own ray; negative inside.
+        """Height (n,) of points (n, 3) above the surface along their rays; negative inside.
 
-        Exact in sign. In size it is at least the distance to the surface, and more where the
-        surface is oblique to the ray.
+        The sign is exact. The size is the distance to the surface or more: more where the surface
+        is oblique to the ray.
         """
         distance = np.linalg.norm(points_mm, axis=1)
-        # The origin has no direction of its own, and is inside whichever is taken.
+        # The origin has no direction; it is inside for any.
         safe = np.where(distance > 0.0, distance, 1.0)[:, None]
         directions = np.where(distance[:, None] > 0.0, points_mm / safe, (0.0, 0.0, 1.0))
         return np.asarray(distance - self.radius_mm(directions))
@@ -87,14 +87,14 @@ class Tumour:
 
 
 def icosphere(subdivisions: int) -> tuple[FloatArray, IndexArray]:
-    """Unit directions (n, 3) spread evenly, and the triangles (20 * 4**subdivisions, 3) over them.
+    """Evenly spread unit directions (n, 3), and triangles (20 * 4**subdivisions, 3) over them.
 
-    An icosahedron, every triangle cut into four as often as ``subdivisions`` says.
+    Every triangle of an icosahedron is split into four, ``subdivisions`` times.
     """
     golden = (1.0 + 5.0**0.5) / 2.0
     rectangle = np.array([[0.0, a, b * golden] for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
     vertices = np.concatenate([np.roll(rectangle, shift, axis=1) for shift in range(3)])
-    # The faces of the icosahedron are the triples of vertices that are all one edge (2) apart.
+    # The faces of the icosahedron are the triples of vertices with mutual distance 2, its edge.
     near = np.isclose(np.linalg.norm(vertices[:, None] - vertices[None], axis=2), 2.0)
     corners = range(len(vertices))
     triples = [
@@ -109,11 +109,11 @@ def icosphere(subdivisions: int) -> tuple[FloatArray, IndexArray]:
     faces[inward] = faces[inward][:, ::-1]
     vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     for _ in range(subdivisions):
-        vertices, faces = _cut_in_four(vertices, faces)
+        vertices, faces = _subdivided(vertices, faces)
     return vertices, faces
 
 
-def _cut_in_four(vertices: FloatArray, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
+def _subdivided(vertices: FloatArray, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, edge_of = np.unique(edges, axis=0, return_inverse=True)
     middles = vertices[unique].sum(axis=1)

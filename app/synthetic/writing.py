@@ -1,4 +1,4 @@
-"""A simulated case as a folder: recording, meshes, manifest, ground truth, a few words."""
+"""Writes a simulated case: recording, meshes, manifest, ground truth, README."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ REGISTRATION_TOLERANCE_MM = 1.0
 REGISTRATION_TOLERANCE_DEG = 0.5
 BREACH_TOLERANCE_MS = 40.0
 DEPTH_TOLERANCE_MM = 1.25
-"""The deepest of some 30 noisy samples: jitter at tip and tumour is 0.35 mm along the normal."""
+"""Error of the deepest of about 30 noisy samples; the jitter along the normal is 0.35 mm."""
 
 STALE_AFTER_MS = 60
 MARGINS = {
@@ -67,10 +67,9 @@ def simulate_case(
 ) -> None:
     """Write a simulated lumpectomy to ``folder``, which must be new or empty.
 
-    The same ``seed`` and ``arm`` give the same bytes. ``urdf`` and ``tool_link`` are what the
-    manifest says of the robot: they must describe ``arm``, and the link's origin must be the
-    tool's tip. Raises `InputError` when the folder cannot be written; nothing is left of a case
-    that could not be finished.
+    The same ``seed`` and ``arm`` give the same bytes. ``urdf`` and ``tool_link`` are written to the
+    manifest: they must describe ``arm``, and the link's origin must be the tool's tip. Raises
+    `InputError` when the folder cannot be written; no folder is left after an error.
     """
     with new_folder(folder, may_be_empty=True) as partial:
         simulation = simulate(arm, np.random.default_rng([seed, 0]))
@@ -133,7 +132,7 @@ def _manifest(
             "method": "paired_points",
             "dwells": [
                 {"start_s": round(start_s, 3), "end_s": round(end_s, 3)}
-                for start_s, end_s in simulation.story.dwells_s
+                for start_s, end_s in simulation.scenario.dwells_s
             ],
         },
         "margins": dict(MARGINS),
@@ -161,26 +160,26 @@ def _expected(
                 for breach in breaches
             ),
         ),
-        dropouts=_lost(simulation),
+        dropouts=_dropouts(simulation),
         frames=sum(1 for _ in with_watchdog(iter(frames), STALE_AFTER_MS * NS_PER_MS)),
     )
 
 
-def _lost(simulation: Simulation) -> tuple[ExpectedDropout, ...]:
-    """Each dropout for each of its tools, to the last acquisition that was lost.
+def _dropouts(simulation: Simulation) -> tuple[ExpectedDropout, ...]:
+    """The expected dropouts, one per frame, up to the last lost sample.
 
-    A sample marked invalid is known at once, so that begins with the first of them; of samples that
-    do not come only their age is known, so that begins with the last sample that did come.
+    Samples marked invalid are known at once, so the dropout begins with the first of them. Missing
+    samples are known by the age of the last received one, so the dropout begins with that.
     """
     count = round(simulation.duration_s * NS_PER_S / TRACKER_PERIOD_NS) + 1
     times = [index * TRACKER_PERIOD_NS / NS_PER_S for index in range(count)]
-    lost: list[ExpectedDropout] = []
-    for dropout in simulation.story.dropouts:
+    dropouts: list[ExpectedDropout] = []
+    for dropout in simulation.scenario.dropouts:
         during = [i for i, time_s in enumerate(times) if dropout.covers(time_s)]
         first = during[0] if dropout.kind == "invalid" else during[0] - 1
         span_s = times[first], times[during[-1]]
-        lost.extend(ExpectedDropout(frame, dropout.kind, *span_s) for frame in dropout.frames)
-    return tuple(lost)
+        dropouts.extend(ExpectedDropout(frame, dropout.kind, *span_s) for frame in dropout.frames)
+    return tuple(dropouts)
 
 
 def _readme(simulation: Simulation, breaches: tuple[TrueBreach, ...], seed: int) -> str:
@@ -189,6 +188,7 @@ def _readme(simulation: Simulation, breaches: tuple[TrueBreach, ...], seed: int)
         f"{'the shaft, not the tip' if breach.shaft_only else 'the tip'} |"
         for breach in breaches
     )
+    landmarks = len(simulation.scenario.dwells_s)
     return f"""\
 # A simulated lumpectomy
 
@@ -197,7 +197,7 @@ def _readme(simulation: Simulation, breaches: tuple[TrueBreach, ...], seed: int)
 same numbers but for rounding.
 
 {simulation.duration_s:.1f} s from the first to the last frame. A robot holds a cautery: it dwells
-on {len(simulation.story.dwells_s)} landmarks in a breath-hold at end expiration, then goes around a
+on {landmarks} landmarks in a breath-hold at end expiration, then goes around a
 tumour that moves with the breath, and enters it {len(breaches)} times:
 
 | from (s) | to (s) | deepest (mm) | by |

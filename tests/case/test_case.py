@@ -18,7 +18,7 @@ Manifest = dict[str, Any]
 WriteCase = Callable[..., Path]
 
 
-def test_a_whole_case(manifest: Manifest, write_case: WriteCase) -> None:
+def test_complete_case_is_opened(manifest: Manifest, write_case: WriteCase) -> None:
     case = open_case(write_case(manifest))
     assert case.tool_mesh().frame == "cautery_tip"
     assert case.tumor_mesh().frame == "tumor"
@@ -59,7 +59,9 @@ def test_joints_are_on_the_trackers_clock(
     ]
 
 
-def test_a_case_brings_no_code(manifest: Manifest, write_case: WriteCase, tmp_path: Path) -> None:
+def test_xacro_of_a_case_is_refused(
+    manifest: Manifest, write_case: WriteCase, tmp_path: Path
+) -> None:
     robot = {"urdf": "arm.xacro", "base_frame": "base", "tool_link": "stylus"}
     manifest["robot"] = robot
     manifest["registration"] = {"method": "given", "matrix": np.eye(4).ravel().tolist()}
@@ -75,7 +77,7 @@ def test_a_case_brings_no_code(manifest: Manifest, write_case: WriteCase, tmp_pa
     assert case.robot_urdf() == tmp_path / "packages/arm/arm.xacro"
 
 
-def test_an_offset_that_is_to_be_estimated_is_refused_for_now(
+def test_frames_need_an_estimated_clock_offset(
     manifest: Manifest, write_case: WriteCase, tmp_path: Path
 ) -> None:
     (tmp_path / "arm").mkdir()
@@ -92,7 +94,7 @@ def test_an_offset_that_is_to_be_estimated_is_refused_for_now(
         open_case(write_case(manifest), package_dirs=[tmp_path]).frames()
 
 
-def test_a_cut_recording_is_used_and_said(manifest: Manifest, write_case: WriteCase) -> None:
+def test_cut_recording_is_used_with_a_note(manifest: Manifest, write_case: WriteCase) -> None:
     folder = write_case(manifest, count=700)
     path = folder / "tracking.mcap"
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -125,7 +127,7 @@ def _link(name: str) -> Callable[[Path], object]:
         (_link("tool.stl"), r"tool\.mesh\.path is 'tool\.stl': it leaves .* symbolic link"),
     ],
 )
-def test_files_that_are_not_there_or_elsewhere(
+def test_missing_and_linked_files_are_refused(
     manifest: Manifest, write_case: WriteCase, edit: Callable[[Path], object], message: str
 ) -> None:
     folder = write_case(manifest)
@@ -138,7 +140,7 @@ def test_files_that_are_not_there_or_elsewhere(
 @pytest.mark.parametrize(
     ("block", "key"), [("recording", None), ("tool", "mesh"), ("tumor", "mesh")]
 )
-def test_paths_may_not_leave(
+def test_paths_outside_the_folder_are_refused(
     manifest: Manifest, write_case: WriteCase, block: str, key: str | None
 ) -> None:
     entry = manifest[block] if key is None else manifest[block][key]
@@ -147,7 +149,7 @@ def test_paths_may_not_leave(
         open_case(write_case(manifest))
 
 
-def test_sha256(manifest: Manifest, write_case: WriteCase) -> None:
+def test_sha256_is_checked(manifest: Manifest, write_case: WriteCase) -> None:
     folder = write_case(manifest)
     right = hashlib.sha256((folder / "tracking.mcap").read_bytes()).hexdigest()
     for digest in (right, right.upper()):
@@ -160,7 +162,7 @@ def test_sha256(manifest: Manifest, write_case: WriteCase) -> None:
         open_case(folder)
 
 
-def test_a_recording_that_is_no_file_is_not_waited_for(
+def test_pipe_as_recording_is_refused_without_blocking(
     manifest: Manifest, write_case: WriteCase
 ) -> None:
     folder = write_case(manifest)
@@ -172,7 +174,7 @@ def test_a_recording_that_is_no_file_is_not_waited_for(
         open_case(folder)
 
 
-def test_a_rosbag2_folder_may_hold_no_link_that_leaves(
+def test_rosbag2_folder_with_a_link_outside_is_refused(
     manifest: Manifest, write_case: WriteCase
 ) -> None:
     manifest["recording"]["path"] = "bag"
@@ -185,7 +187,7 @@ def test_a_rosbag2_folder_may_hold_no_link_that_leaves(
         open_case(folder)
 
 
-def test_formats_that_cannot_be_read(manifest: Manifest, write_case: WriteCase) -> None:
+def test_unknown_recording_format_is_refused(manifest: Manifest, write_case: WriteCase) -> None:
     manifest["recording"]["path"] = "tumor.stl"
     with pytest.raises(
         InputError,
@@ -195,7 +197,9 @@ def test_formats_that_cannot_be_read(manifest: Manifest, write_case: WriteCase) 
         open_case(write_case(manifest))
 
 
-def test_an_igsio_header_is_checked_at_once(manifest: Manifest, write_case: WriteCase) -> None:
+def test_igsio_header_is_checked_when_the_case_is_opened(
+    manifest: Manifest, write_case: WriteCase
+) -> None:
     manifest["recording"]["path"] = "x.igs.mha"
     folder = write_case(manifest, name="cut")
     (folder / "x.igs.mha").write_text("ObjectType = Image\nSeq_Frame0003_Timestamp = 1")
@@ -204,7 +208,9 @@ def test_an_igsio_header_is_checked_at_once(manifest: Manifest, write_case: Writ
 
 
 @pytest.mark.parametrize("name", ["tumor", "tool"])
-def test_open_and_broken_meshes(manifest: Manifest, write_case: WriteCase, name: str) -> None:
+def test_open_and_broken_meshes_are_refused(
+    manifest: Manifest, write_case: WriteCase, name: str
+) -> None:
     case = open_case(write_case(manifest))
     load = case.tumor_mesh if name == "tumor" else case.tool_mesh
     box = trimesh.creation.box()
@@ -262,22 +268,20 @@ def test_a_tumour_from_a_segmentation_is_converted_with_its_case(
     assert case.notes() == ("the tumour is segment '2' of tumor.seg.nrrd, 125 voxels",)
 
 
-def test_a_tool_without_mesh_serves_until_it_is_asked_for(
-    manifest: Manifest, write_case: WriteCase
-) -> None:
+def test_tool_without_mesh_fails_only_on_use(manifest: Manifest, write_case: WriteCase) -> None:
     del manifest["tool"]["mesh"]
     case = open_case(write_case(manifest))
     with pytest.raises(MeshError, match=r"tool\.mesh is missing"):
         case.tool_mesh()
 
 
-def test_an_empty_manifest_is_said_to_be_empty(tmp_path: Path) -> None:
+def test_empty_manifest_is_refused(tmp_path: Path) -> None:
     (tmp_path / "case.yaml").touch()
     with pytest.raises(InputError, match=r"case\.yaml is empty; expected a mapping"):
         open_case(tmp_path)
 
 
-def test_no_folder(tmp_path: Path) -> None:
+def test_path_that_is_not_a_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MarginGuardError, match="no such folder"):
         open_case(tmp_path / "nowhere")
     (tmp_path / "case.yaml").touch()
@@ -285,9 +289,7 @@ def test_no_folder(tmp_path: Path) -> None:
         open_case(tmp_path / "case.yaml")
 
 
-def test_a_tumour_to_be_repaired_has_no_use_before(
-    manifest: Manifest, write_case: WriteCase
-) -> None:
+def test_tumor_mesh_needs_its_repair_before_use(manifest: Manifest, write_case: WriteCase) -> None:
     manifest["tumor"]["mesh"]["repair"] = True
     case = open_case(write_case(manifest))
     ball = trimesh.creation.icosphere(subdivisions=1, radius=10.0)
@@ -306,14 +308,14 @@ def test_a_tumour_to_be_repaired_has_no_use_before(
         done.faulty_tumor_mesh()
 
 
-def test_the_tool_is_never_repaired(manifest: Manifest, write_case: WriteCase) -> None:
+def test_repair_of_the_tool_is_refused(manifest: Manifest, write_case: WriteCase) -> None:
     manifest["tool"]["mesh"]["repair"] = True
     with pytest.raises(InputError, match=r"tool.mesh.*repair"):
         open_case(write_case(manifest))
 
 
 @pytest.mark.parametrize("wrong", ["yes please", 1])
-def test_repair_is_true_or_false(manifest: Manifest, write_case: WriteCase, wrong: object) -> None:
+def test_repair_must_be_boolean(manifest: Manifest, write_case: WriteCase, wrong: object) -> None:
     manifest["tumor"]["mesh"]["repair"] = wrong
     with pytest.raises(InputError, match=r"tumor.mesh.repair"):
         open_case(write_case(manifest))

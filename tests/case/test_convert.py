@@ -26,7 +26,7 @@ def real_case(manifest: Manifest, write_case: WriteCase, shared_data: Path) -> P
     return folder
 
 
-def test_a_real_recording_comes_through_unchanged(
+def test_real_recording_is_converted_unchanged(
     real_case: Path, tmp_path: Path, same_frames: Same
 ) -> None:
     case = open_case(real_case)
@@ -41,7 +41,7 @@ def test_a_real_recording_comes_through_unchanged(
     assert not (tmp_path / "converted" / case.recording_path.name).exists()
 
 
-def test_joints_statuses_and_both_clocks_come_through(
+def test_joints_statuses_and_both_clocks_are_converted(
     manifest: Manifest, write_case: WriteCase, tmp_path: Path, same_frames: Same
 ) -> None:
     manifest["clock"] = {"offset_robot_to_tracker_ms": -12.5}
@@ -69,7 +69,9 @@ def test_joints_statuses_and_both_clocks_come_through(
     assert before == after
 
 
-def test_nothing_is_written_over(manifest: Manifest, write_case: WriteCase, tmp_path: Path) -> None:
+def test_existing_files_are_not_overwritten(
+    manifest: Manifest, write_case: WriteCase, tmp_path: Path
+) -> None:
     case = open_case(write_case(manifest))
     (tmp_path / "there").mkdir()
     with pytest.raises(InputError, match="refusing to overwrite it"):
@@ -77,7 +79,7 @@ def test_nothing_is_written_over(manifest: Manifest, write_case: WriteCase, tmp_
     assert list((tmp_path / "there").iterdir()) == []
 
 
-def test_nothing_is_left_when_the_recording_breaks_off(
+def test_failed_conversion_leaves_no_folder(
     manifest: Manifest, write_case: WriteCase, tmp_path: Path
 ) -> None:
     manifest["recording"]["path"] = "x.igs.mha"

@@ -31,7 +31,7 @@ def opened(folder: Path, values: dict[str, Any]):
     return open_live(path)
 
 
-def test_the_example_holds_and_names_the_shapes_of_the_recorded_case(project_root):
+def test_example_is_valid_and_names_the_meshes_of_the_recorded_case(project_root):
     live = open_live(project_root / "data" / "live_example" / "live.yaml")
     recorded = open_case(project_root / "data" / "recorded_case")
     assert live.source == TopicSourceEntry("/tracked_transforms")
@@ -62,13 +62,13 @@ def test_the_example_holds_and_names_the_shapes_of_the_recorded_case(project_roo
         ),
     ],
 )
-def test_each_source(tmp_path, values, source, entry, of_host):
+def test_each_kind_of_source_is_read(tmp_path, values, source, entry, of_host):
     live = opened(tmp_path, values | {"source": source})
     assert live.source == entry
     assert live.stamps_of_host is of_host
 
 
-def test_joints_are_of_this_machine_where_no_clock_says_otherwise(tmp_path, values):
+def test_joints_use_the_host_clock_without_a_clock_section(tmp_path, values):
     assert not opened(tmp_path, values).joints_of_host
     del values["clock"]
     assert opened(tmp_path, values).joints_of_host
@@ -84,7 +84,7 @@ GUIDANCE = {
 }
 
 
-def test_guidance_and_limiter_are_what_they_are_written_as(tmp_path, values):
+def test_guidance_and_limiter_are_read(tmp_path, values):
     live = opened(tmp_path, values)
     assert guidance_parameters(live) is None
     assert limiter_parameters(live) == LimiterParameters()
@@ -94,7 +94,7 @@ def test_guidance_and_limiter_are_what_they_are_written_as(tmp_path, values):
     assert limiter_parameters(live) == LimiterParameters(tau_s=0.08, most_mm_s=100.0)
 
 
-def test_a_tumours_motion_is_in_degrees_and_whole(tmp_path, values):
+def test_tumor_motion_is_in_degrees_and_needs_all_keys(tmp_path, values):
     assert tumor_motion_parameters(opened(tmp_path, values)) is None
     motion = {"swing_mm": 5, "swing_deg": 180, "rate_hz": 0.25, "jitter_mm": 0.3, "jitter_deg": 0.3}
     found = tumor_motion_parameters(opened(tmp_path, values | {"tumor_motion": motion}))
@@ -104,7 +104,7 @@ def test_a_tumours_motion_is_in_degrees_and_whole(tmp_path, values):
         tumor_motion_parameters(still)
 
 
-def test_a_force_that_is_not_passive_and_a_limit_of_nothing_are_refused(tmp_path, values):
+def test_active_force_and_zero_limit_are_refused(tmp_path, values):
     stiff = opened(tmp_path, values | {"guidance": GUIDANCE | {"delay_ms": 15.0}})
     with pytest.raises(InputError, match=r"live.yaml: guidance: stiffness 200 N/m .* 200 N/m"):
         guidance_parameters(stiff)
@@ -151,18 +151,18 @@ def test_a_force_that_is_not_passive_and_a_limit_of_nothing_are_refused(tmp_path
         ({"schema": 2}, "live.yaml: schema is 2; expected 1"),
     ],
 )
-def test_what_is_refused_is_named(tmp_path, values, change, words):
+def test_faults_are_refused_with_their_key(tmp_path, values, change, words):
     with pytest.raises(InputError, match=re.escape(words)):
         opened(tmp_path, values | change)
 
 
-def test_a_file_that_is_not_there_is_named_with_its_key(tmp_path, values):
+def test_missing_file_is_refused_with_its_key(tmp_path, values):
     values["tumor"]["mesh"]["path"] = "gone.stl"
     with pytest.raises(InputError, match=r"live\.yaml: tumor\.mesh\.path is 'gone\.stl'"):
         opened(tmp_path, values)
 
 
-def test_a_folder_is_no_live_configuration(tmp_path):
+def test_folder_is_not_a_live_configuration(tmp_path):
     with pytest.raises(InputError, match="is not a live configuration: it is a folder"):
         open_live(tmp_path)
 
@@ -172,14 +172,14 @@ def test_a_live_case_has_no_recording(tmp_path, values):
         opened(tmp_path, values).case.recorded_frames()
 
 
-def test_what_no_topic_carries_cannot_be_recorded(tmp_path, values):
+def test_igtl_source_cannot_be_recorded(tmp_path, values):
     values["source"] = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
     with pytest.raises(InputError, match=r"source\.igtl cannot be recorded"):
         begin_case(opened(tmp_path, values), tmp_path / "case")
     assert not (tmp_path / "case").exists()
 
 
-def test_a_case_is_begun_with_all_but_its_recording(tmp_path, values, project_root):
+def test_live_recording_starts_with_a_case_without_recording(tmp_path, values, project_root):
     config = tmp_path / "config"
     config.mkdir()
     stl = (project_root / "data" / "recorded_case" / "tumor.stl").read_bytes()
@@ -195,14 +195,14 @@ def test_a_case_is_begun_with_all_but_its_recording(tmp_path, values, project_ro
         begin_case(open_live(config / "live.yaml"), tmp_path / "case")
 
 
-def test_a_topic_that_no_case_has_is_not_recorded_as_one(tmp_path, values):
+def test_other_tracking_topic_cannot_be_recorded_as_a_case(tmp_path, values):
     values["source"] = {"tracked_transforms": {"topic": "/ndi"}, "clock": "host"}
     with pytest.raises(InputError, match="expected /tracked_transforms"):
         begin_case(opened(tmp_path, values), tmp_path / "case")
     assert not (tmp_path / "case").exists()
 
 
-def test_a_recorded_case_leaves_out_what_is_live_and_has_the_clocks_estimated(tmp_path, values):
+def test_recorded_case_omits_live_sections_and_estimates_the_clocks(tmp_path, values):
     values["source"]["clock"] = "estimate"
     del values["clock"]
     live = opened(tmp_path, values | {"guidance": GUIDANCE, "limiter": {"tau_ms": 80.0}})

@@ -1,4 +1,4 @@
-"""An arm whose kinematics are plain to see, and one simulation that the tests share."""
+"""An arm with kinematics in closed form, and a simulation that the tests share."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ POINTING_DOWN = np.diag([-1.0, 1.0, -1.0])
 
 
 class GantryArm:
-    """Three slides (m) and three turns about the axes of the base: both ways in closed form."""
+    """Three prismatic joints (m), then three revolute ones: kinematics in closed form."""
 
     joint_names = ("x", "y", "z", "yaw", "pitch", "roll")
 

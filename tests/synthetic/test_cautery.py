@@ -12,7 +12,7 @@ def test_the_cautery_is_one_closed_surface():
     assert 1500 < len(mesh.faces) < 2500
 
 
-def test_the_tip_is_the_origin_and_nothing_lies_before_it():
+def test_tip_is_the_foremost_point_and_the_origin():
     vertices = cautery_mesh().vertices_mm
     assert (vertices[:, 2] == 0.0).sum() == 1
     np.testing.assert_array_equal(vertices[vertices[:, 2].argmax()], 0.0)

@@ -17,7 +17,7 @@ def pose(random, spread_mm):
 
 @pytest.fixture(scope="module")
 def tumour():
-    return Tumour.grown(np.random.default_rng(7))
+    return Tumour.generate(np.random.default_rng(7))
 
 
 @pytest.fixture(scope="module")
@@ -29,17 +29,17 @@ def test_distance_agrees_with_libigl_on_the_meshes(tumour, clearance):
     mesh, tool = tumour.mesh(), cautery_mesh()
     near = tool.triangles_mm[(tool.triangles_mm[:, :, 2] > -66.1).all(axis=1)]
     tool_mm = dense_surface(near, 0.8)
-    random, seen = np.random.default_rng(8), []
+    random, distances = np.random.default_rng(8), []
     for _ in range(8):
         tumor_from_tip = pose(random, 20.0)
         points = tumor_from_tip.apply(tool_mm)
         signed, *_ = igl.signed_distance(points, mesh.vertices_mm, mesh.faces.astype(np.int64))
         handle_mm = np.linalg.norm(tumor_from_tip.apply((0.0, 0.0, -98.0)))
         if handle_mm < 70.0:
-            continue  # the handle might govern, and is not among these points
-        seen.append(float(signed.min()))
-        assert clearance.distance_mm(tumor_from_tip) == pytest.approx(seen[-1], abs=0.06)
-    assert min(seen) < -2.0 and max(seen) > 2.0
+            continue  # the handle, which has no points here, may be nearest
+        distances.append(float(signed.min()))
+        assert clearance.distance_mm(tumor_from_tip) == pytest.approx(distances[-1], abs=0.06)
+    assert min(distances) < -2.0 and max(distances) > 2.0
 
 
 def test_height_and_distance_agree_in_sign_and_order(clearance):
@@ -53,7 +53,7 @@ def test_height_and_distance_agree_in_sign_and_order(clearance):
         assert abs(distance) <= abs(height) + 0.02
 
 
-def test_a_sphere_has_its_plain_distance():
+def test_distance_to_a_sphere_is_exact():
     sphere = Tumour(np.full(3, 10.0), np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.ones(1))
     clearance = Clearance(sphere, cautery_mesh())
     points = np.array([[0.0, 0.0, 13.0], [4.0, 0.0, 0.0], [0.0, -30.0, 0.0]])

@@ -10,7 +10,7 @@ BREATHING = Breathing(held_until_s=18.0)
 
 
 @given(st.floats(0.0, 18.0))
-def test_while_the_breath_is_held_nothing_moves(time_s):
+def test_held_breath_has_depth_zero(time_s):
     assert BREATHING.depth(time_s) == 0.0
 
 
@@ -26,7 +26,7 @@ def test_inspiration_is_full_half_way_and_most_time_is_spent_near_expiration():
     assert np.mean(np.array(depths) < 0.25) > 0.45
 
 
-def test_a_body_shifts_in_the_room_and_turns_about_itself():
+def test_body_is_displaced_and_rotated_about_its_origin():
     rest = Transform.from_rotation_vector(
         (0.0, 0.0, 1.0), (10.0, 20.0, 30.0), target="tracker", source="needle"
     )

@@ -1,4 +1,4 @@
-"""The case that the demo replays, as it is committed: recording, robot and truth fit together."""
+"""The committed case that the demo replays: recording, robot and truth are consistent."""
 
 import hashlib
 from collections import defaultdict
@@ -21,14 +21,14 @@ def frames(case):
     return list(case.frames())
 
 
-def test_the_folder_is_small_and_says_what_it_is(case):
+def test_recorded_case_is_small_and_declared_as_simulated(case):
     assert sum(path.stat().st_size for path in case.folder.iterdir()) < 5_000_000
     assert case.manifest.provenance.kind == "simulated"
     recording = (case.folder / case.manifest.recording.path).read_bytes()
     assert hashlib.sha256(recording).hexdigest() == case.manifest.recording.sha256
 
 
-def test_the_case_has_what_the_demo_must_show(case):
+def test_recorded_case_contains_the_events_of_the_demo(case):
     tumor = case.tumor_mesh().require_closed("tumor.stl")
     assert len(tumor.faces) >= 20_000
     deep, brief, shaft = case.expected().breaches.intervals
@@ -39,7 +39,7 @@ def test_the_case_has_what_the_demo_must_show(case):
 
 
 def test_the_joints_of_our_robot_follow_the_tracked_tool(case, frames):
-    """Kinematics, clock offset, calibration and true registration, all in one comparison."""
+    """Checks kinematics, clock offset, calibration and true registration together."""
     manifest, expected = case.manifest, case.expected()
     robot = load_robot(case.robot_urdf())
     held_until_s = max(dwell.end_s for dwell in manifest.registration.dwells)
@@ -62,7 +62,7 @@ def test_the_joints_of_our_robot_follow_the_tracked_tool(case, frames):
     assert 0.4 < np.sqrt(np.mean(np.square(off_mm))) < 1.5
 
 
-def test_dropouts_are_where_the_truth_says(case, frames):
+def test_dropouts_match_the_truth(case, frames):
     start_ns, lost = frames[0].stamp.ns, defaultdict(list)
     names = ("reference", "needle", "cautery")
     for frame in frames:

@@ -22,7 +22,7 @@ def plunge():
     return script
 
 
-def test_a_plunge_starts_holds_and_ends_where_it_should(plunge):
+def test_plunge_starts_holds_and_ends_at_its_distances(plunge):
     path = plunge.path
     distances = [height_over_floor(path.at(t)) for t in np.linspace(0.0, path.end_s, 4001)]
     assert min(distances) == pytest.approx(-2.0, abs=1e-5)
@@ -32,7 +32,7 @@ def test_a_plunge_starts_holds_and_ends_where_it_should(plunge):
     assert held == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_plunge_crosses_at_its_speed_and_is_never_faster(plunge):
+def test_plunge_crosses_the_surface_at_its_maximum_speed(plunge):
     path = plunge.path
     times = np.linspace(1.5, path.end_s, 20001)
     distances = np.array([height_over_floor(path.at(t)) for t in times])
@@ -43,12 +43,12 @@ def test_a_plunge_crosses_at_its_speed_and_is_never_faster(plunge):
     assert np.abs(speed).max() < 45.5
 
 
-def test_rests_give_their_times_and_moves_take_theirs():
+def test_rests_and_moves_have_their_durations():
     script = Script(pose(0.0, 0.0, 40.0), height_over_floor)
     assert script.rest(1.3) == (0.0, 1.3)
     script.move_to(pose(10.0, 0.0, 40.0), 2.0)
     assert script.rest(0.5) == pytest.approx((3.3, 3.8))
-    assert script.now_s == script.path.end_s
+    assert script.end_s == script.path.end_s
 
 
 def test_a_stroke_passes_its_poses_without_stopping():

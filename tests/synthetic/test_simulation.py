@@ -1,6 +1,5 @@
-"""The story as it really goes: poses without noise, and the noisy recording of them."""
+"""The simulated scenario: true poses, and the noisy recording of them."""
 
-import igl
 import numpy as np
 import pytest
 
@@ -8,6 +7,7 @@ from app.geometry import NS_PER_S, TrackingStatus
 from app.synthetic import Jitter, cautery_mesh, find_breaches
 from app.synthetic.clearance import dense_surface
 from app.synthetic.simulation import CAUTERY_FROM_TIP, TRACKED_FRAMES
+from tests.oracles.winding_number import any_point_inside
 
 
 @pytest.fixture(scope="module")
@@ -22,20 +22,18 @@ def frames(simulation):
 
 @pytest.fixture(scope="module")
 def inside(simulation):
-    """Whether the tool is in the tumour, by the winding number of the mesh."""
+    """Function of time: whether the tool is in the tumour, by an independent method."""
     mesh, tool = simulation.tumour.mesh(), cautery_mesh()
     near = (tool.triangles_mm[:, :, 2] > -66.1).all(axis=1)
     points = dense_surface(tool.triangles_mm[near], 0.4)
 
     def at(time_s):
-        moved = simulation.tumor_from_tip(time_s).apply(points)
-        winding = igl.fast_winding_number(mesh.vertices_mm, mesh.faces.astype(np.int64), moved)
-        return bool((winding > 0.5).any())
+        return any_point_inside(simulation.tumor_from_tip(time_s).apply(points), mesh)
 
     return at
 
 
-def test_there_are_three_breaches_of_their_kinds(breaches):
+def test_simulation_has_three_breaches_of_their_kinds(breaches):
     deep, brief, shaft = breaches
     assert deep.min_signed_distance_mm == pytest.approx(-5.0, abs=0.1) and not deep.shaft_only
     assert brief.min_signed_distance_mm == pytest.approx(-1.8, abs=0.1) and not brief.shaft_only
@@ -44,7 +42,7 @@ def test_there_are_three_breaches_of_their_kinds(breaches):
     assert shaft.tip_clearance_mm > 5.0
 
 
-def test_libigl_sees_each_breach_begin_and_end_there(breaches, inside):
+def test_breach_times_agree_with_libigl(breaches, inside):
     # 4 ms at 45 mm/s are 0.18 mm: more than facets and samples differ from the smooth surfaces.
     for breach in breaches:
         assert [inside(breach.start_s - 0.004), inside(breach.start_s + 0.004)] == [False, True]
@@ -62,7 +60,7 @@ def test_surfaces_are_crossed_fast_enough_to_be_timed(simulation, breaches):
             assert abs(after - before) / 0.008 >= 30.0
 
 
-def test_outside_the_breaches_the_tool_keeps_off(simulation, breaches):
+def test_tool_stays_outside_between_breaches(simulation, breaches):
     # A quarter of a second before a crossing the tool is already on its way in.
     times = [
         time_s
@@ -75,11 +73,11 @@ def test_outside_the_breaches_the_tool_keeps_off(simulation, breaches):
     assert 2.5 < min(clearance.distance_mm(pose) for pose in near) < 4.0
 
 
-def test_the_arm_stands_still_on_landmarks_while_nothing_breathes(simulation):
+def test_arm_is_at_rest_on_landmarks_during_the_breath_hold(simulation):
     points = []
-    for start_s, end_s in simulation.story.dwells_s:
+    for start_s, end_s in simulation.scenario.dwells_s:
         assert end_s - start_s == pytest.approx(1.2)
-        assert end_s < simulation.story.breath_held_until_s
+        assert end_s < simulation.scenario.breath_held_until_s
         poses = [simulation.base_from_tip(t) for t in np.linspace(start_s, end_s, 25)]
         assert all((pose.matrix == poses[0].matrix).all() for pose in poses)
         references = [simulation.tracker_from("reference", t) for t in (start_s, end_s)]
@@ -91,7 +89,7 @@ def test_the_arm_stands_still_on_landmarks_while_nothing_breathes(simulation):
     assert np.ptp(points, axis=0).min() > 50.0
 
 
-def test_registration_is_true_at_end_expiration_and_only_there(simulation):
+def test_registration_is_exact_at_end_expiration_only(simulation):
     def off_mm(time_s):
         reference_from_tip = (
             simulation.tracker_from("reference", time_s).inverse()
@@ -101,14 +99,14 @@ def test_registration_is_true_at_end_expiration_and_only_there(simulation):
         by_arm = simulation.reference_from_base @ simulation.base_from_tip(time_s)
         return reference_from_tip.distance_mm_to(by_arm)
 
-    held_until_s = simulation.story.breath_held_until_s
+    held_until_s = simulation.scenario.breath_held_until_s
     assert off_mm(1.0) < 1e-9
     assert 0.3 < off_mm(held_until_s + 2.0) < 2.0
     assert off_mm(held_until_s + 4.0) < 1e-6
 
 
 def test_tissue_moves_four_to_five_millimetres_and_the_chest_a_little(simulation):
-    held_until_s = simulation.story.breath_held_until_s
+    held_until_s = simulation.scenario.breath_held_until_s
     for frame, low, high in (("needle", 4.0, 5.0), ("reference", 1.0, 1.4)):
         rest, full = (simulation.tracker_from(frame, held_until_s + t) for t in (0.0, 2.0))
         assert low < rest.distance_mm_to(full) < high
@@ -129,7 +127,7 @@ def test_joints_come_at_200_hz_on_the_robots_clock_through_every_dropout(frames)
     assert (np.diff(stamps) == 5_000_000).all() and (stamps % 5_000_000 == 0).all()
 
 
-def test_joints_put_the_tool_where_it_truly_is(frames, simulation, gantry):
+def test_forward_kinematics_of_joints_gives_the_true_tool_pose(frames, simulation, gantry):
     joints = [sample for frame in frames[::40] for sample in frame.joints]
     for sample in joints:
         time_s = (sample.stamp.ns + 37_400_000 - frames[0].stamp.ns) / NS_PER_S
@@ -156,7 +154,7 @@ def test_recorded_poses_are_the_truth_with_jitter(frames, simulation):
 def test_dropouts_of_every_kind_happen_near_the_tumour_but_not_in_a_breach(
     frames, simulation, breaches
 ):
-    dropouts = simulation.story.dropouts
+    dropouts = simulation.scenario.dropouts
     assert {(len(d.frames), d.kind) for d in dropouts} == {
         (1, "invalid"),
         (1, "missing"),
@@ -171,10 +169,10 @@ def test_dropouts_of_every_kind_happen_near_the_tumour_but_not_in_a_breach(
     assert min(distances) < 4.0 and max(distances) > 7.0
 
 
-def test_what_a_dropout_loses_is_lost_and_nothing_else(frames, simulation):
+def test_dropouts_lose_exactly_their_samples(frames, simulation):
     for frame in frames:
         time_s = (frame.stamp.ns - frames[0].stamp.ns) / NS_PER_S
-        active = [d for d in simulation.story.dropouts if d.covers(time_s)]
+        active = [d for d in simulation.scenario.dropouts if d.covers(time_s)]
         missing = {name for d in active if d.kind == "missing" for name in d.frames}
         invalid = {name for d in active if d.kind == "invalid" for name in d.frames}
         assert {sample.source for sample in frame.poses} == set(TRACKED_FRAMES) - missing

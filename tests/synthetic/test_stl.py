@@ -12,7 +12,7 @@ def written(tmp_path):
     return tmp_path / "tool.stl"
 
 
-def test_another_library_reads_the_same_surface(written):
+def test_trimesh_reads_the_same_surface(written):
     read, mesh = trimesh.load_mesh(written, process=False), cautery_mesh()
     np.testing.assert_allclose(read.triangles, mesh.triangles_mm, atol=1e-5)
     read.merge_vertices()

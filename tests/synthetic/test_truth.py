@@ -26,7 +26,7 @@ def at(x, y, z):
     return Transform(TUMOR_FRAME, CAUTERY_TIP_FRAME, DOWN, np.array([x, y, z]))
 
 
-def test_a_tip_that_bobs_into_a_sphere_enters_and_leaves_when_it_must(clearance):
+def test_oscillating_tip_enters_and_leaves_a_sphere_at_exact_times(clearance):
     # Height of the tip: 12 + 5 cos(pi t), so inside for cos(pi t) < -2/5.
     def motion(time_s):
         return at(0.0, 0.0, 12.0 + 5.0 * np.cos(np.pi * time_s))
@@ -41,7 +41,7 @@ def test_a_tip_that_bobs_into_a_sphere_enters_and_leaves_when_it_must(clearance)
     assert first.tip_clearance_mm == pytest.approx(-3.0, abs=0.01)
 
 
-def test_a_shaft_that_grazes_is_a_breach_of_the_shaft_alone(clearance):
+def test_grazing_shaft_is_a_breach_of_the_shaft_only(clearance):
     # The axis is 14 - 5 sin(pi t / 2) beside the centre, the tip 30 mm below it.
     def motion(time_s):
         return at(0.0, 14.0 - 5.0 * np.sin(np.pi * time_s / 2.0), -30.0)
@@ -55,7 +55,7 @@ def test_a_shaft_that_grazes_is_a_breach_of_the_shaft_alone(clearance):
     assert breach.tip_clearance_mm == pytest.approx(np.hypot(30.0, 9.0) - RADIUS_MM, abs=0.05)
 
 
-def test_a_touch_of_a_few_milliseconds_is_found(clearance):
+def test_contact_of_a_few_milliseconds_is_found(clearance):
     # 400 mm/s past a point 0.05 mm inside: 5 ms between two samples of any tracker.
     def motion(time_s):
         return at(400.0 * (time_s - 0.507), 0.0, RADIUS_MM - 0.05)
@@ -69,6 +69,6 @@ def test_a_motion_that_stays_away_has_no_breach(clearance):
     assert find_breaches(clearance, lambda t: at(20.0 * np.cos(t), 0.0, 11.0), 6.0) == ()
 
 
-def test_a_motion_that_begins_inside_is_closed_at_its_ends(clearance):
+def test_motion_inside_is_one_breach_from_start_to_end(clearance):
     (breach,) = find_breaches(clearance, lambda t: at(0.0, 0.0, 8.0), 0.2)
     assert (breach.start_s, breach.end_s) == (0.0, 0.2)

@@ -10,7 +10,7 @@ from app.synthetic.tumour import Tumour, icosphere
 
 @pytest.fixture(scope="module")
 def tumour():
-    return Tumour.grown(np.random.default_rng(3))
+    return Tumour.generate(np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
@@ -64,14 +64,14 @@ def test_the_origin_is_inside(tumour):
 
 @settings(max_examples=15)
 @given(st.integers(0, 2**32))
-def test_any_seed_grows_a_tumour_of_sane_size(seed):
-    grown = Tumour.grown(np.random.default_rng(seed))
+def test_tumours_of_any_seed_have_plausible_sizes(seed):
+    grown = Tumour.generate(np.random.default_rng(seed))
     radii = grown.radius_mm(icosphere(3)[0])
     assert radii.min() > 6.0 and radii.max() < 32.0
 
 
-def test_another_seed_grows_another_tumour(tumour):
-    other = Tumour.grown(np.random.default_rng(6))
+def test_seeds_give_different_tumours(tumour):
+    other = Tumour.generate(np.random.default_rng(6))
     directions = icosphere(2)[0]
     assert np.abs(tumour.radius_mm(directions) - other.radius_mm(directions)).max() > 0.5
 

@@ -48,22 +48,22 @@ def test_the_reader_reads_what_was_simulated(case):
 def test_every_frame_can_be_read_back(case):
     frames = list(case.frames())
     assert len(frames) == case.expected().frames
-    assert sum(not frame.poses for frame in frames) == 1  # the watchdog speaks in the silence
+    assert sum(not frame.poses for frame in frames) == 1  # the watchdog frame of the gap
     assert frames[0].stamp.ns == 1_000_000_000_000
 
 
-def test_the_truth_is_written_as_it_was_simulated(case, simulation):
+def test_expected_results_are_those_of_the_simulation(case, simulation):
     expected = case.expected()
     truth = simulation.reference_from_base
     assert expected.registration.reference_from_base.distance_mm_to(truth) < 1e-9
     assert [b.shaft_only for b in expected.breaches.intervals] == [False, False, True]
-    assert len(expected.dropouts) == sum(len(d.frames) for d in simulation.story.dropouts)
+    assert len(expected.dropouts) == sum(len(d.frames) for d in simulation.scenario.dropouts)
     for breach in expected.breaches.intervals:
         middle = simulation.tumor_from_tip((breach.start_s + breach.end_s) / 2.0)
         assert simulation.clearance.height_mm(middle) < 0.0
 
 
-def test_the_recorded_poses_are_near_the_truth_that_is_written(case, simulation):
+def test_recorded_poses_are_close_to_the_expected_registration(case, simulation):
     """Averaged over a dwell, tip and joints agree with the registration."""
     frames = [frame for frame in case.frames() if frame.stamp.ns < 1_001_200_000_000]
     tips = []
@@ -76,7 +76,7 @@ def test_the_recorded_poses_are_near_the_truth_that_is_written(case, simulation)
 
 
 @pytest.mark.parametrize("occupant", ["file", "full folder", "link"])
-def test_nothing_is_written_over(tmp_path, gantry, occupant):
+def test_existing_files_are_not_overwritten(tmp_path, gantry, occupant):
     folder = tmp_path / "case"
     if occupant == "file":
         folder.write_text("mine")
@@ -91,7 +91,7 @@ def test_nothing_is_written_over(tmp_path, gantry, occupant):
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_an_arm_that_cannot_reach_leaves_nothing_behind(tmp_path, gantry):
+def test_unreachable_pose_leaves_no_folder(tmp_path, gantry):
     class ShortArm(type(gantry)):
         def joints_for(self, base_from_tool, seed):
             raise MarginGuardError("out of reach")

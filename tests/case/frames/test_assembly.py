@@ -17,7 +17,7 @@ def stamps(frames: list[TrackingFrame]) -> list[int]:
     return [frame.stamp.ns for frame in frames]
 
 
-def test_frames_come_when_nothing_older_can() -> None:
+def test_frame_is_complete_once_no_older_sample_can_arrive() -> None:
     assembler = FrameAssembler(lambda _: None)
     assert list(assembler.add_pose(sample(0))) == []
     assert list(assembler.add_pose(sample(REORDER_NS))) == []
@@ -47,19 +47,19 @@ def together(*samples: TrackedTransform) -> tuple[TrackedTransform, list[str]]:
     return one, notes
 
 
-def test_the_same_pose_twice_is_one_sample() -> None:
+def test_repeated_pose_is_one_sample() -> None:
     one, notes = together(good(1.0), good(1.0))
     assert one.transform is not None
     assert notes == []
 
 
-def test_two_poses_at_one_moment_are_no_pose_and_that_is_said() -> None:
+def test_two_poses_with_one_stamp_become_invalid_with_a_note() -> None:
     one, notes = together(good(1.0), good(2.0), good(2.0))
     assert one.status is TrackingStatus.INVALID
     assert len(notes) == 1 and "two poses" in notes[0]
 
 
-def test_a_lost_sample_wins_over_a_good_one_in_either_order() -> None:
+def test_lost_sample_overrides_a_valid_one_in_either_order() -> None:
     assert together(good(1.0), sample(0))[0].status is TrackingStatus.INVALID
     assert together(sample(0), good(1.0))[0].status is TrackingStatus.INVALID
 
@@ -73,7 +73,7 @@ def test_joints_go_with_the_first_frame_not_older_and_the_rest_with_the_last() -
     assert [[j.stamp.ns for j in f.joints] for f in assembler.flush()] == [[5, 10], [20, 25, 30]]
 
 
-def test_a_jump_back_gives_out_what_is_buffered() -> None:
+def test_clock_jump_back_flushes_the_buffer() -> None:
     assembler = FrameAssembler(lambda _: None)
     far = 10 * REORDER_NS
     assert list(assembler.add_pose(sample(far))) == []
@@ -81,7 +81,7 @@ def test_a_jump_back_gives_out_what_is_buffered() -> None:
     assert stamps(list(assembler.flush())) == [0]
 
 
-def test_joints_that_never_find_a_frame_do_not_pile_up() -> None:
+def test_joints_without_frames_do_not_accumulate() -> None:
     notes: list[str] = []
     assembler = FrameAssembler(notes.append)
     one = joints(10**15)

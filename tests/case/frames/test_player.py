@@ -61,12 +61,12 @@ def make(source: Callable[[], Iterator[TrackingFrame]], **given: object) -> tupl
     ("rate", "clock"),
     [(1.0, [0, 20, 60]), (2.0, [0, 10, 30]), (0.5, [0, 40, 120]), (None, [0] * 3)],
 )
-def test_rate(rate: float | None, clock: list[int]) -> None:
+def test_frames_are_played_at_the_rate(rate: float | None, clock: list[int]) -> None:
     player, time = make(frames(100, 120, 160), rate=rate)
     assert played(player, time) == list(zip(clock, [100, 120, 160], strict=True))
 
 
-def test_pause_and_resume_keep_the_place() -> None:
+def test_pause_and_resume_keep_the_position() -> None:
     player, time = make(frames(0, 100, 200))
     time.at(130, player.pause)
     time.at(1000, player.resume)
@@ -82,13 +82,13 @@ def test_steps_pass_at_once_and_stay_paused() -> None:
     assert played(player, time) == [(10, 0), (20, 100), (20, 200), (150, 300)]
 
 
-def test_a_rate_changes_from_now_on() -> None:
+def test_rate_change_takes_effect_at_once() -> None:
     player, time = make(frames(0, 100, 300))
     time.at(50, lambda: player.set_rate(2.0))
     assert played(player, time) == [(0, 0), (75, 100), (175, 300)]
 
 
-def test_a_rate_changes_twice_and_a_pause_keeps_the_place_at_any_rate() -> None:
+def test_rate_changes_twice_and_a_pause_keeps_the_position_at_any_rate() -> None:
     player, time = make(frames(0, 100, 300, 500), rate=2.0)
     time.at(25, lambda: player.set_rate(0.5))  # stands at 50
     time.at(225, player.pause)  # 100 came at 125; stands at 150
@@ -114,7 +114,7 @@ def test_seek_while_paused_shows_one_frame() -> None:
     assert player.paused
 
 
-def test_a_seek_beyond_the_end_ends() -> None:
+def test_seek_beyond_the_end_ends_the_replay() -> None:
     player, time = make(frames(0, 100))
     player.seek(10.0)
     assert played(player, time) == []
@@ -133,14 +133,14 @@ def test_stop_also_ends_a_seek() -> None:
     assert played(player, time) == []
 
 
-def test_loop() -> None:
+def test_loop_restarts_at_the_end() -> None:
     player, time = make(frames(0, 10), loop=True)
     assert played(player, time, limit=5) == [(0, 0), (10, 10), (10, 0), (20, 10), (20, 0)]
     empty, time = make(frames(), loop=True)
     assert played(empty, time) == []
 
 
-def test_a_clock_that_jumped_back_does_not_stall() -> None:
+def test_stamps_that_jump_back_do_not_stall_the_replay() -> None:
     player, time = make(frames(1000, 1020, 10, 30))
     assert played(player, time) == [(0, 1000), (20, 1020), (20, 10), (40, 30)]
 
@@ -158,7 +158,7 @@ def test_a_slow_consumer_gets_every_frame_late() -> None:
     gaps=st.lists(st.integers(1, 500), min_size=1, max_size=20),
     rate=st.sampled_from([0.25, 0.5, 1.0, 2.0, 10.0]),
 )
-def test_the_same_frames_come_at_any_rate(gaps: list[int], rate: float) -> None:
+def test_all_frames_are_played_at_any_rate(gaps: list[int], rate: float) -> None:
     stamps = [sum(gaps[:n]) for n in range(len(gaps) + 1)]
     player, time = make(frames(*stamps), rate=rate)
     found = played(player, time)
@@ -184,7 +184,7 @@ def test_stop_ends_a_real_wait_at_once() -> None:
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 1e9])
-def test_rates_that_make_no_sense(rate: float) -> None:
+def test_invalid_rates_are_refused(rate: float) -> None:
     with pytest.raises(InputError, match="rate"):
         make(frames(0), rate=rate)
     player, _ = make(frames(0))
@@ -192,7 +192,7 @@ def test_rates_that_make_no_sense(rate: float) -> None:
         player.set_rate(rate)
 
 
-def test_controls_that_make_no_sense() -> None:
+def test_invalid_steps_and_seeks_are_refused() -> None:
     player, _ = make(frames(0))
     with pytest.raises(InputError, match="number of steps is 0; expected"):
         player.step(0)

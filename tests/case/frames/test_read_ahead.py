@@ -16,7 +16,7 @@ def frames(count: int, read: list[int]) -> Iterator[TrackingFrame]:
 
 
 @pytest.mark.parametrize("count", [0, 1, AHEAD, AHEAD + 1, 3 * AHEAD])
-def test_all_frames_come_in_their_order(count: int) -> None:
+def test_frames_are_yielded_in_order(count: int) -> None:
     assert [f.stamp.ns for f in read_ahead(frames(count, []))] == list(range(count))
 
 
@@ -26,7 +26,7 @@ def test_one_block_is_read_for_the_first_frame() -> None:
     assert len(read) == AHEAD
 
 
-def test_an_error_of_the_reader_comes_where_it_was() -> None:
+def test_reader_error_is_raised_after_the_frames_before_it() -> None:
     def broken() -> Iterator[TrackingFrame]:
         yield from frames(AHEAD + 5, [])
         raise InputError("no more")

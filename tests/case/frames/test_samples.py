@@ -9,7 +9,7 @@ from app.case.messages.values import JointValues
 from app.geometry import InputError, Stamp
 
 
-def test_a_sample_of_known_tuples_is_what_the_constructor_makes_of_them() -> None:
+def test_unchecked_sample_equals_a_constructed_one() -> None:
     names, positions, stamp = ("a", "b"), (0.5, 1.5), Stamp(7)
     made = JointSample.unchecked(names, positions, stamp)
     checked = JointSample(names, positions, stamp)
@@ -23,7 +23,7 @@ def test_names_without_a_position_are_refused() -> None:
         JointSample(("a", "b"), (0.5,), Stamp(7))
 
 
-def test_a_joint_that_is_named_twice_is_refused_and_not_placed_by_the_last_of_them() -> None:
+def test_repeated_joint_is_refused() -> None:
     names, positions = ("turn", "push", "turn"), (0.1, 0.2, 0.3)
     with pytest.raises(InputError, match="joint 'turn' is repeated"):
         JointSample(names, positions, Stamp(7))

@@ -33,22 +33,22 @@ def test_a_gap_gets_one_frame_without_poses() -> None:
     ]
 
 
-def test_joints_of_the_gap_are_shared_out() -> None:
+def test_joints_of_a_gap_are_split_between_its_frames() -> None:
     frames = [frame(0), frame(1000, 100, 201, 202, 900)]
     assert shown(frames) == [(0, 1, []), (201, 0, [100, 201]), (1000, 1, [202, 900])]
 
 
-def test_silence_at_the_end_shows_by_the_joints() -> None:
+def test_joints_after_the_last_frame_reveal_a_gap_at_the_end() -> None:
     assert shown([frame(0, 0, 50, 300)]) == [(0, 1, [0, 50]), (201, 0, [300])]
     assert shown([frame(0, 0, 50, 200)]) == [(0, 1, [0, 50, 200])]
 
 
-def test_a_clock_that_jumps_back_is_no_gap() -> None:
+def test_clock_jump_back_is_not_a_gap() -> None:
     assert shown([frame(5000), frame(0)]) == [(5000, 1, []), (0, 1, [])]
 
 
 @given(st.lists(st.integers(0, 2000), min_size=1, max_size=30, unique=True))
-def test_time_never_stands_still_longer_than_allowed(stamps: list[int]) -> None:
+def test_frames_are_never_farther_apart_than_allowed(stamps: list[int]) -> None:
     stamps.sort()
     watched = list(with_watchdog(iter([frame(ns) for ns in stamps]), STALE_NS))
     assert [f.stamp.ns for f in watched if f.poses] == stamps

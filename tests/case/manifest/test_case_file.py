@@ -49,7 +49,7 @@ def test_a_whole_manifest(tmp_path: Path, manifest: dict[str, Any]) -> None:
     assert case.robot.joint_states == "/joint_states"
 
 
-def test_what_may_be_left_out(tmp_path: Path, manifest: dict[str, Any]) -> None:
+def test_optional_sections_may_be_left_out(tmp_path: Path, manifest: dict[str, Any]) -> None:
     del manifest["tool"]["mesh"]
     case = load(tmp_path, manifest)
     assert case.tool.mesh is case.robot is case.registration is case.expected is None
@@ -74,14 +74,16 @@ def test_a_tumour_from_a_segmentation_or_a_contour(
 
 
 @pytest.mark.parametrize("method", ["paired_points", "robot_world"])
-def test_dwells(tmp_path: Path, manifest: dict[str, Any], method: str) -> None:
+def test_registration_by_dwells_is_read(
+    tmp_path: Path, manifest: dict[str, Any], method: str
+) -> None:
     dwells = [{"start_s": 0.5, "end_s": 1.5}, {"start_s": 2.0, "end_s": 3.0}]
     manifest["registration"] = {"method": method, "dwells": dwells}
     entry = load(tmp_path, manifest).registration
     assert [(d.start_s, d.end_s) for d in entry.dwells] == [(0.5, 1.5), (2.0, 3.0)]
 
 
-def test_point_pairs(tmp_path: Path, manifest: dict[str, Any]) -> None:
+def test_registration_by_point_pairs_is_read(tmp_path: Path, manifest: dict[str, Any]) -> None:
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0.5]]
     manifest["registration"] = {"method": "paired_points", "fixed_mm": points, "moving_mm": points}
     assert load(tmp_path, manifest).registration.fixed_mm[2] == (0.0, 1.0, 0.5)
@@ -219,7 +221,7 @@ def _set(*keys: str, to: object) -> Edit:
         ),
     ],
 )
-def test_refused_with_its_place(
+def test_faults_are_refused_with_their_place(
     tmp_path: Path, manifest: dict[str, Any], edit: Edit, message: str
 ) -> None:
     edit(manifest)
@@ -241,7 +243,7 @@ def test_refused_with_its_place(
         ("tool", "tip_from"),
     ],
 )
-def test_nothing_needed_is_made_up(
+def test_missing_required_keys_are_refused(
     tmp_path: Path, manifest: dict[str, Any], keys: tuple[str, ...]
 ) -> None:
     block = manifest
@@ -252,6 +254,6 @@ def test_nothing_needed_is_made_up(
         load(tmp_path, manifest)
 
 
-def test_no_manifest(tmp_path: Path) -> None:
+def test_folder_without_manifest_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"is not a case: it has no case\.yaml"):
         load_manifest(tmp_path)

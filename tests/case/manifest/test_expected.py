@@ -19,7 +19,7 @@ def load(path: Path) -> Expected:
     return load_expected(path, reference="reference", robot_base="base")
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_written_values_are_read_back(tmp_path: Path) -> None:
     pose = Transform.from_rotation_vector(
         [0.1, -0.7, 2.0], [1e-7, 5, -3], target="reference", source="base"
     )
@@ -45,7 +45,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["expected.yaml"]
 
 
-def test_every_block_may_be_absent(tmp_path: Path) -> None:
+def test_all_blocks_are_optional(tmp_path: Path) -> None:
     (tmp_path / "e.yaml").write_text("{}\n")
     assert load(tmp_path / "e.yaml") == Expected()
 

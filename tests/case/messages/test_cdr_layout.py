@@ -24,7 +24,7 @@ def message(number: int, name: str) -> bytes:
     return HEAD + struct.pack("<II", number, len(text)) + text
 
 
-def test_names_come_in_any_order_and_again() -> None:
+def test_names_are_decoded_in_any_order_and_repeatedly() -> None:
     read = LayoutReader(walk_named, named)
     # Of one length, of others, with padding to the same length, and each more than once.
     for number, name in enumerate(["arm", "leg", "arm", "needle", "", "leg", "arm"] * 2):
@@ -33,7 +33,7 @@ def test_names_come_in_any_order_and_again() -> None:
     assert read(message(2, "arm")) == ("arm", 2)
 
 
-def test_bytes_that_are_no_message_are_none_and_teach_nothing() -> None:
+def test_invalid_bytes_give_none_and_leave_the_cache_unchanged() -> None:
     read = LayoutReader(walk_named, named)
     assert read(message(1, "arm")) == ("arm", 1)
     assert read(message(1, "arm")[:-1] + b"m") is None  # no zero closes the name
@@ -42,7 +42,7 @@ def test_bytes_that_are_no_message_are_none_and_teach_nothing() -> None:
     assert read(message(3, "arm")) == ("arm", 3)
 
 
-def test_a_source_that_invents_names_fills_no_memory() -> None:
+def test_many_distinct_names_do_not_fill_the_memory() -> None:
     read = LayoutReader(walk_named, named)
     tracemalloc.start()
     try:

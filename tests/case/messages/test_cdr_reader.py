@@ -73,7 +73,7 @@ def cdr(message: Any, **options: Any) -> bytes:
     return bytes(ros_types().serialize_cdr(message, kind_of(message), **options))
 
 
-def test_every_message_reads_as_rosbags_reads_it() -> None:
+def test_messages_are_decoded_as_by_rosbags() -> None:
     readers = {kind: bytes_reader(ros_types().fielddefs, kind) for kind in VALUES_OF}
     seen = set()
 
@@ -100,7 +100,7 @@ def test_a_cut_message_is_left_to_rosbags(message: Any, cut: int) -> None:
 
 @settings(max_examples=200)
 @given(message=messages, noise=st.binary(min_size=1, max_size=4), at=st.floats(0.0, 1.0))
-def test_changed_bytes_are_read_as_by_rosbags_or_left_to_it(
+def test_changed_bytes_are_decoded_as_by_rosbags_or_left_to_it(
     message: Any, noise: bytes, at: float
 ) -> None:
     kind, data = kind_of(message), bytearray(cdr(message))
@@ -149,13 +149,13 @@ def test_comments_and_constants_of_a_definition_do_not_matter() -> None:
 
 
 @pytest.mark.parametrize("field", ["a/msg/Unknown x", f"{TRACKED_TRANSFORM} itself"])
-def test_a_definition_without_end_or_sense_is_left_to_rosbags(field: str) -> None:
+def test_recursive_or_unknown_definition_is_left_to_rosbags(field: str) -> None:
     definitions = get_types_from_msg(f"{field}\n", TRACKED_TRANSFORM)
     assert bytes_reader(definitions, TRACKED_TRANSFORM) is None
 
 
 @pytest.mark.parametrize("innermost", ["int32 x", ""])
-def test_a_definition_that_doubles_is_not_gone_through_to_its_end(innermost: str) -> None:
+def test_exponential_definition_is_not_expanded(innermost: str) -> None:
     looked_up = []
 
     class Counted(dict[str, Any]):
@@ -172,7 +172,7 @@ def test_a_definition_that_doubles_is_not_gone_through_to_its_end(innermost: str
     assert len(looked_up) < 20  # of 2048
 
 
-def test_robots_that_take_turns_keep_their_names() -> None:
+def test_alternating_robots_keep_their_joint_names() -> None:
     def joints(*of: str) -> bytes:
         header = TYPES["std_msgs/msg/Header"](
             stamp=TYPES["builtin_interfaces/msg/Time"](sec=1, nanosec=2), frame_id=""

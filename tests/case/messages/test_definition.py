@@ -23,7 +23,7 @@ def test_definitions_are_those_that_rosbags_knows(name):
     assert store.hash_rihs01(name) == known.hash_rihs01(name)
 
 
-def test_our_own_messages_have_all_of_their_parts():
+def test_definitions_of_this_project_include_nested_types():
     name = "marginguard_msgs/msg/FixtureConstraint"
     types = get_types_from_msg(message_definition(name, PREFIXES), name)
     store = get_typestore(Stores.EMPTY)
@@ -33,6 +33,6 @@ def test_our_own_messages_have_all_of_their_parts():
 
 
 @pytest.mark.parametrize("name", ["no_such_msgs/msg/Nothing", "std_msgs/String", "../msg/Secret"])
-def test_what_is_no_type_is_refused(name):
+def test_unknown_types_are_refused(name):
     with pytest.raises(InputError):
         message_definition(name, PREFIXES)

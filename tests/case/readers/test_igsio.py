@@ -1,4 +1,3 @@
-import re
 import tracemalloc
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from hypothesis import strategies as st
 from app.case import read_igsio
 from app.case.readers.igsio.header import check_igsio_header
 from app.geometry import InputError, Stamp, TrackingStatus
+from tests.oracles.igsio_text import igsio_samples, igsio_times_s
 
 ONE = "1 0 0 1.5 0 1 0 -2 0 0 1 3e-005 -0 0 -0 1 "
 HEAD = "ObjectType = Image\nNDims = 3\nDimSize = 0 0 2              \nElementType = MET_OTHER\n"
@@ -41,26 +41,22 @@ def test_real_recordings_agree_with_an_independent_parse(
     path = shared_data / "plus" / f"{name}.igs.mha"
     frames, notes = read(path)
     assert (len(frames), notes) == (count, [])
-    text = path.read_text(errors="replace")
     for source in ("Stylus", "Reference"):
-        found = re.findall(rf"Frame(\d+)_{source}ToTrackerTransform = (.*)", text)
-        statuses = dict(re.findall(rf"Frame(\d+)_{source}ToTrackerTransformStatus = (\w+)", text))
-        assert len(found) == count
-        for (index, row), one in zip(found, frames, strict=True):
+        samples = igsio_samples(path, f"{source}ToTracker")
+        assert len(samples.matrices) == count
+        for matrix, status, one in zip(samples.matrices, samples.statuses, frames, strict=True):
             (sample,) = (p for p in one.poses if p.source == source.lower())
             assert sample.target == "tracker"
-            assert sample.status.name == statuses[index]
+            assert sample.status.name == status
             if sample.transform is not None:
-                wanted = np.array(row.split(), float).reshape(4, 4)
-                # The file prints what a projection to the nearest rotation then moves by rounding.
-                np.testing.assert_array_equal(sample.transform.translation_mm, wanted[:3, 3])
-                np.testing.assert_allclose(sample.transform.matrix, wanted, atol=5e-4)
-    times = re.findall(r"Frame\d+_Timestamp = (\S+)", text)
-    for time, one in zip(times, frames, strict=True):
-        assert abs(one.stamp.ns - float(time) * 1e9) < 64  # a double's own rounding at 350 s
+                # The reader projects the printed, rounded matrix to the nearest rotation.
+                np.testing.assert_array_equal(sample.transform.translation_mm, matrix[:3, 3])
+                np.testing.assert_allclose(sample.transform.matrix, matrix, atol=5e-4)
+    for time_s, one in zip(igsio_times_s(path), frames, strict=True):
+        assert abs(one.stamp.ns - time_s * 1e9) < 64  # rounding of a double at 350 s
 
 
-def test_the_oddities(tmp_path: Path) -> None:
+def test_statuses_names_and_clocks_of_a_frame_are_read(tmp_path: Path) -> None:
     body = frame(
         0,
         f"StylusToTrackerTransform = {ONE}",
@@ -104,14 +100,12 @@ def test_the_oddities(tmp_path: Path) -> None:
         ("0 " * 16, TrackingStatus.NOT_RIGID),
     ],
 )
-def test_numbers_that_are_no_pose_become_a_status(
-    tmp_path: Path, row: str, status: TrackingStatus
-) -> None:
+def test_invalid_poses_become_a_status(tmp_path: Path, row: str, status: TrackingStatus) -> None:
     ((one,), _) = read(mha(tmp_path, frame(0, f"AToBTransform = {row}", "Timestamp = 1")))
     assert [(p.status, p.transform) for p in one.poses] == [(status, None)]
 
 
-def test_a_frame_without_time_is_skipped_and_said(tmp_path: Path) -> None:
+def test_frame_without_timestamp_is_skipped_with_a_note(tmp_path: Path) -> None:
     row = f"AToBTransform = {ONE}"
     path = mha(tmp_path, frame(0, row) + frame(1, row, "Timestamp = 1"))
     frames, notes = read(path)
@@ -125,7 +119,7 @@ def test_a_file_without_any_frame_is_refused(tmp_path: Path, body: str) -> None:
         read(mha(tmp_path, body))
 
 
-def test_a_clock_that_jumps_back_and_missing_transforms_stay(tmp_path: Path) -> None:
+def test_clock_jumps_and_missing_transforms_are_kept(tmp_path: Path) -> None:
     row = f"AToBTransform = {ONE}"
     path = mha(
         tmp_path,
@@ -135,7 +129,7 @@ def test_a_clock_that_jumps_back_and_missing_transforms_stay(tmp_path: Path) -> 
     assert [(one.stamp.ns // 10**9, len(one.poses)) for one in frames] == [(5, 1), (4, 0), (6, 1)]
 
 
-def test_ambiguous_names_are_skipped_and_said(tmp_path: Path) -> None:
+def test_ambiguous_names_are_skipped_with_a_note(tmp_path: Path) -> None:
     row = f"AToBToCTransform = {ONE}"
     frames, notes = read(
         mha(tmp_path, frame(0, row, "Timestamp = 1") + frame(1, row, "Timestamp = 2"))
@@ -144,7 +138,7 @@ def test_ambiguous_names_are_skipped_and_said(tmp_path: Path) -> None:
     assert len(notes) == 1 and "AToBToC" in notes[0]
 
 
-def test_pictures_are_not_read(tmp_path: Path) -> None:
+def test_images_are_not_read(tmp_path: Path) -> None:
     body = frame(0, f"AToBTransform = {ONE}", "Timestamp = 1")
     junk = b"\x00\xff\nSeq_Frame0001_Timestamp = 2\n" + bytes(range(256)) * 50
     frames, _ = read(mha(tmp_path, body, b"CompressedData = True\n" + END.encode() + junk))
@@ -173,7 +167,7 @@ def test_a_file_is_never_held_in_memory(tmp_path: Path) -> None:
         (ONE.replace("1 ", "2 ", 1), "NOT_RIGID"),
     ],
 )
-def test_two_names_of_one_edge_agree_or_nobody_knows(
+def test_two_names_of_one_edge_that_differ_are_invalid(
     tmp_path: Path, second: str, status: str
 ) -> None:
     rows = [f"AToBTransform = {ONE}", f"aToBTransform = {second}", "Timestamp = 1"]
@@ -181,7 +175,7 @@ def test_two_names_of_one_edge_agree_or_nobody_knows(
     assert [(p.target, p.source, p.status.name) for p in one.poses] == [("b", "a", status)]
 
 
-def test_nrrd(tmp_path: Path) -> None:
+def test_nrrd_header_is_read(tmp_path: Path) -> None:
     path = tmp_path / "x.igs.nrrd"
     head = (
         "NRRD0004\n# a comment\ntype: unsigned char\ndimension: 3\nsizes: 0 0 1\n"
@@ -250,7 +244,7 @@ def test_a_header_cut_anywhere_is_refused_in_one_line(
         assert "\n" not in str(caught.value)
 
 
-def test_a_cut_names_the_frame(tmp_path: Path) -> None:
+def test_cut_header_is_refused_with_its_frame(tmp_path: Path) -> None:
     path = tmp_path / "x.igs.mha"
     path.write_text(
         WHOLE[: WHOLE.index("Seq_Frame0002_Timestamp = 2.2") + len("Seq_Frame0002_Timest")]

@@ -75,7 +75,7 @@ def tf(*samples: TrackedTransform) -> tuple[str, str, Any]:
     return "/tf", "tf2_msgs/msg/TFMessage", tf_message(samples)
 
 
-def test_what_is_written_is_read(tmp_path: Path, frames: Frames, same_frames: Same) -> None:
+def test_written_values_are_read_back(tmp_path: Path, frames: Frames, same_frames: Same) -> None:
     path = tmp_path / "x.mcap"
     write_recording(path, frames(60), robot_to_tracker_offset_ns=OFFSET_NS)
     found, notes = read(path)
@@ -100,7 +100,9 @@ def test_joints_are_read_from_the_topic_of_the_manifest(tmp_path: Path, frames: 
         {"chunk_size": 200},
     ],
 )
-def test_every_way_to_pack_messages(tmp_path: Path, options: dict[str, Any]) -> None:
+def test_messages_are_read_with_any_chunking_and_compression(
+    tmp_path: Path, options: dict[str, Any]
+) -> None:
     samples = [pose(10**9 + i * 10**7, x_mm=float(i)) for i in range(30)]
     write_messages(tmp_path / "x.mcap", [tracked(s) for s in samples], **options)
     frames, notes = read(tmp_path / "x.mcap")
@@ -108,7 +110,7 @@ def test_every_way_to_pack_messages(tmp_path: Path, options: dict[str, Any]) -> 
 
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
-def test_a_rosbag2_folder(tmp_path: Path, plugin: StoragePlugin) -> None:
+def test_rosbag2_folder_is_read(tmp_path: Path, plugin: StoragePlugin) -> None:
     with BagWriter(tmp_path / "bag", version=9, storage_plugin=plugin) as bag:
         connection = bag.add_connection(
             "/tracked_transforms", TRACKED_TRANSFORM, typestore=ros_types()
@@ -138,7 +140,7 @@ def test_a_damaged_database_is_refused_in_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_late_messages_find_their_place(tmp_path: Path) -> None:
+def test_late_messages_are_sorted(tmp_path: Path) -> None:
     order = [0, 3, 1, 2, 6, 5, 4, 9, 8, 7]
     messages = [tracked(pose(10**9 + i * 10**8)) for i in order]
     messages.insert(4, tracked(pose(10**9, "needle")))
@@ -150,7 +152,7 @@ def test_late_messages_find_their_place(tmp_path: Path) -> None:
 
 @settings(max_examples=50)
 @given(delays_ms=st.lists(st.integers(0, 450), min_size=1, max_size=40))
-def test_any_delay_within_the_buffer_is_sorted_out(
+def test_any_delay_within_the_buffer_is_sorted(
     tmp_path_factory: pytest.TempPathFactory, delays_ms: list[int]
 ) -> None:
     path = tmp_path_factory.mktemp("late") / "x.mcap"
@@ -166,7 +168,7 @@ def test_a_clock_that_jumped_back_stays_visible(tmp_path: Path) -> None:
     assert [frame.stamp.ns for frame in read(tmp_path / "x.mcap")[0]] == stamps
 
 
-def test_tf_serves_the_edges_that_are_not_tracked(tmp_path: Path) -> None:
+def test_untracked_edges_are_read_from_tf(tmp_path: Path) -> None:
     lost = TrackedTransform.lost("tracker", "cautery", Stamp(10**9 + 1), TrackingStatus.INVALID)
     messages = [
         tracked(pose(10**9, x_mm=1.0)),
@@ -185,13 +187,13 @@ def test_tf_serves_the_edges_that_are_not_tracked(tmp_path: Path) -> None:
     assert first is not None and first.translation_mm[0] == pytest.approx(1.0)
 
 
-def test_tf_gives_no_frames_of_its_own_for_a_tracked_edge(tmp_path: Path) -> None:
+def test_tracked_edges_are_not_read_from_tf(tmp_path: Path) -> None:
     messages = [tracked(pose(10**9)), tf(pose(10**9 + 5)), tracked(pose(10**9 + 10))]
     write_messages(tmp_path / "x.mcap", messages)
     assert [frame.stamp.ns for frame in read(tmp_path / "x.mcap")[0]] == [10**9, 10**9 + 10]
 
 
-def test_a_bag_with_tf_alone(tmp_path: Path) -> None:
+def test_bag_with_tf_only_is_read(tmp_path: Path) -> None:
     write_messages(tmp_path / "x.mcap", [tf(pose(10**9 + i)) for i in range(5)])
     assert len(read(tmp_path / "x.mcap")[0]) == 5
 
@@ -207,7 +209,7 @@ def test_a_bag_with_tf_alone(tmp_path: Path) -> None:
         (lambda m: setattr(m, "status", 3), TrackingStatus.OUT_OF_VIEW),
     ],
 )
-def test_numbers_that_are_no_pose_become_a_status(
+def test_invalid_poses_become_a_status(
     tmp_path: Path, edit: Callable[[Any], None], status: TrackingStatus
 ) -> None:
     topic, kind, message = tracked(pose(10**9))
@@ -217,7 +219,7 @@ def test_numbers_that_are_no_pose_become_a_status(
     assert [(p.status, p.transform) for p in frame.poses] == [(status, None)]
 
 
-def test_messages_that_cannot_be_read_are_skipped_and_said(tmp_path: Path, frames: Frames) -> None:
+def test_unreadable_messages_are_skipped_with_a_note(tmp_path: Path, frames: Frames) -> None:
     topic, kind, nameless = tracked(pose(10**9))
     nameless.child_frame_id = "not a frame"
     (frame,) = frames(1)
@@ -257,7 +259,7 @@ def test_a_recording_without_poses_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("definition", ["no definition", "tf2_msgs/TFMessage[] transforms\n"])
-def test_a_topic_whose_definition_is_of_no_use_is_skipped(tmp_path: Path, definition: str) -> None:
+def test_topic_with_unusable_definition_is_skipped(tmp_path: Path, definition: str) -> None:
     path = tmp_path / "x.mcap"
     messages = [tracked(pose(10**9)), tf(pose(10**9, "pointer")), tf(pose(10**9, "pointer"))]
     write_messages(path, messages, {"/tf": definition})
@@ -269,7 +271,7 @@ def test_a_topic_whose_definition_is_of_no_use_is_skipped(tmp_path: Path, defini
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"RIFF" * 100])
-def test_no_mcap_file(tmp_path: Path, content: bytes) -> None:
+def test_file_that_is_not_mcap_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "x.mcap").write_bytes(content)
     with pytest.raises(InputError, match="is not an MCAP file"):
         read(tmp_path / "x.mcap")
@@ -290,7 +292,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int
 
 @settings(max_examples=100)
 @given(data=st.data())
-def test_what_is_whole_of_a_cut_file_is_used_and_said(
+def test_intact_part_of_a_cut_file_is_used_with_a_note(
     tmp_path_factory: pytest.TempPathFactory,
     recording: tuple[bytes, list[int], int],
     data: st.DataObject,
@@ -315,7 +317,7 @@ def test_what_is_whole_of_a_cut_file_is_used_and_said(
 
 @settings(max_examples=100)
 @given(data=st.data())
-def test_damaged_bytes_never_crash_nor_make_up_a_pose(
+def test_damaged_bytes_neither_crash_nor_create_poses(
     tmp_path_factory: pytest.TempPathFactory,
     recording: tuple[bytes, list[int], int],
     data: st.DataObject,
@@ -335,7 +337,7 @@ def test_damaged_bytes_never_crash_nor_make_up_a_pose(
         assert {frame.stamp.ns for frame in frames} <= set(stamps)
 
 
-def test_a_pose_whose_bytes_changed_is_not_believed(tmp_path: Path) -> None:
+def test_chunk_with_wrong_crc_is_skipped(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     messages = [tracked(pose(10**9 + i * 10**7, x_mm=1234.5 + i)) for i in range(20)]
     write_messages(path, messages, compression=CompressionType.NONE, chunk_size=1)
@@ -349,7 +351,7 @@ def test_a_pose_whose_bytes_changed_is_not_believed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4"])
-def test_a_chunk_that_unfolds_beyond_its_size_is_skipped(tmp_path: Path, kind: str) -> None:
+def test_chunk_that_unpacks_beyond_its_size_is_skipped(tmp_path: Path, kind: str) -> None:
     bomb = b"\0" * 50_000_000
     packed = zstandard.compress(bomb) if kind == "zstd" else lz4.frame.compress(bomb)
     name = kind.encode()
@@ -366,7 +368,7 @@ def test_a_chunk_that_unfolds_beyond_its_size_is_skipped(tmp_path: Path, kind: s
     assert len(notes) == 1 and "unpacks to 1001 bytes or more; expected 1000" in notes[0]
 
 
-def test_a_length_beyond_the_file_is_not_believed(tmp_path: Path) -> None:
+def test_record_length_beyond_the_file_is_not_trusted(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     write_messages(path, [tracked(pose(10**9))])
     path.write_bytes(path.read_bytes()[:-60] + b"\x06" + b"\xff" * 8)

@@ -133,7 +133,7 @@ def nested() -> dict[str, str | bytes]:
 
 
 @pytest.mark.parametrize("kind", [".seq.mrb", ".seq.mrml"])
-def test_a_sequence_may_be_a_scene_of_its_own(tmp_path: Path, kind: str) -> None:
+def test_sequence_in_a_nested_scene_is_read(tmp_path: Path, kind: str) -> None:
     files = nested()
     files["a/a.mrml"] = files["a/a.mrml"].replace(".seq.mrb", kind)
     frames, _ = read(bundle(tmp_path / "x.mrb", files))
@@ -141,7 +141,7 @@ def test_a_sequence_may_be_a_scene_of_its_own(tmp_path: Path, kind: str) -> None
     assert told(frames) == [(500_000_000, {edge: "OK"}), (750_000_000, {edge: "OUT_OF_VIEW"})]
 
 
-def test_names_that_give_no_frames_are_told(tmp_path: Path) -> None:
+def test_sequence_names_without_frames_are_noted(tmp_path: Path) -> None:
     other = sequence(9, "Movement", "Data/none.seq.mha")
     files = {**FILES, "a/a.mrml": SCENE.replace("</MRML>", f"{other}</MRML>")}
     frames, notes = read(bundle(tmp_path / "x.mrb", files))
@@ -202,7 +202,7 @@ FAULTS: dict[str, tuple[dict[str, str | bytes], str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_cannot_be_read_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
+def test_faulty_scenes_are_refused_in_one_line(tmp_path: Path, fault: str) -> None:
     files, message = FAULTS[fault]
     with pytest.raises(InputError, match=message) as caught:
         read(bundle(tmp_path / "x.mrb", files))
@@ -210,7 +210,7 @@ def test_what_cannot_be_read_is_refused_in_one_line(tmp_path: Path, fault: str) 
     assert "x.mrb" in str(caught.value)
 
 
-def test_a_scene_names_no_file_outside_of_its_folder(tmp_path: Path) -> None:
+def test_scene_cannot_name_a_file_outside_its_folder(tmp_path: Path) -> None:
     (tmp_path / "secret.seq.mha").write_text(header("NeedleToTracker", ("1", NEEDLE)))
     for name in ("../secret.seq.mha", str(tmp_path / "secret.seq.mha")):
         path = folder(tmp_path / "x", {"a/a.mrml": one(file=name)})
@@ -222,7 +222,7 @@ def test_a_scene_names_no_file_outside_of_its_folder(tmp_path: Path) -> None:
         read(path)
 
 
-def test_bombs_are_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oversized_content_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 10_000)
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_HEADER_BYTES", 10_000)
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_MEMBERS", 5)
@@ -241,7 +241,7 @@ def test_bombs_are_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("write", [bundle, folder])
-def test_many_sequences_of_one_file_are_no_way_around_the_bounds(
+def test_size_limit_covers_sequences_that_share_a_file(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     write: Callable[[Path, dict[str, Any]], Path],
@@ -263,7 +263,7 @@ def test_many_sequences_of_one_file_are_no_way_around_the_bounds(
         read(write(tmp_path / "y.mrb", files))
 
 
-def test_many_sequences_of_one_header_are_no_way_around_the_bounds(
+def test_size_limit_covers_sequences_that_share_a_header(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(3)]
@@ -274,7 +274,7 @@ def test_many_sequences_of_one_header_are_no_way_around_the_bounds(
         list(read_mrml(bundle(tmp_path / "x.mrb", files), print))
 
 
-def test_a_changed_byte_behind_the_header_is_seen_too(tmp_path: Path) -> None:
+def test_changed_byte_after_the_header_is_detected(tmp_path: Path) -> None:
     text = header("NeedleToTracker", ("1", NEEDLE)).encode() + b"\n" + bytes(5_000_000)
     path = tmp_path / "x.mrb"
     with zipfile.ZipFile(path, "w") as file:  # stored, as MRML does it
@@ -287,7 +287,7 @@ def test_a_changed_byte_behind_the_header_is_seen_too(tmp_path: Path) -> None:
         read(path)
 
 
-def test_what_is_no_bundle(tmp_path: Path) -> None:
+def test_file_that_is_not_a_bundle_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.mrb"
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read(path)
@@ -298,7 +298,7 @@ def test_what_is_no_bundle(tmp_path: Path) -> None:
 
 @settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255), cut=st.booleans())
-def test_a_damaged_bundle_is_refused_or_says_the_same(
+def test_damaged_bundle_is_refused_or_read_identically(
     tmp_path: Path, place: float, bits: int, cut: bool
 ) -> None:
     path = bundle(tmp_path / "x.mrb", FILES)
@@ -318,7 +318,9 @@ def test_a_damaged_bundle_is_refused_or_says_the_same(
         assert told(frames) == wanted
 
 
-def test_a_case_of_a_bundle(write_case: Callable[..., Path], manifest: dict[str, Any]) -> None:
+def test_case_with_a_bundle_as_recording_is_opened(
+    write_case: Callable[..., Path], manifest: dict[str, Any]
+) -> None:
     case_folder = write_case(manifest)
     bundle(case_folder / "x.mrb", FILES)
     manifest["recording"] = {"path": "x.mrb"}

@@ -41,7 +41,7 @@ def test_a_bag_is_read_by_rosbags_and_by_mcap(tmp_path):
     assert yaml.safe_load(metadata)["rosbag2_bagfile_information"]["message_count"] == 10
 
 
-def test_what_was_flushed_can_be_read_though_nothing_was_closed(tmp_path):
+def test_flushed_messages_are_readable_without_close(tmp_path):
     bag = BagWriter(tmp_path / "bag")
     bag.add_topic(TOPIC)
     for number in range(5):
@@ -54,7 +54,7 @@ def test_what_was_flushed_can_be_read_though_nothing_was_closed(tmp_path):
     bag.close()
 
 
-def test_a_bag_is_never_written_over(tmp_path):
+def test_existing_bag_is_not_overwritten(tmp_path):
     (tmp_path / "bag").mkdir()
     with pytest.raises(InputError, match="already exists; refusing to overwrite"):
         BagWriter(tmp_path / "bag")
@@ -72,7 +72,7 @@ def small_disk() -> Iterator[int]:
     signal.signal(signal.SIGXFSZ, handler)
 
 
-def test_a_full_disk_is_said_in_one_line_and_costs_nothing_that_was_flushed(tmp_path, small_disk):
+def test_full_disk_is_reported_in_one_line_and_keeps_flushed_messages(tmp_path, small_disk):
     bag = BagWriter(tmp_path / "bag")
     bag.add_topic(TOPIC)
     flushed = 0

@@ -65,7 +65,7 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path, frames: Frames) -> 
     assert len(digests) == 1
 
 
-def test_nothing_is_left_of_a_recording_that_failed(tmp_path: Path, frames: Frames) -> None:
+def test_failed_recording_leaves_no_file(tmp_path: Path, frames: Frames) -> None:
     def failing() -> Iterator[TrackingFrame]:
         yield from frames(5)
         raise ZeroDivisionError
@@ -75,7 +75,7 @@ def test_nothing_is_left_of_a_recording_that_failed(tmp_path: Path, frames: Fram
     assert list(tmp_path.iterdir()) == []
 
 
-def test_nothing_is_written_over(tmp_path: Path, frames: Frames) -> None:
+def test_existing_files_are_not_overwritten(tmp_path: Path, frames: Frames) -> None:
     path = tmp_path / "x.mcap"
     path.write_text("mine")
     with pytest.raises(InputError, match="already exists; refusing to overwrite"):

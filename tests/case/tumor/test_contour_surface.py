@@ -86,7 +86,7 @@ def test_points_in_single_precision_stay_inside() -> None:
 
 
 @pytest.mark.parametrize("axes", [(10.0, 10.0, 10.0), (20.0, 8.0, 6.0)])
-def test_the_ellipsoid_is_found_from_forty_points(axes: tuple[float, float, float]) -> None:
+def test_forty_points_recover_an_ellipsoid(axes: tuple[float, float, float]) -> None:
     true_mm3 = BALL_MM3 * float(np.prod(axes))
     ours, lumpnavs = [], []
     for seed in range(5):
@@ -135,7 +135,7 @@ GOOD = on_ellipsoid(12, (10.0, 9.0, 8.0), 0)
         (np.random.default_rng(0).normal(size=(2001, 3)), r"2001 contoured points"),
     ],
 )
-def test_points_that_mark_no_tumour(points: FloatArray, message: str) -> None:
+def test_invalid_points_are_refused(points: FloatArray, message: str) -> None:
     with pytest.raises(MeshError, match=message) as caught:
         surface_around(points, "tumor")
     assert "\n" not in str(caught.value)

@@ -50,7 +50,7 @@ def reached_mm(marked: NDArray[np.bool_], frame_from_index: FloatArray) -> Float
         ((0.8, 0.9, 1.4), 7.0),
     ],
 )
-def test_a_ball_is_found_within_part_of_a_voxel(
+def test_surface_of_a_ball_is_accurate_to_a_fraction_of_a_voxel(
     sides: tuple[float, float, float], radius: float, mirrored: bool
 ) -> None:
     frame_from_index = grid(sides, mirrored=mirrored)
@@ -73,7 +73,7 @@ def test_a_ball_is_found_within_part_of_a_voxel(
     share=st.floats(0.05, 0.95),
     seed=st.integers(0, 10_000),
 )
-def test_any_marks_make_a_sound_surface_between_them_and_the_others(
+def test_surface_separates_any_marks_from_unmarked_voxels(
     shape: tuple[int, int, int], share: float, seed: int
 ) -> None:
     marked = np.random.default_rng(seed).random(shape) < share
@@ -94,7 +94,7 @@ def test_any_marks_make_a_sound_surface_between_them_and_the_others(
     assert inside.all()
 
 
-def test_at_the_border_it_runs_along_the_voxels_faces() -> None:
+def test_surface_follows_the_voxel_faces_at_the_border() -> None:
     frame_from_index = np.column_stack([np.diag([0.5, 1.0, 2.0]), [0.0, 0.0, 0.0]])
     mesh = surface_of_labels(np.ones((20, 20, 20), dtype=bool), frame_from_index, "tumor")
     low, high = mesh.bounds_mm
@@ -103,7 +103,7 @@ def test_at_the_border_it_runs_along_the_voxels_faces() -> None:
     assert mesh.signed_volume_mm3 == pytest.approx(8000.0, rel=0.005)
 
 
-def test_a_sheet_of_one_voxel_stays() -> None:
+def test_sheet_of_one_voxel_is_kept() -> None:
     marked: NDArray[np.bool_] = np.zeros((12, 12, 5), dtype=bool)
     marked[1:-1, 1:-1, 2] = True
     mesh = require_sound(surface_of_labels(marked, grid((1.0, 1.0, 1.0)), "tumor"), "the sheet")
@@ -117,7 +117,7 @@ UPRIGHT = np.column_stack([np.eye(3), np.zeros(3)])
     "sides",
     [(1, 1, 1), (1, 1, 20), (1, 2, 3), (2, 2, 2), (2, 2, 20), (3, 3, 3), (3, 3, 12), (2, 10, 10)],
 )
-def test_what_is_small_or_thin_is_as_large_as_it_was_marked(sides: tuple[int, int, int]) -> None:
+def test_small_and_thin_parts_keep_their_volume(sides: tuple[int, int, int]) -> None:
     mesh = require_sound(surface_of_labels(np.ones(sides, dtype=bool), UPRIGHT, "tumor"), "block")
     assert mesh.signed_volume_mm3 == pytest.approx(np.prod(sides), rel=0.02)
     assert mesh.signed_volume_mm3 >= np.prod(sides)
@@ -133,7 +133,7 @@ def ball_and(*boxes: tuple[slice, slice, slice]) -> NDArray[np.bool_]:
 
 
 @pytest.mark.parametrize("side", [1, 3])
-def test_a_satellite_beside_a_ball_is_as_large_as_alone(side: int) -> None:
+def test_satellite_beside_a_ball_keeps_its_volume(side: int) -> None:
     box = (slice(24, 24 + side), slice(13, 13 + side), slice(13, 13 + side))
     mesh = require_sound(surface_of_labels(ball_and(box), UPRIGHT, "tumor"), "two parts")
     alone = surface_of_labels(np.ones((side,) * 3, dtype=bool), UPRIGHT, "tumor")
@@ -143,7 +143,7 @@ def test_a_satellite_beside_a_ball_is_as_large_as_alone(side: int) -> None:
     )
 
 
-def test_a_spike_of_one_voxel_is_not_thinned_by_the_ball_it_stands_on() -> None:
+def test_spike_of_one_voxel_on_a_ball_is_not_thinned() -> None:
     spike = (slice(20, 28), slice(14, 15), slice(14, 15))
     mesh = require_sound(surface_of_labels(ball_and(spike), UPRIGHT, "tumor"), "the spike")
     around = np.abs(mesh.vertices_mm[:, 0] - 24.0) < 0.01
@@ -158,6 +158,6 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         surface_of_labels(np.ones((4, 3, 2), dtype=bool), grid((1.0, 1.0, 1.0)), "tumor")
 
 
-def test_nothing_marked() -> None:
+def test_empty_marks_are_refused() -> None:
     with pytest.raises(MeshError, match="no voxel is marked"):
         surface_of_labels(np.zeros((3, 3, 3), dtype=bool), grid((1.0, 1.0, 1.0)), "tumor")

@@ -16,7 +16,7 @@ Volume = NDArray[Any]
 
 @pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2"])
 @pytest.mark.parametrize("kind", ["u1", "i2", ">i4", "u8"])
-def test_encodings_and_types(
+def test_all_encodings_and_types_are_read(
     write_nrrd: WriteNrrd, block: Volume, encoding: str, kind: str
 ) -> None:
     path = write_nrrd(block.astype(kind), encoding=encoding)
@@ -45,9 +45,7 @@ def test_positions_are_in_ras(
 
 
 @pytest.mark.parametrize("axis", [0, 3])
-def test_layers_come_first_wherever_the_file_has_them(
-    write_nrrd: WriteNrrd, block: Volume, axis: int
-) -> None:
+def test_layers_become_the_first_axis(write_nrrd: WriteNrrd, block: Volume, axis: int) -> None:
     both = np.stack([block, 1 - np.minimum(block, 1)], axis=axis)
     directions = np.insert(np.diag([1.0, 2.0, 3.0]), axis, np.nan, axis=0)
     volume = read_nrrd(write_nrrd(both, **{"space directions": directions}))
@@ -91,7 +89,7 @@ FLAT = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
         ({"space units": ["m", "m", "m"]}, "space units are 'm'; expected mm"),
     ],
 )
-def test_geometry_that_is_none(
+def test_invalid_geometry_is_refused(
     write_nrrd: WriteNrrd, block: Volume, changes: dict[str, object], message: str
 ) -> None:
     path = write_nrrd(block, **changes)
@@ -101,7 +99,7 @@ def test_geometry_that_is_none(
     assert path.name in str(caught.value)
 
 
-def test_four_axes_without_a_list(write_nrrd: WriteNrrd, block: Volume) -> None:
+def test_four_axes_without_a_list_are_refused(write_nrrd: WriteNrrd, block: Volume) -> None:
     path = write_nrrd(block[None], **{"space directions": np.ones((4, 3))})
     with pytest.raises(InputError, match="0 of its 4 axes are lists; expected one"):
         read_nrrd(path)
@@ -110,7 +108,7 @@ def test_four_axes_without_a_list(write_nrrd: WriteNrrd, block: Volume) -> None:
         read_nrrd(path)
 
 
-def test_an_image_of_fractions(write_nrrd: WriteNrrd, block: Volume) -> None:
+def test_floating_point_image_is_refused(write_nrrd: WriteNrrd, block: Volume) -> None:
     with pytest.raises(InputError, match="type is 'float'; expected integers"):
         read_nrrd(write_nrrd(block.astype(np.float32)))
 
@@ -157,7 +155,7 @@ def _replaced(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
         (_replaced(b"space origin: (10", b"space origin: (ten"), "no readable NRRD header"),
     ],
 )
-def test_files_that_are_damaged(
+def test_damaged_files_are_refused(
     write_nrrd: WriteNrrd, block: Volume, edit: Callable[[bytes], bytes], message: str
 ) -> None:
     path = write_nrrd(block, encoding="raw")
@@ -168,14 +166,16 @@ def test_files_that_are_damaged(
 
 
 @pytest.mark.parametrize("encoding", ["gzip", "bzip2"])
-def test_packed_data_that_are_cut(write_nrrd: WriteNrrd, block: Volume, encoding: str) -> None:
+def test_cut_compressed_data_are_refused(
+    write_nrrd: WriteNrrd, block: Volume, encoding: str
+) -> None:
     path = write_nrrd(block, encoding=encoding)
     path.write_bytes(path.read_bytes()[:-12])
     with pytest.raises(InputError, match=r"data (are cut or damaged|do not fit)"):
         read_nrrd(path)
 
 
-def test_packed_data_are_unpacked_no_further_than_they_say(
+def test_compressed_data_are_not_unpacked_beyond_their_size(
     write_nrrd: WriteNrrd, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_nrrd(np.zeros((200, 200, 200), dtype=np.uint8))
@@ -193,6 +193,6 @@ def test_packed_data_are_unpacked_no_further_than_they_say(
     assert taken == [65]
 
 
-def test_no_file(tmp_path: Path) -> None:
+def test_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read_nrrd(tmp_path / "no.nrrd")

@@ -29,7 +29,9 @@ def test_a_segment_by_name_and_by_identifier(
     np.testing.assert_allclose(found.ras_from_index[:, 3], [-11.0, -24.0, 39.0])
 
 
-def test_a_value_of_a_plain_label_map(write_nrrd: WriteNrrd, block: Volume) -> None:
+def test_segment_of_a_plain_label_map_is_selected_by_value(
+    write_nrrd: WriteNrrd, block: Volume
+) -> None:
     path = write_nrrd(block)
     found = read_segment(path, "2")
     assert found.marked.shape == (1, 1, 1)
@@ -39,14 +41,16 @@ def test_a_value_of_a_plain_label_map(write_nrrd: WriteNrrd, block: Volume) -> N
     assert read_segment(write_nrrd(np.minimum(block, 1)), None).name == "1"
 
 
-def test_a_box_that_slicer_cut_out_says_nothing_of_the_border(
+def test_box_cropped_by_slicer_does_not_count_as_border(
     write_nrrd: WriteNrrd, block: Volume
 ) -> None:
     offset = {"Segmentation_ReferenceImageExtentOffset": "9 10 7"}
     assert not read_segment(write_nrrd(block, **TWO, **offset), "Node").at_border
 
 
-def test_layers_overlap(write_nrrd: WriteNrrd, block: Volume) -> None:
+def test_overlapping_segments_are_read_from_their_layers(
+    write_nrrd: WriteNrrd, block: Volume
+) -> None:
     fields = segment_fields(0, "Tumor") | segment_fields(1, "Margin", layer=1)
     layers = np.stack([block == 1, np.ones_like(block)]).astype(np.uint8)
     directions = np.vstack([[np.nan] * 3, np.diag([1.0, 2.0, 3.0])])
@@ -87,7 +91,7 @@ def test_layers_overlap(write_nrrd: WriteNrrd, block: Volume) -> None:
         ({}, "3", "0 segments with the name '3'; expected one of: 1, 2"),
     ],
 )
-def test_segments_that_are_not_there(
+def test_missing_segments_are_refused(
     write_nrrd: WriteNrrd,
     block: Volume,
     fields: dict[str, str],
@@ -99,7 +103,7 @@ def test_segments_that_are_not_there(
     assert "\n" not in str(caught.value)
 
 
-def test_an_empty_map_and_an_image(write_nrrd: WriteNrrd, block: Volume) -> None:
+def test_empty_label_map_and_image_are_refused(write_nrrd: WriteNrrd, block: Volume) -> None:
     with pytest.raises(InputError, match="holds 0 segments: none; expected the name of one"):
         read_segment(write_nrrd(np.zeros_like(block)), None)
     image = np.arange(1000, dtype=np.int16).reshape(10, 10, 10)

@@ -49,7 +49,7 @@ def ball(name: str) -> NDArray[np.bool_]:
 
 @pytest.mark.parametrize("names", [["Tumor"], ["Tumor", "Näher dran"]], ids=["shared", "layers"])
 @pytest.mark.parametrize("compressed", [True, False])
-def test_what_slicer_writes_comes_out_where_slicer_has_it(
+def test_segmentation_of_slicer_is_read_at_its_position(
     tmp_path: Path, names: list[str], compressed: bool
 ) -> None:
     scene = slicer.vtkMRMLScene()
@@ -77,7 +77,7 @@ def test_what_slicer_writes_comes_out_where_slicer_has_it(
         )
 
 
-def test_slicer_reads_what_the_tests_write_at_the_same_place(
+def test_slicer_reads_the_files_of_these_tests_at_the_same_position(
     write_nrrd: WriteNrrd, block: Volume
 ) -> None:
     fields = segment_fields(0, "Tumor") | segment_fields(1, "Node", label=2)

@@ -15,7 +15,7 @@ WriteNrrd = Callable[..., Path]
 Volume = NDArray[Any]
 
 
-def test_hollows_parts_and_borders_are_said(write_nrrd: WriteNrrd) -> None:
+def test_hollows_parts_and_borders_are_noted(write_nrrd: WriteNrrd) -> None:
     voxels = np.zeros((12, 12, 12), dtype=np.uint8)
     voxels[1:6, 1:6, 1:6] = 1
     voxels[3, 3, 3] = 0
