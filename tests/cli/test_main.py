@@ -67,7 +67,7 @@ def test_a_package_is_found_in_the_folder_that_is_given(tmp_path, capsys):
 def test_no_case_is_made_in_the_place_of_the_current_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["make-case", "."]) == 2
-    assert ". is the current folder: another one wanted" in capsys.readouterr().err
+    assert ". is the current folder; expected another one" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("seed", ["-1", "x", "1.5"])
@@ -75,7 +75,7 @@ def test_a_seed_that_is_none_is_bad_input(tmp_path, capsys, seed):
     with pytest.raises(SystemExit) as stop:
         main(["make-case", str(tmp_path / "case"), "--seed", seed])
     assert stop.value.code == 2
-    assert f"argument --seed: '{seed}': a whole number of 0 or more" in capsys.readouterr().err
+    assert f"argument --seed: seed is '{seed}'; expected an integer of 0 or more" in capsys.readouterr().err
 
 
 def test_no_ros_leaves_rclpy_unimported(tmp_path, project_root):

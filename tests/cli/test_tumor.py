@@ -93,7 +93,7 @@ def test_a_mesh_is_not_written_over_itself(
     for name in ("ball.stl", "link.stl"):
         arguments = ["tumor", str(ball), "--units", "cm", "-o", str(tmp_path / name)]
         assert main(arguments) == 2
-        assert f"{name} is SOURCE: another file wanted" in capsys.readouterr().err
+        assert f"{name} is SOURCE; expected another file" in capsys.readouterr().err
     assert ball.read_bytes() == before
 
 
@@ -101,14 +101,17 @@ def test_a_mesh_is_not_written_over_itself(
     ("arguments", "message"),
     [
         (["tumor.stl"], "--units is missing"),
-        (["contour.yaml", "--units", "mm"], "--units is given: "),
-        (["contour.yaml", "--segment", "1"], "--segment is given: "),
+        (["contour.yaml", "--units", "mm"], "--units is given, but contour.yaml is always in mm"),
+        (
+            ["contour.yaml", "--segment", "1"],
+            "--segment is given, but contour.yaml is not a seg",
+        ),
         (["contour.yaml", "-o", "tumor.vtk"], "is not a mesh file; expected .stl or .ply"),
         (["contour.yaml", "-o", "no/tumor.stl"], "parent directory does not exist"),
         (["contour.yaml", "-o", "/proc/tumor.stl"], "/proc/tumor.stl cannot be written: No such"),
         (
             ["contour.txt"],
-            "contour.txt can be read as no tumour: .mrk.json, .fcsv, .yaml, .yml, .nrrd",
+            "contour.txt is not a tumour file; expected one of .mrk.json, .fcsv, .yaml, .yml",
         ),
         (["no.nrrd"], "no.nrrd cannot be read"),
     ],

@@ -1,4 +1,4 @@
-"""Copy a case into a new folder, its recording as MCAP; stamps, statuses and joints are kept."""
+"""Copy a case to a new folder with its recording as MCAP; keeps stamps, statuses and joints."""
 
 import argparse
 
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Convert, and say what the reader of the recording had to say."""
+    """Convert the case and print the notes of the reader."""
     from app.case import convert_case, open_case
 
     case = open_case(options.case, package_dirs=options.package_dirs)

@@ -1,4 +1,4 @@
-"""Say what a recorded case holds: frames, transforms with their statuses, joints, meshes."""
+"""Describe a recorded case: frames, transforms with their statuses, joints, meshes."""
 
 import argparse
 import json
@@ -7,7 +7,7 @@ from typing import Any
 from app.cli.options import add_case, add_json
 from app.cli.progress import with_progress
 
-SUMMARY = "say what a recorded case holds"
+SUMMARY = "describe a recorded case"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read the whole recording and describe it."""
+    """Read the whole recording and print its description."""
     from app.case import open_case
     from app.session import with_repaired_tumor
 
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def describe(case: Any) -> dict[str, Any]:
-    """What ``case`` holds, as JSON knows it."""
+    """Describe ``case`` with values that JSON can hold."""
     from app.case import RecordingInventory
 
     inventory = RecordingInventory()
@@ -78,7 +78,7 @@ def describe(case: Any) -> dict[str, Any]:
 
 
 def as_text(found: dict[str, Any]) -> str:
-    """The description for a person."""
+    """Format the description as lines of text."""
     lines = [
         found["name"],
         f"  provenance     {found['provenance']['kind']}: {found['provenance']['source']}",
@@ -111,6 +111,6 @@ def as_text(found: dict[str, Any]) -> str:
 
 def _frames(found: dict[str, Any]) -> str:
     recorded, silences = found["frames"], found["silences"]
-    said = f"{recorded} in {found['duration_s']:.3f} s, silences: {silences}"
-    # The watchdog speaks in each: a step without poses, which a replay counts and no file holds.
-    return f"{said}, so a replay has {recorded + silences} frames" if silences else said
+    text = f"{recorded} in {found['duration_s']:.3f} s, silences: {silences}"
+    # A replay inserts a frame without poses into each silence.
+    return f"{text}, so a replay has {recorded + silences} frames" if silences else text

@@ -1,4 +1,4 @@
-"""Write a simulated lumpectomy with its ground truth: the same bytes for the same seed."""
+"""Write a simulated lumpectomy with its ground truth; the same seed gives the same bytes."""
 
 import argparse
 from pathlib import Path
@@ -17,25 +17,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_seed,
         default=DEFAULT_SEED,
         metavar="N",
-        help="seed of everything random, 0 or more (%(default)s)",
+        help="seed of all random values, 0 or more (%(default)s)",
     )
 
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of 0 or more wanted")
+        raise argparse.ArgumentTypeError(f"seed is {text!r}; expected an integer of 0 or more")
     return int(text)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Simulate, with our own arm to hold the tool."""
+    """Simulate a case with the Touch arm."""
     from app.cli.touch_arm import TouchArm
     from app.geometry import InputError
     from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME, simulate_case
 
     if options.folder.is_dir() and options.folder.samefile(Path.cwd()):
-        # An empty one is replaced when all is written: a shell in it would be left in the old one.
-        raise InputError(f"{options.folder} is the current folder: another one wanted")
+        # An empty folder is replaced at the end: a shell in it would stay in the deleted one.
+        raise InputError(f"{options.folder} is the current folder; expected another one")
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
     simulate_case(options.folder, seed=options.seed, arm=arm)
     print(f"wrote {options.folder}")

@@ -1,7 +1,7 @@
-"""Record topics of ROS 2 into a case: a rosbag2 folder in MCAP, which 'replay' reads.
+"""Record ROS 2 topics into a case: a rosbag2 folder in MCAP, which 'replay' reads.
 
-Whenever it ends, also by SIGKILL or a full disk, what was written stays readable. Runs until
-SIGINT (exit status 130) or SIGTERM (143); exit status 2 on bad input.
+The recording stays readable however it ends, also by SIGKILL or on a full disk. Runs until SIGINT
+(exit status 130) or SIGTERM (143); exit status 2 on bad input.
 """
 
 import argparse
@@ -24,15 +24,15 @@ SUMMARY = "record a live case over ROS 2"
 
 TOPICS = ("/tf", "/tf_static", "/tracked_transforms", "/joint_states")
 CONSTRAINT = "/marginguard/constraint"
-OF_THE_SESSION = (CONSTRAINT, "/marginguard/margin_mm")
-SURFACES = "/marginguard/markers"
-"""Recorded once a session has another tumour than it began with: they hold its surface."""
+SESSION_TOPICS = (CONSTRAINT, "/marginguard/margin_mm")
+MARKERS = "/marginguard/markers"
+"""Holds the tumour's surface; recorded once a session has replaced its tumour."""
 
 FLUSH_S = 0.1
-"""What a crash of the process can cost."""
+"""A crash of the process loses the messages since the last flush."""
 
 SYNC_S = 1.0
-"""What a power cut can cost."""
+"""A power cut loses the messages since the last sync."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,20 +43,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=folder_path,
         required=True,
         metavar="CASE",
-        help="folder to make; the recording is CASE/tracking, a rosbag2 folder",
+        help="new folder; the recording is CASE/tracking, a rosbag2 folder",
     )
     parser.add_argument(
         "--config",
         type=Path,
         metavar="FILE",
-        help="live.yaml: a case.yaml and the meshes are written too, ready for 'replay CASE'",
+        help="live.yaml: write case.yaml and the meshes too, so that 'replay CASE' works",
     )
     add_package_dirs(parser)
     parser.add_argument(
         "--topics",
         nargs="+",
         metavar="TOPIC",
-        help=f"record these instead of {', '.join(TOPICS + OF_THE_SESSION)}; full names",
+        help=f"record these instead of {', '.join(TOPICS + SESSION_TOPICS)}; full names",
     )
     parser.add_argument(
         "--namespace", default="", metavar="NS", help="ROS namespace of the session's node"
@@ -64,21 +64,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Record until a signal comes."""
+    """Record until a signal arrives."""
     with note_signals() as received:
         stop = threading.Event()
         received.stops(stop.set)
-        topics, live = _wanted(options)
+        topics, live = _topics_and_case(options)
         load_bridge("a recording is of ROS")
         print_reach()
         from app.bridge import RosNode
         from app.case import RECORDING_FOLDER, BagWriter, begin_case
 
-        # Before anything is written: what ROS refuses leaves no folder behind.
+        # Create the node first: where ROS refuses it, no folder is left.
         with RosNode("marginguard_recorder", namespace=options.namespace) as ros:
             if live is not None:
                 begin_case(live, options.output)
-            # The node is closed first: nothing comes for a bag that is closed.
+            # The node is closed before the bag, so that no message arrives for a closed bag.
             with closing(BagWriter(options.output / RECORDING_FOLDER)) as bag, ros:
                 _record(ros, bag, topics, stop, options)
         counts = bag.counts
@@ -88,14 +88,14 @@ def run(options: argparse.Namespace) -> int:
     return received.exit_status
 
 
-def _wanted(options: argparse.Namespace) -> tuple[list[str], "LiveCase | None"]:
-    """The topics to record, and the case that they are for."""
+def _topics_and_case(options: argparse.Namespace) -> tuple[list[str], "LiveCase | None"]:
+    """The topics to record, and the live case, None without ``--config``."""
     from app.case import check_topic, open_live
     from app.geometry import InputError
 
     topics = [check_topic(topic, "--topics") for topic in options.topics or ()]
     if not topics:
-        topics = [*TOPICS, *(_session_topic(topic, options) for topic in OF_THE_SESSION)]
+        topics = [*TOPICS, *(_session_topic(topic, options) for topic in SESSION_TOPICS)]
     if options.output.exists():
         raise InputError(f"{options.output} already exists; refusing to overwrite it")
     if options.config is None:
@@ -108,7 +108,7 @@ def _wanted(options: argparse.Namespace) -> tuple[list[str], "LiveCase | None"]:
 
 
 def _session_topic(name: str, options: argparse.Namespace) -> str:
-    """A topic of the session's node, in its namespace."""
+    """The topic ``name`` in the namespace of the session's node."""
     namespace = str(options.namespace).strip("/")
     return f"/{namespace}{name}" if namespace else name
 
@@ -136,13 +136,13 @@ def _record(
         publishers = ros.node.count_publishers(constraint) if constraint in topics else 0
         if session.has_company(publishers):
             print(
-                f"{constraint} has {publishers} publishers: several sessions seem to speak there",
+                f"{constraint} has {publishers} publishers; several sessions may be running",
                 flush=True,
             )
         if session.has_changed(recorder.last(constraint)):
             print("tumour or registration of the session were replaced", flush=True)
             write_changes(session.changes, options.output / RECORDING_FOLDER)
-            recorder.want(_session_topic(SURFACES, options))
+            recorder.want(_session_topic(MARKERS, options))
         recorder.flush()
         if time.monotonic() - synced_s >= SYNC_S:
             bag.sync()

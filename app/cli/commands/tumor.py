@@ -1,9 +1,9 @@
-"""Make a tumour's mesh from contoured points or a segmentation, or look at one that is there.
+"""Make a tumour's mesh from contoured points or a segmentation, or check a mesh.
 
 Contoured points (.mrk.json, .fcsv, .yaml) become the rounded convex hull around them, a segment of
 a label map (.seg.nrrd, .nrrd) the smooth surface of its voxels. Coordinates are those of the file,
-in RAS axes. Exit status: 0; 1 when the mesh bounds no solid and is not, or cannot be, repaired: the
-reason is said and nothing is written; 2 on bad input.
+in RAS axes. Exit status: 0; 1 for a mesh that does not bound a solid and is not repaired: the
+reason is printed and nothing is written; 2 on bad input.
 """
 
 import argparse
@@ -37,17 +37,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "not needed where there is only one",
     )  # fmt: skip
     parser.add_argument(
-        "--units", choices=UNITS, help="the unit of a mesh file, which does not say itself"
+        "--units", choices=UNITS, help="the unit of a mesh file, which does not store its unit"
     )
     parser.add_argument(
         "--repair", action="store_true",
-        help="repair what can be repaired safely, and say what was done",
+        help="repair the faults that can be repaired safely, and list the repairs",
     )  # fmt: skip
     add_json(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Build or read, check, say, write."""
+    """Build or read the mesh, check it, print its description, write it."""
     from app.files import check_mesh_path, write_mesh
 
     if options.output is not None:
@@ -66,11 +66,11 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_not_source(options: argparse.Namespace) -> None:
-    """What is written is in mm and in RAS axes, whatever was read: it would be read otherwise."""
+    """Refuse to overwrite SOURCE: the output is in mm and RAS, so it would be read differently."""
     from app.geometry import InputError
 
     if options.output.exists() and options.output.samefile(options.source):
-        raise InputError(f"--output {options.output} is SOURCE: another file wanted")
+        raise InputError(f"--output {options.output} is SOURCE; expected another file")
 
 
 def _tumor(options: argparse.Namespace) -> "BuiltTumor":
@@ -89,12 +89,16 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
     is_mesh, is_labels = name.endswith(MESH_ENDINGS), name.endswith(SEGMENTATION_ENDING)
     endings = (*POINT_ENDINGS, SEGMENTATION_ENDING, *MESH_ENDINGS)
     if not name.endswith(endings):
-        raise InputError(f"{source} can be read as no tumour: {', '.join(endings)} allowed")
+        raise InputError(f"{source} is not a tumour file; expected one of {', '.join(endings)}")
     if options.segment is not None and not is_labels:
-        raise InputError(f"--segment is given: {source} is no segmentation")
+        raise InputError(f"--segment is given, but {source} is not a segmentation")
     if is_mesh != (options.units is not None):
-        problem = "missing: a mesh file" if is_mesh else f"given: {source} is in mm, a mesh file"
-        raise InputError(f"--units is {problem} does not say its unit")
+        problem = (
+            "missing: a mesh file does not store its unit"
+            if is_mesh
+            else f"given, but {source} is always in mm; expected it for a mesh file only"
+        )
+        raise InputError(f"--units is {problem}")
     if is_mesh:
         return BuiltTumor(load_mesh(source, units=options.units, frame=frame), ())
     if is_labels:
@@ -103,7 +107,7 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
 
 
 def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTumor", str | None]:
-    """The tumour, repaired if asked for, and why it bounds no solid where it does not."""
+    """The tumour, repaired where ``repair`` is true, and why it is not sound, or None."""
     from app.fixture import repaired
     from app.fixture.meshes.mesh_checks import require_sound
     from app.geometry import MeshError
