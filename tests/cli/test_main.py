@@ -75,7 +75,8 @@ def test_a_seed_that_is_none_is_bad_input(tmp_path, capsys, seed):
     with pytest.raises(SystemExit) as stop:
         main(["make-case", str(tmp_path / "case"), "--seed", seed])
     assert stop.value.code == 2
-    assert f"argument --seed: seed is '{seed}'; expected an integer of 0 or more" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"argument --seed: invalid seed '{seed}'; expected an integer of 0 or more" in error
 
 
 def test_no_ros_leaves_rclpy_unimported(tmp_path, project_root):

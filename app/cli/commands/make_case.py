@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _seed(text: str) -> int:
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"seed is {text!r}; expected an integer of 0 or more")
+        raise argparse.ArgumentTypeError(f"invalid seed {text!r}; expected an integer of 0 or more")
     return int(text)
 
 
