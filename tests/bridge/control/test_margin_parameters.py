@@ -16,8 +16,8 @@ from app.fixture import MarginParameterError, MarginParameters
 SETTER = Path(__file__).resolve().parents[1] / "calls" / "parameter_setter.py"
 
 
-def test_margin_parameters_have_unit_and_range(ros, scene, start_receiver):
-    MarginParameterServer(ros, scene.margins, lambda margins: None)
+def test_margin_parameters_have_unit_and_range(ros, content, start_receiver):
+    MarginParameterServer(ros, content.margins, lambda margins: None)
     requests = ["stop_mm", "stale_after_ms", "release_samples", "k_tre"]
     setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
     found = dict(zip(requests, setter.take(len(requests)), strict=True))
@@ -33,9 +33,9 @@ def test_margin_parameters_have_unit_and_range(ros, scene, start_receiver):
     assert found["k_tre"]["value"] == 2.0
 
 
-def test_a_set_of_margins_is_applied_or_refused_as_a_whole(ros, scene, start_receiver):
+def test_a_set_of_margins_is_applied_or_refused_as_a_whole(ros, content, start_receiver):
     used = []
-    server = MarginParameterServer(ros, scene.margins, used.append)
+    server = MarginParameterServer(ros, content.margins, used.append)
     setter = start_receiver(
         "marginguard",
         json.dumps({"stop_mm": 6.0, "warn_mm": 9.0}),
@@ -56,28 +56,28 @@ def test_a_set_of_margins_is_applied_or_refused_as_a_whole(ros, scene, start_rec
         assert refused["reason"]
     assert "warn_mm 7 is not more than stop_mm 8" in crossed["reason"]
     assert stop["value"] == 6.0
-    first_set = scene.margins.replaced(stop_mm=6.0, warn_mm=9.0)
+    first_set = content.margins.replaced(stop_mm=6.0, warn_mm=9.0)
     assert used == [first_set, first_set.replaced(stale_after_ns=50_500_000)]
     assert server.margins == used[-1]
 
 
-def test_initial_margins_are_validated_and_applied(domain_id, scene):
+def test_initial_margins_are_validated_and_applied(domain_id, content):
     def start(*values):
         arguments = ["--ros-args", *(part for value in values for part in ("-p", value))]
         with RosNode("marginguard", domain_id=domain_id, ros_args=arguments) as ros:
             used = []
-            MarginParameterServer(ros, scene.margins, used.append)
+            MarginParameterServer(ros, content.margins, used.append)
             return used
 
     assert start() == []
-    assert start("stop_mm:=3.0") == [scene.margins.replaced(stop_mm=3.0)]
+    assert start("stop_mm:=3.0") == [content.margins.replaced(stop_mm=3.0)]
     with pytest.raises(CallError, match="warn_mm 5 is not more than stop_mm 9"):
         start("stop_mm:=9.0")
 
 
-def test_parameters_of_ros_itself_cannot_be_set(ros, scene, start_receiver):
+def test_parameters_of_ros_itself_cannot_be_set(ros, content, start_receiver):
     used = []
-    MarginParameterServer(ros, scene.margins, used.append)
+    MarginParameterServer(ros, content.margins, used.append)
     requests = [
         {"use_sim_time": True},
         {"stop_mm": 2.0, "use_sim_time": True},
@@ -112,11 +112,11 @@ def test_missing_margin_is_refused():
         margins_of({})
 
 
-def test_set_from_this_process_is_validated_as_over_ros(ros, scene):
+def test_set_from_this_process_is_validated_as_over_ros(ros, content):
     used = []
-    server = MarginParameterServer(ros, scene.margins, used.append)
+    server = MarginParameterServer(ros, content.margins, used.append)
     server.set(stop_mm=6.0, warn_mm=9.0)
-    assert used == [server.margins] == [scene.margins.replaced(stop_mm=6.0, warn_mm=9.0)]
+    assert used == [server.margins] == [content.margins.replaced(stop_mm=6.0, warn_mm=9.0)]
     assert ros.node.get_parameter("stop_mm").value == 6.0
     with pytest.raises(MarginParameterError, match="warn_mm 7 is not more than stop_mm 8"):
         server.set(stop_mm=8.0, warn_mm=7.0)
