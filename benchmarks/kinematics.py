@@ -1,11 +1,11 @@
-"""Forward kinematics of every URDF of example-robot-data beside Pinocchio's.
+"""Forward kinematics of every URDF of example-robot-data, compared with Pinocchio.
 
-``marginguard bench kinematics``: each URDF that Pinocchio loads, at random configurations within
-its limits, joints that follow others (mimic) included: the largest distance in m and the largest
-difference of a rotation's entries between the two for any link. Exit status 1 when one is above
-1e-9, or when a robot that Pinocchio loads is not loaded here.
+``marginguard bench kinematics``: computes each URDF that Pinocchio loads at random configurations
+within its limits, including mimic joints. Prints the largest distance in m and the largest
+difference of rotation matrix entries over all links. Exit status 1 if one is above 1e-9, or if a
+robot that Pinocchio loads is not loaded by MarginGuard.
 
-The shapes are left out: kinematics does not need them. Both sides read the same bytes otherwise.
+Shapes are removed, as kinematics does not use them. Both sides read the same text otherwise.
 """
 
 import argparse
@@ -30,7 +30,7 @@ BOUND = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How far a robot's links are apart; ``problem`` where it was not compared."""
+    """Largest differences over the links of a robot; ``problem`` if it was not compared."""
 
     name: str
     links: int = 0
@@ -41,18 +41,18 @@ class Agreement:
 
     @property
     def holds(self) -> bool:
-        """Whether it was compared and agrees."""
+        """True if the robot was compared and is within `BOUND`."""
         return not self.problem and max(self.worst_m, self.worst_rotation) <= BOUND
 
 
 def example_urdfs() -> list[Path]:
-    """Every URDF file of the installed example-robot-data, sorted."""
+    """Paths of all URDF files of the installed example-robot-data, sorted."""
     files = importlib.metadata.files("example-robot-data") or []
     return sorted(Path(str(f.locate())) for f in files if f.name.endswith(".urdf"))
 
 
 def bare_text(urdf: Path) -> str:
-    """The URDF without shapes, transmissions and the like."""
+    """Text of the URDF with links and joints only, without shapes."""
     parser = etree.XMLParser(remove_comments=True, resolve_entities=False)
     root = etree.fromstring(urdf.read_bytes(), parser)
     for element in list(root):
@@ -66,7 +66,7 @@ def bare_text(urdf: Path) -> str:
 
 
 def compare(urdf: Path, samples: int, rng: np.random.Generator) -> Agreement | None:
-    """One robot; None when Pinocchio does not load it."""
+    """Compare one robot; return None if Pinocchio does not load it."""
     import pinocchio as pin
 
     name = "/".join(urdf.parts[-3:])
@@ -79,26 +79,27 @@ def compare(urdf: Path, samples: int, rng: np.random.Generator) -> Agreement | N
     except MarginGuardError as error:
         return Agreement(name, problem=str(error))
     data = model.createData()
-    # Pinocchio keeps a frame a link; the root is the one that no joint moves.
+    # Pinocchio has one frame per link; its poses are relative to the universe, not the root link.
     frames = {link.name: model.getFrameId(link.name, pin.FrameType.BODY) for link in robot.links}
     worst = np.zeros(2)
     for _ in range(samples):
-        given, every = _random_positions(robot, rng)
-        pin.framesForwardKinematics(model, data, _configuration(model, pin, every))
+        independent, positions = _random_positions(robot, rng)
+        pin.framesForwardKinematics(model, data, _configuration(model, pin, positions))
         peer_root = data.oMf[frames[robot.root_link]]
-        for link, ours in robot.forward_kinematics(given).items():
+        for link, ours in robot.forward_kinematics(independent).items():
             peer = peer_root.actInv(data.oMf[frames[link]])
-            apart_m = float(np.linalg.norm(ours.translation_mm / 1000.0 - peer.translation))
-            turned = float(np.abs(ours.rotation - peer.rotation).max())
-            worst = np.maximum(worst, (apart_m, turned))
+            distance_m = float(np.linalg.norm(ours.translation_mm / 1000.0 - peer.translation))
+            rotation_difference = float(np.abs(ours.rotation - peer.rotation).max())
+            worst = np.maximum(worst, (distance_m, rotation_difference))
     mimics = sum(joint.mimic is not None for joint in robot.joints)
     return Agreement(name, len(robot.links), mimics, float(worst[0]), float(worst[1]))
 
 
 def _model(pin: Any, text: str, *, mimic: bool) -> Any:
-    """Pinocchio's, joints that follow others tied to them by itself (``mimic``) or free.
+    """Model of Pinocchio, with mimic joints coupled by Pinocchio (``mimic``) or free.
 
-    It ties only those whose leader is above them in the tree. None when it does not load the text.
+    Pinocchio couples only joints whose leader is above them in the tree. Returns None if it does
+    not load the text.
     """
     try:
         return pin.buildModelFromXML(text, mimic=mimic)
@@ -109,20 +110,20 @@ def _model(pin: Any, text: str, *, mimic: bool) -> Any:
 def _random_positions(
     robot: Robot, rng: np.random.Generator
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Of the joints that lead, and of those with their followers by the formula of URDF."""
-    given = {}
+    """Random positions of the independent joints, and of all joints with mimic joints added."""
+    independent = {}
     for joint in robot.joints:
         if joint.moves and joint.mimic is None:
             low, high = np.nan_to_num((joint.lower, joint.upper), neginf=-math.pi, posinf=math.pi)
-            given[joint.name] = float(rng.uniform(low, high))
-    every = dict(given)
-    waiting = {joint.name: joint.mimic for joint in robot.joints if joint.moves and joint.mimic}
-    while waiting:
-        known = {name: mimic for name, mimic in waiting.items() if mimic.leader in every}
-        for name, mimic in known.items():
-            every[name] = mimic.multiplier * every[mimic.leader] + mimic.offset
-            del waiting[name]
-    return given, every
+            independent[joint.name] = float(rng.uniform(low, high))
+    positions = dict(independent)
+    pending = {joint.name: joint.mimic for joint in robot.joints if joint.moves and joint.mimic}
+    while pending:
+        ready = {name: mimic for name, mimic in pending.items() if mimic.leader in positions}
+        for name, mimic in ready.items():
+            positions[name] = mimic.multiplier * positions[mimic.leader] + mimic.offset
+            del pending[name]
+    return independent, positions
 
 
 def _configuration(model: Any, pin: Any, positions: dict[str, float]) -> FloatArray:
@@ -130,21 +131,21 @@ def _configuration(model: Any, pin: Any, positions: dict[str, float]) -> FloatAr
     for name, position in positions.items():
         joint = model.joints[model.getJointId(name)]
         if joint.shortname() == "JointModelMimic":
-            continue  # Pinocchio's own formula places it
+            continue  # computed by Pinocchio
         value = [position] if joint.nq == 1 else [math.cos(position), math.sin(position)]
         configuration[joint.idx_q : joint.idx_q + joint.nq] = value
     return configuration
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compare all, print a line a robot."""
+    """Compare all robots and print one line per robot."""
     parser = argparse.ArgumentParser(prog="marginguard bench kinematics", description=__doc__)
-    parser.add_argument("--samples", type=int, default=100, help="configurations of each robot")
-    parser.add_argument("--seed", type=int, default=1, help="of the configurations (1)")
-    parser.add_argument("--json", type=Path, help="write the figures there as well")
+    parser.add_argument("--samples", type=int, default=100, help="configurations per robot")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the configurations (1)")
+    parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     options = parser.parse_args(arguments)
     if options.samples < 1:
-        parser.error(f"--samples {options.samples}: 1 or more wanted")
+        parser.error(f"--samples is {options.samples}; expected 1 or more")
     rng = np.random.default_rng(options.seed)
     started = time.perf_counter()
     results, not_loaded = [], []
@@ -154,11 +155,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             not_loaded.append("/".join(urdf.parts[-3:]))
             continue
         results.append(agreement)
-        said = agreement.problem or (
+        text = agreement.problem or (
             f"{agreement.worst_m:.1e} m  {agreement.worst_rotation:.1e}  "
             f"{agreement.links} links, {agreement.mimic_joints} mimic"
         )
-        print(f"{'ok' if agreement.holds else 'NO':3}{agreement.name:70}{said}")
+        print(f"{'ok' if agreement.holds else 'NO':3}{agreement.name:70}{text}")
     failed = [each for each in results if not each.holds]
     print(
         f"{len(results) - len(failed)} of {len(results)} robots within {BOUND:g} at "

@@ -1,1 +1,1 @@
-"""Registration and calibration beside their peers, one topic a file."""
+"""Benchmark of registration and calibration against other implementations, one topic per file."""

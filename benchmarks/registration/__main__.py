@@ -1,8 +1,8 @@
-"""What registration and calibration reach, each figure beside that of a peer in the same run.
+"""Accuracy of registration and calibration, compared with other implementations in the same run.
 
     marginguard bench registration [--quick] [--only TOPIC] [--json FILE]
 
-Exit status 1 when a figure is not what is wanted of it.
+Exit status 1 if a figure is outside its limits.
 """
 
 import argparse
@@ -34,11 +34,11 @@ TOPICS: tuple[tuple[Callable[[int], Iterator[Figure]], int, int], ...] = (
     (surfaces, 40, 5),
     (bad_input, 1, 1),
 )
-"""What is run, with its trials in full and with ``--quick``."""
+"""The topics, with their numbers of trials in full and with ``--quick``."""
 
 
 def run(*, quick: bool, only: str = "") -> Iterator[Figure]:
-    """Every figure as it is found, of the topics whose name holds ``only``."""
+    """Yield the figures of the topics whose name contains ``only``, as they are computed."""
     for topic, full, short in TOPICS:
         if only in topic.__name__:
             yield from topic(short if quick else full)
@@ -48,20 +48,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="marginguard bench registration", description=__doc__.splitlines()[0]
     )
-    parser.add_argument("--quick", action="store_true", help="few trials: figures are rough")
-    parser.add_argument("--only", default="", help="topics whose name holds this")
-    parser.add_argument("--json", type=Path, help="write the figures there too")
+    parser.add_argument("--quick", action="store_true", help="few trials, rough figures")
+    parser.add_argument("--only", default="", help="topics whose name contains this")
+    parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     arguments = parser.parse_args()
     names = [topic.__name__ for topic, _, _ in TOPICS]
     if not any(arguments.only in name for name in names):
-        parser.error(f"--only {arguments.only}: a part of one of {', '.join(names)} wanted")
+        parser.error(
+            f"--only {arguments.only}: no such topic; expected a part of {', '.join(names)}"
+        )
     figures = []
     for figure in run(quick=arguments.quick, only=arguments.only):
         figures.append(figure)
         verdict = {True: "ok  ", False: "MISS", None: "    "}[figure.good]
-        wanted = f"   wanted {figure.wanted}" if figure.wanted else ""
-        peer = f"   beside {figure.peer}" if figure.peer else ""
-        print(f"{verdict} {figure.topic}: {figure.what}: {figure.ours}{wanted}{peer}", flush=True)
+        expected = f"   expected {figure.wanted}" if figure.wanted else ""
+        peer = f"   peer: {figure.peer}" if figure.peer else ""
+        print(f"{verdict} {figure.topic}: {figure.what}: {figure.ours}{expected}{peer}", flush=True)
     if arguments.json:
         arguments.json.write_text(json.dumps([asdict(f) for f in figures], indent=1) + "\n")
     return int(any(figure.good is False for figure in figures))

@@ -1,4 +1,4 @@
-"""What is refused, and how it is said."""
+"""Invalid input and the errors that it raises."""
 
 from collections.abc import Callable, Iterator
 
@@ -17,6 +17,7 @@ from benchmarks.registration.figures import FRAMES, Figure
 
 
 def bad_input(_: int) -> Iterator[Figure]:
+    """Yield a figure for each kind of invalid input."""
     box = np.array([[0, 0, 0], [80, 0, 0], [0, 60, 0], [0, 0, 40], [70, 50, 30.0]])
     line = np.outer(np.arange(5.0), [10.0, 20, 5])
     nan, infinite = box.copy(), box.copy()
@@ -39,7 +40,7 @@ def bad_input(_: int) -> Iterator[Figure]:
     for name, call in cases.items():
         try:
             call()
-        except RegistrationError as refusal:
-            yield Figure("bad input", name, f"{type(refusal).__name__}: {refusal}", "", "", True)
+        except RegistrationError as error:
+            yield Figure("bad input", name, f"{type(error).__name__}: {error}", "", "", True)
         else:
-            yield Figure("bad input", name, "went through", "a typed error", "", False)
+            yield Figure("bad input", name, "no error", "a typed error", "", False)

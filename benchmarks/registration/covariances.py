@@ -1,4 +1,4 @@
-"""Whether stated covariances are as large as the errors are."""
+"""Comparison of predicted covariances with actual errors."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,8 @@ from tests.registration.helpers import (
 
 
 def calibration_of_covariances(trials: int) -> Iterator[Figure]:
-    # One stream of numbers each, so that no figure depends on what ran before it.
+    """Yield the mean normalised squared error of each method."""
+    # Separate generators: no figure depends on the others.
     streams = [np.random.default_rng([4, index]) for index in range(4)]
 
     def points(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -57,7 +58,7 @@ def calibration_of_covariances(trials: int) -> Iterator[Figure]:
             error, covariance = trial(rng)
             squared.append(float(error @ np.linalg.solve(covariance, error)))
             size = len(error)
-        # Few trials are a smoke test of four bands at once: they are not to fail one time in five.
+        # A short run tests four bands at once and must rarely fail by chance.
         tail = 0.025 if trials >= 500 else 0.0005
         low, high = chi2.ppf([tail, 1.0 - tail], size * trials) / (size * trials)
         mean = float(np.mean(squared)) / size
@@ -66,6 +67,6 @@ def calibration_of_covariances(trials: int) -> Iterator[Figure]:
             f"normalised squared error, {trial.__name__}, {trials} trials",
             f"{mean:.3f}",
             f"{low:.3f} to {high:.3f}",
-            "no peer states one",
+            "not available in other implementations",
             low <= mean <= high,
         )

@@ -1,4 +1,4 @@
-"""One line of the table, and what several topics share."""
+"""One figure of the benchmark, and values that several topics share."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,10 @@ FRAMES = {"fixed_frame": "fixed", "moving_frame": "moving"}
 
 @dataclass(frozen=True)
 class Figure:
-    """One line of the table; ``good`` is None where nothing was asked for."""
+    """One figure; ``good`` is None without a limit.
+
+    Field names are the keys of the JSON output. ``wanted`` is the limit as text.
+    """
 
     topic: str
     what: str
@@ -32,4 +35,5 @@ class Figure:
 
 
 def rms(values: list[float]) -> float:
+    """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -1,4 +1,4 @@
-"""Exact data: how near the truth rounding lets us come."""
+"""Errors with noise-free data."""
 
 from collections.abc import Iterator
 
@@ -15,27 +15,28 @@ from tests.registration.helpers import (
 
 
 def noise_free(trials: int) -> Iterator[Figure]:
+    """Yield the largest error of each method over random geometries."""
     rng = np.random.default_rng(1)
     worst = {"points": [0.0, 0.0], "robot-world": [0.0, 0.0], "pivot": [0.0, 0.0]}
 
-    def note(name: str, millimetres: float, radians: float) -> None:
+    def record(name: str, millimetres: float, radians: float) -> None:
         worst[name] = [max(worst[name][0], millimetres), max(worst[name][1], radians)]
 
     for _ in range(trials):
         truth, moving = random_transform(rng), random_layout(rng, int(rng.integers(3, 12)))
         found = register_points(truth.apply(moving), moving, **FRAMES).transform
-        gaps = np.abs(found.apply(moving) - truth.apply(moving)).max()
-        note("points", float(gaps), found.angle_to(truth))
+        distances = np.abs(found.apply(moving) - truth.apply(moving)).max()
+        record("points", float(distances), found.angle_to(truth))
         scene = robot_world_scene(rng, 10, None)
         result = solve_robot_world(scene.robot, scene.sensor, noise=EM_NOISE)
         for one, other in (
             (result.reference_from_base, scene.base),
             (result.tip_from_sensor, scene.mount),
         ):
-            note("robot-world", one.distance_mm_to(other), one.angle_to(other))
+            record("robot-world", one.distance_mm_to(other), one.angle_to(other))
         pivot = pivot_scene(rng, 30, cone_deg=rng.uniform(31, 120), noise=None)
         tip = calibrate_pivot(pivot.poses, noise=EM_NOISE).tip_mm
-        note("pivot", float(np.abs(tip - pivot.tip_mm).max()), 0.0)
+        record("pivot", float(np.abs(tip - pivot.tip_mm).max()), 0.0)
     for name, (millimetres, radians) in worst.items():
         yield Figure(
             "noise-free",

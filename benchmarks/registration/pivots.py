@@ -1,4 +1,4 @@
-"""Pivot calibration with outliers, wide and narrow, beside plain least squares."""
+"""Pivot calibration with outliers over wide and narrow cones, compared with least squares."""
 
 from collections.abc import Iterator
 
@@ -12,21 +12,22 @@ from tests.registration.helpers import pivot_scene
 
 
 def plain_pivot(poses: list[Transform]) -> FloatArray:
-    """Least squares with rows beyond 3 sigma dropped, as SlicerIGT and IGSIO do it."""
+    """Tip (3,) in mm by least squares without rows beyond 3 sigma, as in SlicerIGT and IGSIO."""
     rows = np.concatenate([np.hstack([p.rotation, -np.eye(3)]) for p in poses])
     right = -np.concatenate([p.translation_mm for p in poses])
-    kept = np.ones(len(right), dtype=bool)
+    used = np.ones(len(right), dtype=bool)
     for _ in range(2):
-        solution = np.linalg.lstsq(rows[kept], right[kept], rcond=None)[0]
-        misses = np.abs(rows @ solution - right)
-        kept = misses < misses.mean() + 3.0 * misses.std()
+        solution = np.linalg.lstsq(rows[used], right[used], rcond=None)[0]
+        residuals = np.abs(rows @ solution - right)
+        used = residuals < residuals.mean() + 3.0 * residuals.std()
     return np.asarray(solution[:3])
 
 
 def pivots(trials: int) -> Iterator[Figure]:
+    """Yield tip errors for wide cones, and acceptance and coverage for narrow cones."""
     rng = np.random.default_rng(5)
-    # A few seconds of recording, and half a minute: then no trial may miss.
-    for count, judged, share in ((100, "p95", 0.95), (400, "max", 1.0)):
+    # A recording of a few seconds, and one of half a minute, where every trial has to be within.
+    for count, statistic, share in ((100, "p95", 0.95), (400, "max", 1.0)):
         ours, peers = [], []
         for _ in range(trials):
             scene = pivot_scene(rng, count, cone_deg=60.0, noise=POSITION_NOISE, wrong_share=0.2)
@@ -36,7 +37,7 @@ def pivots(trials: int) -> Iterator[Figure]:
             "pivot",
             f"60 degree cone, 0.5 mm, 20 % wrong, {count} poses, {trials} trials",
             f"{rms(ours):.3f} RMS, {np.quantile(ours, 0.95):.3f} p95, {max(ours):.3f} max mm",
-            f"0.3 mm ({judged})",
+            f"0.3 mm ({statistic})",
             f"least squares of IGSIO {rms(peers):.2f} RMS, {max(peers):.2f} max mm",
             bool(np.quantile(ours, share) <= 0.3),
         )

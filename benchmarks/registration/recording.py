@@ -1,4 +1,4 @@
-"""The real stylus recording: landmarks found and registered."""
+"""Landmark detection and registration on a real stylus recording."""
 
 import time
 from collections.abc import Iterator
@@ -14,9 +14,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def recording(_: int) -> Iterator[Figure]:
+    """Yield match and errors against the published registration."""
     folder = ROOT.parent / "shared" / "data" / "plus"
     if not folder.is_dir():
-        yield Figure("recording", "eight landmarks", "no real recording here", "", "", None)
+        yield Figure("recording", "eight landmarks", "recording not available", "", "", None)
         return
     from lxml import etree
 
@@ -37,20 +38,20 @@ def recording(_: int) -> Iterator[Figure]:
         fixed_frame="reference",
         moving_frame="phantom",
     )
-    took = time.perf_counter() - begin
+    elapsed_s = time.perf_counter() - begin
     yield Figure(
         "recording",
-        "landmarks found and named, their order not told",
-        f"{len(pairs)} of {len(landmarks)} in {1e3 * took:.0f} ms",
+        "landmarks detected and matched, order unknown",
+        f"{len(pairs)} of {len(landmarks)} in {1e3 * elapsed_s:.0f} ms",
         "8 of 8",
-        "PLUS is told the order",
+        "PLUS requires the order",
         len(pairs) == 8,
     )
     distance = result.transform.distance_mm_to(published)
     angle = float(np.degrees(result.transform.angle_to(published)))
     yield Figure(
         "recording",
-        "PhantomToReference against the published one",
+        "PhantomToReference, difference to the published one",
         f"{distance:.3f} mm, {angle:.3f} degrees",
         "0.10 mm, 0.30 degrees",
         "",

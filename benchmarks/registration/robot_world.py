@@ -1,4 +1,4 @@
-"""A robot's base from noisy pose pairs, beside OpenCV's closed forms."""
+"""Registration of a robot's base from noisy pose pairs, compared with OpenCV's closed forms."""
 
 from collections.abc import Iterator
 
@@ -11,6 +11,7 @@ from tests.registration.helpers import robot_world_scene
 
 
 def robot_world(trials: int) -> Iterator[Figure]:
+    """Yield the error of the base at the centre of the workspace."""
     import cv2
 
     rng = np.random.default_rng(2)
@@ -38,19 +39,19 @@ def robot_world(trials: int) -> Iterator[Figure]:
             )
             answers[name] = Transform("reference", "base", rotation, translation.ravel())
         for name, answer in answers.items():
-            miss = np.linalg.norm(answer.apply(middle) - scene.centre_mm)
-            errors.setdefault(name, []).append(float(miss))
-    told = {
+            error = np.linalg.norm(answer.apply(middle) - scene.centre_mm)
+            errors.setdefault(name, []).append(float(error))
+    texts = {
         name: f"{rms(values):.3f} RMS, {np.quantile(values, 0.95):.3f} p95"
         for name, values in errors.items()
     }
-    peers = f"OpenCV Shah {told['Shah']}; Li {told['Li']}"
+    peers = f"OpenCV Shah {texts['Shah']}; Li {texts['Li']}"
     for name in ("known noise", "noise estimated"):
         good = rms(errors[name]) <= 0.30 and np.quantile(errors[name], 0.95) <= 0.45
         yield Figure(
             "robot-world",
             f"base at the workspace centre, 15 poses, {trials} trials, {name}",
-            told[name] + " mm",
+            texts[name] + " mm",
             "0.30 RMS, 0.45 p95 mm",
             peers,
             bool(good),

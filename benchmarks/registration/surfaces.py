@@ -1,4 +1,4 @@
-"""Points touched on a surface, beside trimesh's ICP."""
+"""Surface registration compared with the ICP of trimesh."""
 
 import time
 from collections.abc import Iterator
@@ -12,10 +12,11 @@ from benchmarks.registration.figures import Figure, rms
 
 
 def surfaces(trials: int) -> Iterator[Figure]:
+    """Yield the error at the centre, and whether the covariance holds."""
     from tests.registration.points.test_surface import BONE, mesh_of, touched
 
     rng = np.random.default_rng(7)
-    ours, peers, stated, times = [], [], [], [0.0, 0.0]
+    ours, peers, normalised, times = [], [], [], [0.0, 0.0]
     for _ in range(trials):
         truth, points, start = touched(rng, BONE, 40, 0.3)
         begin = time.perf_counter()
@@ -36,7 +37,7 @@ def surfaces(trials: int) -> Iterator[Figure]:
         ours.append(float(np.linalg.norm(result.transform.apply(centre))))
         peers.append(float(np.linalg.norm(peer[:3, :3] @ centre + peer[:3, 3])))
         motion = motion_between(truth, result.transform)
-        stated.append(float(motion @ np.linalg.solve(result.covariance, motion)) / 6.0)
+        normalised.append(float(motion @ np.linalg.solve(result.covariance, motion)) / 6.0)
     yield Figure(
         "surface",
         f"40 touched points, 0.3 mm, {trials} trials, error at the centre",
@@ -48,8 +49,8 @@ def surfaces(trials: int) -> Iterator[Figure]:
     yield Figure(
         "surface",
         "normalised squared error (noise estimated from 34 degrees of freedom: 1.06)",
-        f"{np.mean(stated):.2f}",
+        f"{np.mean(normalised):.2f}",
         "",
-        "no peer states one",
+        "not available in trimesh",
         None,
     )

@@ -1,4 +1,4 @@
-"""Predicted over simulated target registration error."""
+"""Ratio of the predicted to the simulated target registration error."""
 
 from collections.abc import Iterator
 
@@ -12,6 +12,7 @@ from tests.registration.helpers import draw, random_covariances, random_layout
 
 
 def target_error(layouts: int) -> Iterator[Figure]:
+    """Yield the range of the ratio over random layouts of landmarks."""
     try:
         from sksurgerycore.algorithms.errors import compute_tre_from_fle
     except ImportError:
@@ -34,7 +35,7 @@ def target_error(layouts: int) -> Iterator[Figure]:
                 peer = compute_tre_from_fle(landmarks, 3 * 0.09, target[None])
                 peers.append(float(np.sqrt(np.ravel(peer)[0])) / truth)
         known = PairNoise.from_covariances(own, None, len(landmarks))
-        misses = [
+        errors = [
             np.linalg.norm(
                 fit_rigid(landmarks + draw(rng, own), landmarks, known, "fixed", "moving").apply(
                     target
@@ -44,7 +45,7 @@ def target_error(layouts: int) -> Iterator[Figure]:
             for _ in range(weighted_draws)
         ]
         planned = predict_layout_tre(landmarks, [target], own, matched_weights=True)[0]
-        ratios.setdefault("anisotropic, matched weights", []).append(planned / rms(misses))
+        ratios.setdefault("anisotropic, matched weights", []).append(planned / rms(errors))
     peer = f"scikit-surgery {min(peers):.2f} to {max(peers):.2f}" if peers else ""
     for name, values in ratios.items():
         yield Figure(
@@ -64,12 +65,12 @@ def closed_form_errors(
     noise: FloatArray,
     draws: int,
 ) -> float:
-    """RMS error at the target of ``draws`` closed-form registrations, all at once."""
+    """RMS error in mm at the target (3,) of ``draws`` vectorised closed-form registrations."""
     root = np.linalg.cholesky(noise)
     fixed = landmarks + np.einsum("nij,dnj->dni", root, rng.normal(size=(draws, len(landmarks), 3)))
     centre, means = landmarks.mean(axis=0), fixed.mean(axis=1)
     product = np.swapaxes(fixed - means[:, None], 1, 2) @ (landmarks - centre)
     left, _, right = np.linalg.svd(product)
     right[:, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
-    misses = (left @ right) @ (target - centre) + means - target
-    return float(np.sqrt(np.mean(np.sum(misses**2, axis=1))))
+    errors = (left @ right) @ (target - centre) + means - target
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))

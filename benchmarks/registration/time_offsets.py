@@ -1,4 +1,4 @@
-"""The lag between two streams, beside a principal-axis correlation."""
+"""Clock offset between two signals, compared with the correlation of principal axes."""
 
 from collections.abc import Iterator
 
@@ -10,6 +10,7 @@ from benchmarks.registration.figures import Figure, rms
 
 
 def time_offsets(trials: int) -> Iterator[Figure]:
+    """Yield the error of the offset and the coverage of its interval."""
     from tests.registration.robot_base.test_time_offset import LAG_MS, streams
 
     rng = np.random.default_rng(6)
@@ -30,29 +31,32 @@ def time_offsets(trials: int) -> Iterator[Figure]:
     )
     yield Figure(
         "time offset",
-        "95 % interval covers the truth",
+        "coverage of the 95 % interval",
         f"{covered / trials:.1%}",
         "95 %",
-        "no peer states one",
+        "not available in other implementations",
         covered / trials >= 0.925,
     )
 
 
 def principal_axis_offset(a: TimedSignal, b: TimedSignal) -> float:
-    """As PLUS does it: positions along their principal axis, resampled, least squares in steps."""
+    """Offset in ms as in PLUS: least squares of resampled positions along the principal axis."""
 
-    def along(signal: TimedSignal) -> tuple[FloatArray, FloatArray]:
+    def principal_component(signal: TimedSignal) -> tuple[FloatArray, FloatArray]:
         centred = signal.values - signal.values.mean(axis=0)
         axis = np.linalg.svd(centred, full_matrices=False)[2][0]
         values = centred @ axis
         return signal.times_ns / 1e9, values / values.std()
 
-    (a_times, a_values), (b_times, b_values) = along(a), along(b)
+    (a_times, a_values), (b_times, b_values) = principal_component(a), principal_component(b)
     grid = np.arange(b_times[0] + 0.6, b_times[-1] - 0.6, 0.01)
-    seen = np.interp(grid, b_times, b_values)
+    resampled = np.interp(grid, b_times, b_values)
     steps = np.arange(-0.5, 0.5005, 0.001)
     losses = [
-        min(np.sum((seen - sign * np.interp(grid - s, a_times, a_values)) ** 2) for sign in (1, -1))
+        min(
+            np.sum((resampled - sign * np.interp(grid - s, a_times, a_values)) ** 2)
+            for sign in (1, -1)
+        )
         for s in steps
     ]
     return float(1e3 * steps[int(np.argmin(losses))])
