@@ -22,6 +22,8 @@ FILE = re.compile(r"(?<![\w./~-])[\w.-]+/[\w./-]*\w")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"`([^`\n]+)`")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+TASK = re.compile(r"^\| (\d+)\. ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
+"""A row of the contributing guide: number, task, file, tests."""
 CALL = re.compile(r"^marginguard +([^#|;&`'\n]+)", re.MULTILINE)
 OF_OTHERS = {"--no-splash", "--additional-module-paths"}
 """Options of Slicer's."""
@@ -66,6 +68,19 @@ def test_every_file_that_is_named_is_there(project_root: Path, pages: dict[str, 
 def test_every_page_is_named_in_the_readme(pages: dict[str, str]) -> None:
     docs = {page for page in pages if page.startswith("docs/")}
     assert {page for page in docs if f"`{page}`" not in pages["README.md"]} == set()
+
+
+def test_each_task_of_the_contributing_guide_names_a_file_and_tests_that_exist(
+    project_root: Path, pages: dict[str, str]
+) -> None:
+    tasks = TASK.findall(pages["docs/contributing_guide.md"])
+    assert [int(number) for number, *_ in tasks] == list(range(1, 16))
+    for _, task, file_cell, tests_cell in tasks:
+        (changed,), (tests,) = CODE.findall(file_cell), CODE.findall(tests_cell)
+        path = project_root / changed
+        assert path.is_dir() if file_cell.startswith("a new file in") else path.is_file(), task
+        assert (project_root / tests).is_file(), task
+        assert tests.startswith("tests/"), task
 
 
 def test_every_call_of_the_command_is_one_that_it_takes(

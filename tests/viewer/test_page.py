@@ -128,7 +128,7 @@ def test_the_tumour_is_red_in_a_breach_green_when_clear_and_grey_in_a_dropout(pa
     inside = picture(page)
     go_to(page, LOST[0])
     expect(page.locator("#word")).to_have_text("UNKNOWN")
-    assert page.locator("#why").inner_text() == "the tracker calls a pose invalid"
+    assert page.locator("#why").inner_text() == "the tracker reports a pose as invalid"
     lost = picture(page)
     assert share_of(clear, "green") > 0.05 > 0.002 > share_of(clear, "red")
     assert share_of(inside, "red") > 0.05 > 0.002 > share_of(inside, "green")

@@ -17,21 +17,20 @@ from app.registration import (
 from app.robot import load_robot
 from app.session import RobotSetup
 from app.viewer.readout.readout import readout
-from app.viewer.readout.reason_text import REASON_TEXTS, distance_text, reason_text
+from app.viewer.readout.reason_text import distance_text, reason_text
 from app.viewer.steps.view_state import ViewState
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 
 def test_every_state_and_reason_has_a_text_of_its_own():
-    assert set(REASON_TEXTS) == set(Reason)
-    assert len(set(REASON_TEXTS.values())) == len(Reason)
+    assert len({reason.text for reason in Reason}) == len(Reason)
     assert len({state.display.label for state in MarginState}) == len(MarginState)
 
 
 def test_unknown_lists_every_fault_and_nothing_else():
     reasons = (Reason.MISSING, Reason.STALE, Reason.STOP_DISTANCE, Reason.LATCHED)
     text = reason_text(MarginState.UNKNOWN, reasons)
-    assert text == f"{REASON_TEXTS[Reason.MISSING]}; {REASON_TEXTS[Reason.STALE]}"
+    assert text == f"{Reason.MISSING.text}; {Reason.STALE.text}"
 
 
 def test_frame_that_never_came_is_named_while_unknown(parts):
@@ -47,7 +46,7 @@ def test_frame_that_never_came_is_named_while_unknown(parts):
 
 def test_known_state_has_its_worst_reason():
     text = reason_text(MarginState.POSITIVE, (Reason.INSIDE, Reason.STOP_DISTANCE, Reason.LATCHED))
-    assert text == REASON_TEXTS[Reason.INSIDE]
+    assert text == Reason.INSIDE.text
 
 
 @pytest.mark.parametrize(
