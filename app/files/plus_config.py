@@ -55,22 +55,24 @@ class PlusConfiguration:
 
 @dataclass(slots=True)
 class _Walk:
+    """Collects transforms and landmarks; ``tags`` is the path of the current element."""
+
     path: Path
-    at: list[str] = field(default_factory=list)
+    tags: list[str] = field(default_factory=list)
     matrices: dict[tuple[str, str], str] = field(default_factory=dict)
     landmarks: list[tuple[str, list[float]]] = field(default_factory=list)
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
-        self.at.append(name)
-        if self.at == [name] and name != _ROOT:
+        self.tags.append(name)
+        if self.tags == [name] and name != _ROOT:
             raise InputError(f"{self.path} is a {name[:60]!r}; expected a {_ROOT}")
-        if self.at == _TRANSFORM:
+        if self.tags == _TRANSFORM:
             self._transform(attributes)
-        elif self.at == _LANDMARK:
+        elif self.tags == _LANDMARK:
             self._landmark(attributes)
 
     def end(self, _: str) -> None:
-        self.at.pop()
+        self.tags.pop()
 
     def _transform(self, attributes: dict[str, str]) -> None:
         source, target = (attributes.get(key, "") for key in ("From", "To"))

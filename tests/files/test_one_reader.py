@@ -36,6 +36,17 @@ PARSED_IN = {
 }
 """The files of ``app`` that may name a parser, or a temporary file of an atomic write."""
 
+READS_OWN_FILES = {
+    "bridge/open_ports.py": "a table of the kernel",
+    "case/messages/definition.py": "message definitions of this project",
+    "cli/replay_page.py": "the report that this process wrote",
+    "cli/scene_process.py": "a picture that a child process wrote",
+    "fixture/jit.py": "source code of this project",
+    "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
+    "viewer/server.py": "the page of this project",
+}
+"""Files of ``app`` with an unbounded read, and what they read."""
+
 READS_STREAMS = {"files/bounded_io.py", "files/paths.py"}
 """Files that open a file for reading bytes: the bounded read, and the hash of a whole file."""
 
@@ -81,3 +92,17 @@ def opens_bytes(path: Path) -> bool:
 def test_files_are_opened_for_bytes_by_the_bounded_read_only() -> None:
     found = {str(path.relative_to(APP)) for path in APP.rglob("*.py") if opens_bytes(path)}
     assert found == READS_STREAMS
+
+
+def test_files_of_users_are_not_read_without_a_bound() -> None:
+    found = {
+        str(path.relative_to(APP))
+        for path in APP.rglob("*.py")
+        if {"read_bytes", "read_text"} & attributes(path)
+    }
+    assert found == set(READS_OWN_FILES)
+
+
+def attributes(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(), str(path))
+    return {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}

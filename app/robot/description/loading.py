@@ -242,10 +242,8 @@ def _transform(origin: Any, target: str, source: str) -> Transform:
 def _joint(joint: Any) -> Joint:
     kind = JointType(joint.type)
     lower, upper = -math.inf, math.inf
-    if kind in (
-        JointType.REVOLUTE,
-        JointType.PRISMATIC,
-    ):  # parse_urdf has checked that there is a limit
+    if kind in (JointType.REVOLUTE, JointType.PRISMATIC):
+        # parse_urdf has checked that joint.limit is not None.
         lower, upper = joint.limit.lower or 0.0, joint.limit.upper or 0.0
     mimic = None
     if joint.mimic is not None and kind is not JointType.FIXED:

@@ -56,7 +56,10 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], find_package: FindPac
         except UrdfError:
             raise
         except (xacro.XacroException, ExpatError) as problem:
-            raise UrdfError(f"{path} cannot be expanded: {_one_line(problem)}") from problem
+            # xacro wraps an error of `_Reader` and repeats its text.
+            cause = getattr(problem, "exc", None)
+            reason = _one_line(cause if isinstance(cause, UrdfError) else problem)
+            raise UrdfError(f"{path} cannot be expanded: {reason}") from problem
         except Exception as problem:  # expressions of the file raise exceptions of any type
             kind = type(problem).__name__
             raise UrdfError(f"{path} cannot be expanded: {kind}: {_one_line(problem)}") from problem
