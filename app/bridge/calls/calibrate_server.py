@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -27,12 +28,6 @@ _POLL_INTERVAL_S = 0.005
 _FEEDBACK_INTERVAL_S = 0.1
 _MAX_SAMPLES = 10_000
 _MAX_TIMEOUT_S = 3600.0
-_METHODS = (Calibrate.Goal.PIVOT, Calibrate.Goal.SPIN, Calibrate.Goal.LANDMARK)
-_HINTS = {
-    Calibrate.Goal.PIVOT: "pivot the tool about its tip, as far as possible in all directions",
-    Calibrate.Goal.SPIN: "spin the tool about its shaft with the tip held in place",
-    Calibrate.Goal.LANDMARK: "hold the tip still on the landmark",
-}
 
 
 class _Calibration(NamedTuple):
@@ -44,14 +39,17 @@ class _Calibration(NamedTuple):
 
 @dataclass(slots=True)
 class _Collection:
-    """Collected poses. Pivot and spin skip poses that hardly differ from the last one kept."""
+    """Collected poses without those that do not differ enough from the last one kept.
 
-    method: int
+    ``differs`` decides it for the last kept and a new pose.
+    """
+
+    differs: Callable[[Transform, Transform], bool]
     samples: list[TrackedTransform] = field(default_factory=list)
     variation_rad: float = 0.0
 
     def add(self, pose: Transform, stamp_ns: int) -> None:
-        if self.samples and not self._differs(pose):
+        if self.samples and not self.differs(self.poses[-1], pose):
             return
         self.samples.append(TrackedTransform(pose, Stamp(stamp_ns), TrackingStatus.OK))
         self.variation_rad = max(self.variation_rad, pose.angle_to(self.poses[0]))
@@ -59,15 +57,6 @@ class _Collection:
     @property
     def poses(self) -> list[Transform]:
         return [each.transform for each in self.samples if each.transform is not None]
-
-    def _differs(self, pose: Transform) -> bool:
-        if self.method == Calibrate.Goal.LANDMARK:
-            return True
-        pair = (self.poses[-1], pose)
-        if self.method == Calibrate.Goal.SPIN:
-            # Compare angles only: a sensor near the shaft hardly moves during a spin.
-            return len(select_poses(pair, min_distance_mm=0.0)) > 1
-        return len(select_poses(pair)) > 1
 
 
 class CalibrateServer:
@@ -94,7 +83,7 @@ class CalibrateServer:
                 f"no pose of {goal.frame!r} in {goal.parent_frame!r} received within "
                 f"{goal.timeout:g} s"
             )
-        calibration = self._calibrate(goal, collected)
+        calibration = _METHODS[goal.method].estimate(goal, collected, self._buffer)
         result = Calibrate.Result(
             success=calibration.accepted,
             message="" if calibration.accepted else calibration.reason,
@@ -107,7 +96,7 @@ class CalibrateServer:
         return result, GoalOutcome.SUCCEEDED if calibration.accepted else GoalOutcome.ABORTED
 
     def _collect(self, served: ServedGoal, goal: Calibrate.Goal) -> _Collection:
-        collected = _Collection(goal.method)
+        collected = _Collection(_METHODS[goal.method].differs)
         end_s = time.monotonic() + goal.timeout
         feedback_s, last_ns = -math.inf, self._latest_ns(goal)
         while len(collected.samples) < goal.samples and time.monotonic() < end_s:
@@ -136,37 +125,66 @@ class CalibrateServer:
             return  # the buffer was cleared in between, for example by a clock jump
         collected.add(result.transform, stamp_ns)
 
-    def _calibrate(self, goal: Calibrate.Goal, collected: _Collection) -> _Calibration:
-        if goal.method == Calibrate.Goal.PIVOT:
-            pivot = calibrate_pivot(collected.poses)
-            return _Calibration(
-                pivot.tool_from_tip(_tip_frame(goal)),
-                _rms(np.delete(pivot.residuals_mm, pivot.outliers)) / MM_PER_M,
-                pivot.accepted,
-                pivot.reason,
-            )
-        if goal.method == Calibrate.Goal.SPIN:
-            return self._calibrate_shaft(goal, collected)
-        return _locate_landmark(goal, collected)
 
-    def _calibrate_shaft(self, goal: Calibrate.Goal, collected: _Collection) -> _Calibration:
-        try:
-            tip = self._buffer.lookup(goal.frame, _tip_frame(goal)).transform.translation_mm
-        except TfError as error:
-            raise InputError(
-                f"a spin calibration needs the tip of a previous pivot calibration: {error}"
-            ) from error
-        spin = calibrate_spin(collected.poses, tip_mm=tip)
-        frames = {"tool_frame": goal.frame, "tip_frame": _tip_frame(goal)}
-        return _Calibration(
-            tip_transform(tip, spin.shaft, **frames),
-            _rms(np.delete(spin.residuals_rad, spin.outliers)),
-            spin.accepted,
-            spin.reason,
-        )
+class _Method(NamedTuple):
+    """One method of the action.
+
+    ``hint`` is the instruction for the operator, ``differs`` the selection of poses (see
+    `_Collection`), ``estimate`` the computation. It raises `InputError`.
+    """
+
+    hint: str
+    differs: Callable[[Transform, Transform], bool]
+    estimate: Callable[[Calibrate.Goal, _Collection, TransformBuffer], _Calibration]
 
 
-def _locate_landmark(goal: Calibrate.Goal, collected: _Collection) -> _Calibration:
+def _moved(last: Transform, pose: Transform) -> bool:
+    return len(select_poses((last, pose))) > 1
+
+
+def _rotated(last: Transform, pose: Transform) -> bool:
+    # Compare angles only: a sensor near the shaft hardly moves during a spin.
+    return len(select_poses((last, pose), min_distance_mm=0.0)) > 1
+
+
+def _every(last: Transform, pose: Transform) -> bool:
+    return True
+
+
+def _calibrate_tip(
+    goal: Calibrate.Goal, collected: _Collection, buffer: TransformBuffer
+) -> _Calibration:
+    pivot = calibrate_pivot(collected.poses)
+    return _Calibration(
+        pivot.tool_from_tip(_tip_frame(goal)),
+        _rms(np.delete(pivot.residuals_mm, pivot.outliers)) / MM_PER_M,
+        pivot.accepted,
+        pivot.reason,
+    )
+
+
+def _calibrate_shaft(
+    goal: Calibrate.Goal, collected: _Collection, buffer: TransformBuffer
+) -> _Calibration:
+    try:
+        tip = buffer.lookup(goal.frame, _tip_frame(goal)).transform.translation_mm
+    except TfError as error:
+        raise InputError(
+            f"a spin calibration needs the tip of a previous pivot calibration: {error}"
+        ) from error
+    spin = calibrate_spin(collected.poses, tip_mm=tip)
+    frames = {"tool_frame": goal.frame, "tip_frame": _tip_frame(goal)}
+    return _Calibration(
+        tip_transform(tip, spin.shaft, **frames),
+        _rms(np.delete(spin.residuals_rad, spin.outliers)),
+        spin.accepted,
+        spin.reason,
+    )
+
+
+def _locate_landmark(
+    goal: Calibrate.Goal, collected: _Collection, buffer: TransformBuffer
+) -> _Calibration:
     settings = DwellSettings(min_turn_rad=0.0)
     dwells = detect_dwells(collected.samples, settings)
     if not dwells:
@@ -179,9 +197,24 @@ def _locate_landmark(goal: Calibrate.Goal, collected: _Collection) -> _Calibrati
     return _Calibration(landmark, dwell.spread_mm / MM_PER_M, True, "")
 
 
+_METHODS: dict[int, _Method] = {
+    Calibrate.Goal.PIVOT: _Method(
+        "pivot the tool about its tip, as far as possible in all directions",
+        _moved,
+        _calibrate_tip,
+    ),
+    Calibrate.Goal.SPIN: _Method(
+        "spin the tool about its shaft with the tip held in place", _rotated, _calibrate_shaft
+    ),
+    Calibrate.Goal.LANDMARK: _Method(
+        "hold the tip still on the landmark", _every, _locate_landmark
+    ),
+}
+
+
 def _check(goal: Calibrate.Goal) -> None:
     if goal.method not in _METHODS:
-        raise InputError(f"calibration method is {goal.method}; expected one of {_METHODS}")
+        raise InputError(f"calibration method is {goal.method}; expected one of {tuple(_METHODS)}")
     if not goal.frame or not goal.parent_frame or goal.frame == goal.parent_frame:
         raise InputError(
             f"frame {goal.frame!r} and parent_frame {goal.parent_frame!r}; "
@@ -202,7 +235,7 @@ def _feedback(
     return Calibrate.Feedback(
         samples=len(collected.samples),
         variation=collected.variation_rad,
-        hint=_HINTS[goal.method] if has_pose else no_pose,
+        hint=_METHODS[goal.method].hint if has_pose else no_pose,
     )
 
 
