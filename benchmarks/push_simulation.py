@@ -226,7 +226,7 @@ class Fixture:
         tumor_from_tool = motion.base_from_tumor.inverse() @ base_from_tool
         proximity = self._engine.evaluate(tumor_from_tool, motion.stamp)
         if self._recent is not None:
-            proximity = self._recent.joined(proximity, tumor_from_tool)
+            proximity = self._recent.augment(proximity, tumor_from_tool)
         sigma_mm = math.hypot(self._sigma_mm, motion.sigma_at(proximity.on_tumor_mm))
         decision = self._monitor.update(
             MarginObservation(
@@ -283,10 +283,10 @@ def simulate(push: Push, engine: ProximityEngine, truth: ProximityEngine) -> Pus
                 lowest_mm, found.lowest = distance_mm, pose
             if pull_from_s - push.settled_s <= second < pull_from_s:
                 found.settled_mm.append(distance_mm)
-        command = tool.wanted(world.wrench(tool.base_from_tool, second))
+        command = tool.desired_twist(world.wrench(tool.base_from_tool, second))
         if push.fixture:
             fixture.see(world.arrived(ns))
-            command, decision, slower = fixture.allow(command, tool.encoded, Stamp(ns))
+            command, decision, slower = fixture.allow(command, tool.encoder_pose, Stamp(ns))
             if slower is not None and second >= _IDLE_S:
                 found.retreats += 1
                 found.slowed_mm_s = max(found.slowed_mm_s, slower)
@@ -295,7 +295,7 @@ def simulate(push: Push, engine: ProximityEngine, truth: ProximityEngine) -> Pus
                 found.stop_mm.append(decision.margin.total_mm)
         if second >= pull_from_s:
             twin = twin or AdmittanceTool(tool.base_from_tool, HAND, tool.twist)
-            twin.follow(twin.wanted(world.wrench(twin.base_from_tool, second)), STEP_NS)
+            twin.follow(twin.desired_twist(world.wrench(twin.base_from_tool, second)), STEP_NS)
         tool.follow(command, STEP_NS)
         if twin is not None:
             ahead = twin.base_from_tool.translation_mm - tool.base_from_tool.translation_mm

@@ -237,7 +237,7 @@ class Session:
         if tumor_from_tip is None or stamp is None:
             return None, None
         model = self.setup.proximity
-        here = self._recent.joined(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
+        here = self._recent.augment(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
         last, self._last = self._last, _LastPose(now, tumor_from_tip, here)
         if last is None or not self._is_fresh(last.stamp, now):
             return here, None

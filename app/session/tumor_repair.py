@@ -1,7 +1,7 @@
 """Repair of a case's tumour mesh, if its manifest requests it."""
 
 from app.case import Case, MeshEntry
-from app.fixture import repaired
+from app.fixture import repair_mesh
 
 
 def with_repaired_tumor(case: Case) -> Case:
@@ -13,5 +13,5 @@ def with_repaired_tumor(case: Case) -> Case:
     # A tumour is never altered without an explicit request.
     if not (isinstance(shape, MeshEntry) and shape.repair):
         return case
-    mesh, notes = repaired(case.faulty_tumor_mesh(), f"the tumour's mesh {shape.path}")
+    mesh, notes = repair_mesh(case.faulty_tumor_mesh(), f"the tumour's mesh {shape.path}")
     return case.with_tumor_mesh(mesh, notes)

@@ -17,7 +17,7 @@ NEEDLE, BLOCK = PAIRS[0], PAIRS[2]
 
 
 @pytest.mark.parametrize("pair", [NEEDLE, BLOCK], ids=lambda pair: pair.name)
-def test_no_sign_is_wrong(pair: Pair) -> None:
+def test_engine_signs_match_the_oracle(pair: Pair) -> None:
     found = signs(pair, 150, 0) + signs(pair, 50, 1)
     assert found.wrong == []
     assert found.poses == found.relations.total() == 200
@@ -29,7 +29,7 @@ def test_no_sign_is_wrong(pair: Pair) -> None:
     assert found.grazing > 40
 
 
-def test_a_wrong_sign_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_sign_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     right = ProximityEngine.evaluate
 
     def shifted(engine: ProximityEngine, pose: Transform) -> object:
@@ -42,7 +42,7 @@ def test_a_wrong_sign_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert signs(NEEDLE, 100, 0).wrong
 
 
-def test_distances_and_bounds_hold() -> None:
+def test_distances_and_bounds_match_the_oracle() -> None:
     found = distances(NEEDLE, 2, 0) + distances(NEEDLE, 2, 1)
     assert found.poses == 4
     assert found.rms_mm <= 0.02
@@ -50,12 +50,12 @@ def test_distances_and_bounds_hold() -> None:
     assert found.above_bound == 0
 
 
-def test_every_crossing_is_caught() -> None:
+def test_every_crossing_is_detected() -> None:
     found = crossings(20)
     assert (found.count, found.caught, found.confirmed) == (20, 20, 20)
 
 
-def test_the_judge_knows_the_depth_of_a_ball_in_a_ball() -> None:
+def test_oracle_gives_the_depth_of_a_ball_inside_a_ball() -> None:
     ball = tumor("ball", 4)
     small = SurfaceMesh("tool", 0.1 * ball.vertices_mm, ball.faces)
     judge = Oracle.of(ball, small)
@@ -65,7 +65,7 @@ def test_the_judge_knows_the_depth_of_a_ball_in_a_ball() -> None:
         assert judge.signed_distance_mm(pose) == pytest.approx(expected, abs=0.05)
 
 
-def test_grazing_poses_put_surfaces_back_to_back() -> None:
+def test_grazing_poses_bring_surfaces_into_contact() -> None:
     meshes = tumor("ball", 3), tool("needle")
     poses = PoseSource.of(*meshes).draw(np.random.default_rng(0), 200)
     judge = Oracle.of(*meshes)

@@ -40,7 +40,7 @@ def result(case_file: Path) -> CaseResult:
     return CaseResult(1280, 492, len(case.trajectory), case.speeds(), timings)
 
 
-def test_engines_that_measure_the_same_agree(result: CaseResult) -> None:
+def test_engines_of_the_same_quantity_agree(result: CaseResult) -> None:
     # Ours may be above the true distance by 0.005 mm and 0.2 % of at most some 10 mm.
     for name in ("fcl", "coal"):
         assert result.agreement(name) < 0.03
@@ -54,19 +54,19 @@ def test_engines_that_measure_the_same_agree(result: CaseResult) -> None:
     assert differences.max() > 0.05
 
 
-def test_the_way_keeps_within_ten_millimetres_and_goes_in(result: CaseResult) -> None:
+def test_trajectory_stays_within_ten_millimetres_and_penetrates(result: CaseResult) -> None:
     distances = result.timings[OURS].answers_mm
     assert distances.max() < 11.0
     assert result.inside == int((distances <= 0.0).sum())
 
 
-def test_a_slow_engine_is_asked_at_poses_along_the_whole_way(case_file: Path) -> None:
+def test_slow_engine_is_sampled_along_the_whole_trajectory(case_file: Path) -> None:
     timing = measure(case_file, "vtk tip rebuilt", 0.02)
     assert 10 <= len(timing.asked) < 200
     assert (timing.asked[0], timing.asked[-1]) == (0, 199)
 
 
-def test_processes_of_their_own_give_the_same_answers(case_file: Path, result: CaseResult) -> None:
+def test_separate_processes_give_the_same_results(case_file: Path, result: CaseResult) -> None:
     apart = measure_apart(case_file, [OURS_TIP, "vtk tip"], 1.0, rounds=2)
     for name, timing in apart.items():
         here = result.timings[name]
@@ -74,7 +74,7 @@ def test_processes_of_their_own_give_the_same_answers(case_file: Path, result: C
         assert timing.answers_mm[here.asked] == pytest.approx(here.answers_mm, abs=1e-12)
 
 
-def test_the_quickest_round_of_each_pose_counts(case_file: Path) -> None:
+def test_fastest_round_of_each_pose_counts(case_file: Path) -> None:
     course = Course(case_file, OURS_TIP, 1.0)
     course.go()
     first = course.timing()
@@ -87,7 +87,7 @@ def test_the_quickest_round_of_each_pose_counts(case_file: Path) -> None:
     assert last.max_ms > 0.0
 
 
-def test_table_plot_and_document_hold_every_engine(result: CaseResult, tmp_path: Path) -> None:
+def test_table_plot_and_document_contain_every_engine(result: CaseResult, tmp_path: Path) -> None:
     console = Console(width=130, file=StringIO())
     console.print(case_table(result))
     text = console.file.getvalue()
@@ -107,7 +107,7 @@ def case_result(triangles: int, ours: Timing, fcl: Timing) -> CaseResult:
     return CaseResult(triangles, 1992, 10, {}, {OURS: ours, "fcl": fcl})
 
 
-def test_wishes_are_met_missed_or_not_measured() -> None:
+def test_targets_are_met_missed_or_not_measured() -> None:
     ours, fcl = timing(OURS, 0.1, 0.4), timing("fcl", 1.1, 2.5)
     good = [case_result(81_920, ours, fcl), case_result(1_310_720, ours, fcl)]
     assert [wish.good for wish in wishes(good)] == [True] * 5

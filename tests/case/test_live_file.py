@@ -109,7 +109,7 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
     with pytest.raises(InputError, match=r"live.yaml: guidance: stiffness 200 N/m .* 200 N/m"):
         guidance_parameters(stiff)
     still = opened(tmp_path, values | {"limiter": {"most_mm_s": 0.0}})
-    with pytest.raises(InputError, match=r"live.yaml: limiter: most_mm_s 0.0"):
+    with pytest.raises(InputError, match=r"live.yaml: limiter: most_mm_s of the limiter is 0.0;"):
         limiter_parameters(still)
 
 

@@ -56,8 +56,8 @@ def test_repaired_tumour_equals_that_of_the_sound_case(
     sound = open_case(project_root / "data" / "recorded_case").tumor_mesh()
     assert case.tumor_mesh().signed_volume_mm3 == pytest.approx(sound.signed_volume_mm3, rel=1e-4)
     turned, closed = case.notes()
-    assert "was repaired: 10 faces turned to run as their neighbours do" in turned
-    assert "1 holes closed with plane patches" in closed
+    assert "was repaired: 10 faces reoriented to match their neighbours" in turned
+    assert "1 holes closed with planar patches" in closed
 
 
 def test_mesh_without_safe_repair_is_rejected(broken: OpenCase) -> None:
@@ -78,4 +78,4 @@ def test_commands_report_the_repair(
     ball.export(folder / "tumor.stl")
     assert main([command, str(folder), "--json"]) == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
-    assert "the tumour's mesh tumor.stl was repaired: 1 of 1 parts turned inside out" in notes
+    assert "the tumour's mesh tumor.stl was repaired: orientation of 1 of 1 parts reversed" in notes

@@ -55,7 +55,7 @@ def test_a_tracker_that_dies_turns_the_tumour_grey_until_somebody_rearms(
     assert tumor_color(application) == MarginState.POSITIVE.color
     assert "CauteryToTracker: valid" in status.trackers
 
-    with pytest.raises(MarginGuardError, match="warn_mm 5 is not more than stop_mm 9"):
+    with pytest.raises(MarginGuardError, match="warn_mm is 5; expected more than stop_mm 9"):
         guard.set_margins(9.0, 5.0)
     guard.set_margins(1.5, 6.0)
     assert (guard.margins().stop_mm, guard.margins().warn_mm) == (1.5, 6.0)

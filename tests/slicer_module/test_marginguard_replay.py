@@ -199,7 +199,7 @@ def test_a_paused_recording_does_not_age_but_one_that_plays_and_stops_delivering
 def test_margins_are_changed_whole_or_not_at_all_and_stay_through_a_seek(guard, application):
     guard.seek(5.0)
     assert spin_until(guard, at(5.0)).state is MarginState.NEGATIVE
-    with pytest.raises(MarginGuardError, match="warn_mm 5 is not more than stop_mm 9"):
+    with pytest.raises(MarginGuardError, match="warn_mm is 5; expected more than stop_mm 9"):
         guard.set_margins(9.0, 5.0)
     assert guard.margins().stop_mm == 1.0
     guard.set_margins(2.0, 150.0)

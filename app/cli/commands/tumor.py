@@ -108,13 +108,13 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
 
 def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTumor", str | None]:
     """The tumour, repaired where ``repair`` is true, and why it is not sound, or None."""
-    from app.fixture import repaired
+    from app.fixture import repair_mesh
     from app.fixture.meshes.mesh_checks import require_sound
     from app.geometry import MeshError
 
     try:
         if repair:
-            mesh, done = repaired(tumor.mesh, what)
+            mesh, done = repair_mesh(tumor.mesh, what)
             return replace(tumor, mesh=mesh, notes=(*tumor.notes, *done)), None
         return replace(tumor, mesh=require_sound(tumor.mesh, what)), None
     except MeshError as error:
@@ -122,7 +122,7 @@ def _checked(tumor: "BuiltTumor", what: str, *, repair: bool) -> tuple["BuiltTum
 
 
 def _described(source: Path, tumor: "BuiltTumor", reason: str | None) -> dict[str, Any]:
-    from app.fixture.proximity.bodies import part_meshes
+    from app.fixture.proximity.body import part_meshes
 
     mesh = tumor.mesh
     low, high = mesh.bounds_mm

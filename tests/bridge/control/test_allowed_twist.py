@@ -132,7 +132,7 @@ def test_stale_constraint_gives_no_motion(
 def faulty(step, **changes):
     """Copy of ``step`` with a fault and its constraint on hold."""
     decision = step.decision
-    changes = {"constraint": decision.constraint.held(), **changes}
+    changes = {"constraint": decision.constraint.on_hold(), **changes}
     unknown = replace(
         decision, state=MarginState.UNKNOWN, reasons=(Reason.FROZEN,), hold=True, **changes
     )

@@ -54,7 +54,7 @@ def test_a_set_of_margins_is_applied_or_refused_as_a_whole(ros, content, start_r
     for refused in (crossed, far, nan, none, text):
         assert not refused["ok"]
         assert refused["reason"]
-    assert "warn_mm 7 is not more than stop_mm 8" in crossed["reason"]
+    assert "warn_mm is 7; expected more than stop_mm 8" in crossed["reason"]
     assert stop["value"] == 6.0
     first_set = content.margins.replaced(stop_mm=6.0, warn_mm=9.0)
     assert used == [first_set, first_set.replaced(stale_after_ns=50_500_000)]
@@ -71,7 +71,7 @@ def test_initial_margins_are_validated_and_applied(domain_id, content):
 
     assert start() == []
     assert start("stop_mm:=3.0") == [content.margins.replaced(stop_mm=3.0)]
-    with pytest.raises(CallError, match="warn_mm 5 is not more than stop_mm 9"):
+    with pytest.raises(CallError, match="warn_mm is 5; expected more than stop_mm 9"):
         start("stop_mm:=9.0")
 
 
@@ -118,7 +118,7 @@ def test_set_from_this_process_is_validated_as_over_ros(ros, content):
     server.set(stop_mm=6.0, warn_mm=9.0)
     assert used == [server.margins] == [content.margins.replaced(stop_mm=6.0, warn_mm=9.0)]
     assert ros.node.get_parameter("stop_mm").value == 6.0
-    with pytest.raises(MarginParameterError, match="warn_mm 7 is not more than stop_mm 8"):
+    with pytest.raises(MarginParameterError, match="warn_mm is 7; expected more than stop_mm 8"):
         server.set(stop_mm=8.0, warn_mm=7.0)
     assert ros.node.get_parameter("warn_mm").value == 9.0
     assert len(used) == 1
