@@ -1,6 +1,6 @@
-"""An independent judge of signed proximity: libigl's winding number and distances, and FCL.
+"""Independent oracle of signed proximity: libigl's winding number and distances, and FCL.
 
-Nothing here uses `app.fixture`.
+It is independent of `app.fixture`: it uses none of its code.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from app.geometry import FloatArray, SurfaceMesh, Transform
 
 
 class Relation(Enum):
-    """How a tool and a tumour lie, in the order in which it is asked."""
+    """The relation of a tool and a tumour, in the order of the tests."""
 
     MEETING = "surfaces meet"
     TOOL_INSIDE = "tool in tumour"
@@ -23,7 +23,7 @@ class Relation(Enum):
 
 
 class _Solid:
-    """A closed mesh that is asked about points; what libigl builds for it is kept."""
+    """A closed mesh for point queries, with the data structures of libigl."""
 
     def __init__(self, mesh: SurfaceMesh) -> None:
         self._vertices = np.array(mesh.vertices_mm)
@@ -33,8 +33,8 @@ class _Solid:
         self._tree.init(self._vertices, self._faces)
         self._winding.init(self._vertices, self._faces)
 
-    def holds_any(self, points_mm: FloatArray) -> bool:
-        """Whether one of so few points is inside, by the winding number in full."""
+    def contains_any(self, points_mm: FloatArray) -> bool:
+        """True if any of a few points (n, 3) is inside, by the exact winding number."""
         boxed = ((points_mm >= self._low) & (points_mm <= self._high)).all(axis=1)
         if not boxed.any():
             return False
@@ -43,7 +43,7 @@ class _Solid:
         return bool((np.atleast_1d(winding) > 0.5).any())
 
     def signed(self, points_mm: FloatArray) -> FloatArray:
-        """The signed distances of points, negative inside."""
+        """The signed distances (n,) of points (n, 3), negative inside."""
         points = np.ascontiguousarray(points_mm)
         squared, _, _ = self._tree.squared_distance(self._vertices, self._faces, points)
         inside = self._winding.winding_number(points) > 0.5
@@ -52,7 +52,7 @@ class _Solid:
 
 @dataclass(frozen=True, eq=False)
 class Oracle:
-    """A tumour and a tool; points of their parts, and the corners (n, 3, 3) of the tool's faces."""
+    """Oracle for a tumour and a tool, with a point of each part and the tool's faces (n, 3, 3)."""
 
     tumor_points_mm: FloatArray
     tool_points_mm: FloatArray
@@ -62,7 +62,7 @@ class Oracle:
 
     @classmethod
     def of(cls, tumor: SurfaceMesh, tool: SurfaceMesh) -> "Oracle":
-        """Make both ready for libigl and for FCL."""
+        """Build the data structures of libigl and FCL for both meshes."""
         return cls(
             _part_points(tumor),
             _part_points(tool),
@@ -72,7 +72,7 @@ class Oracle:
         )
 
     def touches(self, tumor_from_tool: Transform) -> bool:
-        """Whether the surfaces meet, by FCL."""
+        """True if the surfaces intersect, by FCL."""
         self._objects[1].setTransform(
             fcl.Transform(tumor_from_tool.rotation, tumor_from_tool.translation_mm)
         )
@@ -80,28 +80,30 @@ class Oracle:
         return bool(fcl.collide(*self._objects, request, result))
 
     def relation(self, tumor_from_tool: Transform) -> Relation:
-        """Whether they meet, or a part of one is in the other, or neither."""
+        """Whether the surfaces intersect, a part of one is inside the other, or neither."""
         if self.touches(tumor_from_tool):
             return Relation.MEETING
-        if self._solids[0].holds_any(tumor_from_tool.apply(self.tool_points_mm)):
+        if self._solids[0].contains_any(tumor_from_tool.apply(self.tool_points_mm)):
             return Relation.TOOL_INSIDE
-        return Relation.TUMOR_INSIDE if self.tool_holds_tumor(tumor_from_tool) else Relation.APART
+        return (
+            Relation.TUMOR_INSIDE if self.tool_contains_tumor(tumor_from_tool) else Relation.APART
+        )
 
     def overlaps(self, tumor_from_tool: Transform) -> bool:
-        """Whether tool and tumour share a point."""
+        """True if tool and tumour share a point."""
         return self.relation(tumor_from_tool) is not Relation.APART
 
-    def tool_holds_tumor(self, tumor_from_tool: Transform) -> bool:
-        """Whether a point of some part of the tumour is inside the tool."""
-        back = tumor_from_tool.inverse()
-        return self._solids[1].holds_any(back.apply(self.tumor_points_mm))
+    def tool_contains_tumor(self, tumor_from_tool: Transform) -> bool:
+        """True if a point of some part of the tumour is inside the tool."""
+        tool_from_tumor = tumor_from_tool.inverse()
+        return self._solids[1].contains_any(tool_from_tumor.apply(self.tumor_points_mm))
 
     def signed_distance_mm(self, tumor_from_tool: Transform, resolution_mm: float = 0.04) -> float:
-        """The smallest signed distance over samples of the tool's surface.
+        """The minimum signed distance over samples of the tool's surface.
 
-        Never below the true one, and above it by ``resolution_mm`` at most: a face is halved, and
-        sampled at its middle, as long as it can hold a point so much lower than the lowest sample,
-        the distance changing by no more than the way that is gone.
+        Never below the true minimum, and above it by at most ``resolution_mm``: a face is bisected
+        and sampled at its centroid as long as it may contain a point that is lower by that than the
+        lowest sample. The bound of a face follows from the distance's Lipschitz constant of 1.
         """
         tumor = self._solids[0]
         faces = tumor_from_tool.apply(self.tool_faces_mm.reshape(-1, 3)).reshape(-1, 3, 3)
@@ -111,14 +113,14 @@ class Oracle:
             reach = np.linalg.norm(faces - middles[:, None], axis=2).max(axis=1)
             distances = tumor.signed(middles)
             lowest = min(lowest, float(distances.min()))
-            faces = _halved(faces[distances - reach < lowest - resolution_mm])
+            faces = _bisected(faces[distances - reach < lowest - resolution_mm])
         return lowest
 
 
 def random_pose(
     rng: np.random.Generator, spread_mm: float, target: str = "tumor", source: str = "tool"
 ) -> Transform:
-    """Any rotation, and an origin normally distributed with this spread on each axis."""
+    """A random rotation, and a normally distributed translation with this sigma on each axis."""
     quaternion = rng.normal(size=4)
     return Transform.from_quaternion(
         quaternion / np.linalg.norm(quaternion),
@@ -128,10 +130,10 @@ def random_pose(
     )
 
 
-def _halved(faces: FloatArray) -> FloatArray:
-    """(2 n, 3, 3): each of the triangles (n, 3, 3) cut at the middle of its longest side.
+def _bisected(faces: FloatArray) -> FloatArray:
+    """The triangles (n, 3, 3) bisected at their longest sides, (2 n, 3, 3).
 
-    Slender ones, as tools have, are soon no longer than wide.
+    That makes the slender triangles of tools compact.
     """
     sides = np.linalg.norm(np.roll(faces, -1, axis=1) - faces, axis=2)
     turn = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3

@@ -1,11 +1,11 @@
-"""A simulated hand pushes with 10 N at the tumour, with the fixture and without.
+"""Simulated hand that pushes with 10 N towards the tumour, with and without the fixture.
 
     marginguard bench push [--directions 200] [--json FILE] [--plot FILE]
 
-From random directions, the tumour still and breathing (5 mm to both sides, 0.25 Hz), the robot at
-1 kHz on its encoders, the tumour tracked at 50 Hz, 20 ms late, with a jitter of 0.3 mm an axis.
-Exit status 1 when the true distance falls more than 0.2 mm below the stop margin, a limit cycle is
-larger than 0.05 mm, a retreat is slowed, or a push without the fixture does not penetrate.
+Random directions, a still and a breathing tumour (amplitude 5 mm, 0.25 Hz), the robot controlled at
+1 kHz by its encoders, the tumour tracked at 50 Hz with a delay of 20 ms and a jitter of 0.3 mm per
+axis. The exit status is 1 if the true distance is more than 0.2 mm below the stop margin, a limit
+cycle is larger than 0.05 mm, a retreat is slowed, or a push without the fixture does not penetrate.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from app.geometry import FloatArray
 from benchmarks.fixture_oracle import Oracle
 from benchmarks.fixture_shapes import cautery, lobed_tumor
 from benchmarks.push_plot import write_plot
-from benchmarks.push_simulation import MARGINS, Push, Pushed, Tracker, simulate
+from benchmarks.push_simulation import MARGINS, Push, PushResult, Tracker, simulate
 
 ALLOWED_BELOW_MM = 0.2
 ALLOWED_CYCLE_MM = 0.05
@@ -36,7 +36,7 @@ _STILL = Push(seed=0, fixture=True, swing_mm=0.0, push_s=0.55)
 SCENES = {
     "still": _STILL,
     "breathing": replace(_STILL, swing_mm=5.0, push_s=1.2),
-    # Without jitter what still trembles is the loop's own doing. From every fourth direction.
+    # Without jitter, any oscillation comes from the control loop. Every fourth direction only.
     QUIET: replace(
         _STILL, push_s=1.4, pull_s=0.0, tracker=Tracker(jitter_mm=1e-4, jitter_rad=1e-6)
     ),
@@ -46,10 +46,10 @@ _TUMOR, _TOOL = lobed_tumor(5000), cautery(800)
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What is kept of one push. ``series`` (n, 3): seconds, true distance in mm, state.
+    """The figures of one push. ``series`` (n, 3): time in s, true distance in mm, state.
 
-    ``oracle_mm``: the lowest distance by libigl on a dense sample of the tool. ``cycle_mm``: of
-    the settled distances (`cycle_mm`).
+    ``oracle_mm``: the lowest distance by libigl on a dense sample of the tool. ``cycle_mm``: the
+    limit cycle of the settled distances (`cycle_mm`).
     """
 
     series: FloatArray
@@ -63,7 +63,7 @@ class Outcome:
     pull_lag_mm: float
 
 
-class Bench:
+class PushBench:
     """The engines of one process, built once."""
 
     def __init__(self) -> None:
@@ -71,10 +71,10 @@ class Bench:
         self._oracle = Oracle.of(_TUMOR, _TOOL)
 
     def outcome(self, push: Push) -> Outcome:
-        """Simulate a push and take its figures."""
+        """Simulate a push and compute its figures."""
         pushed = simulate(push, self._engine, self._truth)
         if pushed.lowest is None:
-            raise RuntimeError(f"push {push.seed} was never measured")
+            raise RuntimeError(f"push {push.seed}: has no measurement; expected at least one")
         settled = np.array(pushed.settled_mm)
         return Outcome(
             series=_series(pushed),
@@ -89,24 +89,24 @@ class Bench:
         )
 
 
-_bench: list[Bench] = []
+_bench: list[PushBench] = []
 
 
 def _outcome(push: Push) -> Outcome:
     if not _bench:
-        _bench.append(Bench())
+        _bench.append(PushBench())
     return _bench[0].outcome(push)
 
 
 def cycle_mm(distances_mm: FloatArray) -> float:
-    """Half the height of the band around a straight line in which distances (n,) stay."""
+    """Half the peak-to-peak deviation of distances (n,) from a fitted straight line."""
     place = np.arange(len(distances_mm))
     line = np.polyval(np.polyfit(place, distances_mm, 1), place)
     return 0.5 * float(np.ptp(distances_mm - line))
 
 
 def summary(outcomes: Iterable[Outcome]) -> dict[str, float]:
-    """The figures of one scene; the worst of all its pushes where one is meant."""
+    """The figures of one scene: the worst of its pushes, a mean, a median or a sum, as named."""
     table = list(outcomes)
     return {
         "pushes": len(table),
@@ -124,7 +124,7 @@ def summary(outcomes: Iterable[Outcome]) -> dict[str, float]:
 
 
 def faults(figures: dict[str, dict[str, float]]) -> list[str]:
-    """What is not as wanted, in words."""
+    """The criteria that are not met, as text."""
     found = []
     for name, row in figures.items():
         if name.endswith("fixture off"):
@@ -144,21 +144,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="marginguard bench push", description=__doc__.split("\n\n")[0]
     )
-    parser.add_argument("--directions", type=int, default=200, help="pushes (default: 200)")
     parser.add_argument(
-        "--processes", type=int, default=min(2, os.cpu_count() or 1), help="at once"
+        "--directions", type=int, default=200, help="number of pushes (default: 200)"
     )
     parser.add_argument(
-        "--registration-mm", type=float, default=0.0, help="sigma of the registration on an axis"
+        "--processes",
+        type=int,
+        default=min(2, os.cpu_count() or 1),
+        help="number of parallel processes",
     )
     parser.add_argument(
-        "--no-recent", action="store_true", help="without the recent witnesses, to compare"
+        "--registration-mm", type=float, default=0.0, help="registration sigma per axis"
     )
-    parser.add_argument("--json", type=Path, help="write the figures there too")
-    parser.add_argument("--plot", type=Path, help="draw the distances over time there")
+    parser.add_argument(
+        "--no-recent", action="store_true", help="without recent witnesses, for comparison"
+    )
+    parser.add_argument("--json", type=Path, help="also write the figures there")
+    parser.add_argument("--plot", type=Path, help="plot the distances over time there")
     options = parser.parse_args()
     if options.directions < 1:
-        parser.error(f"--directions {options.directions} is not at least 1")
+        parser.error(f"--directions is {options.directions}; expected at least 1")
     begin = time.perf_counter()
     outcomes: dict[str, list[Outcome]] = {}
     with ProcessPoolExecutor(options.processes) as pool:
@@ -179,7 +184,7 @@ def main() -> None:
                 _print(name, summary(outcomes[name]))
     figures = {name: summary(table) for name, table in outcomes.items()}
     wrong = faults(figures)
-    print(f"{time.perf_counter() - begin:.0f} s; " + ("; ".join(wrong) or "all as wanted"))
+    print(f"{time.perf_counter() - begin:.0f} s; " + ("; ".join(wrong) or "all criteria met"))
     if options.json is not None:
         report = {"directions": options.directions, "scenes": figures, "faults": wrong}
         options.json.write_text(json.dumps(report, indent=1) + "\n")
@@ -210,8 +215,8 @@ def _print(name: str, row: dict[str, float]) -> None:
     )
 
 
-def _series(pushed: Pushed) -> FloatArray:
-    """Every second measurement: enough for a picture."""
+def _series(pushed: PushResult) -> FloatArray:
+    """Every second measurement, which suffices for a plot."""
     states = pushed.state or [MarginState.UNKNOWN] * len(pushed.seconds)
     return np.column_stack([pushed.seconds, pushed.distance_mm, states])[::2]
 

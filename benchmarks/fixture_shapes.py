@@ -1,4 +1,4 @@
-"""Shapes to test and to time the fixture with: tumours and tools, closed, in mm."""
+"""Closed tumour and tool meshes for tests and benchmarks of the fixture, in mm."""
 
 import numpy as np
 import trimesh
@@ -10,23 +10,23 @@ TOOLS = ("needle", "bracket", "hollow_block", "forceps")
 
 
 def tumor(kind: str, subdivisions: int = 3) -> SurfaceMesh:
-    """A tumour of some 10 mm radius; each subdivision has four times the triangles."""
+    """A tumour of about 10 mm radius; each subdivision quadruples the number of triangles."""
     return _mesh(_tumor(kind, subdivisions), "tumor")
 
 
 def tool(kind: str, fineness: int = 12) -> SurfaceMesh:
-    """A tool; the needle fits into the tumours, the hollow block takes them in."""
+    """A tool; the needle fits inside the tumours, and the tumours inside the hollow block."""
     return _mesh(_tool(kind, fineness), "tool")
 
 
 def lobed_tumor(triangles: int) -> SurfaceMesh:
-    """An irregular tumour of at least so many triangles, up to a factor of 4 more."""
+    """An irregular tumour with at least ``triangles`` triangles and fewer than 4 times as many."""
     subdivisions = max(0, int(np.ceil(np.log(triangles / 20.0) / np.log(4.0))))
     return tumor("lobed", subdivisions)
 
 
 def cautery(triangles: int) -> SurfaceMesh:
-    """A pencil of 120 mm with a thin blade end, of about so many evenly sized triangles."""
+    """A cautery pencil of 120 mm with a thin tip, of about ``triangles`` similar triangles."""
     around = max(6, int(np.sqrt(triangles / 12.0)))
     along = max(4, int(triangles / (2 * around)))
     height = np.linspace(0.0, 120.0, along)
@@ -81,7 +81,7 @@ def _tumor(kind: str, subdivisions: int) -> trimesh.Trimesh:
         cavity.apply_scale(0.9)
         cavity.invert()
         return trimesh.util.concatenate([sphere, cavity])
-    raise ValueError(f"{kind!r} is no tumour: {', '.join(TUMORS)} are")
+    raise ValueError(f"kind of tumour is {kind!r}; expected {', '.join(TUMORS)}")
 
 
 def _tool(kind: str, fineness: int) -> trimesh.Trimesh:
@@ -101,11 +101,11 @@ def _tool(kind: str, fineness: int) -> trimesh.Trimesh:
         second = first.copy()
         second.apply_translation([7.0, 0.0, 0.0])
         return trimesh.util.concatenate([first, second])
-    raise ValueError(f"{kind!r} is no tool: {', '.join(TOOLS)} are")
+    raise ValueError(f"kind of tool is {kind!r}; expected {', '.join(TOOLS)}")
 
 
 def _extruded(profile: np.ndarray, height: float) -> trimesh.Trimesh:
-    """A prism over a polygon that its first corner sees whole (a fan triangulates it)."""
+    """A prism over a polygon that is star-shaped around its first corner."""
     count = len(profile)
     low = np.column_stack([profile, np.zeros(count)])
     high = np.column_stack([profile, np.full(count, height)])

@@ -1,4 +1,4 @@
-"""The picture of `marginguard bench push`: the true distance over time, with and without."""
+"""Plot of `marginguard bench push`: true distance over time, with and without the fixture."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,9 +20,9 @@ _OFF = "#7a8794"
 def write_plot(
     path: Path, columns: Sequence[tuple[str, list[FloatArray], list[FloatArray]]]
 ) -> None:
-    """A column for each title, of pushes with the fixture and of the same without.
+    """Plot one column per title, with its pushes with the fixture and without.
 
-    A push is (n, 3): seconds, true distance in mm, and its state.
+    A push is (n, 3): time in s, true distance in mm, state.
     """
     figure = Figure(figsize=(13.0, 7.0), dpi=110, layout="constrained")
     plots = figure.subplots(2, len(columns), sharex="col", sharey="row", height_ratios=(3, 2))
@@ -67,7 +67,7 @@ def _draw(plot: Axes, with_fixture: list[FloatArray], without: list[FloatArray])
     for state in MarginState:
         for push in with_fixture:
             shown = push[:, 2] == state
-            # On to the first point of the next state, so that a line has no gaps.
+            # Include the first point of the next state, so that the line has no gaps.
             shown[1:] |= shown[:-1]
             here = np.where(shown, push[:, 1], np.nan)
             plot.plot(push[:, 0], here, color=state.color, lw=0.5, alpha=0.8)

@@ -1,8 +1,8 @@
-"""A hand pushes a robot-held tool at a tumour: what the fixture knows, and what is true.
+"""Simulation of a hand that pushes a robot-held tool towards a tumour.
 
-The fixture's way is the product's own, at 1 kHz: `TumorMotionFilter`, `ProximityEngine`,
-`RecentWitnesses`, `MarginMonitor`, `limit_twist`. It knows the tool by the robot's encoders, and
-the tumour by a tracker that is late, rare and shaky. The truth is measured beside it.
+The fixture is that of the product, at 1 kHz: `TumorMotionFilter`, `ProximityEngine`,
+`RecentWitnesses`, `MarginMonitor`, `limit_twist`. Its inputs are the robot's encoders and a tracker
+with delay, a low rate and noise. The true distance is measured independently of them.
 """
 
 import math
@@ -31,13 +31,13 @@ from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, Stamp, Transform
 
 STEP_NS = NS_PER_MS
 TRUTH_EVERY = 5
-"""Steps between two measurements of the truth: near the stop the tool goes little in 5 ms."""
+"""Number of steps between two measurements of the true distance, which changes slowly."""
 
 MARGINS = MarginParameters(
     stop_mm=1.0,
     warn_mm=5.0,
     k_tre=3.0,
-    # The tool is known by its encoders: what moves unseen is the tumour, and so fast at most.
+    # The tool's pose comes from its encoders, so only the tumour moves between samples.
     v_max_mm_s=10.0,
     stale_after_ns=200 * NS_PER_MS,
     release_samples=5,
@@ -61,14 +61,14 @@ TUMOR_MOTION = TumorMotionParameters(
     jitter_rad=math.radians(0.3),
 )
 
-_WATCHED_NS = NS_PER_S
-"""The tracker has been watching for so long when the tool comes."""
+_TRACKED_NS = NS_PER_S
+"""Duration of tracking before the push."""
 
 _IDLE_S = 0.02
-"""Before the hand pushes; the monitor takes a few samples to trust its inputs."""
+"""Time before the hand pushes, in which the monitor receives its first samples."""
 
 _START_MM = 30.0
-_MOST_TILT = math.radians(60.0)
+_MAX_TILT = math.radians(60.0)
 _BREATH_AXIS = np.array([0.2, 0.3, 0.933])
 _CENTER_MM = np.array([400.0, -30.0, 150.0])
 _BASE_FROM_TRACKER = Transform.from_rotation_vector(
@@ -78,7 +78,7 @@ _BASE_FROM_TRACKER = Transform.from_rotation_vector(
 
 @dataclass(frozen=True, slots=True)
 class Tracker:
-    """How the tumour is seen: samples a second, how late they come, and their noise an axis."""
+    """Sampling rate, delay and noise per axis of the tracker."""
 
     rate_hz: float = 50.0
     delay_ns: int = 20 * NS_PER_MS
@@ -88,13 +88,14 @@ class Tracker:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """One push: with the fixture or without, for how long, and what the tumour does meanwhile.
+    """Parameters of one push.
 
-    ``seed`` chooses everything that is left to chance. ``swing_mm`` is an amplitude: the tumour
-    goes so far to both sides of its place of rest. ``turn_s``: the hand also turns the tool until
-    then. ``settled_s``: the end of the push, in which it is looked for a limit cycle.
-    ``registration_mm``: standard deviation an axis of the tracker's registration to the robot; the
-    fixture knows this figure, and not the error.
+    ``seed`` determines all random values. ``fixture``: whether the fixture is on. ``swing_mm``:
+    amplitude of the tumour's motion. ``push_s`` and ``pull_s``: duration of the push and of the
+    pull. ``turn_s``: the hand also rotates the tool for this time. ``settled_s``: duration at the
+    end of the push that is evaluated for a limit cycle. ``registration_mm``: standard deviation per
+    axis of the tracker's registration to the robot, which the fixture knows, unlike its error.
+    ``recent``: whether recent witnesses are used.
     """
 
     seed: int
@@ -113,15 +114,15 @@ class Push:
 
 
 @dataclass(slots=True)
-class Pushed:
-    """What one push did; lists have an entry every `TRUTH_EVERY` steps.
+class PushResult:
+    """The results of one push; lists have an entry every `TRUTH_EVERY` steps.
 
-    ``distance_mm``: the true signed distance. ``state`` and ``stop_mm``: what the fixture made of
-    it, and the stop margin it applied. ``settled_mm``: distances at the end of the push.
-    ``lowest``: ``tumor_from_tool`` at the lowest of them. ``retreats``: steps in which the hand
-    wanted to approach nowhere; ``slowed_mm_s``: how much slower such a step was made, at any
-    witness. ``pull_lag_mm``: how far the tool was behind its twin without a fixture while the hand
-    pulled both out; more than nothing where the pull brought another part of the tool nearer.
+    ``distance_mm``: the true signed distance. ``state`` and ``stop_mm``: the fixture's margin state
+    and applied stop margin. ``settled_mm``: distances at the end of the push. ``lowest``:
+    ``tumor_from_tool`` at the lowest distance. ``retreats``: number of steps in which the hand
+    approached no plane. ``slowed_mm_s``: maximum reduction of the retreat speed in these steps, at
+    any witness. ``pull_lag_mm``: maximum lag behind a free twin of the tool while the hand pulls
+    both out; above 0 if the pull brings another part of the tool nearer.
     """
 
     seconds: list[float] = field(default_factory=list)
@@ -137,7 +138,7 @@ class Pushed:
 
 
 class World:
-    """A tumour that breathes, a tracker that sees it, and a hand with a direction of its own."""
+    """A breathing tumour, a tracker, and a hand that pushes in a random direction."""
 
     def __init__(self, push: Push) -> None:
         rng = np.random.default_rng(push.seed)
@@ -147,7 +148,7 @@ class World:
         self._rest = Rotation.random(random_state=rng).as_matrix()
         self.direction = _unit(rng.normal(size=3))
         across = _unit(np.cross(self.direction, rng.normal(size=3)))
-        shaft = Rotation.from_rotvec(rng.uniform(0.0, _MOST_TILT) * across).apply(self.direction)
+        shaft = Rotation.from_rotvec(rng.uniform(0.0, _MAX_TILT) * across).apply(self.direction)
         spin = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * math.pi) * shaft)
         # The shaft of the tool is its -z axis.
         upright = Rotation.align_vectors(shaft[None], np.array([[0.0, 0.0, -1.0]]))[0]
@@ -167,23 +168,23 @@ class World:
         )
 
     def base_from_tumor(self, ns: int) -> Transform:
-        """Where the tumour truly is."""
+        """The true pose of the tumour."""
         breath = math.sin(2.0 * math.pi * self._push.breath_hz * ns / NS_PER_S + self._phase)
         return Transform("robot_base", "tumor", self._rest, _CENTER_MM + breath * self._swing)
 
-    def arrived(self, ns: int) -> list[tuple[Transform, Stamp]]:
-        """The samples that have come in since the last call, as the robot understands them."""
+    def received(self, ns: int) -> list[tuple[Transform, Stamp]]:
+        """The samples received since the last call, in the frame of the robot's base."""
         tracker = self._push.tracker
         new: list[tuple[Transform, Stamp]] = []
         while True:
             acquired_ns = round(self._samples * NS_PER_S / tracker.rate_hz)
             if acquired_ns + tracker.delay_ns > ns:
                 return new
-            new.append((self._registration @ self._seen(acquired_ns), Stamp(acquired_ns)))
+            new.append((self._registration @ self._measured(acquired_ns), Stamp(acquired_ns)))
             self._samples += 1
 
     def wrench(self, base_from_tool: Transform, second: float) -> FloatArray:
-        """Of the hand, (6,): to where the tumour rests, where it lets go; later out again."""
+        """The hand's wrench (6,): towards the tumour's rest position, later outward."""
         if second < _IDLE_S:
             return np.zeros(6)
         force_n, still = self._push.force_n, np.zeros(3)
@@ -194,16 +195,20 @@ class World:
         turning = second < _IDLE_S + self._push.turn_s
         return np.concatenate([force, self._torque_nm if turning else still])
 
-    def _seen(self, ns: int) -> Transform:
+    def _measured(self, ns: int) -> Transform:
         true = _BASE_FROM_TRACKER.inverse() @ self.base_from_tumor(ns)
         tracker = self._push.tracker
-        shake = Rotation.from_rotvec(tracker.jitter_rad * self._rng.normal(size=3)).as_matrix()
-        shift_mm = tracker.jitter_mm * self._rng.normal(size=3)
-        return Transform("tracker", "tumor", shake @ true.rotation, true.translation_mm + shift_mm)
+        noise_rotation = Rotation.from_rotvec(
+            tracker.jitter_rad * self._rng.normal(size=3)
+        ).as_matrix()
+        noise_mm = tracker.jitter_mm * self._rng.normal(size=3)
+        return Transform(
+            "tracker", "tumor", noise_rotation @ true.rotation, true.translation_mm + noise_mm
+        )
 
 
 class Fixture:
-    """A wanted twist in, an allowed one out, both (6,) along the base's axes."""
+    """The virtual fixture: limits a desired twist (6,) along the base's axes."""
 
     def __init__(self, engine: ProximityEngine, push: Push) -> None:
         self._engine, self._sigma_mm = engine, push.registration_mm
@@ -211,18 +216,18 @@ class Fixture:
         self._recent = RecentWitnesses() if push.recent else None
         self._monitor = MarginMonitor(MARGINS)
 
-    def see(self, samples: list[tuple[Transform, Stamp]]) -> None:
-        """Take in what the tracker has sent."""
+    def add_samples(self, samples: list[tuple[Transform, Stamp]]) -> None:
+        """Update the tumour's motion with the samples of the tracker."""
         for pose, stamp in samples:
             self._motion.update(pose, stamp)
 
     def allow(
-        self, wanted: FloatArray, base_from_tool: Transform, now: Stamp
+        self, desired: FloatArray, base_from_tool: Transform, now: Stamp
     ) -> tuple[FloatArray, FixtureDecision, float | None]:
-        """The allowed twist, why, and by how much a retreat was slowed (None when it is none)."""
+        """The allowed twist, the decision, and the reduction of a retreat (None if none)."""
         motion = self._motion.at(now)
         if motion is None:
-            raise RuntimeError("the tracker has not seen the tumour yet")
+            raise RuntimeError("tracker: has no sample of the tumour; expected at least one")
         tumor_from_tool = motion.base_from_tumor.inverse() @ base_from_tool
         proximity = self._engine.evaluate(tumor_from_tool, motion.stamp)
         if self._recent is not None:
@@ -242,39 +247,39 @@ class Fixture:
         )
         if decision.constraint is None:
             return np.zeros(6), decision, None
-        # The constraint speaks of the tumour's frame: the twist is turned there and back.
+        # The constraint is in the tumour's frame.
         to_base = motion.base_from_tumor.rotation
-        in_tumor, origin = _turned(to_base.T, wanted), tumor_from_tool.translation_mm
+        in_tumor, origin = _rotated(to_base.T, desired), tumor_from_tool.translation_mm
         allowed = limit_twist(in_tumor, decision.constraint, origin, LIMITER)
-        slower = slowed_mm_s(in_tumor, allowed, decision.constraint, origin)
-        return _turned(to_base, allowed), decision, slower
+        slowed = slowed_mm_s(in_tumor, allowed, decision.constraint, origin)
+        return _rotated(to_base, allowed), decision, slowed
 
 
 def slowed_mm_s(
-    wanted: FloatArray, allowed: FloatArray, constraint: Constraint, origin_mm: FloatArray
+    desired: FloatArray, allowed: FloatArray, constraint: Constraint, origin_mm: FloatArray
 ) -> float | None:
-    """By how much a twist (6,) leaves a plane slower than wanted; None if it approaches one."""
+    """Maximum reduction of the speed of retreat from a plane; None if the twist approaches one."""
     levers = constraint.points_on_tool_mm - origin_mm
     # n . (v + w x r - v_tumor), with n . (w x r) = w . (r x n)
     rows = np.hstack([constraint.normals, np.cross(levers, constraint.normals)])
-    coming = np.einsum("ij,ij->i", constraint.normals, constraint.tumor_velocities_mm_s)
-    leaving = rows @ wanted - coming
-    if (leaving < 0.0).any():
+    tumor_speed = np.einsum("ij,ij->i", constraint.normals, constraint.tumor_velocities_mm_s)
+    retreat_speed = rows @ desired - tumor_speed
+    if (retreat_speed < 0.0).any():
         return None
-    return max(0.0, float((rows @ (wanted - allowed)).max()))
+    return max(0.0, float((rows @ (desired - allowed)).max()))
 
 
-def simulate(push: Push, engine: ProximityEngine, truth: ProximityEngine) -> Pushed:
-    """Push and hold, then pull out. ``truth`` measures, and is an engine of its own."""
+def simulate(push: Push, engine: ProximityEngine, truth: ProximityEngine) -> PushResult:
+    """Simulate a push and a pull; ``truth`` is a separate engine for the true distance."""
     world, fixture = World(push), Fixture(engine, push)
-    fixture.see(world.arrived(_WATCHED_NS))
+    fixture.add_samples(world.received(_TRACKED_NS))
     tool, twin = AdmittanceTool(world.tool_at_start, HAND), None
-    found, lowest_mm = Pushed(), math.inf
+    found, lowest_mm = PushResult(), math.inf
     pull_from_s = _IDLE_S + push.push_s
     for step in range(round((pull_from_s + push.pull_s) * NS_PER_S / STEP_NS)):
-        ns, second = _WATCHED_NS + step * STEP_NS, step * STEP_NS / NS_PER_S
-        looked = step % TRUTH_EVERY == 0
-        if looked:
+        ns, second = _TRACKED_NS + step * STEP_NS, step * STEP_NS / NS_PER_S
+        is_measured = step % TRUTH_EVERY == 0
+        if is_measured:
             pose = world.base_from_tumor(ns).inverse() @ tool.base_from_tool
             distance_mm = truth.evaluate(pose).signed_distance_mm
             found.seconds.append(second)
@@ -285,12 +290,12 @@ def simulate(push: Push, engine: ProximityEngine, truth: ProximityEngine) -> Pus
                 found.settled_mm.append(distance_mm)
         command = tool.desired_twist(world.wrench(tool.base_from_tool, second))
         if push.fixture:
-            fixture.see(world.arrived(ns))
-            command, decision, slower = fixture.allow(command, tool.encoder_pose, Stamp(ns))
-            if slower is not None and second >= _IDLE_S:
+            fixture.add_samples(world.received(ns))
+            command, decision, slowed = fixture.allow(command, tool.encoder_pose, Stamp(ns))
+            if slowed is not None and second >= _IDLE_S:
                 found.retreats += 1
-                found.slowed_mm_s = max(found.slowed_mm_s, slower)
-            if looked and decision.margin is not None:
+                found.slowed_mm_s = max(found.slowed_mm_s, slowed)
+            if is_measured and decision.margin is not None:
                 found.state.append(decision.state)
                 found.stop_mm.append(decision.margin.total_mm)
         if second >= pull_from_s:
@@ -304,7 +309,7 @@ def simulate(push: Push, engine: ProximityEngine, truth: ProximityEngine) -> Pus
     return found
 
 
-def _turned(rotation: FloatArray, twist: FloatArray) -> FloatArray:
+def _rotated(rotation: FloatArray, twist: FloatArray) -> FloatArray:
     return np.concatenate([rotation @ twist[:3], rotation @ twist[3:]])
 
 

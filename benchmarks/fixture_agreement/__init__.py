@@ -1,1 +1,1 @@
-"""The fixture's signs, distances and sweeps against an independent judge."""
+"""Agreement of the fixture's signs, distances and sweeps with an independent oracle."""

@@ -1,10 +1,10 @@
-"""Signs, distances and sweeps of the fixture against an independent judge, over very many poses.
+"""Signs, distances and sweeps of the fixture against an independent oracle, over very many poses.
 
 Twenty pairs of shapes: five tumours (convex, concave, two-part, thin shell, spiky), four tools.
 Signs: surface contact by FCL, else libigl's winding number of one vertex of each part. Distances:
 libigl's distance of a densely sampled tool. Sweeps: a tumour of 1 mm crossed at 1 m/s and 25 Hz.
-Exit status 1 when a sign is wrong beyond 0.05 mm of the surface, a distance is off by more than
-0.02 mm RMS or 0.1 mm, a lower bound is above the judge's distance, or a crossing is not caught.
+The exit status is 1 if a sign is wrong beyond 0.05 mm of the surface, the distances are off by more
+than 0.02 mm RMS or 0.1 mm, a lower bound is above the oracle's distance, or a crossing is missed.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from benchmarks.fixture_oracle import Relation
 
 _RMS_MM, _MAX_MM = 0.02, 0.1
 _SIGNS_AT_ONCE, _DISTANCES_AT_ONCE = 5000, 250
-_TELL_S = 10.0
+_REPORT_INTERVAL_S = 10.0
 
 
 class _Addable(Protocol):
@@ -39,15 +39,15 @@ class _Addable(Protocol):
 
 
 Part = TypeVar("Part", bound=_Addable)
-Judge = Callable[[Pair, int, int], Part]
+Evaluate = Callable[[Pair, int, int], Part]
 
 
 def over_pairs(
-    pool: ProcessPoolExecutor, judge: Judge[Part], poses: int, at_once: int, what: str
+    pool: ProcessPoolExecutor, evaluate: Evaluate[Part], poses: int, at_once: int, what: str
 ) -> Iterator[dict[str, Part]]:
-    """Spread ``poses`` evenly over the pairs and over the processes, and add up by pair.
+    """Distribute ``poses`` evenly over the pairs and the processes, and sum the results by pair.
 
-    After each pair comes what is known so far, and a line on standard error now and then.
+    Yields the results so far after each pair, and prints progress to standard error.
     """
     each = -(-poses // len(PAIRS))
     tasks = [
@@ -56,13 +56,13 @@ def over_pairs(
         for seed, done in enumerate(range(0, each, at_once))
     ]
     found: dict[str, Part] = {}
-    parts: Iterator[Part] = pool.map(judge, *zip(*tasks, strict=True))
-    begin = told = time.perf_counter()
+    parts: Iterator[Part] = pool.map(evaluate, *zip(*tasks, strict=True))
+    begin = last_report = time.perf_counter()
     for done, ((pair, _, _), part) in enumerate(zip(tasks, parts, strict=True), start=1):
         found[pair.name] = found[pair.name] + part if pair.name in found else part
         now = time.perf_counter()
-        if done == len(tasks) or now - told > _TELL_S:
-            told = now
+        if done == len(tasks) or now - last_report > _REPORT_INTERVAL_S:
+            last_report = now
             print(
                 f"{what}: {done} of {len(tasks)} parts in {now - begin:.0f} s ({pair.name})",
                 file=sys.stderr,
@@ -73,17 +73,17 @@ def over_pairs(
 
 
 def verdict(signed: Signs, measured: Distances, crossed: Crossings) -> dict[str, bool]:
-    """What is asked for in a line each, and whether it holds."""
+    """Each criterion as a line of text, and whether it is met."""
     return {
-        f"signs: {len(signed.wrong)} wrong of {signed.judged} judged ({signed.poses} poses)":
+        f"signs: {len(signed.wrong)} wrong of {signed.judged} evaluated ({signed.poses} poses)":
             not signed.wrong,
         f"distances over {measured.poses} poses: RMS {measured.rms_mm:.4f} mm (at most {_RMS_MM}), "
         f"max {measured.max_mm:.4f} mm (at most {_MAX_MM})":
             measured.rms_mm <= _RMS_MM and measured.max_mm <= _MAX_MM,
-        f"lower bounds above the judge's distance: {measured.above_bound} of {measured.poses}":
+        f"lower bounds above the oracle's distance: {measured.above_bound} of {measured.poses}":
             measured.above_bound == 0,
-        f"crossings caught by a sweep: {crossed.caught} of {crossed.count}, "
-        f"{crossed.confirmed} of them confirmed by the judge":
+        f"crossings detected by a sweep: {crossed.caught} of {crossed.count}, "
+        f"{crossed.confirmed} of them confirmed by the oracle":
             crossed.count == crossed.caught == crossed.confirmed,
     }  # fmt: skip
 
@@ -113,7 +113,7 @@ def document(
 
 
 def write(path: Path | None, figures: dict[str, object]) -> None:
-    """Write them beside the file and put them in its place, so that it is whole at any time."""
+    """Write to a temporary file and rename it, so that the file is complete at any time."""
     if path is None:
         return
     beside = path.with_name(f"{path.name}.part")
@@ -131,23 +131,26 @@ def parsed() -> argparse.Namespace:
         parser.add_argument(
             f"--{name}", type=int, default=count, metavar="COUNT", help=f"(default: {count})"
         )
-    parser.add_argument("--processes", type=int, default=2, help="at once (default: 2)")
+    parser.add_argument(
+        "--processes", type=int, default=2, help="number of parallel processes (default: 2)"
+    )
     parser.add_argument(
         "--json",
         type=Path,
         metavar="FILE",
-        help="write the figures there too; those so far after each pair, without a verdict",
+        help="also write the figures there, after each pair those so far without a verdict",
     )
     options = parser.parse_args()
-    if min(options.signs, options.distances, options.crossings, options.processes) < 1:
-        parser.error("counts of 1 and more are wanted")
+    for name in ("signs", "distances", "crossings", "processes"):
+        if (count := getattr(options, name)) < 1:
+            parser.error(f"--{name} is {count}; expected at least 1")
     return options
 
 
 def main() -> int:
     options = parsed()
     console = Console(width=None if sys.stdout.isatty() else 130)
-    signs(PAIRS[0], 1, 0)  # so that the processes find the kernels compiled
+    signs(PAIRS[0], 1, 0)  # compile the kernels before the processes start
     signed: dict[str, Signs] = {}
     measured: dict[str, Distances] = {}
     with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:

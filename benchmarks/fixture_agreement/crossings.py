@@ -1,4 +1,4 @@
-"""Whether a sweep catches a tumour that lies between two poses."""
+"""Detection of a tumour between two poses by a sweep."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from app.geometry import SurfaceMesh, Transform
 from benchmarks.fixture_oracle import Oracle
 from benchmarks.fixture_shapes import tool, tumor
 
-_WAY_MM = 40.0
-"""What 1 m/s is from one pose to the next at 25 Hz."""
+_PATH_MM = 40.0
+"""The distance between two poses at 1 m/s and 25 Hz."""
 
 
 @dataclass(frozen=True)
 class Crossings:
-    """How many were tried, caught by a sweep, and found in contact there by the judge."""
+    """Numbers of crossings: tried, detected by a sweep, confirmed as contact by the oracle."""
 
     count: int
     caught: int
@@ -23,27 +23,27 @@ class Crossings:
 
 
 def small_tumor() -> SurfaceMesh:
-    """A ball of 1 mm."""
+    """A ball of 1 mm diameter."""
     ball = tumor("ball", 2)
     return SurfaceMesh(ball.frame, 0.05 * ball.vertices_mm, ball.faces)
 
 
 def crossing(rng: np.random.Generator) -> tuple[Transform, Transform]:
-    """40 mm straight through the small tumour with a turn, the needle clear of it at both ends.
+    """A path of 40 mm straight through the small tumour with a rotation, outside at both ends.
 
-    The needle's origin, a point within it, comes to 0.3 mm of the tumour's middle.
+    The needle's origin, a point inside it, passes the tumour's centre at up to 0.3 mm.
     """
-    way, turn = rng.normal(size=3), rng.normal(size=3)
-    way /= np.linalg.norm(way)
-    share = rng.uniform(0.3, 0.7)
-    across = np.cross(way, turn)
-    aside = 0.3 * rng.uniform() * across / np.linalg.norm(across)
+    direction, rotation = rng.normal(size=3), rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    fraction = rng.uniform(0.3, 0.7)
+    normal = np.cross(direction, rotation)
+    offset = 0.3 * rng.uniform() * normal / np.linalg.norm(normal)
     first = Transform.from_rotation_vector(
-        turn, aside - _WAY_MM * share * way, target="tumor", source="tool"
+        rotation, offset - _PATH_MM * fraction * direction, target="tumor", source="tool"
     )
     last = Transform.from_rotation_vector(
-        turn + 0.2 * rng.normal(size=3),
-        aside + _WAY_MM * (1.0 - share) * way,
+        rotation + 0.2 * rng.normal(size=3),
+        offset + _PATH_MM * (1.0 - fraction) * direction,
         target="tumor",
         source="tool",
     )
@@ -51,7 +51,7 @@ def crossing(rng: np.random.Generator) -> tuple[Transform, Transform]:
 
 
 def crossings(count: int, seed: int = 7) -> Crossings:
-    """Sweep so many random crossings; each end alone is clear of the tumour."""
+    """Sweep ``count`` random crossings, whose ends are outside of the tumour."""
     meshes = small_tumor(), tool("needle", 8)
     engine, oracle = ProximityEngine(*meshes), Oracle.of(*meshes)
     rng = np.random.default_rng(seed)
@@ -59,7 +59,7 @@ def crossings(count: int, seed: int = 7) -> Crossings:
     for _ in range(count):
         first, last = crossing(rng)
         if oracle.overlaps(first) or oracle.overlaps(last):
-            raise ValueError("a crossing that begins or ends in the tumour shows nothing")
+            raise ValueError("crossing: an end is inside the tumour; expected both outside")
         found = engine.sweep(first, last)
         if found.lowest.signed_distance_mm <= 0.0:
             caught += 1

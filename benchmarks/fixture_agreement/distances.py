@@ -1,4 +1,4 @@
-"""How far the engine's distances are from those of a densely sampled tool."""
+"""Errors of the engine's distances against a densely sampled tool."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,9 +15,9 @@ _SUBDIVISIONS = 5
 
 @dataclass(frozen=True)
 class Distances:
-    """Sums over some poses of one pair: squared errors in mm^2, the largest error in mm.
+    """Sum of squared errors in mm^2 and maximum error in mm, over some poses of one pair.
 
-    ``above_bound`` counts the poses whose lower bound was above the judge's distance.
+    ``above_bound`` is the number of poses whose lower bound is above the oracle's distance.
     """
 
     poses: int
@@ -40,9 +40,9 @@ class Distances:
 
 
 def distances(pair: Pair, poses: int, seed: int) -> Distances:
-    """Judge so many poses of a pair, the tumour of 20480 triangles and more.
+    """Evaluate ``poses`` poses of a pair, with a tumour of at least 20480 triangles.
 
-    A tumour in the tool is passed over: the judge's distance is that of the tool's surface.
+    Poses with the tumour inside the tool are skipped, as the oracle samples the tool's surface.
     """
     engine, oracle, source = _built(pair)
     rng = np.random.default_rng([2, pair.number, seed])
@@ -50,11 +50,11 @@ def distances(pair: Pair, poses: int, seed: int) -> Distances:
     above = 0
     while len(errors) < poses:
         for pose in source.draw(rng, poses - len(errors)):
-            if oracle.tool_holds_tumor(pose):
+            if oracle.tool_contains_tumor(pose):
                 continue
             found, sampled = engine.evaluate(pose), oracle.signed_distance_mm(pose)
             errors.append(found.signed_distance_mm - sampled)
-            # A bound that is no number is above too.
+            # NaN counts as above.
             above += not found.lower_bound_mm <= sampled
     squares = np.square(errors)
     return Distances(poses, float(squares.sum()), float(np.sqrt(squares.max())), above)

@@ -1,4 +1,4 @@
-"""Random poses of a tool that ask an engine hard questions: grazing, nested, and anything else."""
+"""Random poses of a tool that are difficult for an engine: grazing, nested, and arbitrary ones."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,13 @@ _SAMPLES = 20_000
 
 @dataclass(frozen=True, eq=False)
 class PoseSource:
-    """Draws poses of ``tool`` in the frame of ``tumor``: both as points on them, with normals.
+    """Draws poses of ``tool`` in the frame of ``tumor``, from points on both with their normals.
 
-    - anywhere: any rotation, the origins some 7 mm apart on each axis;
-    - grazing: a point of each surface on the other's, give or take 0.3 mm, back to back;
-    - nested: a point out of the tool's box near the tumour's middle, which puts a small tool
-      wholly into the tumour, and the tumour wholly into a large tool.
+    - anywhere: any rotation, with an offset of the origins of about 7 mm along each axis;
+    - grazing: a point of one surface at a point of the other within about 0.3 mm, with opposite
+      normals;
+    - nested: a point of the tool's box near the tumour's centre, which puts a small tool wholly
+      inside the tumour, and the tumour wholly inside a large tool.
     """
 
     tumor: SurfaceMesh
@@ -29,7 +30,7 @@ class PoseSource:
 
     @classmethod
     def of(cls, tumor: SurfaceMesh, tool: SurfaceMesh) -> "PoseSource":
-        """Sample both surfaces, evenly by area."""
+        """Sample both surfaces uniformly by area."""
         return cls(tumor, tool, _samples(tumor), _samples(tool))
 
     def draw(self, rng: np.random.Generator, count: int) -> list[Transform]:
@@ -51,7 +52,7 @@ class PoseSource:
         shares = rng.uniform(0.15, 0.85, size=(len(rotations), 3))
         middle = 0.5 * np.add(*self.tumor.bounds_mm)
         places = middle + rng.normal(scale=2.5, size=(len(rotations), 3))
-        return np.asarray(places - _turned(rotations, near + shares * (far - near)))
+        return np.asarray(places - _rotated(rotations, near + shares * (far - near)))
 
     def _grazing(self, rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
         here, there = rng.integers(_SAMPLES, size=(2, count))
@@ -61,17 +62,17 @@ class PoseSource:
         tilts = Rotation.from_rotvec(rng.normal(scale=0.1, size=(count, 3))).as_matrix()
         rotations = tilts @ back_to_back
         gaps = rng.normal(scale=0.3, size=(count, 1))
-        return rotations, points + gaps * normals - _turned(rotations, tool_points)
+        return rotations, points + gaps * normals - _rotated(rotations, tool_points)
 
 
 def _bases(rng: np.random.Generator, normals: FloatArray) -> FloatArray:
-    """(n, 3, 3): rotations with ``normals`` as first columns, and any second ones."""
+    """Rotations (n, 3, 3) with ``normals`` as first columns and random second ones."""
     second = np.cross(normals, rng.normal(size=normals.shape))
     second /= np.linalg.norm(second, axis=1, keepdims=True)
     return np.stack([normals, second, np.cross(normals, second)], axis=2)
 
 
-def _turned(rotations: FloatArray, points: FloatArray) -> FloatArray:
+def _rotated(rotations: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("kij,kj->ki", rotations, points))
 
 

@@ -1,4 +1,4 @@
-"""Whether the engine says inside where the judge does."""
+"""Agreement of the engine's sign with the oracle."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from benchmarks.fixture_agreement.poses import PoseSource
 from benchmarks.fixture_oracle import Oracle, Relation
 
 NEAR_MM = 0.05
-"""Nearer to the surface than this, rounding decides: such a sign is not judged."""
+"""Signs nearer to the surface than this depend on rounding and are not evaluated."""
 
 _GRAZING_MM = 0.5
 _SUBDIVISIONS = 3
@@ -21,10 +21,10 @@ _SUBDIVISIONS = 3
 
 @dataclass(frozen=True, eq=False)
 class Signs:
-    """Counts over some poses of one pair, and the poses (n, 4, 4) whose sign was wrong.
+    """Counts over some poses of one pair, and the poses (n, 4, 4) with a wrong sign.
 
-    ``relations`` counts what the judge says of each pose, ``grazing`` the poses within 0.5 mm of
-    touching (by ours), ``judged`` those beyond 0.05 mm.
+    ``relations`` counts the oracle's results, ``grazing`` the poses within 0.5 mm of contact by our
+    engine, ``judged`` those beyond 0.05 mm, whose sign is compared.
     """
 
     poses: int
@@ -44,7 +44,7 @@ class Signs:
 
 
 def signs(pair: Pair, poses: int, seed: int) -> Signs:
-    """Judge so many poses of a pair, the tumour of some 1000 triangles."""
+    """Evaluate ``poses`` poses of a pair, with a tumour of at least 1280 triangles."""
     engine, oracle, source = _built(pair)
     rng = np.random.default_rng([1, pair.number, seed])
     relations: Counter[Relation] = Counter()
@@ -54,7 +54,7 @@ def signs(pair: Pair, poses: int, seed: int) -> Signs:
         relation = oracle.relation(pose)
         relations[relation] += 1
         grazing += abs(distance) < _GRAZING_MM
-        # A number that is none is judged, and wrong.
+        # NaN passes this test and counts as wrong below.
         if abs(distance) <= NEAR_MM:
             continue
         judged += 1

@@ -1,4 +1,4 @@
-"""The agreement as tables for a terminal."""
+"""Tables of the agreement for a terminal."""
 
 from collections.abc import Mapping
 
@@ -10,10 +10,10 @@ from benchmarks.fixture_oracle import Relation
 
 
 def signs_table(by_pair: Mapping[str, Signs]) -> Table:
-    """A line a pair: how the poses lie by the judge, how many are judged, how many are wrong."""
+    """One row per pair: counts of the oracle's relations, of evaluated and of wrong signs."""
     table = _table(
         "signs: tumours of 1280 triangles and more, beyond 0.05 mm of the surface",
-        "poses", *(relation.value for relation in Relation), "within 0.5 mm", "judged", "wrong",
+        "poses", *(relation.value for relation in Relation), "within 0.5 mm", "evaluated", "wrong",
     )  # fmt: skip
     for name, row in by_pair.items():
         relations = [row.relations[relation] for relation in Relation]
@@ -23,7 +23,7 @@ def signs_table(by_pair: Mapping[str, Signs]) -> Table:
 
 
 def distances_table(by_pair: Mapping[str, Distances]) -> Table:
-    """A line a pair: the error against the judge, and bounds that were above it."""
+    """One row per pair: the errors against the oracle, and the number of invalid bounds."""
     table = _table(
         "distances: tumours of 20480 triangles and more, in mm against a densely sampled tool",
         "poses", "RMS", "max", "bound above",

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from app.bridge import prepare_environment
 from app.cli.progress import with_progress
-from benchmarks.fixture.table import wishes_table
+from benchmarks.fixture.table import targets_table
 from benchmarks.latency.measure import measure
 from benchmarks.latency.plot import write_plots
 from benchmarks.latency.results import Run, wishes
@@ -60,7 +60,7 @@ def main() -> int:
     console.print(runs_table(runs.values(), title))
     console.print(NOTES, highlight=False)
     verdict = list(wishes(runs))
-    console.print(wishes_table(verdict))
+    console.print(targets_table(verdict))
     if options.json is not None:
         document = {
             "machine": machine,

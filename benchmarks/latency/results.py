@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.geometry import FloatArray
-from benchmarks.fixture.results import Wish
+from benchmarks.fixture.results import SpeedTarget
 from benchmarks.latency.ways import OURS, POLLED, Kind
 
 MOST_MEAN_MS = 2.0
@@ -87,7 +87,7 @@ class Run:
         }  # fmt: skip
 
 
-def wishes(runs: Mapping[str, Run]) -> Iterator[Wish]:
+def wishes(runs: Mapping[str, Run]) -> Iterator[SpeedTarget]:
     """What is asked of ours, beside what ``runs``, by name, show."""
     ours, polled = runs[OURS], runs[POLLED]
     share = ours.mean_ms / polled.mean_ms
@@ -96,5 +96,5 @@ def wishes(runs: Mapping[str, Run]) -> Iterator[Wish]:
     yield _wish("mean at most half that of polling at 200 Hz", share, "of it", MOST_OF_POLLED)
 
 
-def _wish(what: str, value: float, unit: str, most: float) -> Wish:
-    return Wish(what, f"{value:.3g} {unit}", value <= most)
+def _wish(what: str, value: float, unit: str, most: float) -> SpeedTarget:
+    return SpeedTarget(what, f"{value:.3g} {unit}", value <= most)

@@ -1,4 +1,4 @@
-"""The agreement benchmark in short, on its own poses, and whether its judge can be trusted."""
+"""A short run of the agreement benchmark, and checks of its oracle."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_engine_signs_match_the_oracle(pair: Pair) -> None:
     found = signs(pair, 150, 0) + signs(pair, 50, 1)
     assert found.wrong == []
     assert found.poses == found.relations.total() == 200
-    # Wholly inside one way or the other, crossing, apart, grazing: each in good number.
+    # All relations occur often: one inside the other, intersecting, apart, grazing.
     nested = Relation.TOOL_INSIDE if pair is NEEDLE else Relation.TUMOR_INSIDE
     assert found.relations[nested] > 40
     assert found.relations[Relation.MEETING] > 40
@@ -58,17 +58,17 @@ def test_every_crossing_is_detected() -> None:
 def test_oracle_gives_the_depth_of_a_ball_inside_a_ball() -> None:
     ball = tumor("ball", 4)
     small = SurfaceMesh("tool", 0.1 * ball.vertices_mm, ball.faces)
-    judge = Oracle.of(ball, small)
+    oracle = Oracle.of(ball, small)
     for x, expected in ((14.0, 3.0), (10.5, -0.5), (6.0, -5.0)):
         pose = Transform("tumor", "tool", np.eye(3), np.array([x, 0.0, 0.0]))
-        # A ball of flat faces is up to 0.02 mm smaller than a round one.
-        assert judge.signed_distance_mm(pose) == pytest.approx(expected, abs=0.05)
+        # A faceted ball is up to 0.02 mm smaller than a round one.
+        assert oracle.signed_distance_mm(pose) == pytest.approx(expected, abs=0.05)
 
 
 def test_grazing_poses_bring_surfaces_into_contact() -> None:
     meshes = tumor("ball", 3), tool("needle")
     poses = PoseSource.of(*meshes).draw(np.random.default_rng(0), 200)
-    judge = Oracle.of(*meshes)
-    apart = [pose for pose in poses if judge.relation(pose) is Relation.APART]
-    near = [pose for pose in apart if judge.signed_distance_mm(pose, 0.1) < 0.5]
+    oracle = Oracle.of(*meshes)
+    apart = [pose for pose in poses if oracle.relation(pose) is Relation.APART]
+    near = [pose for pose in apart if oracle.signed_distance_mm(pose, 0.1) < 0.5]
     assert len(near) > 15

@@ -1,4 +1,4 @@
-"""The speed benchmark in short: every engine answers, agrees, and the judgement can fail."""
+"""A short run of the speed benchmark: all engines run and agree, and its targets can fail."""
 
 import json
 from dataclasses import replace
@@ -12,9 +12,9 @@ from rich.console import Console
 from benchmarks.fixture.case import Case
 from benchmarks.fixture.engines import ENGINES, OURS, OURS_TIP
 from benchmarks.fixture.plot import write_plot
-from benchmarks.fixture.results import CaseResult, wishes
+from benchmarks.fixture.results import CaseResult, speed_targets
 from benchmarks.fixture.table import case_table
-from benchmarks.fixture.timing import Course, Timing, measure_apart
+from benchmarks.fixture.timing import EngineRun, Timing, measure_in_processes
 
 pytest.importorskip("coal")
 pytest.importorskip("vtkmodules")
@@ -28,9 +28,9 @@ def case_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def measure(case: Path, engine: str, seconds: float) -> Timing:
-    course = Course(case, engine, seconds)
-    course.go()
-    return course.timing()
+    run = EngineRun(case, engine, seconds)
+    run.run_round()
+    return run.timing()
 
 
 @pytest.fixture(scope="module")
@@ -41,46 +41,46 @@ def result(case_file: Path) -> CaseResult:
 
 
 def test_engines_of_the_same_quantity_agree(result: CaseResult) -> None:
-    # Ours may be above the true distance by 0.005 mm and 0.2 % of at most some 10 mm.
+    # Our distance may be above the true one by 0.005 mm plus 0.2 % of about 10 mm.
     for name in ("fcl", "coal"):
         assert result.agreement(name) < 0.03
     for name in ("vtk tip", "vtk tip rebuilt"):
         assert result.agreement(name) < 1e-3
     assert result.agreement("vtk filter") == 1.0
-    # Vertices alone see less than the mesh.
+    # The vertices alone miss parts of the mesh.
     ours, vertices = result.timings[OURS], result.timings["vtk vertices"]
-    differences = vertices.answers_mm - ours.answers_mm[vertices.asked]
+    differences = vertices.distances_mm - ours.distances_mm[vertices.pose_indices]
     assert differences.min() > -0.01
     assert differences.max() > 0.05
 
 
 def test_trajectory_stays_within_ten_millimetres_and_penetrates(result: CaseResult) -> None:
-    distances = result.timings[OURS].answers_mm
+    distances = result.timings[OURS].distances_mm
     assert distances.max() < 11.0
     assert result.inside == int((distances <= 0.0).sum())
 
 
 def test_slow_engine_is_sampled_along_the_whole_trajectory(case_file: Path) -> None:
     timing = measure(case_file, "vtk tip rebuilt", 0.02)
-    assert 10 <= len(timing.asked) < 200
-    assert (timing.asked[0], timing.asked[-1]) == (0, 199)
+    assert 10 <= len(timing.pose_indices) < 200
+    assert (timing.pose_indices[0], timing.pose_indices[-1]) == (0, 199)
 
 
 def test_separate_processes_give_the_same_results(case_file: Path, result: CaseResult) -> None:
-    apart = measure_apart(case_file, [OURS_TIP, "vtk tip"], 1.0, rounds=2)
+    apart = measure_in_processes(case_file, [OURS_TIP, "vtk tip"], 1.0, rounds=2)
     for name, timing in apart.items():
         here = result.timings[name]
         assert timing.engine == name
-        assert timing.answers_mm[here.asked] == pytest.approx(here.answers_mm, abs=1e-12)
+        assert timing.distances_mm[here.pose_indices] == pytest.approx(here.distances_mm, abs=1e-12)
 
 
 def test_fastest_round_of_each_pose_counts(case_file: Path) -> None:
-    course = Course(case_file, OURS_TIP, 1.0)
-    course.go()
-    first = course.timing()
+    run = EngineRun(case_file, OURS_TIP, 1.0)
+    run.run_round()
+    first = run.timing()
     for _ in range(4):
-        course.go()
-    last = course.timing()
+        run.run_round()
+    last = run.timing()
     assert last.p50_ms <= first.p50_ms
     assert last.max_ms <= first.max_ms
     assert last.wall_p99_ms <= first.wall_p99_ms
@@ -110,11 +110,11 @@ def case_result(triangles: int, ours: Timing, fcl: Timing) -> CaseResult:
 def test_targets_are_met_missed_or_not_measured() -> None:
     ours, fcl = timing(OURS, 0.1, 0.4), timing("fcl", 1.1, 2.5)
     good = [case_result(81_920, ours, fcl), case_result(1_310_720, ours, fcl)]
-    assert [wish.good for wish in wishes(good)] == [True] * 5
+    assert [target.good for target in speed_targets(good)] == [True] * 5
     slow = [
         case_result(81_920, replace(ours, p50_ms=0.2, p99_ms=0.6), fcl),
         case_result(1_310_720, replace(ours, p50_ms=0.4, p99_ms=1.0), fcl),
     ]
-    assert [wish.good for wish in wishes(slow)] == [False] * 5
-    assert [wish.good for wish in wishes(good[:1])] == [True] * 3 + [None] * 2
-    assert [wish.good for wish in wishes([])] == [None] * 5
+    assert [target.good for target in speed_targets(slow)] == [False] * 5
+    assert [target.good for target in speed_targets(good[:1])] == [True] * 3 + [None] * 2
+    assert [target.good for target in speed_targets([])] == [None] * 5
