@@ -116,9 +116,9 @@ def write(path: Path | None, figures: dict[str, object]) -> None:
     """Write to a temporary file and rename it, so that the file is complete at any time."""
     if path is None:
         return
-    beside = path.with_name(f"{path.name}.part")
-    beside.write_text(json.dumps(figures, indent=1) + "\n")
-    beside.replace(path)
+    partial_file = path.with_name(f"{path.name}.part")
+    partial_file.write_text(json.dumps(figures, indent=1) + "\n")
+    partial_file.replace(path)
 
 
 def parsed() -> argparse.Namespace:

@@ -100,13 +100,16 @@ def test_tumor_motion_is_in_degrees_and_needs_all_keys(tmp_path, values):
     found = tumor_motion_parameters(opened(tmp_path, values | {"tumor_motion": motion}))
     assert found == TumorMotionParameters(5.0, math.pi, 0.25, 0.3, math.radians(0.3))
     still = opened(tmp_path, values | {"tumor_motion": motion | {"rate_hz": 0.0}})
-    with pytest.raises(InputError, match=r"live.yaml: tumor_motion: rate_hz 0.0"):
+    with pytest.raises(InputError, match=r"live.yaml: tumor_motion: rate_hz of the tumour is 0.0;"):
         tumor_motion_parameters(still)
 
 
 def test_active_force_and_zero_limit_are_refused(tmp_path, values):
     stiff = opened(tmp_path, values | {"guidance": GUIDANCE | {"delay_ms": 15.0}})
-    with pytest.raises(InputError, match=r"live.yaml: guidance: stiffness 200 N/m .* 200 N/m"):
+    with pytest.raises(
+        InputError,
+        match=r"live.yaml: guidance: stiffness of the guidance .* is 200 N/m; .* 200 N/m",
+    ):
         guidance_parameters(stiff)
     still = opened(tmp_path, values | {"limiter": {"most_mm_s": 0.0}})
     with pytest.raises(InputError, match=r"live.yaml: limiter: most_mm_s of the limiter is 0.0;"):

@@ -61,7 +61,7 @@ def test_repaired_tumour_equals_that_of_the_sound_case(
 
 
 def test_mesh_without_safe_repair_is_rejected(broken: OpenCase) -> None:
-    with pytest.raises(MeshError, match=r"the tumour's mesh tumor.stl has holes that touch"):
+    with pytest.raises(MeshError, match=r"the tumour's mesh tumor.stl: holes touch at"):
         with_repaired_tumor(broken(repair=True, missing=2000))
 
 
