@@ -117,7 +117,7 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"source": {"clock": "host"}}, "has none of tf, tracked_transforms, igtl"),
         (
@@ -154,8 +154,8 @@ def test_active_force_and_zero_limit_are_refused(tmp_path, values):
         ({"schema": 2}, "live.yaml: schema is 2; expected 1"),
     ],
 )
-def test_faults_are_refused_with_their_key(tmp_path, values, change, words):
-    with pytest.raises(InputError, match=re.escape(words)):
+def test_faults_are_refused_with_their_key(tmp_path, values, change, message):
+    with pytest.raises(InputError, match=re.escape(message)):
         opened(tmp_path, values | change)
 
 

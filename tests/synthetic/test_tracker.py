@@ -15,7 +15,7 @@ def errors():
     measured = [Jitter().measured(TRUTH, random) for _ in range(6000)]
     shifts = np.array([m.translation_mm - TRUTH.translation_mm for m in measured])
     turns = np.array(
-        [(TRUTH.inverse() @ m.renamed(source="seen")).rotation_vector for m in measured]
+        [(TRUTH.inverse() @ m.renamed(source="measured")).rotation_vector for m in measured]
     )
     return shifts, turns
 
@@ -60,5 +60,5 @@ def test_a_missing_sample_does_not_arrive():
     ("frame", "time_s"), [("needle", 1.98), ("needle", 3.02), ("cautery", 2.5)]
 )
 def test_other_samples_arrive_as_they_are(frame, time_s):
-    kept = sample(frame)
-    assert reported(kept, (Dropout(("needle",), "missing", 2.0, 3.0),), time_s) is kept
+    received = sample(frame)
+    assert reported(received, (Dropout(("needle",), "missing", 2.0, 3.0),), time_s) is received

@@ -1,4 +1,4 @@
-"""What is remembered of messages, however many names a source invents."""
+"""The cache of message layouts and names."""
 
 import struct
 import tracemalloc
@@ -36,7 +36,7 @@ def test_names_are_decoded_in_any_order_and_repeatedly() -> None:
 def test_invalid_bytes_give_none_and_leave_the_cache_unchanged() -> None:
     read = LayoutReader(walk_named, named)
     assert read(message(1, "arm")) == ("arm", 1)
-    assert read(message(1, "arm")[:-1] + b"m") is None  # no zero closes the name
+    assert read(message(1, "arm")[:-1] + b"m") is None  # no terminating zero
     assert read(HEAD) is None
     assert read(message(1, "arm") + bytes(4)) is None
     assert read(message(3, "arm")) == ("arm", 3)

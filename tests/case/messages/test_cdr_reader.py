@@ -1,4 +1,4 @@
-"""Against rosbags, which reads every message through its definition."""
+"""Compares the CDR reader with rosbags, which decodes every message by its definition."""
 
 import math
 import struct
@@ -75,25 +75,25 @@ def cdr(message: Any, **options: Any) -> bytes:
 
 def test_messages_are_decoded_as_by_rosbags() -> None:
     readers = {kind: bytes_reader(ros_types().fielddefs, kind) for kind in VALUES_OF}
-    seen = set()
+    kinds = set()
 
     @settings(max_examples=300)
     @given(message=messages)
     def compare(message: Any) -> None:
         kind, data = kind_of(message), cdr(message)
-        seen.add(kind)
-        # repr, for NaN is not equal to itself; one reader for all, for it remembers names.
+        kinds.add(kind)
+        # repr, because NaN is not equal to itself; one reader for all, because it caches names.
         assert repr(readers[kind](data)) == repr(by_rosbags(data, kind))
 
     compare()
-    assert seen == set(VALUES_OF)
+    assert kinds == set(VALUES_OF)
 
 
 @settings(max_examples=200)
 @given(message=messages, cut=st.integers(1, 60))
 def test_a_cut_message_is_left_to_rosbags(message: Any, cut: int) -> None:
     read, data = bytes_reader(ros_types().fielddefs, kind_of(message)), cdr(message)
-    for _ in ("before it has seen the whole one", "after"):
+    for _ in ("before the layout is known", "after"):
         assert read(data[: max(len(data) - cut, 0)]) is None
         assert read(data) is not None
 
@@ -107,7 +107,7 @@ def test_changed_bytes_are_decoded_as_by_rosbags_or_left_to_it(
     start = round(at * (len(data) - 1))
     data[start : start + len(noise)] = noise[: len(data) - start]
     read = bytes_reader(ros_types().fielddefs, kind)
-    for _ in ("before it has seen the message as it was", "after"):
+    for _ in ("before the layout is known", "after"):
         found = read(bytes(data))
         if found is not None:
             assert repr(found) == repr(by_rosbags(bytes(data), kind))

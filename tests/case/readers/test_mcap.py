@@ -46,9 +46,9 @@ def write_messages(
     definitions: Mapping[str, str] | None = None,
     **options: Any,
 ) -> None:
-    """Any ROS messages (topic, type, message or CDR bytes) in this order, as an MCAP file.
+    """Write ROS messages (topic, type, message or CDR bytes) in this order to an MCAP file.
 
-    ``definitions`` are other ones than their own, by topic.
+    ``definitions``: schemas by topic that replace those of the types.
     """
     with path.open("wb") as file:
         writer = Writer(file, **options)
@@ -311,7 +311,7 @@ def test_intact_part_of_a_cut_file_is_used_with_a_note(
         assert cut < first_chunk_end
     assert found == stamps[: len(found)]
     assert bool(found) == (cut >= first_chunk_end)
-    # Only where the data are whole and the index alone is cut is there nothing to say.
+    # Without a note only the index is cut and the data are complete.
     assert found == stamps or any("is cut or damaged at byte" in note for note in notes)
 
 
@@ -325,8 +325,8 @@ def test_damaged_bytes_neither_crash_nor_create_poses(
     content, stamps, _ = recording
     damaged = bytearray(content)
     for _ in range(data.draw(st.integers(1, 4))):
-        place = data.draw(st.integers(8, len(content) - 1))
-        damaged[place] ^= data.draw(st.integers(1, 255))
+        position = data.draw(st.integers(8, len(content) - 1))
+        damaged[position] ^= data.draw(st.integers(1, 255))
     path = tmp_path_factory.mktemp("damaged") / "x.mcap"
     path.write_bytes(damaged)
     try:

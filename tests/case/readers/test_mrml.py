@@ -1,4 +1,4 @@
-"""Scenes with recordings, their text written here; what MRML writes is read in tests/scene."""
+"""Scenes with recordings, written as text here; files written by MRML are read in tests/scene."""
 
 import io
 import zipfile
@@ -39,9 +39,9 @@ def sequence(number: int, name: str, file: str, *, more: str = "", **changes: st
         "indexType": "numeric",
         **changes,
     }
-    words = " ".join(f'{key}="{value}"' for key, value in known.items())
+    attributes = " ".join(f'{key}="{value}"' for key, value in known.items())
     return (
-        f'<Sequence id="vtkMRMLSequenceNode{number}" {words}></Sequence>\n'
+        f'<Sequence id="vtkMRMLSequenceNode{number}" {attributes}></Sequence>\n'
         f'<LinearTransformSequenceStorage id="vtkMRMLLinearTransformSequenceStorageNode{number}" '
         f'fileName="{file}"></LinearTransformSequenceStorage>\n'
     )
@@ -80,9 +80,9 @@ def bundle(path: Path, files: dict[str, str | bytes]) -> Path:
 
 def folder(path: Path, files: dict[str, str | bytes]) -> Path:
     for name, content in files.items():
-        place = path / name
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_bytes(content if isinstance(content, bytes) else content.encode())
+        file = path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path / "a" / "a.mrml"
 
 
@@ -91,7 +91,7 @@ def read(path: Path) -> tuple[list[TrackingFrame], list[str]]:
     return list(read_mrml(path, notes.append)), notes
 
 
-def told(frames: list[TrackingFrame]) -> list[tuple[int, dict[tuple[str, str], str]]]:
+def statuses_by_frame(frames: list[TrackingFrame]) -> list[tuple[int, dict[tuple[str, str], str]]]:
     return [
         (one.stamp.ns, {(p.target, p.source): p.status.name for p in one.poses}) for one in frames
     ]
@@ -103,7 +103,7 @@ def test_samples_of_one_time_are_one_frame(
 ) -> None:
     frames, notes = read(write(tmp_path / "x.mrb", FILES))
     needle, cautery = ("tracker", "needle"), ("tracker", "cautery")
-    assert told(frames) == [
+    assert statuses_by_frame(frames) == [
         (1_000_000_001, {needle: "OK", cautery: "INVALID"}),
         (2_500_000_000, {needle: "OK", cautery: "MISSING"}),
         (3_000_000_000, {needle: "OK", cautery: "OK"}),
@@ -115,7 +115,7 @@ def test_samples_of_one_time_are_one_frame(
 
 
 def nested() -> dict[str, str | bytes]:
-    """As Slicer stores a sequence of any other nodes: a scene with a node an item."""
+    """A sequence as Slicer stores one of any other nodes: a scene with one node per item."""
     items = scene(
         f'<LinearTransform id="t1" name="N" matrixTransformToParent="{NEEDLE}"></LinearTransform>',
         f'<LinearTransform id="t2" name="N" attributes="TransformStatus:OUT_OF_VIEW" '
@@ -138,7 +138,10 @@ def test_sequence_in_a_nested_scene_is_read(tmp_path: Path, kind: str) -> None:
     files["a/a.mrml"] = files["a/a.mrml"].replace(".seq.mrb", kind)
     frames, _ = read(bundle(tmp_path / "x.mrb", files))
     edge = ("tracker", "needle")
-    assert told(frames) == [(500_000_000, {edge: "OK"}), (750_000_000, {edge: "OUT_OF_VIEW"})]
+    assert statuses_by_frame(frames) == [
+        (500_000_000, {edge: "OK"}),
+        (750_000_000, {edge: "OUT_OF_VIEW"}),
+    ]
 
 
 def test_sequence_names_without_frames_are_noted(tmp_path: Path) -> None:
@@ -246,7 +249,7 @@ def test_size_limit_covers_sequences_that_share_a_file(
     monkeypatch: pytest.MonkeyPatch,
     write: Callable[[Path, dict[str, Any]], Path],
 ) -> None:
-    """They are read side by side, so that a small file could fill the memory."""
+    """Sequences are read side by side, so a small file could otherwise fill the memory."""
     names = ("Needle", "Cautery", "Probe", "Stylus")
     item = f'<LinearTransform id="t1" matrixTransformToParent="{NEEDLE}"></LinearTransform>'
     scenes = scene(
@@ -297,14 +300,14 @@ def test_file_that_is_not_a_bundle_is_refused(tmp_path: Path) -> None:
 
 
 @settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(place=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255), cut=st.booleans())
+@given(position=st.floats(0.0, 1.0, exclude_max=True), bits=st.integers(1, 255), cut=st.booleans())
 def test_damaged_bundle_is_refused_or_read_identically(
-    tmp_path: Path, place: float, bits: int, cut: bool
+    tmp_path: Path, position: float, bits: int, cut: bool
 ) -> None:
     path = bundle(tmp_path / "x.mrb", FILES)
-    wanted = told(read(path)[0])
+    expected = statuses_by_frame(read(path)[0])
     content = bytearray(path.read_bytes())
-    at = int(place * len(content))
+    at = int(position * len(content))
     if cut:
         del content[at:]
     else:
@@ -315,7 +318,7 @@ def test_damaged_bundle_is_refused_or_read_identically(
     except InputError as error:
         assert "\n" not in str(error)
     else:
-        assert told(frames) == wanted
+        assert statuses_by_frame(frames) == expected
 
 
 def test_case_with_a_bundle_as_recording_is_opened(

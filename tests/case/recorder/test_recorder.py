@@ -46,10 +46,12 @@ def test_another_reader_finds_what_was_written(tmp_path: Path, frames: Frames) -
     transforms = [t for message in found["/tf"] for t in message.transforms]
     for message, sample in zip(transforms, valid, strict=True):
         assert sample.transform is not None
-        move, turn = message.transform.translation, message.transform.rotation
-        metres = np.array([move.x, move.y, move.z])
-        np.testing.assert_allclose(metres * 1e3, sample.transform.translation_mm, atol=1e-10)
-        rotation = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+        position, quaternion = message.transform.translation, message.transform.rotation
+        position_m = np.array([position.x, position.y, position.z])
+        np.testing.assert_allclose(position_m * 1e3, sample.transform.translation_mm, atol=1e-10)
+        rotation = Rotation.from_quat(
+            [quaternion.x, quaternion.y, quaternion.z, quaternion.w]
+        ).as_matrix()
         np.testing.assert_allclose(rotation, sample.transform.rotation, atol=1e-12)
     for message, joint in zip(found["/joint_states"], joints, strict=True):
         assert ns(message.header.stamp) == joint.stamp.ns - OFFSET_NS
@@ -95,8 +97,8 @@ def test_stamps_that_do_not_fit_are_refused(tmp_path: Path, frames: Frames, bad_
 
 def test_the_definition_is_that_of_the_interface_package(project_root: Path) -> None:
     path = project_root / "interfaces/marginguard_msgs/msg/TrackedTransform.msg"
-    ours = get_types_from_msg(TRACKED_TRANSFORM_DEFINITION, TRACKED_TRANSFORM)
-    theirs = get_types_from_msg(path.read_text(), TRACKED_TRANSFORM)
-    assert ours == theirs
+    own = get_types_from_msg(TRACKED_TRANSFORM_DEFINITION, TRACKED_TRANSFORM)
+    installed = get_types_from_msg(path.read_text(), TRACKED_TRANSFORM)
+    assert own == installed
     constants = dict(re.findall(r"^uint8 (\w+)\s*=\s*(\d+)", path.read_text(), re.MULTILINE))
     assert constants == {status.name: str(int(status)) for status in TrackingStatus}

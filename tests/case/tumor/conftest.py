@@ -1,4 +1,4 @@
-"""Label maps as other programs write them: pynrrd's writer, with the fields of 3D Slicer."""
+"""Label maps written by pynrrd, with the header fields of 3D Slicer."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +34,7 @@ def segment_fields(number: int, name: str, *, label: int = 1, layer: int = 0) ->
 
 @pytest.fixture
 def write_nrrd(tmp_path: Path) -> Callable[..., Path]:
-    """Write ``voxels`` with `lps_header`, changed as asked for; None takes a field out."""
+    """Write ``voxels`` with `lps_header`, with ``changes``; None removes a field."""
 
     def write(voxels: Volume, *, name: str = "labels.nrrd", **changes: object) -> Path:
         path = tmp_path / name

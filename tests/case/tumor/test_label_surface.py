@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from app.case.tumor import label_surface, surface_of_labels
 from app.fixture.meshes.mesh_checks import require_sound
 from app.geometry import FloatArray, MeshError
+from tests.oracles.voxel_reach import contained_points_mm
 
 TURNED = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
 
@@ -24,20 +25,6 @@ def centres_mm(shape: tuple[int, ...], frame_from_index: FloatArray) -> FloatArr
     return (
         np.moveaxis(np.indices(shape), 0, -1) @ frame_from_index[:, :3].T + frame_from_index[:, 3]
     )
-
-
-def reached_mm(marked: NDArray[np.bool_], frame_from_index: FloatArray) -> FloatArray:
-    """Points (n, 3) that the surface contains by the rules of `label_surface`."""
-    around = np.pad(marked, 2)
-    cross = [np.zeros(3, dtype=int), *np.eye(3, dtype=int), *-np.eye(3, dtype=int)]
-    voxels = np.argwhere(around)
-    middles = [
-        tuple(place) for place in voxels if all(around[tuple(place + step)] for step in cross)
-    ]
-    thick = {tuple(np.add(middle, step)) for middle in middles for step in cross}
-    shares = np.where([tuple(place) in thick for place in voxels], 0.199, 0.499)
-    places = np.concatenate([voxels + shares[:, None] * step for step in cross]) - 2.0
-    return places @ frame_from_index[:, :3].T + frame_from_index[:, 3]
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -55,9 +42,9 @@ def test_surface_of_a_ball_is_accurate_to_a_fraction_of_a_voxel(
 ) -> None:
     frame_from_index = grid(sides, mirrored=mirrored)
     shape = tuple(int(2.0 * radius / side) + 5 for side in sides)
-    places = centres_mm(shape, frame_from_index)
-    middle = places.reshape(-1, 3).mean(axis=0) + np.array([0.13, -0.21, 0.32])
-    marked = np.linalg.norm(places - middle, axis=-1) < radius
+    centres = centres_mm(shape, frame_from_index)
+    middle = centres.reshape(-1, 3).mean(axis=0) + np.array([0.13, -0.21, 0.32])
+    marked = np.linalg.norm(centres - middle, axis=-1) < radius
     mesh = require_sound(surface_of_labels(marked, frame_from_index, "tumor"), "the tumour")
     off = np.linalg.norm(mesh.vertices_mm - middle, axis=1) - radius
     longest = max(sides)
@@ -82,16 +69,16 @@ def test_surface_separates_any_marks_from_unmarked_voxels(
     marked = binary_fill_holes(marked)
     frame_from_index = grid((0.8, 0.9, 1.6))
     mesh = require_sound(surface_of_labels(marked, frame_from_index, "tumor"), "the tumour")
-    # All that is not in the array is outside as well.
+    # Voxels beyond the array are outside.
     around = np.pad(marked, 1)
-    places = centres_mm(around.shape, frame_from_index) - frame_from_index[:, :3].sum(axis=1)
+    centres = centres_mm(around.shape, frame_from_index) - frame_from_index[:, :3].sum(axis=1)
     vertices, faces = np.array(mesh.vertices_mm), np.array(mesh.faces)
-    winding = igl.winding_number(vertices, faces, places.reshape(-1, 3))
+    winding = igl.winding_number(vertices, faces, centres.reshape(-1, 3))
     np.testing.assert_array_equal(winding > 0.5, around.ravel())
     voxel_mm3 = abs(np.linalg.det(frame_from_index[:, :3]))
     assert mesh.signed_volume_mm3 >= 0.999 * marked.sum() * voxel_mm3
-    inside = igl.winding_number(vertices, faces, reached_mm(marked, frame_from_index)) > 0.5
-    assert inside.all()
+    contained = contained_points_mm(marked, frame_from_index)
+    assert (igl.winding_number(vertices, faces, contained) > 0.5).all()
 
 
 def test_surface_follows_the_voxel_faces_at_the_border() -> None:

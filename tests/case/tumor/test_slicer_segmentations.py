@@ -1,4 +1,4 @@
-"""Segmentations that 3D Slicer's own code writes, and that it reads: where their voxels lie."""
+"""Positions of voxels in segmentations that 3D Slicer writes and reads."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -88,21 +88,21 @@ def test_slicer_reads_the_files_of_these_tests_at_the_same_position(
     scene.AddNode(storage)
     storage.SetFileName(str(path))
     assert storage.ReadData(node)
-    theirs = slicer.vtkOrientedImageData()
-    assert node.GetBinaryLabelmapRepresentation("Segment_1", theirs)
-    values = vtk_to_numpy(theirs.GetPointData().GetScalars()).reshape(
-        theirs.GetDimensions(), order="F"
+    slicer_map = slicer.vtkOrientedImageData()
+    assert node.GetBinaryLabelmapRepresentation("Segment_1", slicer_map)
+    values = vtk_to_numpy(slicer_map.GetPointData().GetScalars()).reshape(
+        slicer_map.GetDimensions(), order="F"
     )
     ras_from_index = vtk.vtkMatrix4x4()
-    theirs.GetImageToWorldMatrix(ras_from_index)
-    first = np.array(theirs.GetExtent()[::2])
+    slicer_map.GetImageToWorldMatrix(ras_from_index)
+    first = np.array(slicer_map.GetExtent()[::2])
     marked = [[*(index + first), 1.0] for index in np.argwhere(values)]
-    places = np.array([ras_from_index.MultiplyPoint(index)[:3] for index in marked])
-    assert len(places) == 27
-    ours = read_segment(path, "Tumor")
-    indices = np.argwhere(ours.marked)
+    slicer_points = np.array([ras_from_index.MultiplyPoint(index)[:3] for index in marked])
+    assert len(slicer_points) == 27
+    read = read_segment(path, "Tumor")
+    indices = np.argwhere(read.marked)
     np.testing.assert_allclose(
-        np.unique(indices @ ours.ras_from_index[:, :3].T + ours.ras_from_index[:, 3], axis=0),
-        np.unique(places, axis=0),
+        np.unique(indices @ read.ras_from_index[:, :3].T + read.ras_from_index[:, 3], axis=0),
+        np.unique(slicer_points, axis=0),
         atol=1e-9,
     )

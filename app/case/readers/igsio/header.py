@@ -114,9 +114,9 @@ class _Draft:
                 continue
             frames = frames_of(name.removesuffix(_TRANSFORM_SUFFIX))
             if frames is not None:
-                place = f"{path} line {line} (frame {self.index}, {name})"
+                where = f"{path} line {line} (frame {self.index}, {name})"
                 _, status = self.fields.get(f"{name}Status", (0, "OK"))
-                sample = tracked_sample(parse_numbers(value, 16, place), status, frames, stamp)
+                sample = tracked_sample(parse_numbers(value, 16, where), status, frames, stamp)
                 known = poses.get(frames)  # two names may give the same frames
                 poses[frames] = sample if known is None else agreed_sample(known, sample)
         return TrackingFrame(

@@ -44,21 +44,21 @@ class MrmlDocument:
     transforms: dict[str, TransformEntry] = field(default_factory=dict)
 
 
-def read_mrml_document(content: bytes, place: str) -> MrmlDocument:
-    """Parse an MRML scene file; ``place`` names it in messages.
+def read_mrml_document(content: bytes, where: str) -> MrmlDocument:
+    """Parse an MRML scene file; ``where`` names it in messages.
 
     Sequences that were computed from measured ones and those of other nodes are left out. Raises
     `InputError` for text that is not MRML, for a document type, and for a sequence of transforms
     that is not over time in seconds or has no file.
     """
-    scene = _Parser(place)
-    walk_xml(content, place, start=scene.start)
+    scene = _Parser(where)
+    walk_xml(content, where, start=scene.start)
     return scene.document()
 
 
 @dataclass(slots=True)
 class _Parser:
-    place: str
+    where: str
     is_mrml: bool = False
     storages: dict[str, str] = field(default_factory=dict)
     sequences: list[dict[str, str]] = field(default_factory=list)
@@ -67,7 +67,7 @@ class _Parser:
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         if not self.is_mrml:
             if tag != "MRML":
-                raise InputError(f"{self.place} is a {tag[:60]!r}; expected an MRML scene")
+                raise InputError(f"{self.where} is a {tag[:60]!r}; expected an MRML scene")
             self.is_mrml = True
         identity = attributes.get("id", "")
         if tag == "Sequence":
@@ -88,7 +88,7 @@ class _Parser:
         if known.get("DataNodeClassName") not in _TRANSFORM_NODES or _DERIVED in known:
             return None
         name = node.get("name", "")
-        place = f"{self.place}: sequence {name!r}"
+        where = f"{self.where}: sequence {name!r}"
         over = (
             node.get("indexName", ""),
             node.get("indexUnit", ""),
@@ -96,16 +96,16 @@ class _Parser:
         )
         if over != ("time", "s", "numeric"):
             raise InputError(
-                f"{place} is over {over[0]!r} in {over[1]!r} ({over[2]}); expected time in 's'"
+                f"{where} is over {over[0]!r} in {over[1]!r} ({over[2]}); expected time in 's'"
             )
         storage = _pairs(node.get("references", "")).get("storage", "")
         if not self.storages.get(storage):
-            raise InputError(f"{place} has no file: storage {storage!r} is not in the scene")
+            raise InputError(f"{where} has no file: storage {storage!r} is not in the scene")
         return SequenceEntry(
             known.get("Sequences.Source") or name,
             self.storages[storage],
-            tuple(_split(item, ":", place) for item in _items(node.get("indexValues", ""))),
-            tuple(_split(item, "=", place) for item in known.get(_LOST, "").split()),
+            tuple(_split(item, ":", where) for item in _items(node.get("indexValues", ""))),
+            tuple(_split(item, "=", where) for item in known.get(_LOST, "").split()),
         )
 
 
@@ -119,8 +119,8 @@ def _pairs(text: str) -> dict[str, str]:
     return {unquote(name): unquote(value) for name, _, value in pairs}
 
 
-def _split(item: str, at: str, place: str) -> tuple[str, str]:
+def _split(item: str, at: str, where: str) -> tuple[str, str]:
     left, found, right = item.partition(at)
     if not found:
-        raise InputError(f"{place}: {item[:60]!r} is not a pair; expected {at!r} between its parts")
+        raise InputError(f"{where}: {item[:60]!r} is not a pair; expected {at!r} between its parts")
     return unquote(left), unquote(right)

@@ -29,12 +29,12 @@ class _Budget:
     def __init__(self) -> None:
         self._left_bytes = _MAX_SCENE_BYTES
 
-    def read(self, file: IO[bytes], place: str) -> bytes:
+    def read(self, file: IO[bytes], where: str) -> bytes:
         """Read all of ``file``; `InputError` where it exceeds the budget."""
         content = file.read(self._left_bytes + 1)
         if len(content) > self._left_bytes:
             raise InputError(
-                f"{place}: the scenes of a recording are too large; expected "
+                f"{where}: the scenes of a recording are too large; expected "
                 f"{_MAX_SCENE_BYTES} bytes or less"
             )
         self._left_bytes -= len(content)
@@ -42,9 +42,9 @@ class _Budget:
 
 
 class MrmlFiles(Protocol):
-    """A scene file and the files that it names; ``place`` names it in messages."""
+    """A scene file and the files that it names; ``where`` names it in messages."""
 
-    place: str
+    where: str
     budget: _Budget
 
     def scene(self) -> bytes:
@@ -69,11 +69,11 @@ def open_mrml(path: Path) -> Iterator[MrmlFiles]:
         yield _Folder(path)
 
 
-def inner_scene(files: MrmlFiles, file: IO[bytes], name: str, place: str) -> bytes:
+def inner_scene(files: MrmlFiles, file: IO[bytes], name: str, where: str) -> bytes:
     """The scene in ``file``, one of ``files``; by the ending of ``name`` a scene or a bundle."""
-    content = files.budget.read(file, place)
+    content = files.budget.read(file, where)
     if name.endswith(".mrb"):
-        with _Bundle.opened(BytesIO(content), place, files.budget) as bundle:
+        with _Bundle.opened(BytesIO(content), where, files.budget) as bundle:
             return bundle.scene()
     return content
 
@@ -82,17 +82,17 @@ class _Folder:
     """An ``.mrml`` file; the files that it names may not be outside its folder."""
 
     def __init__(self, path: Path) -> None:
-        self.place = str(path)
+        self.where = str(path)
         self.budget = _Budget()
         self._path = path
 
     def scene(self) -> bytes:
         with open_for_reading(self._path) as file:
-            return self.budget.read(file, self.place)
+            return self.budget.read(file, self.where)
 
     @contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
-        path = resolve_inside(self._path.parent, name, f"{self.place}: the file of a sequence")
+        path = resolve_inside(self._path.parent, name, f"{self.where}: the file of a sequence")
         with open_for_reading(path) as file:
             yield file
 
@@ -100,8 +100,8 @@ class _Folder:
 class _Bundle:
     """A ZIP file with one scene; its members are streamed and never unpacked to disk."""
 
-    def __init__(self, bundle: zipfile.ZipFile, place: str, budget: _Budget) -> None:
-        self.place = place
+    def __init__(self, bundle: zipfile.ZipFile, where: str, budget: _Budget) -> None:
+        self.where = where
         self.budget = budget
         self._zip = bundle
         self._left_bytes = _MAX_HEADER_BYTES
@@ -111,48 +111,48 @@ class _Bundle:
         top = min((len(path.parts) for path in scenes), default=0)
         self._scenes = [path for path in scenes if len(path.parts) == top]
         if len(self._scenes) != 1:
-            raise InputError(f"{place} has {len(self._scenes)} scenes (.mrml); expected 1")
+            raise InputError(f"{where} has {len(self._scenes)} scenes (.mrml); expected 1")
 
     @classmethod
     @contextmanager
-    def opened(cls, file: IO[bytes], place: str, budget: _Budget) -> Iterator["_Bundle"]:
-        with _damage_reported(place), zipfile.ZipFile(file) as bundle:
+    def opened(cls, file: IO[bytes], where: str, budget: _Budget) -> Iterator["_Bundle"]:
+        with _damage_reported(where), zipfile.ZipFile(file) as bundle:
             if len(bundle.filelist) > _MAX_MEMBERS:
                 raise InputError(
-                    f"{place} has {len(bundle.filelist)} files; expected {_MAX_MEMBERS} or less"
+                    f"{where} has {len(bundle.filelist)} files; expected {_MAX_MEMBERS} or less"
                 )
-            yield cls(bundle, place, budget)
+            yield cls(bundle, where, budget)
 
     def scene(self) -> bytes:
         name = str(self._scenes[0])
         with self._zip.open(name) as file:
-            return self.budget.read(file, f"{self.place}: {name}")
+            return self.budget.read(file, f"{self.where}: {name}")
 
     @contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
         member = str(self._scenes[0].parent / name)
         if member not in self._zip.NameToInfo:
-            raise InputError(f"{self.place} has no file {member!r}, which holds a sequence")
+            raise InputError(f"{self.where} has no file {member!r}, which holds a sequence")
         size = self._zip.getinfo(member).file_size
         if size > self._left_bytes:
             raise InputError(
-                f"{self.place}: {member} unpacks to {size} bytes; "
+                f"{self.where}: {member} unpacks to {size} bytes; "
                 f"expected {self._left_bytes} or less"
             )
         self._left_bytes -= size
-        with _damage_reported(self.place), self._zip.open(member) as file:
+        with _damage_reported(self.where), self._zip.open(member) as file:
             yield file
             while file.read(_CHUNK_BYTES):  # zipfile compares the checksum at the end only
                 pass
 
 
 @contextmanager
-def _damage_reported(place: str) -> Iterator[None]:
+def _damage_reported(where: str) -> Iterator[None]:
     try:
         yield
     except MarginGuardError:
         raise
     except _DAMAGE as error:
         raise InputError(
-            f"{place} is not a complete bundle: {error or type(error).__name__}"
+            f"{where} is not a complete bundle: {error or type(error).__name__}"
         ) from error

@@ -42,12 +42,12 @@ def read_mrml(path: Path, note: Note) -> Iterator[TrackingFrame]:
     """Yield the frames of the scene at ``path`` in the order of time, one frame per time.
 
     Times are those in the file of the sequence. A sequence whose name gives no pair of frames is
-    skipped and reported to ``note``. Raises `InputError`, with the place, for files that are
+    skipped and reported to ``note``. Raises `InputError`, with the file, for content that is
     malformed, too large or outside the scene's folder, and for a scene without a sequence of
     transforms.
     """
     with open_mrml(path) as files:
-        scene = read_mrml_document(files.scene(), files.place)
+        scene = read_mrml_document(files.scene(), files.where)
         tracks = [
             _samples(files, entry, frames, note)
             for entry in scene.sequences
@@ -82,17 +82,17 @@ def _samples(
     files: MrmlFiles, entry: SequenceEntry, frames: tuple[str, str], note: Note
 ) -> Iterator[TrackedTransform]:
     """Yield all samples of a sequence in the order of time, lost ones included."""
-    place = f"{files.place}: {entry.file_name}"
-    held = _held(files, entry, frames, place, note)
+    where = f"{files.where}: {entry.file_name}"
+    held = _held(files, entry, frames, where, note)
     lost = [
-        TrackedTransform.lost(frames[1], frames[0], _stamp(time, place), _lost_status(word, place))
+        TrackedTransform.lost(frames[1], frames[0], _stamp(time, where), _lost_status(word, where))
         for time, word in entry.lost
     ]
     yield from heapq.merge(held, sorted(lost, key=_ns), key=_ns)
 
 
 def _held(
-    files: MrmlFiles, entry: SequenceEntry, frames: tuple[str, str], place: str, note: Note
+    files: MrmlFiles, entry: SequenceEntry, frames: tuple[str, str], where: str, note: Note
 ) -> Iterator[TrackedTransform]:
     name = entry.file_name.lower()
     count = 0
@@ -102,47 +102,47 @@ def _held(
             def frames_of(field: str) -> tuple[str, str] | None:
                 return frames if _frames_of(field, note) == frames else None
 
-            for frame in read_header(file, place, frames_of, note):
+            for frame in read_header(file, where, frames_of, note):
                 count += len(frame.poses)
                 yield from frame.poses
         elif name.endswith(MRML_ENDINGS):
-            inner = read_mrml_document(inner_scene(files, file, name, place), place)
-            for sample in _items(inner, entry, frames, place):
+            inner = read_mrml_document(inner_scene(files, file, name, where), where)
+            for sample in _items(inner, entry, frames, where):
                 count += 1
                 yield sample
         else:
             raise InputError(
-                f"{place} cannot be read; expected one of "
+                f"{where} cannot be read; expected one of "
                 f"{', '.join((*_HEADER_ENDINGS, *MRML_ENDINGS))}"
             )
     if not count:
-        raise InputError(f"{place} holds no sample of {entry.name}")
+        raise InputError(f"{where} holds no sample of {entry.name}")
 
 
 def _items(
-    scene: MrmlDocument, entry: SequenceEntry, frames: tuple[str, str], place: str
+    scene: MrmlDocument, entry: SequenceEntry, frames: tuple[str, str], where: str
 ) -> Iterator[TrackedTransform]:
     for identity, time in entry.index:
         node = scene.transforms.get(identity)
         if node is None:
             raise InputError(
-                f"{place} has no transform {identity!r}, which the sequence has at {time} s"
+                f"{where} has no transform {identity!r}, which the sequence has at {time} s"
             )
-        numbers = parse_numbers(node.matrix, 16, f"{place}: {identity}")
-        yield tracked_sample(numbers, node.status, frames, _stamp(time, place))
+        numbers = parse_numbers(node.matrix, 16, f"{where}: {identity}")
+        yield tracked_sample(numbers, node.status, frames, _stamp(time, where))
 
 
-def _stamp(time: str, place: str) -> Stamp:
+def _stamp(time: str, where: str) -> Stamp:
     try:
         return Stamp.from_seconds(time)
     except MarginGuardError as error:
-        raise InputError(f"{place}: {error}") from error
+        raise InputError(f"{where}: {error}") from error
 
 
-def _lost_status(word: str, place: str) -> TrackingStatus:
+def _lost_status(word: str, where: str) -> TrackingStatus:
     status = TrackingStatus.__members__.get(word, TrackingStatus.OK)
     if status is TrackingStatus.OK:
         raise InputError(
-            f"{place}: a lost sample has status {word[:60]!r}; expected a known one that is not OK"
+            f"{where}: a lost sample has status {word[:60]!r}; expected a known one that is not OK"
         )
     return status
