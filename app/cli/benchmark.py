@@ -1,6 +1,6 @@
-"""Runs a benchmark as its own program: ``python -m app.cli.benchmark MODULE OPTION...``.
+"""Run a benchmark as its own program: ``python -m app.cli.benchmark MODULE OPTION...``.
 
-One that lacks its peers, which come with what tests need, says so in a line.
+Prints one line when the peer of a benchmark is not installed; peers come with the extra ``test``.
 """
 
 import runpy
@@ -10,7 +10,7 @@ BAD_INPUT = 2
 
 
 def main() -> None:
-    """Run the module that the first argument names, with the rest as its own."""
+    """Run the module that the first argument names, with the remaining arguments."""
     module = sys.argv.pop(1)
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)

@@ -1,7 +1,7 @@
-"""What this installation has, what it lacks, and what to do about it.
+"""Checks of this installation, each with a remedy.
 
-Nothing heavy is imported into this process: packages are looked up in their metadata, and what can
-only be known by importing is tried in a process of its own, where a crash is an answer too.
+Nothing heavy is imported into this process: packages are looked up in their metadata, and imports
+are tried in a process of their own, where a crash is a result too.
 """
 
 import re
@@ -32,11 +32,11 @@ print(scene.AddNewNodeByClass("vtkMRMLLinearTransformNode").GetClassName())
 """
 
 Probe = Callable[[str], tuple[bool, str]]
-"""Runs Python code elsewhere: whether it ended well, and the last line that it said."""
+"""Runs Python code in another process: whether it succeeded, and the last line of its output."""
 
 
 def run_probe(code: str) -> tuple[bool, str]:
-    """Run ``code`` with this Python in a process of its own; see `Probe`."""
+    """`Probe` that runs ``code`` with this Python in a process of its own."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", code],
@@ -47,14 +47,14 @@ def run_probe(code: str) -> tuple[bool, str]:
         )
     except subprocess.TimeoutExpired:
         return False, f"no answer in {PROBE_TIMEOUT_S:g} s"
-    said = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
+    lines = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
     if done.returncode < 0:
-        said.append(f"killed by signal {-done.returncode}")
-    return done.returncode == 0, said[-1].strip() if said else f"exit status {done.returncode}"
+        lines.append(f"killed by signal {-done.returncode}")
+    return done.returncode == 0, lines[-1].strip() if lines else f"exit status {done.returncode}"
 
 
 def check_environment(probe: Probe = run_probe) -> list[Check]:
-    """Every check, in the order in which a remedy would help: machine, packages, ROS, Slicer."""
+    """Run every check, in the order in which remedies apply: machine, packages, ROS, Slicer."""
     with ThreadPoolExecutor() as pool:
         probed = [
             pool.submit(check, probe) for check in (check_rclpy, check_interfaces, check_mrml)
@@ -63,7 +63,7 @@ def check_environment(probe: Probe = run_probe) -> list[Check]:
 
 
 def check_packages(distribution: str = "marginguard") -> list[Check]:
-    """One check for each requirement of ``distribution``, but for those of its tests."""
+    """One check for each requirement of ``distribution``, except those of its tests."""
     try:
         requirements = metadata.requires(distribution) or []
     except metadata.PackageNotFoundError:
@@ -84,27 +84,27 @@ def check_packages(distribution: str = "marginguard") -> list[Check]:
 
 
 def check_rclpy(probe: Probe) -> Check:
-    """Whether ROS 2 can be imported."""
-    ok, said = probe(RCLPY)
+    """Check that ROS 2 can be imported."""
+    ok, output = probe(RCLPY)
     remedy = "source a ROS 2 Jazzy, or run `pip install -c constraints.txt -e '.[ros]'`"
-    return checked("rclpy imports", ok, said, f"{remedy}; --no-ros works without")
+    return checked("rclpy imports", ok, output, f"{remedy}; --no-ros works without")
 
 
 def check_interfaces(probe: Probe) -> Check:
-    """Whether the compiled messages load, and whose ``tf2_msgs`` it is that is used.
+    """Check that the compiled messages load, and report which ``tf2_msgs`` is used.
 
-    A sourced ROS 2 stands earlier on Python's path than the environment, so its own one wins.
+    A sourced ROS 2 precedes the environment on Python's path, so its package wins.
     """
-    ok, said = probe(INTERFACES)
-    found = f"tf2_msgs {_origin(Path(said))}" if ok else said
+    ok, output = probe(INTERFACES)
+    found = f"tf2_msgs {_origin(Path(output))}" if ok else output
     return checked("ROS interfaces", ok, found, "install g++, then run `pip install ./interfaces`")
 
 
 def check_mrml(probe: Probe) -> Check:
-    """Whether a scene of 3D Slicer can be made."""
-    ok, said = probe(MRML)
+    """Check that a scene of 3D Slicer can be created."""
+    ok, output = probe(MRML)
     remedy = "run `pip install -c constraints.txt -e '.[scene]'`"
-    return checked("3D Slicer scene", ok, "MRML" if ok else said, remedy)
+    return checked("3D Slicer scene", ok, "MRML" if ok else output, remedy)
 
 
 def _origin(module: Path) -> str:
@@ -118,9 +118,9 @@ def _origin(module: Path) -> str:
 
 
 def _parse_requirement(requirement: str) -> tuple[str, str]:
-    """The project's name and the extra that asks for it ("" for none), of a Requires-Dist value."""
+    """Project name and extra ("" for none) of a Requires-Dist value."""
     name = re.match(r"[A-Za-z0-9._-]+", requirement)
     if name is None:
-        raise ValueError(f"{requirement!r} does not begin with the name of a project")
+        raise ValueError(f"{requirement!r} does not start with a project name")
     extra = re.search(r"""extra\s*==\s*['"]([^'"]+)['"]""", requirement)
     return name.group(), extra.group(1) if extra else ""

@@ -1,18 +1,18 @@
-"""What a command loads stays to its end: it is not looked through for cycles again and again."""
+"""Freeze long-lived objects so that the garbage collector does not scan them."""
 
 import gc
 from types import TracebackType
 from typing import Self
 
-_NEWER = 50_000
-"""So many objects more than before are worth a search. Each block of frames that is read ahead
-(`app.case.frames.read_ahead`) is a thousand, which are soon given back."""
+_THRESHOLD = 50_000
+"""New objects between two collections. Each block of frames that is read ahead
+(`app.case.frames.read_ahead`) allocates a thousand and soon frees them."""
 
 
 class GcPause:
-    """Within the context no cycles are looked for until `settle`, and then among what is newer.
+    """Within the context collection is off until `settle`, and then covers newer objects only.
 
-    Loading makes a million objects, nearly all of which stay.
+    Loading allocates a million objects, nearly all of which stay until the end.
     """
 
     def __enter__(self) -> Self:
@@ -21,10 +21,10 @@ class GcPause:
         return self
 
     def settle(self) -> None:
-        """All is loaded: what there is now is left alone up to the context's end."""
+        """Freeze all present objects until the end of the context; call it when all is loaded."""
         gc.freeze()
-        gc.set_threshold(_NEWER, *self._thresholds[1:])
-        self._let_search()
+        gc.set_threshold(_THRESHOLD, *self._thresholds[1:])
+        self._restore_enabled()
 
     def __exit__(
         self,
@@ -34,8 +34,8 @@ class GcPause:
     ) -> None:
         gc.unfreeze()
         gc.set_threshold(*self._thresholds)
-        self._let_search()
+        self._restore_enabled()
 
-    def _let_search(self) -> None:
+    def _restore_enabled(self) -> None:
         if self._enabled:
             gc.enable()

@@ -1,7 +1,7 @@
-"""Entry point of ``marginguard``: parses, dispatches, and turns errors into one line.
+"""Entry point of ``marginguard``: parse arguments, run a command, print errors in one line.
 
 Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupted, 143 when
-terminated, 141 when nobody reads any more what is printed, as a shell has it of other programs.
+terminated, 141 when the reader of standard output has closed it, as shells report it.
 """
 
 import argparse
@@ -53,8 +53,8 @@ BAD_INPUT = 2
 INTERRUPTED, TERMINATED = 130, 143
 NO_READER = 141
 
-LONGEST_LINE = 500
-"""Letters of an error; of what is longer the middle is left out."""
+MAX_LINE_CHARS = 500
+"""Longest error line; the middle of a longer one is left out."""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -63,7 +63,7 @@ def build_parser() -> argparse.ArgumentParser:
         prog="marginguard",
         description="Margin guard for image-guided robotic intervention. "
         "A research tool, not a medical device.",
-        epilog="'marginguard COMMAND --help' tells the options of a command.",
+        epilog="'marginguard COMMAND --help' lists the options of a command.",
     )
     parser.add_argument("--version", action="version", version=f"marginguard {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -78,18 +78,18 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
-    # All memory is given back at the end: looking for cycles in it before that takes half a second.
+    # Skip the garbage collection at exit, which takes half a second.
     atexit.register(gc.freeze)
     options = build_parser().parse_args(arguments)
     try:
         with raise_signals():
             status: int = COMMANDS[options.command].run(options)
-        if sys.stdout is not None:  # it is None where the caller has closed it
+        if sys.stdout is not None:  # None if the caller has closed it
             sys.stdout.flush()
     except KeyboardInterrupt as end:
         return TERMINATED if isinstance(end, Terminated) else INTERRUPTED
     except BrokenPipeError:
-        # Nothing more can be said; but a check may not have held, and a guard has ended.
+        # Nothing more can be printed, but the caller must not take this for success.
         sys.stderr.close()
         return NO_READER
     except Exception as error:
@@ -107,8 +107,8 @@ def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}"
     text = " ".join(text.split())
-    if len(text) > LONGEST_LINE:
-        text = f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 2 :]}"
+    if len(text) > MAX_LINE_CHARS:
+        text = f"{text[: MAX_LINE_CHARS // 2]} ... {text[-MAX_LINE_CHARS // 2 :]}"
     if isinstance(error, MarginGuardError | OSError) and text:
         return text
     return f"unexpected {type(error).__name__}: {text} (--debug shows where)"

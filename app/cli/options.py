@@ -6,13 +6,13 @@ from pathlib import Path
 
 
 def add_case(parser: argparse.ArgumentParser) -> None:
-    """The case folder, and where the packages that it names are found."""
+    """Add the case folder and the folders of packages."""
     parser.add_argument("case", type=folder_path, metavar="CASE", help="folder with a case.yaml")
     add_package_dirs(parser)
 
 
 def add_package_dirs(parser: argparse.ArgumentParser) -> None:
-    """Where ``package://`` names are found."""
+    """Add the folders in which ``package://`` names are resolved."""
     parser.add_argument(
         "--package-dir",
         type=existing_folder,
@@ -20,37 +20,38 @@ def add_package_dirs(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="DIR",
         dest="package_dirs",
-        help="where package://NAME/... is found: the folder NAME, or one that holds it; "
-        "may be given again",
+        help="where package://NAME/... is found: the folder NAME, or its parent; may be repeated",
     )
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
-    """Output for a program instead of a person."""
+    """Add output for programs."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
 def folder_path(text: str) -> Path:
-    """A folder's path; an empty one is a mistake in a script, not the current folder."""
+    """Path of a folder. An empty text is a mistake in a script, not the current folder."""
     if not text:
-        raise argparse.ArgumentTypeError("the name of the folder is empty")
+        raise argparse.ArgumentTypeError("the name of the folder is empty; expected a path")
     return Path(text)
 
 
 def existing_folder(text: str) -> Path:
-    """The path of a folder that is there: a misspelt one is said before anything is read."""
+    """Path of an existing folder: a misspelt one is refused before anything is read."""
     path = folder_path(text)
     if not path.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r} is no folder")
+        raise argparse.ArgumentTypeError(f"{text!r}: no such folder")
     return path
 
 
 def file_path(ending: str) -> Callable[[str], Path]:
-    """The type of an option that takes a file to be written, which must end so."""
+    """Type of an option for an output file whose name ends with ``ending``."""
 
     def checked(text: str) -> Path:
         if not text.lower().endswith(ending) or Path(text).name.lower() == ending:
-            raise argparse.ArgumentTypeError(f"{text!r} does not end with {ending}")
+            raise argparse.ArgumentTypeError(
+                f"{text!r}; expected a file name that ends with {ending}"
+            )
         return Path(text)
 
     return checked

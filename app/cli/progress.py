@@ -1,4 +1,4 @@
-"""A progress bar on long work, and none where nobody watches."""
+"""Progress of long work on a terminal."""
 
 import sys
 from collections.abc import Iterable, Iterator
@@ -8,7 +8,7 @@ Item = TypeVar("Item")
 
 
 def with_progress(items: Iterable[Item], what: str) -> Iterator[Item]:
-    """Yield ``items``, counting them on standard error when that is a terminal."""
+    """Yield ``items`` and count them on standard error if that is a terminal."""
     if not sys.stderr.isatty():
         yield from items
         return

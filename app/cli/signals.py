@@ -1,14 +1,15 @@
-"""What SIGINT and SIGTERM do to a command.
+"""Handling of SIGINT and SIGTERM by commands.
 
-Where it makes something they raise, and what is half-written is taken away (`raise_signals`).
+A command that writes files lets them raise, so that half-written files are removed
+(`raise_signals`).
 
-Where it takes steps they are only noted, and ask it to stop (`note_signals`). An exception at any
-moment is not safe there: raised while a function that numba compiled is at work, it ends the
-process with a segmentation fault now and then (measured: 4 of 14 replays; none of 2389 signals that
-were only noted), and in the middle of a step it would leave half of it published.
+A command that takes steps only records them and is asked to stop (`note_signals`). An exception at
+any moment is not safe there: raised inside a function that numba compiled, it sometimes ends the
+process with a segmentation fault (measured: 4 of 14 replays; none of 2389 signals that were only
+recorded), and in the middle of a step it would leave half of it published.
 
-While libraries are loaded an exception may be lost: trimesh takes whatever is raised then for a
-package that is missing. So a command that runs until a signal loads them while signals are noted.
+An exception during an import may be lost: trimesh takes any exception for a missing package. A
+command that runs until a signal therefore imports its libraries while signals are recorded.
 """
 
 import os
@@ -23,28 +24,28 @@ from types import FrameType
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _LATER_S = 0.05
-"""When a signal comes again that found a library being loaded."""
+"""Delay after which a signal that arrived during an import is sent again."""
 
 
 @dataclass(slots=True)
 class SignalState:
-    """The signal that came, None so far, and what is to be stopped by it."""
+    """The signal that was received, None before, and what it stops."""
 
     number: int | None = None
     _stop: Callable[[], None] | None = None
     _ends_at_once: bool = False
 
     def stops(self, stop: Callable[[], None]) -> None:
-        """Call ``stop`` when a signal comes; at once when one has come already."""
+        """Call ``stop`` when a signal arrives; at once if one has arrived already."""
         self._stop = stop
         if self.number is not None:
             stop()
 
     @contextmanager
     def ends_at_once(self) -> Iterator[None]:
-        """Within it a signal ends the process at once, one that has come already too.
+        """Within the context a signal ends the process at once, also one received before.
 
-        For what takes long, cannot be stopped and leaves nothing behind, such as compiling.
+        For long work that cannot be stopped and writes nothing, such as compiling.
         """
         self._ends_at_once = True
         if self.number is not None:
@@ -55,7 +56,7 @@ class SignalState:
             self._ends_at_once = False
 
     def take(self, number: int) -> None:
-        """Note a signal, and stop what there is to stop; a second one ends the process at once."""
+        """Record a signal and call the stop function; a second one ends the process at once."""
         if self.number is not None or self._ends_at_once:
             os._exit(128 + number)
         self.number = number
@@ -64,20 +65,20 @@ class SignalState:
 
     @property
     def exit_status(self) -> int:
-        """What a shell expects of a program that a signal ended: 128 and its number; 0 without."""
+        """Exit status that shells expect: 128 plus the number of the signal; 0 without one."""
         return 0 if self.number is None else 128 + self.number
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM, raised as SIGINT is."""
+    """Raised for SIGTERM, as KeyboardInterrupt is for SIGINT."""
 
 
 @contextmanager
 def raise_signals() -> Iterator[None]:
-    """Within it SIGINT raises `KeyboardInterrupt`, SIGTERM `Terminated`: not what is ignored.
+    """Within the context SIGINT raises `KeyboardInterrupt` and SIGTERM `Terminated`.
 
-    So what is half-written is taken away again on the way out. While a library is loaded, which
-    could lose what is raised, they wait. For the main thread only.
+    Ignored signals stay ignored. During an import, which could lose an exception, a signal is
+    delayed. For the main thread only.
     """
     usual = (signal.SIG_DFL, signal.default_int_handler)
     before = {n: handler for n in SIGNALS if (handler := signal.getsignal(n)) in usual}
@@ -92,10 +93,10 @@ def raise_signals() -> Iterator[None]:
 
 @contextmanager
 def note_signals() -> Iterator[SignalState]:
-    """Within it SIGINT and SIGTERM are noted, and stop what `SignalState.stops` was told.
+    """Within the context SIGINT and SIGTERM are recorded and call the stop function.
 
-    That is called in a thread of its own, so it may take locks. For the main thread only. The
-    handlers that were there come back afterwards.
+    The stop function runs in a thread of its own, so it may take locks. For the main thread only.
+    The previous handlers are restored afterwards.
     """
     received = SignalState()
     reader, writer = socket.socketpair()
@@ -108,7 +109,7 @@ def note_signals() -> Iterator[SignalState]:
 
     thread = threading.Thread(target=watch, name="signals", daemon=True)
     thread.start()
-    handlers = {number: signal.signal(number, _only_noted) for number in SIGNALS}
+    handlers = {number: signal.signal(number, _only_recorded) for number in SIGNALS}
     wakeup_before = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     try:
         yield received
@@ -132,5 +133,5 @@ def _raise(number: int, frame: FrameType | None) -> None:
     raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
 
 
-def _only_noted(number: int, frame: FrameType | None) -> None:
-    """The interpreter has written the number to the watching thread already."""
+def _only_recorded(number: int, frame: FrameType | None) -> None:
+    """Do nothing: the interpreter has written the number to the watching thread already."""

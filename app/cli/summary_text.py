@@ -1,11 +1,11 @@
-"""The summary of a replay, for a person at a terminal."""
+"""Text of a replay's summary for the terminal."""
 
 from pathlib import Path
 from typing import Any
 
 
 def as_text(summary: dict[str, Any], report: Path | None) -> str:
-    """What ``summary.json`` says, in a few lines."""
+    """Format ``summary`` (as in ``summary.json``) in a few lines."""
     lines = [
         summary["case"],
         f"  frames        {summary['frames']} ({summary['valid_frames']} valid) "

@@ -1,7 +1,7 @@
-"""What the machine itself must bring, and what to do about what it lacks.
+"""Checks of the machine: platform, Python, compilers, OpenGL without a screen.
 
-``make`` runs this file with the Python that it was given, on its own and before there is an
-environment. So it needs the standard library only, and says its sentence under an old Python too.
+``make`` runs this file alone, with the Python that the user chose, before an environment exists.
+It therefore uses the standard library only, and runs under an old Python too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ OLDEST, NEWEST = (3, 11), (3, 13)
 
 
 class Check(NamedTuple):
-    """One thing that was looked at: whether it is there, and one sentence on what to do if not."""
+    """Result of one check, with one sentence on the remedy if it failed."""
 
     name: str
     ok: bool
@@ -29,12 +29,12 @@ class Check(NamedTuple):
 
 
 def checked(name: str, ok: bool, found: str, remedy: str) -> Check:
-    """A `Check` that keeps its remedy only where one is needed."""
+    """A `Check` that has a remedy only if it failed."""
     return Check(name, ok, found, "" if ok else remedy)
 
 
 def check_machine() -> list[Check]:
-    """Platform, Python, its ``venv`` and headers, the compilers, OpenGL without a screen."""
+    """Check platform, Python, its ``venv`` and headers, the compilers, OpenGL without a screen."""
     return [
         check_platform(platform.system(), platform.machine()),
         check_python(tuple(sys.version_info[:2])),
@@ -46,7 +46,7 @@ def check_machine() -> list[Check]:
 
 
 def check_platform(system: str, machine: str) -> Check:
-    """Whether the ROS and Slicer wheels exist for this kind of machine."""
+    """Check that the ROS and Slicer wheels exist for this platform."""
     return checked(
         "platform",
         (system, machine) == ("Linux", "x86_64"),
@@ -56,7 +56,7 @@ def check_platform(system: str, machine: str) -> Check:
 
 
 def check_python(version: tuple[int, ...]) -> Check:
-    """Whether ``version`` (major, minor) is one that every wheel exists for."""
+    """Check that every wheel exists for ``version`` (major, minor)."""
     oldest, newest, found = (".".join(map(str, v)) for v in (OLDEST, NEWEST, version))
     return checked(
         "python",
@@ -68,7 +68,7 @@ def check_python(version: tuple[int, ...]) -> Check:
 
 
 def check_venv() -> Check:
-    """Whether this Python can make a virtual environment with pip in it."""
+    """Check that this Python can create a virtual environment with pip."""
     missing = [name for name in ("venv", "ensurepip") if importlib.util.find_spec(name) is None]
     return checked(
         "venv",
@@ -79,7 +79,7 @@ def check_venv() -> Check:
 
 
 def check_headers() -> Check:
-    """Whether the headers to compile the interfaces against are there."""
+    """Check that Python's headers are installed, which the interfaces are compiled with."""
     header = os.path.join(sysconfig.get_path("include"), "Python.h")  # noqa: PTH118
     return checked(
         "python headers",
@@ -90,7 +90,7 @@ def check_headers() -> Check:
 
 
 def check_compiler() -> Check:
-    """Whether the compilers that setuptools would call are there (``CC`` and ``CXX`` count)."""
+    """Check that the compilers that setuptools calls exist (``CC`` and ``CXX`` are respected)."""
     programs = {
         role: os.environ.get(role) or sysconfig.get_config_var(role) or fallback
         for role, fallback in (("CC", "gcc"), ("CXX", "g++"))
@@ -106,9 +106,9 @@ def check_compiler() -> Check:
 
 
 def check_egl() -> Check:
-    """Whether a picture can be rendered without a screen: an EGL device that starts up.
+    """Check that pictures can be rendered without a screen: an EGL device initialises.
 
-    Without one VTK does not raise, it crashes; so this asks EGL itself, in VTK's way.
+    Without one VTK crashes instead of raising, so this queries EGL itself as VTK does.
     """
     remedy = "pictures cannot be rendered without a screen: apt install libegl1 libgl1-mesa-dri"
     try:
@@ -129,7 +129,7 @@ def _egl_function(egl: ctypes.CDLL, name: str, restype: type, *argtypes: type) -
 
 
 def _egl_devices(egl: ctypes.CDLL) -> list[int]:
-    """The handles of EGL_EXT_device_enumeration; none where EGL lacks it."""
+    """Device handles of EGL_EXT_device_enumeration; none if EGL lacks it."""
     query = _egl_function(
         egl,
         "eglQueryDevicesEXT",
@@ -167,7 +167,7 @@ def _egl_starts(egl: ctypes.CDLL, device: int) -> bool:
 
 
 def main(checks: Iterable[Check]) -> int:
-    """Print one sentence for each thing that is missing; the number of them."""
+    """Print one sentence for each failed check; return their number."""
     missing = [check for check in checks if not check.ok]
     for check in missing:
         print(f"marginguard: {check.remedy}", file=sys.stderr)
@@ -175,7 +175,5 @@ def main(checks: Iterable[Check]) -> int:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault(
-        "EGL_LOG_LEVEL", "fatal"
-    )  # one sentence of ours, not Mesa's lines as well
+    os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # otherwise Mesa prints lines of its own
     sys.exit(1 if main(check_machine()) else 0)

@@ -1,4 +1,4 @@
-"""Our own arm, as the simulation of a case wants it."""
+"""Kinematics of our desktop arm for the simulation of a case."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,17 +19,17 @@ class TouchArm:
 
     @property
     def joint_names(self) -> Sequence[str]:
-        """The joints, in the order of the joint states."""
+        """Names of the joints, in the order of the joint states."""
         return self._robot.actuated_joint_names
 
     def base_from_tool(self, joints: Mapping[str, float]) -> Transform:
-        """Where ``joints`` (rad) put the tip, in the base."""
+        """Pose of the tip in the base frame for ``joints`` (rad)."""
         root_from_tip = self._robot.forward_kinematics(joints)[TOOL_LINK]
         return root_from_tip.renamed(target=self._base_frame, source=self._tip_frame)
 
     def joints_for(
         self, base_from_tool: Transform, seed: Mapping[str, float] | None
     ) -> Mapping[str, float]:
-        """Joints (rad) near ``seed`` that put the tip there; `UnreachableError` where none do."""
+        """Joints (rad) near ``seed`` that reach the pose; raises `UnreachableError` if none do."""
         root_from_tip = base_from_tool.renamed(target=self._robot.root_link, source=TOOL_LINK)
         return self._robot.inverse_kinematics(TOOL_LINK, root_from_tip, seed=seed)

@@ -61,7 +61,7 @@ def test_a_package_is_found_in_the_folder_that_is_given(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["info", str(case), "--package-dir", str(tmp_path / "none")])
     assert stop.value.code == 2
-    assert "none' is no folder" in capsys.readouterr().err
+    assert "none': no such folder" in capsys.readouterr().err
 
 
 def test_no_case_is_made_in_the_place_of_the_current_folder(tmp_path, monkeypatch, capsys):
@@ -144,19 +144,13 @@ def test_a_converted_case_replays_to_the_same_table(tmp_path, capsys):
         ["calibrate", "time", "case", "--around-ms", "nan"],
     ],
 )
-def test_a_value_that_an_option_does_not_take_is_shown_with_what_it_takes(arguments, capsys):
+def test_invalid_value_of_an_option_is_shown_with_what_is_expected(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
     said = capsys.readouterr().err.splitlines()[-1]
     assert (arguments[-1] or "empty") in said
-    assert (
-        "expected" in said
-        or "wanted" in said
-        or "allowed" in said
-        or "empty" in said
-        or "no rate" in said
-    )
+    assert "expected" in said
     assert "_" not in said.partition("argument")[2].replace("--", "")  # no name of our functions
 
 

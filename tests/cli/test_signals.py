@@ -170,7 +170,7 @@ def test_a_signal_while_something_is_written_leaves_nothing_of_it(
 @pytest.mark.parametrize(
     ("place", "command", "whole"),
     [
-        ("app.report.write._put_in_place", "replay {case} --no-ros --report new", "report.html"),
+        ("app.report.write.write_files", "replay {case} --no-ros --report new", "report.html"),
         ("app.case.live_recording._write", "record -o new --config {live}", "case.yaml"),
     ],
 )

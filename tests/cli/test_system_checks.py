@@ -1,4 +1,4 @@
-"""The machine checks: each with what it looks at taken away."""
+"""Each check of the machine fails when what it checks is taken away."""
 
 import subprocess
 import sys
@@ -6,50 +6,50 @@ from pathlib import Path
 
 import pytest
 
-from app.cli import machine
+from app.cli import system_checks
 
 
 @pytest.mark.parametrize(
     ("version", "ok"), [((3, 10), False), ((3, 11), True), ((3, 13), True), ((3, 14), False)]
 )
 def test_python_versions(version: tuple[int, int], ok: bool) -> None:
-    check = machine.check_python(version)
+    check = system_checks.check_python(version)
     assert check.ok is ok
     assert ("3.11 to 3.13" in check.remedy) is not ok
 
 
-def test_a_machine_without_wheels_is_refused() -> None:
-    assert machine.check_platform("Linux", "x86_64").ok
-    assert "Linux on x86_64" in machine.check_platform("Linux", "aarch64").remedy
-    assert not machine.check_platform("Darwin", "x86_64").ok
+def test_platform_without_wheels_is_refused() -> None:
+    assert system_checks.check_platform("Linux", "x86_64").ok
+    assert "Linux on x86_64" in system_checks.check_platform("Linux", "aarch64").remedy
+    assert not system_checks.check_platform("Darwin", "x86_64").ok
 
 
 def test_a_missing_compiler_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CXX", "no-such-compiler -O2")
-    check = machine.check_compiler()
+    check = system_checks.check_compiler()
     assert not check.ok
     assert check.remedy.startswith("no-such-compiler not found")
     assert "g++" in check.remedy
 
 
 def test_missing_headers_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(machine.sysconfig, "get_path", lambda name: str(tmp_path))
-    check = machine.check_headers()
+    monkeypatch.setattr(system_checks.sysconfig, "get_path", lambda name: str(tmp_path))
+    check = system_checks.check_headers()
     assert not check.ok
     assert str(tmp_path / "Python.h") in check.remedy
 
 
 def test_a_python_without_venv_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine.importlib.util, "find_spec", lambda name: None)
-    assert "python3-venv" in machine.check_venv().remedy
+    monkeypatch.setattr(system_checks.importlib.util, "find_spec", lambda name: None)
+    assert "python3-venv" in system_checks.check_venv().remedy
 
 
 def test_no_egl_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str) -> None:
         raise OSError(f"{name}: cannot open shared object file")
 
-    monkeypatch.setattr(machine.ctypes, "CDLL", refuse)
-    check = machine.check_egl()
+    monkeypatch.setattr(system_checks.ctypes, "CDLL", refuse)
+    check = system_checks.check_egl()
     assert not check.ok
     assert "libegl1" in check.remedy
 
@@ -57,7 +57,7 @@ def test_no_egl_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 def run_alone(**environment: str) -> subprocess.CompletedProcess[str]:
     """The file as `make` runs it: by itself, without this project on the path."""
     return subprocess.run(
-        [sys.executable, "-I", str(machine.__file__)],
+        [sys.executable, "-I", str(system_checks.__file__)],
         env=environment,
         capture_output=True,
         text=True,
@@ -75,8 +75,8 @@ def test_alone_it_says_one_sentence_and_fails(tmp_path: Path) -> None:
 
 def test_alone_it_finds_a_gl_without_drivers(tmp_path: Path) -> None:
     """Mesa's library without its drivers: VTK would crash, so loading the library is not enough."""
-    if not machine.check_egl().ok:
-        pytest.skip("no EGL on this machine, so none to take the drivers from")
+    if not system_checks.check_egl().ok:
+        pytest.skip("no EGL on this system_checks, so none to take the drivers from")
     done = run_alone(PATH="/usr/bin:/bin", LIBGL_DRIVERS_PATH=str(tmp_path))
     assert done.returncode == 1
     assert done.stderr == (

@@ -106,8 +106,8 @@ def test_print_shows_a_command_that_a_shell_can_run(install, capsys):
 @pytest.mark.parametrize(
     ("version", "message"),
     [
-        ("Python 3.9.10", "has Python 3.9, these packages are for"),
-        ("nonsense", "says 'nonsense': 'Python "),
+        ("Python 3.9.10", "has Python 3.9; expected "),
+        ("nonsense", "printed 'nonsense'; expected 'Python "),
     ],
 )
 def test_a_python_that_does_not_fit_is_one_line(install, capsys, version, message):
@@ -126,7 +126,7 @@ def test_a_python_beside_the_program_counts_too(install, capsys):
 
 def test_a_python_that_is_not_found_is_said(install, capsys):
     assert main(["slicer", "--slicer", str(install(None)), "--print"]) == 0
-    assert "was not checked" in capsys.readouterr().err
+    assert "could not check" in capsys.readouterr().err
 
 
 def test_what_is_no_program_is_refused(install, tmp_path, capsys):
@@ -135,7 +135,7 @@ def test_what_is_no_program_is_refused(install, tmp_path, capsys):
     for path, message in (
         (tmp_path / "missing", "no such file"),
         (tmp_path, "is a folder"),
-        (plain, "cannot be executed"),
+        (plain, "is not executable"),
     ):
         assert main(["slicer", "--slicer", str(path)]) == 2
         err = capsys.readouterr().err
@@ -147,4 +147,4 @@ def test_what_is_no_program_is_refused(install, tmp_path, capsys):
 def test_an_installation_without_the_checkout_says_so(install, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("app.cli.commands.slicer.CHECKOUT", tmp_path)
     assert main(["slicer", "--slicer", str(install()), "--print"]) == 2
-    assert "the modules are in a checkout of the project" in capsys.readouterr().err
+    assert "expected a checkout of the project" in capsys.readouterr().err

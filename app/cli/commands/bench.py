@@ -1,6 +1,6 @@
 """Run a benchmark of this checkout: our figures beside those of peers, in one run.
 
-Exit status: that of the benchmark; 1 when a figure is not what is wanted of it.
+Exit status: that of the benchmark; 1 when a figure misses its goal.
 """
 
 import argparse
@@ -27,9 +27,9 @@ BENCHMARKS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``marginguard bench``; what follows the name is the benchmark's."""
+    """Declare the options of ``marginguard bench``; options after the name are the benchmark's."""
     parser.add_argument(
-        "name", choices=BENCHMARKS, help="the benchmark: docs/benchmarks.md says what each measures"
+        "name", choices=BENCHMARKS, help="the benchmark: docs/benchmarks.md describes each"
     )
     parser.add_argument(
         "options",
@@ -39,18 +39,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it in a process of its own, so that nothing loaded here disturbs its figures.
+    """Run the benchmark in its own process, so that nothing loaded here disturbs its figures.
 
-    It runs where the user is, so that paths among its options mean what they say, and finds its
-    code in the checkout alone.
+    It runs in the current folder, so that relative paths among its options stay valid, and imports
+    its code from the checkout only.
     """
     from app.files import check_output_path
     from app.geometry import InputError
 
     if not (CHECKOUT / "benchmarks").is_dir():
-        raise InputError("there is no benchmarks folder: they run in a checkout of the project")
-    for place in _places(options.options):
-        check_output_path(place)
+        raise InputError(
+            f"{CHECKOUT / 'benchmarks'}: no such folder; expected a checkout of the project"
+        )
+    for path in _output_paths(options.options):
+        check_output_path(path)
     code = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
         [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],
@@ -59,9 +61,9 @@ def run(options: argparse.Namespace) -> int:
     ).returncode
 
 
-def _places(options: Sequence[str]) -> list[Path]:
-    """The files that a benchmark is to write: asked for before minutes are spent."""
+def _output_paths(options: Sequence[str]) -> list[Path]:
+    """The files that the benchmark writes, to check them before minutes are spent."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for name in ("--json", "--plot"):
         parser.add_argument(name, type=Path, nargs="?")
-    return [place for place in vars(parser.parse_known_args(options)[0]).values() if place]
+    return [path for path in vars(parser.parse_known_args(options)[0]).values() if path]

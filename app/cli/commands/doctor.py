@@ -1,6 +1,6 @@
-"""Look this installation over: what is there, what is missing, what to do about it.
+"""Check this installation: what is installed, what is missing, and the remedy.
 
-Exit status: 0 when everything is there, 1 when something is missing.
+Exit status: 0 when nothing is missing, 1 when something is.
 """
 
 import argparse
@@ -8,7 +8,7 @@ import json
 
 from app.cli.options import add_json
 
-SUMMARY = "say what is there, what is missing, what to do"
+SUMMARY = "check the installation: what is missing, and the remedy"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Look, and say it."""
+    """Run the checks and print their results."""
     from app.cli.doctor import check_environment
 
     checks = check_environment()

@@ -1,8 +1,9 @@
-"""Listen to an OpenIGTLink server (PLUS) and publish what it tracks over ROS 2.
+"""Receive transforms from an OpenIGTLink server (PLUS) and publish them over ROS 2.
 
-Every TRANSFORM and every element of TDATA goes to /tracked_transforms with the status that the
-server gave it, good ones to /tf as well, with the server's own time stamps; the connection and what
-was refused go to /diagnostics. A server that is lost is looked for again until a signal ends it.
+Every TRANSFORM and every element of TDATA is published on /tracked_transforms with the status and
+the time stamp of the server, good ones on /tf as well. The state of the connection and the count of
+refused messages are published on /diagnostics. After a lost connection it reconnects until a signal
+ends it.
 """
 
 import argparse
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Publish until a signal comes."""
     with note_signals() as received:
-        load_bridge("this command is of no use without it")
+        load_bridge("which this command requires")
         print_reach()
         from app.bridge import RosNode
         from app.bridge.igtl_publisher import IgtlPublisher
@@ -39,10 +40,10 @@ def run(options: argparse.Namespace) -> int:
 
         queue = SampleQueue()
 
-        def changed(words: str) -> None:
-            # What was measured before a connection was lost is old when the next one comes.
+        def changed(message: str) -> None:
+            # Samples from before a lost connection are old when the next one is made.
             queue.clear()
-            print(words, file=sys.stderr, flush=True)
+            print(message, file=sys.stderr, flush=True)
 
         received.stops(queue.close)
         with RosNode(options.name) as ros:

@@ -20,7 +20,7 @@ SUMMARY = "start desktop 3D Slicer with MarginGuard's modules"
 CHECKOUT = Path(app.__file__).resolve().parents[1]
 MODULES = ("MarginGuard", "ROS2")
 HOOK_DONE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
-"""Set, it keeps the start-up hook of ROS's wheels from replacing Slicer by a Python interpreter."""
+"""When set, the start-up hook of the ROS wheels does not replace Slicer by a Python interpreter."""
 
 _ASK_S = 60.0
 
@@ -34,15 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--print", action="store_true", dest="only_print", help="show the command, start nothing"
     )
     parser.add_argument(
-        "arguments", nargs="*", metavar="ARGUMENT", help="after '--': handed on to Slicer"
+        "arguments", nargs="*", metavar="ARGUMENT", help="after '--': passed to Slicer"
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Become Slicer, so that signals and its exit status are its own."""
+    """Replace this process by Slicer, which then receives signals and sets the exit status."""
     program = _checked_program(options.slicer)
     _check_python(program)
-    # Last, since it takes all that follows for modules, a scene's file as well.
+    # Last, because Slicer takes all following arguments for modules, even a scene file.
     command = [str(program), *options.arguments, "--additional-module-paths", *_module_folders()]
     added = slicer_environment(os.environ)
     if not options.only_print:
@@ -53,10 +53,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def slicer_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """What Slicer needs beside ``environment``: our packages, ROS's libraries, the hook kept still.
+    """Variables that Slicer needs beside ``environment``: our packages, ROS libraries, no hook.
 
-    Our folders come after those that are there: Slicer's launcher puts its own before all of
-    them, and Slicer has to find its own ``slicer``, ``vtk`` and ``numpy``, not ours.
+    Our folders come after the existing ones: Slicer's launcher puts its own folders first, and
+    Slicer has to import its own ``slicer``, ``vtk`` and ``numpy``, not ours.
     """
     packages = sysconfig.get_path("purelib")
     libraries = (
@@ -71,7 +71,7 @@ def slicer_environment(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def _joined(*paths: str) -> str:
-    """Each folder once, the first time it is named."""
+    """Join the folders, each once, in the order of their first occurrence."""
     folders = (folder for path in paths for folder in path.split(os.pathsep) if folder)
     return os.pathsep.join(dict.fromkeys(folders))
 
@@ -80,11 +80,11 @@ def _checked_program(path: Path) -> Path:
     from app.geometry import InputError
 
     if not path.exists():
-        raise InputError(f"--slicer {path}: no such file; Slicer's own program wanted")
+        raise InputError(f"--slicer {path}: no such file; expected the program Slicer")
     if path.is_dir():
-        raise InputError(f"--slicer {path} is a folder: the program Slicer in it wanted")
+        raise InputError(f"--slicer {path} is a folder; expected the program Slicer in it")
     if not os.access(path, os.X_OK):
-        raise InputError(f"--slicer {path} cannot be executed: Slicer's own program wanted")
+        raise InputError(f"--slicer {path} is not executable; expected the program Slicer")
     return path.resolve()
 
 
@@ -95,22 +95,22 @@ def _module_folders() -> list[str]:
     for folder in folders:
         if not folder.is_dir():
             raise InputError(
-                f"{folder} is missing: the modules are in a checkout of the project, not in a "
-                "package that pip has installed elsewhere"
+                f"{folder}: no such folder; expected a checkout of the project, because an "
+                "installed package does not contain the modules"
             )
     return [str(folder) for folder in folders]
 
 
 def _check_python(program: Path) -> None:
-    """`InputError` when Slicer's Python cannot load our packages; a note when it is not found."""
+    """Raise `InputError` if Slicer's Python cannot load our packages; note if it is not found."""
     from app.geometry import InputError
 
     ours = f"{sys.version_info.major}.{sys.version_info.minor}"
-    beside = (program.parent / "bin" / "PythonSlicer", program.parent / "PythonSlicer")
-    python = next((path for path in beside if os.access(path, os.X_OK)), None)
+    candidates = (program.parent / "bin" / "PythonSlicer", program.parent / "PythonSlicer")
+    python = next((path for path in candidates if os.access(path, os.X_OK)), None)
     if python is None:
         print(
-            f"no PythonSlicer beside {program}: whether it has Python {ours} was not checked",
+            f"no PythonSlicer beside {program}: could not check that it has Python {ours}",
             file=sys.stderr,
         )
         return
@@ -120,12 +120,13 @@ def _check_python(program: Path) -> None:
         )
     except subprocess.TimeoutExpired as error:
         raise InputError(f"{python} -V did not answer within {_ASK_S:g} s") from error
-    said = " ".join((answer.stdout + answer.stderr).split())
-    found = re.search(r"\bPython (\d+\.\d+)\b", said)
+    output = " ".join((answer.stdout + answer.stderr).split())
+    found = re.search(r"\bPython (\d+\.\d+)\b", output)
     if found is None:
-        raise InputError(f"{python} -V says {said[:80]!r}: 'Python {ours}' wanted")
+        raise InputError(f"{python} -V printed {output[:80]!r}; expected 'Python {ours}'")
     if found[1] != ours:
         raise InputError(
-            f"{program} has Python {found[1]}, these packages are for {ours}: make an environment "
-            f"with Python {found[1]} (3.11 to 3.13), or take a Slicer with Python {ours}"
+            f"{program} has Python {found[1]}; expected {ours}, which these packages are for: "
+            f"create an environment with Python {found[1]} (3.11 to 3.13), or use a Slicer with "
+            f"Python {ours}"
         )
