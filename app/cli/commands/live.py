@@ -60,7 +60,7 @@ def _rate_hz(text: str) -> float:
     try:
         rate_hz = float(text)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a rate in Hz; expected a number") from error
+        raise argparse.ArgumentTypeError(f"{text!r} Hz; expected a number") from error
     if not 0.0 < rate_hz <= MAX_HZ:
         raise argparse.ArgumentTypeError(f"{text} Hz; expected more than 0, up to {MAX_HZ:g} Hz")
     return rate_hz

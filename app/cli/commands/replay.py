@@ -170,7 +170,7 @@ def _movie_seconds(text: str) -> float:
     try:
         seconds = float(text)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds; expected a number") from error
+        raise argparse.ArgumentTypeError(f"{text!r} s; expected a number") from error
     if not 1.0 <= seconds <= _MAX_MOVIE_S:
         raise argparse.ArgumentTypeError(f"{text} s; expected 1 to {_MAX_MOVIE_S:g} s")
     return seconds
