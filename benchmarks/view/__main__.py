@@ -40,7 +40,7 @@ def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> Seen:
         try:
             page = browser.new_page(viewport=SIZE)
             page.goto(server.stdout.readline().strip())
-            page.wait_for_selector("body:not([data-lost]) #word")
+            page.wait_for_selector("body:not([data-lost]) #state-label")
             page.evaluate(READ_IN_PAGE)
             page.wait_for_function("window.seenFrames.length > 0")
             page.evaluate("window.seenFrames.length = 0")

@@ -54,7 +54,7 @@ def test_a_case_that_is_none_is_refused_in_one_line(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("address", "named"),
     [
-        (["--port", "65536"], "port 65536"),
+        (["--port", "65536"], "port: 65536"),
         (["--host", ""], "host: empty; expected"),
         (["--host", "192.0.2.1"], "192.0.2.1 port 0: Cannot assign"),
     ],
@@ -108,7 +108,7 @@ def test_a_live_session_is_shown_and_is_grey_without_its_source(
     context = browser.new_context(viewport={"width": 1280, "height": 720})
     watched = Watched(context.new_page(), live_server.host)
     page = watched.open(live_server.url)
-    word = page.locator("#word")
+    word = page.locator("#state-label")
     expect(page.locator(".mode")).to_have_text("LIVE")
     expect(word).to_have_text("UNKNOWN")
     sender = start(str(SENDER), str(frames_file), "tracked", "again")
@@ -120,8 +120,8 @@ def test_a_live_session_is_shown_and_is_grey_without_its_source(
     expect(word).to_have_text("UNKNOWN")
     expect(page.locator("#distance")).to_have_text("\N{EN DASH}")
     expect(page.locator(".lamps [data-light=valid]")).to_have_count(0)
-    assert watched.left_machine() == []
-    assert watched.complaints == []
+    assert watched.external_requests() == []
+    assert watched.errors == []
     live_server.process.send_signal(signal.SIGINT)
     check_lost(page)
     assert live_server.process.wait() == 130

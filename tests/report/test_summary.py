@@ -60,10 +60,10 @@ def test_computed_registration(record_of: Record) -> None:
         moving + [10.0, 20.0, 30.0] + 0.1 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0] * 3])
     )
     result = register_points(fixed, moving, fixed_frame="reference", moving_frame="robot_base")
-    told = summarise(record_of([1.0], registration=result))["registration"]
-    assert told["points"] == 4
-    assert told["fre_mm"] == pytest.approx(result.fre_mm, abs=1e-6)
-    assert told["residuals_mm"] == pytest.approx(result.residuals_mm.tolist(), abs=1e-6)
+    values = summarise(record_of([1.0], registration=result))["registration"]
+    assert values["points"] == 4
+    assert values["fre_mm"] == pytest.approx(result.fre_mm, abs=1e-6)
+    assert values["residuals_mm"] == pytest.approx(result.residuals_mm.tolist(), abs=1e-6)
 
 
 def test_failed_expectation_is_reported(record_of: Record) -> None:

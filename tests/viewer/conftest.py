@@ -1,4 +1,4 @@
-"""A served page, and what watches it in the browser."""
+"""Fixtures: a served page and a browser that records its requests."""
 
 import os
 import subprocess
@@ -32,7 +32,7 @@ DEADLINE_S = 120.0
 
 
 class Server:
-    """``marginguard view`` in a process of its own, as soon as it serves."""
+    """``marginguard view`` in a process of its own; constructed when it serves."""
 
     def __init__(self, arguments: list[str], log: Path) -> None:
         self.log = log
@@ -58,7 +58,7 @@ class Server:
         return urlsplit(self.url).netloc
 
     def close(self) -> None:
-        """End it at once, if it has not ended."""
+        """Kill the process if it runs."""
         self.process.kill()
         self.process.wait()
         assert self.process.stdout is not None
@@ -70,36 +70,36 @@ Serve = Callable[..., Server]
 
 @dataclass
 class Watched:
-    """A page, what it asked for, and what it complained of."""
+    """A page with its requests and its console errors."""
 
     page: Page
     host: str
     requests: list[str] = field(default_factory=list)
-    complaints: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
 
     def open(self, url: str) -> Page:
-        """Watch the page from its first request on; whatever is not of its host fails."""
-        self.page.on("request", self._ask)
+        """Open the page and record its requests; requests to other hosts are aborted."""
+        self.page.on("request", self._on_request)
         self.page.on("websocket", lambda socket: self.requests.append(socket.url))
-        self.page.on("console", self._hear)
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("console", self._on_console)
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.route("**/*", self._route)
         self.page.goto(url)
-        self.page.wait_for_selector("body:not([data-lost]) #word")
+        self.page.wait_for_selector("body:not([data-lost]) #state-label")
         return self.page
 
-    def left_machine(self) -> list[str]:
-        """What was asked of anybody else."""
+    def external_requests(self) -> list[str]:
+        """URLs of other hosts that were requested."""
         own = [f"{scheme}://{self.host}/" for scheme in ("http", "ws")]
         local = (*own, f"blob:http://{self.host}/", "data:")
         return [url for url in self.requests if not url.startswith(local)]
 
-    def _ask(self, request: Request) -> None:
+    def _on_request(self, request: Request) -> None:
         self.requests.append(request.url)
 
-    def _hear(self, message: ConsoleMessage) -> None:
+    def _on_console(self, message: ConsoleMessage) -> None:
         if message.type in ("error", "warning"):
-            self.complaints.append(message.text)
+            self.errors.append(message.text)
 
     def _route(self, route: Route) -> None:
         if urlsplit(route.request.url).netloc == self.host:
@@ -131,7 +131,7 @@ def parts(viewed_case: Path) -> ReplayParts:
 
 @pytest.fixture(scope="session")
 def serve(can_draw: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serve]:
-    """``serve("CASE", ...)``; ended with the session."""
+    """``serve("CASE", ...)`` starts a server, which is killed after the session."""
     started: list[Server] = []
 
     def start(*arguments: str) -> Server:
@@ -151,13 +151,13 @@ def server(serve: Serve, viewed_case: Path) -> Server:
 
 @contextmanager
 def watching(browser: Browser, server: Server) -> Iterator[Watched]:
-    """A page of a fresh browser, opened, in the smaller of the two sizes."""
+    """Open the page in a new browser context of `SIZE`."""
     context = browser.new_context(viewport=SIZE, accept_downloads=True)
     watched = Watched(context.new_page(), server.host)
     try:
         watched.open(server.url)
     except Error as error:
-        pytest.fail(f"{error}, and the server says {server.log.read_text()!r}")
+        pytest.fail(f"{error}; log of the server: {server.log.read_text()!r}")
     yield watched
     context.close()
 

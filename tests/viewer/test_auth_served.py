@@ -1,4 +1,4 @@
-"""A wrong token gets nothing: pages, files, downloads, the socket."""
+"""Requests without the token get no content: pages, files, downloads, the socket."""
 
 import asyncio
 
@@ -20,24 +20,24 @@ PATHS = [
 ]
 
 
-def asked(server: Server, path: str, **given: object) -> tuple[int, bytes, dict[str, str]]:
-    async def ask() -> tuple[int, bytes, dict[str, str]]:
+def response_of(server: Server, path: str, **given: object) -> tuple[int, bytes, dict[str, str]]:
+    async def get() -> tuple[int, bytes, dict[str, str]]:
         async with aiohttp.ClientSession() as session:
             url = f"http://{server.host}{path}"
             async with session.get(url, allow_redirects=False, **given) as answer:
                 return answer.status, await answer.read(), dict(answer.headers)
 
-    return asyncio.run(ask())
+    return asyncio.run(get())
 
 
 def entry(server: Server) -> dict[str, str]:
-    """The cookie that the right token is answered with: not the token."""
-    status, _, headers = asked(server, f"/?token={TOKEN}")
+    """The cookie that a request with the right token gets; it is not the token."""
+    status, _, headers = response_of(server, f"/?token={TOKEN}")
     assert status == 303
     assert TOKEN not in headers["Location"]
-    words = headers["Set-Cookie"].split("; ")
-    assert {"HttpOnly", "SameSite=Strict"} <= set(words)
-    name, value = words[0].split("=", 1)
+    parts = headers["Set-Cookie"].split("; ")
+    assert {"HttpOnly", "SameSite=Strict"} <= set(parts)
+    name, value = parts[0].split("=", 1)
     assert TOKEN not in value  # the browser sends it to other ports of the host as well
     return {name: value}
 
@@ -55,20 +55,20 @@ def entry(server: Server) -> dict[str, str]:
         "?token=%ff",
     ],
 )
-def test_without_the_token_there_is_not_a_byte(server, path, token):
-    status, body, headers = asked(server, path + token)
+def test_request_without_the_token_gets_no_content(server, path, token):
+    status, body, headers = response_of(server, path + token)
     assert (status, body) == (403, b"")
     assert "Set-Cookie" not in headers
 
 
-def test_a_wrong_cookie_opens_nothing(server):
+def test_wrong_cookie_gets_no_content(server):
     (name,) = entry(server)
-    status, body, _ = asked(server, "/index.html", cookies={name: "wrong"})
+    status, body, _ = response_of(server, "/index.html", cookies={name: "wrong"})
     assert (status, body) == (403, b"")
 
 
-def test_the_right_cookie_opens_the_page_which_may_ask_nobody_else(server):
-    status, body, headers = asked(server, "/index.html", cookies=entry(server))
+def test_right_cookie_gets_the_page_with_a_policy_against_other_hosts(server):
+    status, body, headers = response_of(server, "/index.html", cookies=entry(server))
     assert status == 200
     assert b"<html" in body
     assert "default-src 'self'" in headers["Content-Security-Policy"]
@@ -86,7 +86,7 @@ def test_the_right_cookie_opens_the_page_which_may_ask_nobody_else(server):
         (True, "own", 101),
     ],
 )
-def test_the_socket_opens_for_the_page_alone(server, cookie, origin, expected):
+def test_socket_opens_for_the_page_only(server, cookie, origin, expected):
     cookies = entry(server) if cookie else {}
     headers = {}
     if origin is not None:
@@ -103,5 +103,5 @@ def test_the_socket_opens_for_the_page_alone(server, cookie, origin, expected):
     assert asyncio.run(connect()) == expected
 
 
-def test_it_listens_on_this_machine_alone(server):
+def test_server_listens_on_this_machine_only(server):
     assert server.host.startswith("127.0.0.1:")

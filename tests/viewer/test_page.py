@@ -1,4 +1,4 @@
-"""The page in a browser, from the first request to what its pixels show."""
+"""The page in a browser, from its first request to its pixels."""
 
 import csv
 import io
@@ -19,7 +19,7 @@ MINUS = "\N{MINUS SIGN}"
 
 @pytest.fixture
 def page(watched: Watched) -> Page:
-    """The page, whatever the last test left behind: paused at the first frame, seen as at first."""
+    """The page reset: paused at the first frame, with the first camera."""
     page = watched.page
     page.set_viewport_size(SIZE)
     page.evaluate("document.activeElement.blur()")
@@ -33,14 +33,14 @@ def page(watched: Watched) -> Page:
 
 @pytest.fixture(scope="module")
 def rows(viewed_case: Path, tmp_path_factory) -> list[dict[str, str]]:
-    """What a replay of the case writes, frame by frame."""
+    """The rows of ``margin.csv`` of a replay of the case."""
     report = tmp_path_factory.mktemp("report")
     assert main(["replay", str(viewed_case), "--no-ros", "--report", str(report)]) == 0
     return list(csv.DictReader((report / "margin.csv").open()))
 
 
 def go_to(page: Page, frame: int, frames: int = 40) -> None:
-    """Click where the frame is on the timeline; frames are 50 ms apart."""
+    """Click on the timeline at ``frame``; frames are 50 ms apart."""
     if frame == frames - 1:
         page.keyboard.press("End")
     else:
@@ -51,13 +51,13 @@ def go_to(page: Page, frame: int, frames: int = 40) -> None:
 
 
 def look(page: Page, key: str, name: str) -> None:
-    """Choose a camera, and wait for a picture by it."""
+    """Select a camera and wait until it is in use."""
     page.keyboard.press(key)
     expect(page.get_by_role("button", name=name)).to_have_attribute("aria-pressed", "true")
 
 
 def picture(page: Page) -> np.ndarray:
-    """The pixels of the picture on the page, in the last row the last picture's."""
+    """The pixels of the newest picture on the page."""
     number = page.evaluate("trame.state.get('now').number")
     page.wait_for_function("number => Number(document.body.dataset.picture) >= number", arg=number)
     shot = page.locator("main.view img").screenshot()
@@ -65,7 +65,7 @@ def picture(page: Page) -> np.ndarray:
 
 
 def share_of(pixels: np.ndarray, colour: str) -> float:
-    """The share of pixels that are clearly red, green, or grey and brighter than the ground."""
+    """The fraction of pixels that are red, green, or grey and brighter than the background."""
     red, green, blue = np.moveaxis(pixels, -1, 0)
     is_colour = {
         "red": (red > 70) & (red > 1.7 * green) & (red > 1.7 * blue),
@@ -75,16 +75,16 @@ def share_of(pixels: np.ndarray, colour: str) -> float:
     return float(is_colour.mean())
 
 
-def test_it_opens_without_a_word_and_without_leaving_the_machine(watched):
-    expect(watched.page.locator("#word")).to_be_visible()
+def test_page_opens_without_errors_and_without_external_requests(watched):
+    expect(watched.page.locator("#state-label")).to_be_visible()
     watched.page.keyboard.press(" ")
     watched.page.wait_for_function("trame.state.get('now').frame > 3")
     assert watched.requests
-    assert watched.left_machine() == []
-    assert watched.complaints == []
+    assert watched.external_requests() == []
+    assert watched.errors == []
 
 
-def test_it_plays_and_pauses(page):
+def test_replay_plays_and_pauses(page):
     page.keyboard.press(" ")
     page.wait_for_function("trame.state.get('now').frame > 5")
     expect(page.get_by_role("button", name="Pause")).to_be_visible()
@@ -95,7 +95,7 @@ def test_it_plays_and_pauses(page):
     assert page.locator("#frame").inner_text() == frame
 
 
-def test_every_frame_that_is_sought_shows_what_the_replay_wrote(page, rows):
+def test_seek_shows_the_row_of_margin_csv(page, rows):
     for frame in (0, 13, BREACH_FRAME, 39, LOST[0], 26, 1):
         go_to(page, frame)
         row = rows[frame]
@@ -109,7 +109,7 @@ def test_every_frame_that_is_sought_shows_what_the_replay_wrote(page, rows):
         expect(page.locator("#distance")).to_have_text(shown["distance"])
 
 
-def test_steps_move_by_a_frame_and_never_beyond_the_ends(page):
+def test_steps_move_by_one_frame_within_the_recording(page):
     go_to(page, 20)
     page.keyboard.press("ArrowRight")
     expect(page.locator("#frame")).to_have_text("21")
@@ -119,15 +119,15 @@ def test_steps_move_by_a_frame_and_never_beyond_the_ends(page):
     expect(page.locator("#frame")).to_have_text("39")
 
 
-def test_the_tumour_is_red_in_a_breach_green_when_clear_and_grey_in_a_dropout(page):
+def test_tumor_is_red_in_a_breach_green_when_clear_and_grey_in_a_dropout(page):
     look(page, "2", "Close-up")
     go_to(page, 0)
     clear = picture(page)
     go_to(page, BREACH_FRAME)
-    expect(page.locator("#word")).to_have_text("IN TUMOUR")
+    expect(page.locator("#state-label")).to_have_text("IN TUMOUR")
     inside = picture(page)
     go_to(page, LOST[0])
-    expect(page.locator("#word")).to_have_text("UNKNOWN")
+    expect(page.locator("#state-label")).to_have_text("UNKNOWN")
     assert page.locator("#why").inner_text() == "the tracker reports a pose as invalid"
     lost = picture(page)
     assert share_of(clear, "green") > 0.05 > 0.002 > share_of(clear, "red")
@@ -136,17 +136,17 @@ def test_the_tumour_is_red_in_a_breach_green_when_clear_and_grey_in_a_dropout(pa
     assert share_of(lost, "red") < 0.002 > share_of(lost, "green")
 
 
-def test_the_banner_has_the_colour_of_the_state(page):
+def test_banner_has_color_symbol_and_label_of_the_state(page):
     expected = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[0]: "UNKNOWN"}
     colours = {}
-    for frame, word in expected.items():
+    for frame, label in expected.items():
         go_to(page, frame)
         banner = page.get_by_role("status")
-        expect(banner).to_contain_text(word)
+        expect(banner).to_contain_text(label)
         code = banner.evaluate("element => getComputedStyle(element).backgroundColor")
-        colours[word] = [int(part) for part in code[4:-1].split(",")]
-        (state,) = (state for state in MarginState if state.display.label == word)
-        assert colours[word] == [round(255 * part) for part in state.color]
+        colours[label] = [int(part) for part in code[4:-1].split(",")]
+        (state,) = (state for state in MarginState if state.display.label == label)
+        assert colours[label] == [round(255 * part) for part in state.color]
         expect(banner).to_contain_text(state.display.symbol)
     green, red, grey = colours["CLEAR"], colours["IN TUMOUR"], colours["UNKNOWN"]
     assert green[1] > 2 * max(green[0], green[2])
@@ -154,14 +154,14 @@ def test_the_banner_has_the_colour_of_the_state(page):
     assert len(set(grey)) == 1
 
 
-def test_a_lost_tool_has_its_lamp_out(page):
+def test_lamp_of_a_lost_tool_is_missing(page):
     go_to(page, LOST[1])
     lamp = page.locator(".lamps li", has_text="RodToTracker")
     expect(lamp).to_contain_text("missing")
     expect(page.locator(".lamps li", has_text="NeedleToTracker")).to_contain_text("valid")
 
 
-def test_the_alarm_rings_in_a_breach_and_can_be_muted(page):
+def test_alarm_rings_in_a_breach_and_can_be_muted(page):
     go_to(page, 0)
     body = page.locator("body")
     expect(body).to_have_attribute("data-sound", "on")
@@ -184,20 +184,20 @@ def test_the_alarm_rings_in_a_breach_and_can_be_muted(page):
     go_to(page, 0)
 
 
-def test_a_low_tone_is_heard_when_what_was_known_is_lost(page):
+def test_low_tone_rings_when_a_known_state_becomes_unknown(page):
     go_to(page, 0)
-    expect(page.locator("#word")).to_have_text("CLEAR")
+    expect(page.locator("#state-label")).to_have_text("CLEAR")
     body = page.locator("body")
     rung = int(body.get_attribute("data-unknown-rung") or 0)
     go_to(page, LOST[0])
     page.wait_for_function("n => Number(document.body.dataset.unknownRung) > n + 1", arg=rung)
     go_to(page, 0)
-    expect(page.locator("#word")).to_have_text("CLEAR")
+    expect(page.locator("#state-label")).to_have_text("CLEAR")
     assert page.locator("body").get_attribute("data-sound") == "on"
 
 
-# A test double of a browser with a window: it keeps sound back until the page is clicked. What a
-# test evaluates counts as a click for Chromium itself.
+# A test double of a browser that blocks sound until the page is clicked. Chromium itself counts the
+# evaluations of a test as clicks.
 BLOCKED_SOUND = """
     const context = AudioContext;
     let clicked = false;
@@ -208,7 +208,7 @@ BLOCKED_SOUND = """
 """
 
 
-def test_a_browser_that_blocks_sound_says_so_until_it_is_clicked(browser, server):
+def test_blocked_sound_is_shown_until_the_page_is_clicked(browser, server):
     context = browser.new_context()
     watched = Watched(context.new_page(), server.host)
     watched.page.add_init_script(BLOCKED_SOUND)
@@ -221,7 +221,7 @@ def test_a_browser_that_blocks_sound_says_so_until_it_is_clicked(browser, server
     context.close()
 
 
-def test_a_part_can_be_hidden(page):
+def test_tumor_can_be_hidden(page):
     look(page, "2", "Close-up")
     go_to(page, 0)
     assert share_of(picture(page), "green") > 0.05
@@ -233,7 +233,7 @@ def test_a_part_can_be_hidden(page):
     page.get_by_label("Tumour", exact=True).check()
 
 
-def test_a_camera_is_chosen_by_key_and_by_button_and_let_go_by_hand(page):
+def test_camera_is_selected_by_key_and_button_and_released_by_the_mouse(page):
     page.keyboard.press("4")
     bullseye = page.get_by_role("button", name="Bullseye")
     expect(bullseye).to_have_attribute("aria-pressed", "true")
@@ -250,7 +250,7 @@ def test_a_camera_is_chosen_by_key_and_by_button_and_let_go_by_hand(page):
 
 
 def saved_picture(page: Page) -> tuple[Image.Image, Image.Image]:
-    """The banner of a screenshot, and what is below it."""
+    """Banner and picture of a screenshot."""
     with page.expect_download() as waiting:
         page.locator("#screenshot").click()
     shot = Image.open(waiting.value.path())
@@ -262,11 +262,11 @@ def saved_picture(page: Page) -> tuple[Image.Image, Image.Image]:
     )
 
 
-def test_where_a_session_has_stopped_its_plot_is_grey_and_the_picture_says_so(page):
-    """As `LiveTimeline` tells it; this page is of a recording, whose next picture ends it."""
+def test_stopped_session_has_a_grey_plot_and_a_label(page):
+    """Sets the value that `LiveTimeline` sends; the next picture of this replay clears it."""
     stopped = page.get_by_text("STOPPED")
     expect(stopped).to_be_hidden()
-    # Again and again: what the server still has to say of the moment may come in between.
+    # Repeated: a late update of the server may overwrite the value.
     page.wait_for_function(
         """() => {
             trame.state.set('now', {...trame.state.get('now'), stopped: true});
@@ -278,7 +278,7 @@ def test_where_a_session_has_stopped_its_plot_is_grey_and_the_picture_says_so(pa
     expect(stopped).to_be_hidden()
 
 
-def test_the_screenshot_is_a_picture_of_the_view_in_its_size(page):
+def test_screenshot_has_the_size_of_the_view(page):
     go_to(page, 0)
     banner, shot = saved_picture(page)
     view = page.locator("main.view").bounding_box()
@@ -287,8 +287,8 @@ def test_the_screenshot_is_a_picture_of_the_view_in_its_size(page):
     assert len(np.unique(np.asarray(shot))) > 20
 
 
-def test_the_screenshot_tells_the_state_of_its_moment(page):
-    """A file is looked at without the page: its colour alone says too little."""
+def test_screenshot_has_color_and_text_of_the_state(page):
+    """A saved file needs the state as text: it is viewed without the page."""
     look(page, "2", "Close-up")
     seen = set()
     for frame, state in ((0, "NEGATIVE"), (BREACH_FRAME, "POSITIVE"), (LOST[0], "UNKNOWN")):
@@ -299,12 +299,12 @@ def test_the_screenshot_tells_the_state_of_its_moment(page):
         expected = np.round(255.0 * np.array(MarginState[state].color))
         assert np.abs(colors[counts.argmax()] - expected).max() <= 1
         letters = np.abs(pixels - expected).max(axis=1) > 60
-        assert letters.mean() > 0.005  # and words on it
+        assert letters.mean() > 0.005  # the text
         seen.add(letters.tobytes())
     assert len(seen) == 3
 
 
-def test_a_huge_page_gets_a_picture_that_can_be_drawn_in_time(page):
+def test_picture_of_a_huge_page_has_a_limited_size(page):
     page.set_viewport_size({"width": 5000, "height": 3000})
     page.wait_for_function(
         "() => { const i = document.querySelector('main.view img');"
@@ -312,7 +312,7 @@ def test_a_huge_page_gets_a_picture_that_can_be_drawn_in_time(page):
     )
 
 
-def test_the_report_is_that_of_the_replay(page):
+def test_report_can_be_downloaded(page):
     with page.expect_download() as waiting:
         page.locator("#report").click()
     text = Path(waiting.value.path()).read_text()
@@ -321,7 +321,7 @@ def test_the_report_is_that_of_the_replay(page):
     assert text.count("data:image/png;base64") == 2
 
 
-def test_all_can_be_reached_by_the_keyboard_and_has_a_name(page):
+def test_all_controls_are_reachable_by_keyboard_and_have_a_name(page):
     names = set()
     for _ in range(40):
         page.keyboard.press("Tab")
@@ -337,7 +337,7 @@ def test_all_can_be_reached_by_the_keyboard_and_has_a_name(page):
     assert {"Tumour", "Opacity of Tumour", "Report", "Screenshot"} <= names
 
 
-def test_nothing_overlaps_and_nothing_is_cut_off(page):
+def test_sections_do_not_overlap_and_are_not_cut_off(page):
     for width, height in ((1280, 720), (1920, 1080)):
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(150)
@@ -360,12 +360,12 @@ def test_nothing_overlaps_and_nothing_is_cut_off(page):
     [(390, 844), (844, 390), (768, 1024), (640, 360)],
     ids=["phone", "phone on its side", "tablet", "enlarged twice"],
 )
-def test_a_small_page_has_picture_state_and_distance_in_sight(page, width, height):
+def test_small_page_shows_picture_state_and_distance(page, width, height):
     page.set_viewport_size({"width": width, "height": height})
     page.wait_for_timeout(150)
     boxes = page.evaluate(
-        """() => Object.fromEntries(['.view', '#word', '#distance', '#play', '#timeline', '#sound',
-            '#report', '.note', '.looks button:last-child'].map(name => {
+        """() => Object.fromEntries(['.view', '#state-label', '#distance', '#play', '#timeline',
+            '#sound', '#report', '.note', '.looks button:last-child'].map(name => {
           const box = document.querySelector(name).getBoundingClientRect();
           const seen = [0.03, 0.5, 0.97].every(share => document.elementFromPoint(
             box.left + share * box.width, box.top + 0.5 * box.height)?.closest(name));
@@ -378,7 +378,7 @@ def test_a_small_page_has_picture_state_and_distance_in_sight(page, width, heigh
     assert view["width"] * view["height"] > 0.25 * width * height
 
 
-def test_many_reasons_push_the_distance_down_and_do_not_cover_it(page):
+def test_many_reasons_move_the_distance_down(page):
     page.set_viewport_size({"width": 1024, "height": 600})
     page.evaluate("document.querySelector('#why').textContent = 'a pose is stale; '.repeat(12)")
     assert page.evaluate(
@@ -387,7 +387,7 @@ def test_many_reasons_push_the_distance_down_and_do_not_cover_it(page):
     )
 
 
-def test_a_long_name_leaves_the_bar_its_height(page):
+def test_long_case_name_keeps_the_height_of_the_bar(page):
     def bar() -> float:
         return page.locator(".bar").bounding_box()["height"]
 
@@ -395,4 +395,4 @@ def test_a_long_name_leaves_the_bar_its_height(page):
     page.evaluate("document.querySelector('.case').textContent = 'a lumpectomy '.repeat(40)")
     assert bar() == usual
     page.reload()
-    page.wait_for_selector("body:not([data-lost]) #word")
+    page.wait_for_selector("body:not([data-lost]) #state-label")

@@ -1,4 +1,4 @@
-"""A page whose server has died, stands still or has ended does not go on looking alive."""
+"""A page covers itself when its server has died, hangs or has ended."""
 
 import re
 import signal
@@ -12,7 +12,7 @@ GREY = f"rgb({', '.join(str(round(255 * part)) for part in MarginState.UNKNOWN.c
 
 
 def check_lost(page: Page) -> None:
-    """What lies at the picture, the banner and the digits is the grey cover, and it has words."""
+    """Check that the grey cover lies over picture, banner and distance, with its message."""
     expect(page.locator("#lost")).to_be_visible(timeout=3000)
     expect(page.locator("#lost strong")).to_have_text("CONNECTION LOST")
     at = "[[100, 300], [innerWidth - 100, 80], [innerWidth - 200, 200], [innerWidth / 2, 600]]"
@@ -23,7 +23,7 @@ def check_lost(page: Page) -> None:
     assert colour == GREY
 
 
-def test_a_server_that_stands_still_is_lost_until_it_goes_on_and_one_that_was_killed_is_lost(
+def test_page_is_covered_while_the_server_is_stopped_and_after_it_was_killed(
     browser, serve, viewed_case
 ):
     server = serve(str(viewed_case))
@@ -38,24 +38,24 @@ def test_a_server_that_stands_still_is_lost_until_it_goes_on_and_one_that_was_ki
         check_lost(watched.page)
 
 
-def test_a_page_of_another_machine_without_encryption_watches_too(browser, server):
-    """Browsers keep some calls from a page that came by plain http from another address."""
+def test_watchdog_runs_without_encryption_on_another_machine(browser, server):
+    """Browsers withhold some functions from pages loaded by plain http from another machine."""
     context = browser.new_context(viewport=SIZE)
     page = context.new_page()
     page.add_init_script("delete Crypto.prototype.randomUUID")
     page.goto(server.url)
-    page.wait_for_selector("body:not([data-lost]) #word")
+    page.wait_for_selector("body:not([data-lost]) #state-label")
     expect(page.locator("body")).to_have_attribute("data-picture", re.compile("."))
     context.close()
 
 
-def test_a_page_whose_watch_does_not_run_is_covered(browser, server):
-    """Its words would go on to come, and would stay when the server dies."""
+def test_page_without_watchdog_is_covered(browser, server):
+    """Its values would be updated, and would stay after the server has died."""
     context = browser.new_context(viewport=SIZE)
     page = context.new_page()
     page.route("**/watch.js", lambda route: route.abort())
     page.goto(server.url)
-    page.wait_for_selector("#word", state="attached")
+    page.wait_for_selector("#state-label", state="attached")
     cover = "getComputedStyle(document.body, '::after')"
     assert page.evaluate(f"{cover}.content").startswith('"UNKNOWN: ')
     colour, *places = page.evaluate(
@@ -65,19 +65,19 @@ def test_a_page_whose_watch_does_not_run_is_covered(browser, server):
     context.close()
 
 
-def test_a_page_that_is_not_heard_is_grey_although_heartbeats_come(browser, server):
-    """Nobody draws for a page that says nothing: the last picture would stay, green, for ever."""
-    heard = True
+def test_page_whose_requests_are_lost_is_covered_despite_heartbeats(browser, server):
+    """No picture is drawn for a page that does not acknowledge: the last one would stay."""
+    forwards = True
 
     def connect(socket: WebSocketRoute) -> None:
         above = socket.connect_to_server()
-        socket.on_message(lambda message: above.send(message) if heard else None)
+        socket.on_message(lambda message: above.send(message) if forwards else None)
 
     context = browser.new_context(viewport=SIZE)
     page = context.new_page()
     page.route_web_socket("**/ws", connect)
     page.goto(server.url)
-    page.wait_for_selector("body:not([data-lost]) #word")
-    heard = False
+    page.wait_for_selector("body:not([data-lost]) #state-label")
+    forwards = False
     expect(page.locator("#lost strong")).to_have_text("PICTURE LATE")
     context.close()

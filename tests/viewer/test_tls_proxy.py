@@ -1,4 +1,4 @@
-"""The page behind a proxy that encrypts, as `docs/viewer.md` advises for another ``--host``."""
+"""The page behind a proxy with TLS, as `docs/viewer.md` advises for another ``--host``."""
 
 import asyncio
 import shutil
@@ -17,21 +17,21 @@ from tests.viewer.conftest import SIZE
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory) -> Path:
-    """Key and certificate of nobody, in one file."""
+    """A self-signed certificate with its key, in one file."""
     openssl = shutil.which("openssl")
     if openssl is None:
-        pytest.skip("openssl is not there: apt-get install openssl")
+        pytest.skip("openssl is missing: apt-get install openssl")
     path = tmp_path_factory.mktemp("tls") / "both.pem"
     key = path.with_name("key.pem")
     options = ["-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=127.0.0.1"]
-    places = ["-keyout", str(key), "-out", str(path)]
-    subprocess.run([openssl, "req", *options, *places], check=True, capture_output=True)
+    outputs = ["-keyout", str(key), "-out", str(path)]
+    subprocess.run([openssl, "req", *options, *outputs], check=True, capture_output=True)
     path.write_text(key.read_text() + path.read_text())
     return path
 
 
 class TlsProxyDouble:
-    """A test double: a proxy that hands every byte on, and knows nothing of what it carries."""
+    """A test double: a TLS proxy that forwards all bytes."""
 
     def __init__(self, host: str, certificate: Path) -> None:
         self._behind = host.split(":")
@@ -44,7 +44,7 @@ class TlsProxyDouble:
 
     @contextmanager
     def open(self) -> Iterator[int]:
-        """Its port, while it listens."""
+        """Listen; yield the port."""
         self._thread.start()
         self._listening.wait()
         try:
@@ -68,15 +68,15 @@ class TlsProxyDouble:
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         behind_reader, behind_writer = await asyncio.open_connection(*self._behind)
-        ways = ((reader, behind_writer), (behind_reader, writer))
+        directions = ((reader, behind_writer), (behind_reader, writer))
         try:
-            await asyncio.gather(*(_pour(*way) for way in ways))
+            await asyncio.gather(*(_forward(*pair) for pair in directions))
         finally:
             behind_writer.close()
             writer.close()
 
 
-async def _pour(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with suppress(ConnectionError, asyncio.CancelledError):
         while part := await reader.read(65_536):
             writer.write(part)
@@ -84,13 +84,13 @@ async def _pour(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> N
         writer.close()
 
 
-def test_a_page_that_came_encrypted_talks_encrypted(browser, server, certificate):
+def test_page_loaded_by_https_uses_an_encrypted_socket(browser, server, certificate):
     with TlsProxyDouble(server.host, certificate).open() as port:
         context = browser.new_context(viewport=SIZE, ignore_https_errors=True)
         page = context.new_page()
         sockets: list[str] = []
         page.on("websocket", lambda socket: sockets.append(socket.url))
         page.goto(server.url.replace(f"http://{server.host}", f"https://127.0.0.1:{port}"))
-        expect(page.locator("body:not([data-lost]) #word")).to_have_text("CLEAR")
+        expect(page.locator("body:not([data-lost]) #state-label")).to_have_text("CLEAR")
         assert sockets == [f"wss://127.0.0.1:{port}/ws"]
         context.close()

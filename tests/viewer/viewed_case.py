@@ -1,4 +1,4 @@
-"""A small case to look at: the rod comes near, is in the ball, leaves, is lost for a while."""
+"""A small case: the rod approaches the ball, enters and leaves it, and is lost for some frames."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ LOST = range(30, 34)
 
 
 def write_viewed_case(folder: Path) -> Path:
-    """The small case, its rod not seen in the frames `LOST`."""
+    """Write the small case with the rod invalid in the frames `LOST`."""
     case = write_small_case(folder)
     recording = case / "tracking.igs.mha"
     text = recording.read_text()

@@ -63,7 +63,7 @@ def _values(
         "stop": stop,
         "warn": warn,
         "tre": tre,
-        "registration": registration or {"word": "", "ok": False, "numbers": ""},
+        "registration": registration or {"verdict": "", "ok": False, "numbers": ""},
         "lamps": lamps or [],
     }
 
@@ -93,14 +93,14 @@ def _registration(content: SessionContent) -> dict[str, str | bool]:
     """The verdict on the registration, and its numbers."""
     result = content.registration
     if content.robot is None:
-        return {"ok": True, "word": "no robot", "numbers": ""}
+        return {"ok": True, "verdict": "no robot", "numbers": ""}
     if result is None:
-        return {"ok": False, "word": "missing", "numbers": ""}
+        return {"ok": False, "verdict": "missing", "numbers": ""}
     numbers = [f"{len(result.used)} points"] if len(result.used) else []
     numbers += [] if result.fre_mm is None else [f"FRE {result.fre_mm:.2f} mm"]
     numbers += ["uncertainty not known"] if result.covariance is None else []
-    word = "accepted" if result.accepted else "refused"
-    return {"ok": result.accepted, "word": word, "numbers": ", ".join(numbers)}
+    verdict = "accepted" if result.accepted else "refused"
+    return {"ok": result.accepted, "verdict": verdict, "numbers": ", ".join(numbers)}
 
 
 def _lamp(lamp: TransformHealth, *, silent: bool) -> dict[str, str]:

@@ -94,7 +94,7 @@ def test_lamp_of_a_lost_tool_has_the_age_of_its_last_sample(parts):
 
 def test_registration_without_a_robot(parts):
     values = readout(parts.feed.shown[BREACH_FRAME])["registration"]
-    assert values == {"ok": True, "word": "no robot", "numbers": ""}
+    assert values == {"ok": True, "verdict": "no robot", "numbers": ""}
     assert readout(parts.feed.shown[BREACH_FRAME])["tre"] == ""
 
 
