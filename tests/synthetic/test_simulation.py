@@ -43,7 +43,7 @@ def test_simulation_has_three_breaches_of_their_kinds(breaches):
 
 
 def test_breach_times_agree_with_libigl(breaches, inside):
-    # 4 ms at 45 mm/s are 0.18 mm: more than facets and samples differ from the smooth surfaces.
+    # 4 ms at 45 mm/s are 0.18 mm, more than the error of facets and samples.
     for breach in breaches:
         assert [inside(breach.start_s - 0.004), inside(breach.start_s + 0.004)] == [False, True]
         assert [inside(breach.end_s - 0.004), inside(breach.end_s + 0.004)] == [True, False]
@@ -61,7 +61,7 @@ def test_surfaces_are_crossed_fast_enough_to_be_timed(simulation, breaches):
 
 
 def test_tool_stays_outside_between_breaches(simulation, breaches):
-    # A quarter of a second before a crossing the tool is already on its way in.
+    # The tool approaches during the last quarter of a second before a crossing.
     times = [
         time_s
         for time_s in np.arange(0.0, simulation.duration_s, 0.1)
@@ -146,7 +146,7 @@ def test_recorded_poses_are_the_truth_with_jitter(frames, simulation):
                     truth = simulation.tracker_from(name, time_s)
                     shifts.append(sample.transform.distance_mm_to(truth))
                     turns.append(np.degrees(sample.transform.angle_to(truth)))
-        # The RMS of 1200 errors scatters by 1.2 %.
+        # The RMS of 1200 errors has a standard error of 1.2 %.
         assert np.sqrt(np.mean(np.square(shifts))) == pytest.approx(0.3, rel=0.06)
         assert np.sqrt(np.mean(np.square(turns))) == pytest.approx(0.3, rel=0.06)
 

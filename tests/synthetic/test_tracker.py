@@ -22,7 +22,7 @@ def errors():
 
 def test_jitter_has_the_stated_rms_in_space(errors):
     shifts, turns = errors
-    # The RMS of 6000 3-D errors scatters by 0.6 %; 3 % is five times that.
+    # The RMS of 6000 3-D errors has a standard error of 0.6 %; 3 % is five times that.
     assert np.sqrt((shifts**2).sum(axis=1).mean()) == pytest.approx(0.3, rel=0.03)
     assert np.degrees(np.sqrt((turns**2).sum(axis=1).mean())) == pytest.approx(0.3, rel=0.03)
 

@@ -56,7 +56,7 @@ def test_grazing_shaft_is_a_breach_of_the_shaft_only(clearance):
 
 
 def test_contact_of_a_few_milliseconds_is_found(clearance):
-    # 400 mm/s past a point 0.05 mm inside: 5 ms between two samples of any tracker.
+    # 400 mm/s past a point 0.05 mm inside: a contact of 5 ms, less than a tracker's period.
     def motion(time_s):
         return at(400.0 * (time_s - 0.507), 0.0, RADIUS_MM - 0.05)
 

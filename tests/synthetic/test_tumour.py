@@ -34,7 +34,7 @@ def test_the_mesh_is_irregular(mesh):
 def test_the_sign_of_height_agrees_with_the_winding_number_of_the_mesh(tumour, mesh):
     points = np.random.default_rng(4).uniform(-22.0, 22.0, size=(3000, 3))
     height = tumour.height_mm(points)
-    clear = np.abs(height) > 0.05  # nearer, the facets are not the smooth surface
+    clear = np.abs(height) > 0.05  # nearer points differ between facets and surface
     winding = igl.fast_winding_number(mesh.vertices_mm, mesh.faces.astype(np.int64), points)
     assert ((winding > 0.5) == (height < 0.0))[clear].all()
     assert 100 < (height[clear] < 0.0).sum() < 2900

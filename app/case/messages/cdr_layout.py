@@ -46,7 +46,7 @@ class Walk:
         self.align(_COUNT_BYTES)
         (count,) = self._count.unpack_from(self._body, self._at)
         if count * item_bytes > len(self._body):
-            raise ValueError(f"{len(self._body)} bytes cannot hold {count} items")
+            raise ValueError(f"its {len(self._body)} bytes cannot hold {count} items")
         self._at += _COUNT_BYTES
         return int(count)
 
@@ -56,11 +56,11 @@ class Walk:
         end = self._at + count
         if count == 0 or (max_bytes is not None and count > max_bytes):
             expected = "1 or more" if max_bytes is None else f"1 to {max_bytes}"
-            raise ValueError(f"a name of {count} bytes; expected {expected}")
+            raise ValueError(f"it has a name of {count} bytes; expected {expected}")
         if end > len(self._body):
             raise ValueError("it ends within a name")
         if self._body[end - 1] != 0:
-            raise ValueError("a name without its terminating zero")
+            raise ValueError("it has a name without its terminating zero")
         text = self._body[self._at : end - 1].decode()
         self._at = end
         return text
@@ -88,8 +88,12 @@ class Walk:
     def end(self) -> str:
         """The `struct` format of the whole message, which has no more values."""
         rest = len(self._body) - self._at
-        if not 0 <= rest <= _MAX_PADDING:
-            raise ValueError(f"{rest} bytes after the last value; expected 0 to {_MAX_PADDING}")
+        if rest < 0:
+            raise ValueError(f"its last {-rest} bytes are missing")
+        if rest > _MAX_PADDING:
+            raise ValueError(
+                f"it has {rest} bytes after the last value; expected 0 to {_MAX_PADDING}"
+            )
         self._codes.append(f"{rest}x")
         return "".join(self._codes)
 

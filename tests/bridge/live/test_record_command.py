@@ -192,7 +192,7 @@ def test_two_sessions_that_speak_at_once_are_told_as_such_and_are_one_change(
         while not any(recorded == name for recorded, _ in so_far(tmp_path / "x")):
             pause.wait(0.1)  # what it has not got it cannot have known before the other came
         second = two.publisher(topic)
-        recorder.line(lambda line: line.startswith(f"{name} has 2 publishers: several sessions"))
+        recorder.line(lambda line: line.startswith(f"{name} has 2 publishers; several sessions"))
         assert two.wait_for_subscribers(topic, 1, timeout_s=30.0)
         for _ in range(10):
             second.publish(FixtureConstraint(model_id="two"))

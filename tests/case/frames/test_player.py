@@ -12,7 +12,7 @@ MS = 1_000_000
 
 
 class Time:
-    """A clock that only waiting moves; ``at`` runs actions when their time comes."""
+    """A clock that advances only while waiting; ``at`` schedules actions."""
 
     def __init__(self) -> None:
         self.ns = 5_000 * MS
@@ -42,7 +42,7 @@ def frames(*stamps_ms: int) -> Callable[[], Iterator[TrackingFrame]]:
 
 
 def played(player: Player, time: Time, *, limit: int = 1000) -> list[tuple[int, int]]:
-    """(clock in ms since the start, stamp in ms) of the frames as they come."""
+    """(clock in ms since the start, stamp in ms) of each played frame."""
     found = []
     for frame in player.play():
         assert player.time_ns == frame.stamp.ns
@@ -90,8 +90,8 @@ def test_rate_change_takes_effect_at_once() -> None:
 
 def test_rate_changes_twice_and_a_pause_keeps_the_position_at_any_rate() -> None:
     player, time = make(frames(0, 100, 300, 500), rate=2.0)
-    time.at(25, lambda: player.set_rate(0.5))  # stands at 50
-    time.at(225, player.pause)  # 100 came at 125; stands at 150
+    time.at(25, lambda: player.set_rate(0.5))  # position 50
+    time.at(225, player.pause)  # 100 was played at 125; position 150
     time.at(1000, player.resume)
     time.at(1100, lambda: player.set_rate(None))
     assert played(player, time) == [(0, 0), (125, 100), (1100, 300), (1100, 500)]

@@ -1,4 +1,4 @@
-"""Frames that are read ahead are the same, in the same order, and no more than are needed."""
+"""Reading ahead keeps frames and their order, and reads one block at a time."""
 
 from collections.abc import Iterator
 

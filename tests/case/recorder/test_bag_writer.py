@@ -16,7 +16,7 @@ NS = 1_700_000_000_000_000_000
 
 
 def write(bag: BagWriter, number: int, size: int = 16) -> None:
-    # Bytes that no compression makes smaller.
+    # Incompressible bytes.
     data = b"".join(hash((number, at)).to_bytes(8, "little", signed=True) for at in range(size))
     bag.write("/words", data, received_ns=NS + number, published_ns=NS + number - 1)
 
@@ -62,7 +62,7 @@ def test_existing_bag_is_not_overwritten(tmp_path):
 
 @pytest.fixture
 def small_disk() -> Iterator[int]:
-    """No file of this process may grow beyond so many bytes."""
+    """Limit the size of files that this process writes; gives the limit in bytes."""
     limit = 200_000
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

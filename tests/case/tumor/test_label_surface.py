@@ -112,7 +112,7 @@ def test_small_and_thin_parts_keep_their_volume(sides: tuple[int, int, int]) -> 
 
 
 def ball_and(*boxes: tuple[slice, slice, slice]) -> NDArray[np.bool_]:
-    """A ball of radius 7 around (14, 14, 14), and voxels in addition."""
+    """A ball of radius 7 around (14, 14, 14), with additional voxels."""
     marked = np.linalg.norm(np.moveaxis(np.indices((30, 30, 30)), 0, -1) - 14, axis=-1) < 7.0
     for box in boxes:
         marked[box] = True

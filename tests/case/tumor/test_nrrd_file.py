@@ -39,7 +39,7 @@ def test_positions_are_in_ras(
 ) -> None:
     turned = np.array([[0.8, 0.6, 0.0], [-1.2, 1.6, 0.0], [0.0, 0.0, 3.0]])
     volume = read_nrrd(write_nrrd(block, space=space, **{"space directions": turned}))
-    # One step along j, from the file's own words.
+    # One step along j, by the header of the file.
     expected = np.add([10.0, 20.0, 30.0], [-1.2, 1.6, 0.0]) * signs
     np.testing.assert_allclose(volume.ras_from_index @ [0.0, 1.0, 0.0, 1.0], expected)
 

@@ -25,7 +25,7 @@ def test_a_segment_by_name_and_by_identifier(
     assert found.marked.shape == (3, 3, 3)
     assert found.marked.all()
     assert not found.at_border
-    # Index (1, 2, 3) of the file, in its LPS mm, turned.
+    # Index (1, 2, 3) of the file in LPS mm, converted to RAS.
     np.testing.assert_allclose(found.ras_from_index[:, 3], [-11.0, -24.0, 39.0])
 
 

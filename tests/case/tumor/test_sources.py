@@ -32,7 +32,7 @@ def test_hollows_parts_and_borders_are_noted(write_nrrd: WriteNrrd) -> None:
 
 
 def contour(folder: Path, points: FloatArray, **changes: object) -> Path:
-    """As 3D Slicer writes a point list of a contour: every label the same, LPS."""
+    """A point list as 3D Slicer writes it: all labels equal, in LPS."""
     markup = {
         "type": "Fiducial",
         "coordinateSystem": "LPS",
