@@ -1,4 +1,4 @@
-"""The steps of a replay that its movie shows, chosen while nobody knows how long it will be."""
+"""Selects the steps of a replay that its movie shows, without knowing the replay's length."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -7,47 +7,48 @@ if TYPE_CHECKING:
     from app.session import StepResult
 
 
-_FINER = 8
-"""More steps than pictures are kept, so that in the end there are as many as there may be."""
+_OVERSAMPLING = 8
+"""How many times more steps are kept than selected, so that the selection is even in the end."""
 
 
-class Reel:
-    """Chooses at most ``most`` (1 or more) of the steps, evenly, and never misses a state.
+class KeyframeSelector:
+    """Selects at most ``max_count`` (1 or more) steps, evenly, and misses no state.
 
-    Of each interval of about equally many steps the first is taken, or the first of the worst
-    state in it. Memory is bounded: where there are many, steps are merged in pairs.
+    The steps are divided into intervals of about the same number of steps. Of each interval the
+    first step of its worst state is selected. Memory is bounded: when too many steps are kept,
+    neighbouring intervals are merged.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._length = 1
+    def __init__(self, max_count: int) -> None:
+        self._max_count = max_count
+        self._interval = 1
         self._count = 0
         self._kept: list[StepResult] = []
 
     def add(self, step: "StepResult") -> None:
         """Take the next step."""
-        place = self._count // self._length
+        index = self._count // self._interval
         self._count += 1
-        if place < len(self._kept):
-            self._kept[place] = _worst([self._kept[place], step])
+        if index < len(self._kept):
+            self._kept[index] = _worst([self._kept[index], step])
             return
         self._kept.append(step)
-        if len(self._kept) > 2 * _FINER * self._most:
-            self._length *= 2
+        if len(self._kept) > 2 * _OVERSAMPLING * self._max_count:
+            self._interval *= 2
             self._kept = _merged(self._kept, range(0, len(self._kept), 2))
 
     def steps(self) -> list["StepResult"]:
-        """What was chosen, in order."""
-        if len(self._kept) <= self._most:
+        """The selected steps, in order."""
+        count, max_count = len(self._kept), self._max_count
+        if count <= max_count:
             return list(self._kept)
-        count = len(self._kept)
-        return _merged(self._kept, [place * count // self._most for place in range(self._most)])
+        return _merged(self._kept, [index * count // max_count for index in range(max_count)])
 
 
 def _merged(steps: list["StepResult"], starts: Sequence[int]) -> list["StepResult"]:
-    """One for each of the intervals that begin at ``starts``."""
+    """The worst step of each interval; intervals begin at ``starts``."""
     return [_worst(steps[a:b]) for a, b in zip(starts, [*starts[1:], len(steps)], strict=True)]
 
 
 def _worst(steps: list["StepResult"]) -> "StepResult":
-    return max(steps, key=lambda step: step.decision.state)  # the first of equals
+    return max(steps, key=lambda step: step.decision.state)  # the first of equal states

@@ -1,4 +1,4 @@
-"""What 3D Slicer's scene gives of a replay: the picture of its deepest moment, a file, a movie."""
+"""Draws a replay in 3D Slicer's scene, in another process: a picture, a scene file, a movie."""
 
 import os
 import pickle
@@ -24,11 +24,11 @@ PICTURE, SCENE, MOVIE = "picture", "scene", "movie"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneRequest:
-    """What the drawing process gets: a session's content, one of its steps, what to make of them.
+    """The input of the drawing process: ``outputs`` of one ``step`` of a session.
 
-    ``frames`` are the samples of each acquisition and ``states`` each stamp in ns with its state
-    and reasons, for a scene's sequences. ``keyframes`` are the steps of a movie with their times in
-    s.
+    For the sequences of a scene file ``frames`` are the samples of each acquisition, and ``states``
+    the stamp in ns, the state and the reasons of each step. ``keyframes`` are the steps of a movie
+    with their times in s.
     """
 
     content: "SessionContent"
@@ -40,23 +40,23 @@ class SceneRequest:
 
 
 class ScenePainter:
-    """Draws beside the replay: `begin` says what, `picture` and `content` wait for it.
+    """Draws in a process of its own: `begin` starts it, `picture` and `content` wait for results.
 
-    The process that draws starts with the context and loads Slicer's scene while the case is
-    replayed. It ends with the context, whatever it is doing then.
+    The process starts with the context and loads Slicer's scene while the case is replayed. It is
+    killed at the end of the context.
     """
 
     def __enter__(self) -> Self:
-        # The process finds this package from wherever it is started.
+        # The process finds this package from any working directory.
         paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")]
         self._process = subprocess.Popen(
             [sys.executable, "-m", "app.cli.scene_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
-            start_new_session=True,  # Ctrl-C on the terminal is the replay's alone
+            start_new_session=True,  # Ctrl-C on the terminal goes to the replay only
         )
-        # The request waits in a thread for the process to be ready, the replay's end does not.
+        # The request waits in a thread until the process is ready; the replay does not wait.
         self._waiting = ThreadPoolExecutor(max_workers=1)
         self._answer: Future[tuple[bytes, bytes]] | None = None
         self._answered: dict[str, bytes | str] | None = None
@@ -94,21 +94,21 @@ class ScenePainter:
         self._answer = self._waiting.submit(self._process.communicate, sent)
 
     def picture(self) -> bytes | None:
-        """The PNG of what was begun; None where nothing was, or, said on stderr, it cannot be."""
+        """Wait for the PNG; None if nothing was begun, or with a message on stderr if it failed."""
         if self._answer is None:
             return None
-        content = self._contents().get(PICTURE, "it was not asked for")
+        content = self._contents().get(PICTURE, "it was not requested")
         if isinstance(content, str):
             print(f"no scene.png: {content}", file=sys.stderr)
             return None
         return content
 
     def content(self, name: str) -> bytes:
-        """The file of what was begun, `SCENE` or `MOVIE`; `InputError` where it cannot be."""
+        """Wait for the file ``name``, `SCENE` or `MOVIE`. Raises `InputError` if it failed."""
         content = (
             "the distance of the tool to the tumour was never known"
             if self._answer is None
-            else self._contents().get(name, "it was not asked for")
+            else self._contents().get(name, "it was not requested")
         )
         if isinstance(content, str):
             from app.geometry import InputError
@@ -117,7 +117,7 @@ class ScenePainter:
         return content
 
     def _contents(self) -> dict[str, bytes | str]:
-        """By name the content, or why there is none."""
+        """By name the bytes, or the reason why there are none."""
         if self._answered is None and self._answer is not None:
             answer, _ = self._answer.result()
             self._answered = _unpacked(answer, self._process.returncode)
@@ -125,11 +125,12 @@ class ScenePainter:
 
 
 def _unpacked(answer: bytes, status: int) -> dict[str, bytes | str]:
-    """What the process said. An answer that is whole counts, however the process ended."""
+    """Decode the answer. A complete answer is used whatever the exit status."""
+    ended = f"the drawing process ended with status {status}"
     try:
         contents: dict[str, bytes | str] = pickle.loads(answer)
     except (pickle.UnpicklingError, EOFError):
-        return dict.fromkeys((PICTURE, SCENE, MOVIE), f"drawing it ended with status {status}")
+        return dict.fromkeys((PICTURE, SCENE, MOVIE), ended)
     if status != 0:
-        print(f"drawing the scene ended with status {status}, after all was drawn", file=sys.stderr)
+        print(f"{ended} after it had drawn everything", file=sys.stderr)
     return contents

@@ -1,8 +1,8 @@
-"""Draws what a replay shows in a process of its own: ``python -m app.cli.scene_process``.
+"""The drawing process: ``python -m app.cli.scene_process``.
 
-It loads 3D Slicer's scene and what draws it, which takes seconds, and only then reads what is
-wanted, pickled, from standard input. The answer goes to standard output, pickled: by name the
-bytes, or why there are none. When the input ends without a request it ends quietly.
+It loads 3D Slicer's scene and the renderer, which takes seconds, and then reads one pickled
+`SceneRequest` from standard input. It writes a pickled dict to standard output: for each output the
+bytes, or the reason why there are none. Without a request it ends silently.
 """
 
 import os
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
 SCENE_NAME = "scene.mrb"
 
-_SMALL = (160, 120)
-"""Width and height of a picture that nobody sees."""
+_WARMUP_SIZE = (160, 120)
+"""Width and height of the warm-up picture."""
 
 
 def main() -> None:
-    """Answer the one request."""
-    # What a library prints must not get among the bytes of the answer.
+    """Answer one request."""
+    # Libraries that print to standard output must not corrupt the answer.
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answer, GcPause() as memory:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         answer.write(_answered(sys.stdin.buffer, memory))
     sys.stderr.flush()
-    # All is delivered; native libraries that are torn down have crashed here.
+    # Skip the teardown of native libraries, which has crashed after everything was written.
     os._exit(0)
 
 
@@ -51,13 +51,13 @@ def _answered(stream: IO[bytes], memory: GcPause) -> bytes:
 
 
 def _load() -> None:
-    """Load all that a picture needs, and draw one: the first one in a process takes longest."""
+    """Load what a picture needs, and draw one: the first picture of a process is slow."""
     from app.cli.render_warmup import warmup_step
     from app.scene import OffscreenError, step_png
 
-    # Why nothing can be drawn is said when a picture is asked for; a scene file needs none.
+    # A picture that is requested reports the error; a scene file needs no renderer.
     with suppress(OffscreenError):
-        step_png(*warmup_step(), _SMALL)
+        step_png(*warmup_step(), _WARMUP_SIZE)
 
 
 def _read(stream: IO[bytes]) -> "SceneRequest | None":

@@ -1,4 +1,4 @@
-"""What the hands on the page may do: each a trigger of trame that a button or a key calls."""
+"""Commands of the page, as triggers of trame that buttons and keys call."""
 
 from collections.abc import Callable
 
@@ -9,53 +9,53 @@ from app.viewer.drawing.scene_view import Part, SceneView
 from app.viewer.steps.replay import RATES, ReplayControl
 
 Changed = Callable[[], None]
-"""Called after each wish: something may be to draw."""
+"""Called after each command, to draw again."""
 
 
-class StageHands:
-    """Choose the camera, show and hide, make translucent."""
+class SceneControls:
+    """Select the camera preset, the visibility and the opacity of parts."""
 
     def __init__(
-        self, server: Server, stage: SceneView, cameraman: CameraController, changed: Changed
+        self, server: Server, view: SceneView, camera: CameraController, changed: Changed
     ) -> None:
         self._state = server.state
-        self._stage = stage
-        self._cameraman = cameraman
+        self._view = view
+        self._camera = camera
         self._changed = changed
-        self._state.looks = [look.value for look in CameraPreset]
-        self._tell_parts()
-        server.trigger("look")(self._look)
-        server.trigger("part_visible")(self._visible)
-        server.trigger("part_opacity")(self._opacity)
+        self._state.looks = [preset.value for preset in CameraPreset]
+        self._publish_parts()
+        server.trigger("look")(self._select_camera)
+        server.trigger("part_visible")(self._set_visible)
+        server.trigger("part_opacity")(self._set_opacity)
 
-    def _look(self, name: str) -> None:
-        self._cameraman.take(CameraPreset(name))
+    def _select_camera(self, name: str) -> None:
+        self._camera.select(CameraPreset(name))
         self._changed()
 
-    def _visible(self, name: str, visible: bool) -> None:
-        self._stage.set_visible(Part[name], bool(visible))
-        self._tell_parts()
+    def _set_visible(self, name: str, visible: bool) -> None:
+        self._view.set_visible(Part[name], bool(visible))
+        self._publish_parts()
         self._changed()
 
-    def _opacity(self, name: str, opacity: float) -> None:
-        self._stage.set_opacity(Part[name], float(opacity))
-        self._tell_parts()
+    def _set_opacity(self, name: str, opacity: float) -> None:
+        self._view.set_opacity(Part[name], float(opacity))
+        self._publish_parts()
         self._changed()
 
-    def _tell_parts(self) -> None:
+    def _publish_parts(self) -> None:
         self._state.parts = [
             {
                 "name": part.name,
                 "label": part.value,
-                "visible": self._stage.visible(part),
-                "opacity": self._stage.opacity(part),
+                "visible": self._view.visible(part),
+                "opacity": self._view.opacity(part),
             }
-            for part in self._stage.parts
+            for part in self._view.parts
         ]
 
 
-class ReplayHands:
-    """Play and pause, step, seek, set the rate."""
+class ReplayControls:
+    """Play and pause, step, seek, and set the rate of a replay."""
 
     def __init__(self, server: Server, control: ReplayControl, changed: Changed) -> None:
         self._control = control
@@ -78,7 +78,7 @@ class ReplayHands:
         self._changed()
 
     def _seek(self, share: float) -> None:
-        # A hand may leave the timeline at either end.
+        # The pointer may leave the timeline at either end.
         self._control.seek(min(max(float(share), 0.0), 1.0))
         self._changed()
 

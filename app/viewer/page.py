@@ -20,11 +20,11 @@ class Page:
     """
 
     def __init__(
-        self, state: State, stage: SceneView, area: PictureArea, feed: Feed, timeline: Timeline
+        self, state: State, view: SceneView, area: PictureArea, feed: Feed, timeline: Timeline
     ) -> None:
-        self.stage = stage
+        self.view = view
         self.area = area
-        self.cameraman = CameraController(stage)
+        self.camera = CameraController(view)
         self._state = state
         self._feed = feed
         self._timeline = timeline
@@ -37,15 +37,15 @@ class Page:
     def prepare(self) -> bool:
         """Update the scene to the present; return True if anything changed."""
         now = self._now = self._feed.now()
-        if self.area.was_grabbed():
-            self.cameraman.let_go()
-        if self.area.was_resized():
-            self.cameraman.place_anew()
+        if self.area.take_grabbed():
+            self.camera.release()
+        if self.area.take_resized():
+            self.camera.reframe()
         moment = None if now is None else (now.step.index, now.silent)
         drawn, self._drawn = self._drawn, (moment, self._timeline.revision())
         if now is not None and drawn != self._drawn:
-            self.stage.show(now)
-        self.cameraman.follow()
+            self.view.show(now)
+        self.camera.update()
         return drawn != self._drawn
 
     def screenshot(self) -> bytes:
@@ -58,8 +58,8 @@ class Page:
 
     def sent(self, number: int) -> None:
         """Publish the values that belong to picture ``number``."""
-        look = self.cameraman.look
+        preset = self.camera.preset
         with self._state as state:
             state.now = {**readout(self._now), **self._timeline.values(self._now), "number": number}
-            state.look = "" if look is None else look.value
+            state.look = "" if preset is None else preset.value
             state.update(self._timeline.new_plot())

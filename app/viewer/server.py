@@ -1,4 +1,4 @@
-"""Serves the page: trame with a gate before it, until it is told to stop or something fails."""
+"""Serves the page by trame, behind a check of the token."""
 
 import asyncio
 import os
@@ -16,9 +16,9 @@ from trame_slicer.views import ThreeDView
 
 from app.viewer.address import Address
 from app.viewer.auth import Gate
-from app.viewer.controls import ReplayHands, StageHands
+from app.viewer.controls import ReplayControls, SceneControls
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.pictures import MakeSchedule, Pictures, Schedule
+from app.viewer.drawing.pictures import MakeScheduler, RenderLoop, RenderScheduler
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.log_filter import ignore_closed_connections
 from app.viewer.page import Page
@@ -30,13 +30,13 @@ from app.viewer.websocket_link import PageLink
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "stage"
-_MOST_PIXELS = 1920 * 1200
-"""Of a picture, however large the page is or says it is: the page stretches it."""
+_MAX_PIXELS = 1920 * 1200
+"""Limit of a picture's size; a larger page stretches the picture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Title:
-    """What the page says of the case; ``report`` makes its ``report.html``, None offers none."""
+    """The case in the page's title; ``report`` makes its ``report.html``, None for no report."""
 
     case: str
     live: bool
@@ -44,61 +44,61 @@ class Title:
 
 
 class Viewer:
-    """A page for ``feed``, with a stage to show it on. Made and run in one thread.
+    """A page that shows ``feed`` in ``view``. Create and run it in one thread.
 
-    ``control`` is that of a replay, None for a live session. ``area`` and ``schedule`` are what
-    draws, and when: others are for measurements.
+    ``control`` is that of a replay, None for a live session. ``area`` and ``scheduler`` draw the
+    picture; benchmarks replace them.
     """
 
     def __init__(
         self,
-        stage: SceneView,
+        view: SceneView,
         feed: Feed,
         timeline: Timeline,
         title: Title,
         control: ReplayControl | None = None,
         *,
         area: Callable[[ThreeDView], PictureArea] = PictureArea,
-        schedule: MakeSchedule = Pictures,
+        scheduler: MakeScheduler = RenderLoop,
     ) -> None:
-        self._schedule = schedule
-        self._pictures: Schedule | None = None
+        self._make_scheduler = scheduler
+        self._scheduler: RenderScheduler | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped: asyncio.Event | None = None
         self._title = title
         self._server = _server(title)
-        self._page = Page(self._server.state, stage, area(stage.view), feed, timeline)
+        self._page = Page(self._server.state, view, area(view.view), feed, timeline)
         self._server.state.rates = []
-        StageHands(self._server, stage, self._page.cameraman, self.redraw)
+        SceneControls(self._server, view, self._page.camera, self.redraw)
         if control is not None:
-            ReplayHands(self._server, control, self.redraw)
+            ReplayControls(self._server, control, self.redraw)
 
     def redraw(self) -> None:
         """Draw as soon as possible, in the page's thread."""
-        if self._pictures is not None:
-            self._pictures.schedule_render()
+        if self._scheduler is not None:
+            self._scheduler.schedule_render()
 
-    def look(self) -> None:
-        """From any thread: the feed may have something new."""
-        if self._loop is not None and self._pictures is not None:
-            self._loop.call_soon_threadsafe(self._pictures.look)
+    def wake(self) -> None:
+        """Check soon whether the feed has a new step; from any thread."""
+        if self._loop is not None and self._scheduler is not None:
+            self._loop.call_soon_threadsafe(self._scheduler.wake)
 
     def stop(self) -> None:
-        """From any thread: end `serve`."""
+        """End `serve`; from any thread."""
         if self._loop is not None and self._stopped is not None:
             self._loop.call_soon_threadsafe(self._stopped.set)
 
     async def serve(self, address: Address, on_ready: Callable[[str], None]) -> None:
-        """Serve until `stop`; ``on_ready`` is told the URL, token and all, when it can be opened.
+        """Serve until `stop`; call ``on_ready`` with the URL and its token when it can be opened.
 
-        Raises `ViewerError` where the address cannot be had, and whatever ends the pictures: a
-        page without pictures must not go on.
+        Raises `ViewerError` if the address cannot be used, and any error that ends the render loop,
+        because a page without pictures must not continue.
         """
         self._loop, self._stopped = asyncio.get_running_loop(), asyncio.Event()
-        link = PageLink(lambda page, number: pictures.has(page, number))
-        pictures = self._pictures = self._schedule(self._page.area, self._page, link.beat)
-        adapter = RcaViewAdapter(self._page.area, _AREA, scheduler=pictures)
-        adapter.max_pixel_count = _MOST_PIXELS
+        link = PageLink(lambda page, number: scheduler.acknowledge(page, number))
+        scheduler = self._scheduler = self._make_scheduler(self._page.area, self._page, link.beat)
+        adapter = RcaViewAdapter(self._page.area, _AREA, scheduler=scheduler)
+        adapter.max_pixel_count = _MAX_PIXELS
         server = self._server
         server.add_protocol_to_configure(lambda protocol: protocol.registerLinkProtocol(link))
         server.controller.on_server_bind.add(lambda bound: self._open(bound.app, address))
@@ -109,7 +109,7 @@ class Viewer:
         if serving.done():
             _raise_of(serving, address)
         server.controller.rc_area_register(adapter)
-        drawing = asyncio.create_task(pictures.run())
+        drawing = asyncio.create_task(scheduler.run())
         stopping = asyncio.create_task(self._stopped.wait())
         on_ready(address.url(server.port))
         await asyncio.wait({serving, drawing, stopping}, return_when=asyncio.FIRST_COMPLETED)
@@ -131,15 +131,15 @@ class Viewer:
             app.router.add_get("/report.html", self._report)
 
     async def _screenshot(self, request: web.Request) -> web.Response:
-        made = self._page.screenshot()
-        self.redraw()  # the scene may be ahead of the pages now
-        return _download(made, "image/png", "marginguard.png")
+        content = self._page.screenshot()
+        self.redraw()  # the scene may be newer than the pages' picture
+        return _download(content, "image/png", "marginguard.png")
 
     async def _report(self, request: web.Request) -> web.Response:
         if self._title.report is None:
             raise web.HTTPNotFound
-        made = await asyncio.get_running_loop().run_in_executor(None, self._title.report)
-        return _download(made, "text/html", "report.html")
+        content = await asyncio.get_running_loop().run_in_executor(None, self._title.report)
+        return _download(content, "text/html", "report.html")
 
 
 async def _state_css(request: web.Request) -> web.Response:
@@ -147,9 +147,9 @@ async def _state_css(request: web.Request) -> web.Response:
 
 
 async def _session(request: web.Request) -> web.Response:
-    """Where the socket is: trame's page asks a launcher before it looks beside itself.
+    """The URL of the websocket, which trame's page requests from a launcher first.
 
-    The page fills in its own host, and encrypts where it came encrypted itself, through a proxy.
+    The page fills in its own host, and uses TLS if it was loaded by TLS through a proxy.
     """
     return web.json_response({"sessionURL": "ws://USE_HOST/ws", "id": "page"})
 
@@ -168,7 +168,7 @@ def _server(title: Title) -> Server:
     state.trame__title = f"{title.case} - MarginGuard"
     state.trame__favicon = "marginguard/icon.svg"
     state.trame__template_main = (_WEB / "page.html").read_text()
-    # What trame shows when the connection is lost; the page's own watch lies over it.
+    # Shown by trame when the connection is lost; the page's own overlay covers it.
     state.trame__template_error = '<div class="gone"></div>'
     state.patterns = band_patterns()
     state.title = {
@@ -180,15 +180,15 @@ def _server(title: Title) -> Server:
 
 
 async def _start(server: Server, address: Address) -> None:
-    # The program's arguments are not trame's, which would read them.
+    # Keep trame from reading the arguments of this program.
     server.cli.parse_known_args = partial(server.cli.parse_known_args, [])
-    # Pictures are compressed already: the socket need not try.
+    # Pictures are compressed already.
     os.environ["WSLINK_WS_COMPRESS"] = "0"
     await server.start(
         exec_mode="coroutine",
         host=address.host,
         port=address.port,
-        thread=True,  # signals are the command's
+        thread=True,  # the command handles signals
         timeout=0,
         open_browser=False,
         show_connection_info=False,

@@ -36,10 +36,10 @@ class DefaultSchedule(RcaImageRenderScheduler):
 
         super().set_push_callback(push)
 
-    def look(self) -> None:
+    def wake(self) -> None:
         """It is told by `run`."""
 
-    def has(self, page: str, number: int) -> None:
+    def acknowledge(self, client: str, number: int) -> None:
         """Draw for a page that has just come; receipts are not waited for."""
         if number == 0:
             self.schedule_render()

@@ -19,12 +19,12 @@ from app.cli.replay_page import replay_parts
 from app.cli.signals import SignalState
 from app.viewer import Address, SceneView, Title, Viewer
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.pictures import Pictures
+from app.viewer.drawing.pictures import RenderLoop
 from app.viewer.steps.replay import ReplayControl
 from benchmarks.view.peer import DefaultSchedule
 from benchmarks.view.stamps import stamp
 
-SCHEDULES = {"ours": Pictures, "default": DefaultSchedule}
+SCHEDULES = {"ours": RenderLoop, "default": DefaultSchedule}
 
 
 class StampedArea(PictureArea):
@@ -70,7 +70,7 @@ def main() -> None:
         Title(parts.content.name, live=False),
         parts.feed.control,
         area=lambda view: StampedArea(view, shown),
-        schedule=SCHEDULES[options.schedule],
+        scheduler=SCHEDULES[options.schedule],
     )
 
     def ready(url: str) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.cli.keyframes import Reel
+from app.cli.keyframes import KeyframeSelector
 from app.fixture import MarginState
 
 STATES = st.lists(st.sampled_from(MarginState), min_size=1, max_size=400)
@@ -26,7 +26,7 @@ class StepDouble:
 
 
 def kept(states: list[MarginState], most: int) -> list[StepDouble]:
-    reel = Reel(most)
+    reel = KeyframeSelector(most)
     for number, state in enumerate(states):
         reel.add(StepDouble(number, DecisionDouble(state)))  # type: ignore[arg-type]
     return reel.steps()  # type: ignore[return-value]

@@ -43,9 +43,14 @@ def test_failed_process_costs_only_the_picture(
     with ScenePainter() as painter:
         begin_anything(painter)
         assert painter.picture() is None
-        assert capsys.readouterr().err == f"no scene.png: drawing it ended with status {status}\n"
-        # A file that was asked for by name is another matter.
-        with pytest.raises(InputError, match=f"no movie: drawing it ended with status {status}"):
+        assert (
+            capsys.readouterr().err
+            == f"no scene.png: the drawing process ended with status {status}\n"
+        )
+        # A file that the user has requested is an error.
+        with pytest.raises(
+            InputError, match=f"no movie: the drawing process ended with status {status}"
+        ):
             painter.content(MOVIE)
 
 
@@ -77,7 +82,7 @@ def test_complete_picture_is_used_whatever_the_exit_status(
         with pytest.raises(InputError, match="no scene: no room"):
             painter.content(SCENE)
     told = capsys.readouterr().err
-    assert told == f"drawing the scene ended with status {status}, after all was drawn\n"
+    assert told == f"the drawing process ended with status {status} after it had drawn everything\n"
 
 
 def test_arrays_of_the_request_stay_read_only(

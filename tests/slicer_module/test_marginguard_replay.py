@@ -397,7 +397,9 @@ def test_views_opacity_and_the_patients_place(guard, application):
     moved = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
     assert moved - there == pytest.approx([100.0, 0.0, 0.0], abs=1e-9)
     assert spin_until(guard, at(45.9)).state is MarginState.POSITIVE  # a display matter only
-    with pytest.raises(MarginGuardError, match="CauteryToReference hangs from ReferenceToRas"):
+    with pytest.raises(
+        MarginGuardError, match="CauteryToReference is below ReferenceToRas; expected"
+    ):
         guard.set_patient_to_ras(application.scene.GetFirstNodeByName("CauteryToReference"))
     guard.set_patient_to_ras(None)
     assert slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3] == pytest.approx(there)

@@ -59,7 +59,7 @@ def test_screenshot_shows_the_present_without_an_open_page(can_draw, parts):
         return pixels[0, 0], int(green.sum())
 
     feed.shown = parts.feed.shown[0]
-    page.cameraman.take(CameraPreset.CLOSE)
+    page.camera.select(CameraPreset.CLOSE)
     banner, green = colors()
     assert np.abs(banner - 255.0 * np.array(MarginState.NEGATIVE.color)).max() <= 1
     assert green > 1000

@@ -102,7 +102,7 @@ def _replay(
     log = ReplayLog()
     scene_log = SceneLog(
         recording=SCENE in drawings,
-        pictures=round(PICTURES_PER_S * options.movie_seconds) if MOVIE in drawings else None,
+        max_keyframes=round(PICTURES_PER_S * options.movie_seconds) if MOVIE in drawings else None,
     )
     replay = ReplayRun(
         prepared,

@@ -1,1 +1,1 @@
-"""The picture: a stage, from where it is looked at, drawn and sent as pages have time."""
+"""The picture of the page: scene, cameras, rendering and sending."""

@@ -1,17 +1,17 @@
-"""The picture's area on the page: hands reach the view from there, the keyboard does not."""
+"""The picture's area on the page: takes pointer events, but no keys."""
 
 from typing import Any
 
 from trame_rca.rca import VtkRemoteControlledArea
 from trame_slicer.views import ThreeDView
 
-_HANDS = ("Button", "Wheel", "MouseMove", "Pinch", "Pan", "Rotate", "Tap")
+_POINTER_EVENTS = ("Button", "Wheel", "MouseMove", "Pinch", "Pan", "Rotate", "Tap")
 
 
 class PictureArea(VtkRemoteControlledArea):  # type: ignore[misc]  # trame has no types
-    """Draws a view, and turns it as a hand on the page says.
+    """Renders a view, and lets the pointer on the page move its camera.
 
-    Keys belong to the page: VTK would make wireframes of some, and end its loop at others.
+    Key events are ignored: VTK switches to wireframe at some keys, and ends its loop at others.
     """
 
     def __init__(self, view: ThreeDView) -> None:
@@ -21,29 +21,29 @@ class PictureArea(VtkRemoteControlledArea):  # type: ignore[misc]  # trame has n
         self._resized = False
 
     def process_interaction_event(self, event: dict[str, Any]) -> None:
-        """Take an event of a mouse or of fingers."""
+        """Process an event of a mouse or a touch screen."""
         kind = str(event["type"])
-        if any(word in kind for word in _HANDS):
+        if any(name in kind for name in _POINTER_EVENTS):
             self._grabbed |= "Press" in kind or "Start" in kind
             super().process_interaction_event(event)
 
     def process_resize_event(self, width: int, height: int) -> None:
-        """Take the size of the area on the page, in pixels."""
+        """Use the size of the area on the page, in pixels."""
         super().process_resize_event(width, height)
         self._resized = True
 
-    def was_grabbed(self) -> bool:
-        """Whether a hand took hold of the view since the last call."""
+    def take_grabbed(self) -> bool:
+        """Return True if the pointer has grabbed the view since the last call."""
         grabbed, self._grabbed = self._grabbed, False
         return grabbed
 
-    def was_resized(self) -> bool:
-        """Whether the area has another size than at the last call."""
+    def take_resized(self) -> bool:
+        """Return True if the size of the area has changed since the last call."""
         resized, self._resized = self._resized, False
         return resized
 
-    def set_fine(self, fine: bool) -> None:
-        """Smooth edges and sorted translucency: three times the cost, for a picture that stays."""
+    def set_high_quality(self, high_quality: bool) -> None:
+        """Smooth edges and sort translucent surfaces, which takes three times as long."""
         renderer = self._view.renderer()
-        renderer.SetUseFXAA(fine)
-        renderer.SetUseDepthPeeling(fine)
+        renderer.SetUseFXAA(high_quality)
+        renderer.SetUseDepthPeeling(high_quality)

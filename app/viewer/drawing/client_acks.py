@@ -1,43 +1,43 @@
-"""Which of the open pages have the last picture: no other is sent before."""
+"""Acknowledgements of pictures: the next picture waits until all clients have the last one."""
 
 from app.geometry import NS_PER_S
 
-_GIVEN_UP_NS = NS_PER_S
-"""A page that says nothing, or has not got a picture, for so long is not waited for."""
+_TIMEOUT_NS = NS_PER_S
+"""A client that is silent, or has not received a picture, for so long is not waited for."""
 
 
-class Pages:
-    """Counts pictures out and in again, by page. Times are those of one steady clock, in ns.
+class ClientAcks:
+    """Tracks which client has which picture. Times are those of one steady clock, in ns.
 
-    A page says at each heartbeat, and at each picture, which picture was its last: 0 before its
-    first one, when nothing is on its way to it that it could wait for.
+    A client acknowledges its last picture with each picture and with each heartbeat. It sends 0
+    before its first picture, when no picture is on the way to it.
     """
 
     def __init__(self) -> None:
         self._last_sent = 0
         self._sent_ns = 0
-        self._has: dict[str, tuple[int, int]] = {}
-        """A page's last picture, and when it said so."""
+        self._acks: dict[str, tuple[int, int]] = {}
+        """Per client: its last picture, and the time of the acknowledgement."""
 
     def sent(self, number: int, now_ns: int) -> None:
-        """Picture ``number`` is on its way to every page."""
+        """Record that picture ``number`` was sent to all clients."""
         self._last_sent, self._sent_ns = number, now_ns
 
-    def has(self, page: str, number: int, now_ns: int) -> None:
-        """``page`` says that picture ``number`` is its last."""
-        self._has[page] = (number or self._last_sent, now_ns)
+    def acknowledge(self, client: str, number: int, now_ns: int) -> None:
+        """Record that picture ``number`` is the last one that ``client`` has; 0 for none."""
+        self._acks[client] = (number or self._last_sent, now_ns)
 
-    def any_awake(self, now_ns: int) -> bool:
-        """Whether there is a page that says something."""
-        self._has = {
-            page: (number, at_ns)
-            for page, (number, at_ns) in self._has.items()
-            if now_ns - at_ns <= _GIVEN_UP_NS
+    def any_active(self, now_ns: int) -> bool:
+        """True if a client has sent an acknowledgement within the timeout."""
+        self._acks = {
+            client: (number, at_ns)
+            for client, (number, at_ns) in self._acks.items()
+            if now_ns - at_ns <= _TIMEOUT_NS
         }
-        return bool(self._has)
+        return bool(self._acks)
 
-    def waiting(self, now_ns: int) -> bool:
-        """Whether the last picture is on its way to a page that is awake."""
-        if not self.any_awake(now_ns) or now_ns - self._sent_ns > _GIVEN_UP_NS:
+    def is_pending(self, now_ns: int) -> bool:
+        """True while an active client has not acknowledged the last picture."""
+        if not self.any_active(now_ns) or now_ns - self._sent_ns > _TIMEOUT_NS:
             return False
-        return any(number < self._last_sent for number, _ in self._has.values())
+        return any(number < self._last_sent for number, _ in self._acks.values())

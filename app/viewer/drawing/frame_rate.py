@@ -1,26 +1,27 @@
-"""How often to draw: what one picture costs decides."""
+"""The frame rate that the measured cost of a picture allows."""
 
 from app.geometry import NS_PER_S
 
-_SHARE = 0.7
-"""Of the time that drawing alone would take up; above it a backlog builds up."""
-_FASTEST_HZ, _SLOWEST_HZ = 30.0, 2.0
-_MEMORY = 0.8
-"""How much of the last estimate is kept when a picture was cheaper; a dearer one counts at once."""
+_MAX_LOAD = 0.7
+"""Share of the time that drawing may take; above it a backlog builds up."""
+_MAX_HZ, _MIN_HZ = 30.0, 2.0
+_SMOOTHING = 0.8
+"""Weight of the last estimate after a cheaper picture; a costlier one counts at once."""
 
 
-class Pace:
-    """The pause between two pictures: their rate stays below 0.7 of what one of them allows."""
+class FrameRate:
+    """Computes the period of pictures from their cost: drawing takes at most 0.7 of the time."""
 
     def __init__(self) -> None:
         self._cost_ns = 0.0
 
-    def drew(self, cost_ns: int) -> None:
-        """Take in what the last picture cost, all that kept the thread busy."""
-        self._cost_ns = max(float(cost_ns), _MEMORY * self._cost_ns + (1.0 - _MEMORY) * cost_ns)
+    def record(self, cost_ns: int) -> None:
+        """Take the time in ns for which the last picture has occupied the thread."""
+        smoothed_ns = _SMOOTHING * self._cost_ns + (1.0 - _SMOOTHING) * cost_ns
+        self._cost_ns = max(float(cost_ns), smoothed_ns)
 
     @property
     def period_ns(self) -> int:
-        """From the begin of one picture to the begin of the next."""
-        wanted = self._cost_ns / _SHARE
-        return round(min(max(wanted, NS_PER_S / _FASTEST_HZ), NS_PER_S / _SLOWEST_HZ))
+        """Time in ns from the start of one picture to the start of the next."""
+        period_ns = self._cost_ns / _MAX_LOAD
+        return round(min(max(period_ns, NS_PER_S / _MAX_HZ), NS_PER_S / _MIN_HZ))

@@ -1,4 +1,4 @@
-"""Draws pictures and sends them: as often as drawing allows, and none that nobody has time for."""
+"""The render loop: draws and sends pictures as often as drawing and the clients allow."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -10,141 +10,141 @@ from trame_rca.encoders import RcaImageEncoder
 
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.client_acks import Pages
-from app.viewer.drawing.frame_rate import Pace
+from app.viewer.drawing.client_acks import ClientAcks
+from app.viewer.drawing.frame_rate import FrameRate
 
-_QUALITY, _FINE_QUALITY = 75, 92
-_BEAT_NS = 200 * NS_PER_MS
+_JPEG_QUALITY, _HIGH_JPEG_QUALITY = 75, 92
+_HEARTBEAT_NS = 200 * NS_PER_MS
 _STILL_NS = 400 * NS_PER_MS
-"""A picture that did not change for so long is drawn once more, finely."""
+"""After so long without a change the picture is drawn once more in high quality."""
 
 Push = Callable[[bytes, dict[str, object]], None]
 
 
 class Source(Protocol):
-    """What there is to draw."""
+    """What is drawn."""
 
     def prepare(self) -> bool:
-        """Bring the scene to the present; whether that changed anything."""
+        """Update the scene to the present; return True if anything changed."""
 
     def sent(self, number: int) -> None:
-        """Picture ``number`` of the scene as it was prepared is on its way."""
+        """Picture ``number`` of the scene as it was prepared was sent."""
 
 
-class Schedule(Protocol):
+class RenderScheduler(Protocol):
     """Decides when an area is drawn, and draws it."""
 
     def schedule_render(self) -> None:
-        """Draw, although nothing may have changed in the steps: a camera, a size, a colour."""
+        """Draw, also if the steps have not changed: a camera, a size or a colour has."""
 
-    def look(self) -> None:
-        """There may be something new to draw."""
+    def wake(self) -> None:
+        """Check soon whether there is anything new to draw."""
 
-    def has(self, page: str, number: int) -> None:
-        """``page`` says that picture ``number`` is its last; a new page has none: 0."""
+    def acknowledge(self, client: str, number: int) -> None:
+        """Picture ``number`` is the last one that ``client`` has; 0 for a new client."""
 
     async def run(self) -> None:
         """Draw until cancelled."""
 
 
-MakeSchedule = Callable[[PictureArea, Source, Callable[[int], None]], Schedule]
-"""Of an area, of what there is to draw, and of what is to be called with each heartbeat."""
+MakeScheduler = Callable[[PictureArea, Source, Callable[[int], None]], RenderScheduler]
+"""Makes a scheduler of an area, of what is drawn, and of the function that sends heartbeats."""
 
 
-class Pictures:
-    """The page's `Schedule`, as trame wants it (`RcaRenderSchedulerProtocol`).
+class RenderLoop:
+    """The page's `RenderScheduler`; also trame's `RcaRenderSchedulerProtocol`.
 
-    One picture is in flight at a time: the next is drawn when every page that is awake has the
-    last, and then shows the newest state. ``beat`` is called with the last picture's number by
-    the loop itself, so that a heartbeat says that pictures are still being made.
+    One picture is in flight at a time: the next one is drawn when all active clients have the last
+    one, and shows the newest state. The loop itself calls ``heartbeat`` with the number of the last
+    picture, so that a heartbeat proves that pictures are still drawn.
     """
 
-    def __init__(self, area: PictureArea, source: Source, beat: Callable[[int], None]) -> None:
+    def __init__(self, area: PictureArea, source: Source, heartbeat: Callable[[int], None]) -> None:
         self.rca = area
-        self.pace = Pace()
-        self._pages = Pages()
+        self.frame_rate = FrameRate()
+        self._acks = ClientAcks()
         self._number = 0
         self._source = source
-        self._beat = beat
-        self._beaten_ns = 0
+        self._heartbeat = heartbeat
+        self._heartbeat_ns = 0
         self._push: Push | None = None
-        self._asked = True
+        self._render_requested = True
         self._wake = asyncio.Event()
 
     @property
     def target_fps(self) -> float:
-        """What the pace allows now."""
-        return NS_PER_S / self.pace.period_ns
+        """The present frame rate in Hz."""
+        return NS_PER_S / self.frame_rate.period_ns
 
     @target_fps.setter
     def target_fps(self, value: float) -> None:
-        """The pace is measured: a wish is not taken."""
+        """Ignored: the frame rate follows from the measured cost."""
 
     def set_push_callback(self, callback: Push) -> None:
-        """Where pictures go."""
+        """Send pictures by ``callback``."""
         self._push = callback
 
     def schedule_render(self) -> None:
-        """Draw, although nothing may have changed in the steps: a camera, a size, a colour."""
-        self._asked = True
-        self.look()
+        """Draw, also if the steps have not changed: a camera, a size or a colour has."""
+        self._render_requested = True
+        self.wake()
 
-    def look(self) -> None:
-        """There may be something new to draw."""
+    def wake(self) -> None:
+        """Check soon whether there is anything new to draw."""
         self._wake.set()
 
-    def has(self, page: str, number: int) -> None:
-        """Take a receipt; a page without a picture is given one."""
-        self._pages.has(page, number, monotonic_ns())
-        self._asked |= number == 0
-        self.look()
+    def acknowledge(self, client: str, number: int) -> None:
+        """Record an acknowledgement; a client without a picture (0) gets one."""
+        self._acks.acknowledge(client, number, monotonic_ns())
+        self._render_requested |= number == 0
+        self.wake()
 
     def reset(self) -> None:
-        """A page has come: it needs a picture."""
+        """Draw for a page that has connected."""
         self.schedule_render()
 
     async def close(self) -> None:
-        """Nothing is left behind when `run` is cancelled."""
+        """Nothing to release: `run` is cancelled."""
 
     async def run(self) -> None:
         """Draw until cancelled."""
-        fine, changed_ns = False, 0
+        is_high_quality, changed_ns = False, 0
         while True:
             began_ns = monotonic_ns()
-            changed = self._source.prepare() or self._asked
+            changed = self._source.prepare() or self._render_requested
             if changed:
-                fine, changed_ns, self._asked = False, began_ns, False
-                self._draw(fine=False)
-                self.pace.drew(monotonic_ns() - began_ns)
-            elif not fine and began_ns - changed_ns > _STILL_NS:
-                fine = True
-                self._draw(fine=True)
-            await self._rest(began_ns + self.pace.period_ns)
+                is_high_quality, changed_ns, self._render_requested = False, began_ns, False
+                self._draw(high_quality=False)
+                self.frame_rate.record(monotonic_ns() - began_ns)
+            elif not is_high_quality and began_ns - changed_ns > _STILL_NS:
+                is_high_quality = True
+                self._draw(high_quality=True)
+            await self._rest(began_ns + self.frame_rate.period_ns)
 
-    def _draw(self, *, fine: bool) -> None:
-        self.rca.set_fine(fine)
+    def _draw(self, *, high_quality: bool) -> None:
+        self.rca.set_high_quality(high_quality)
         pixels, columns, rows = self.rca.img_cols_rows
-        quality = _FINE_QUALITY if fine else _QUALITY
+        quality = _HIGH_JPEG_QUALITY if high_quality else _JPEG_QUALITY
         jpeg, meta, _ = RcaImageEncoder.JPEG.encode(pixels, columns, rows, quality)
         self._number += 1
-        self._pages.sent(self._number, monotonic_ns())
+        self._acks.sent(self._number, monotonic_ns())
         self._source.sent(self._number)
         if self._push is not None:
             self._push(jpeg, {**meta, "number": self._number})
 
     async def _rest(self, until_ns: int) -> None:
-        """Until the pace allows another picture, and somebody has time for it."""
+        """Wait until ``until_ns``, and until an active client is ready for another picture."""
         while True:
             now_ns = monotonic_ns()
-            if now_ns - self._beaten_ns >= _BEAT_NS:
-                self._beaten_ns = now_ns
-                self._beat(self._number)
+            if now_ns - self._heartbeat_ns >= _HEARTBEAT_NS:
+                self._heartbeat_ns = now_ns
+                self._heartbeat(self._number)
             left_ns = until_ns - now_ns
             if left_ns > 0:
-                await asyncio.sleep(min(left_ns, _BEAT_NS) / NS_PER_S)
-            elif self._pages.waiting(now_ns) or not self._pages.any_awake(now_ns):
+                await asyncio.sleep(min(left_ns, _HEARTBEAT_NS) / NS_PER_S)
+            elif self._acks.is_pending(now_ns) or not self._acks.any_active(now_ns):
                 self._wake.clear()
-                await _within(self._wake.wait(), _BEAT_NS)
+                await _within(self._wake.wait(), _HEARTBEAT_NS)
             else:
                 return
 

@@ -1,4 +1,4 @@
-"""The picture that is on the page now, as a PNG file."""
+"""The present picture of the page as PNG."""
 
 import numpy as np
 
@@ -9,11 +9,12 @@ from app.viewer.drawing.area import PictureArea
 _BANNER_PIXELS = 44
 
 
-def screenshot(area: PictureArea, state: MarginState, words: str) -> bytes:
-    """Draw the view finely, in the size that it has on the page, with ``words`` above it.
+def screenshot(area: PictureArea, state: MarginState, text: str) -> bytes:
+    """Draw the view in high quality, in its size on the page, below a banner with ``text``.
 
-    The words stand in the colour of ``state``: a file is looked at without the page.
+    The banner has the colour and the symbol of ``state``, because the file is viewed without the
+    page.
     """
-    area.set_fine(True)
+    area.set_high_quality(True)
     pixels, width, _ = area.img_cols_rows
-    return png(np.concatenate([state_strip(words, (width, _BANNER_PIXELS), state), pixels]))
+    return png(np.concatenate([state_strip(text, (width, _BANNER_PIXELS), state), pixels]))

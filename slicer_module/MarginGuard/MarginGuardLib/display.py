@@ -1,4 +1,4 @@
-"""A session in the MRML scene: each step's poses and decision, and grey for what has grown old."""
+"""Shows a session in the MRML scene of desktop Slicer."""
 
 from slicer import (
     vtkMRMLApplicationLogic,
@@ -26,7 +26,7 @@ from app.scene.pictures.cameras import VIEW_ANGLE_DEG
 from app.session import StepResult
 
 NOTHING_YET = "UNKNOWN: nothing was tracked yet"
-TAKEN = "UNKNOWN: the display was changed by somebody else"
+CHANGED = "UNKNOWN: the display was changed by a user or another module"
 _BULLSEYE_MM = 120.0
 
 
@@ -72,7 +72,7 @@ class SessionDisplay:
         before = self.scene
         self._presenter.show(step, now_ns=now_ns)
         if self.scene is not before:
-            self.hang_under(self._patient_to_ras)
+            self.set_patient_to_ras(self._patient_to_ras)
             self.set_opacity(self._opacity)
         return self._presenter.health(now_ns)
 
@@ -81,7 +81,7 @@ class SessionDisplay:
         return self._presenter.check(now_ns)
 
     def readout(self) -> tuple[MarginState, str]:
-        """The state that the tumour's colour tells, and the banner, as both are in the scene."""
+        """The state of the tumour's colour and the banner's text, as both are in the scene."""
         if self.scene is None or self.scene.margin is None:
             return MarginState.UNKNOWN, NOTHING_YET
         display = self.scene.tumor.GetDisplayNode()
@@ -89,48 +89,49 @@ class SessionDisplay:
         for state in MarginState:
             if state.color == color:
                 return state, self.scene.margin.status.GetText()
-        return MarginState.UNKNOWN, TAKEN
+        return MarginState.UNKNOWN, CHANGED
 
     def restart(self) -> None:
         """Accept a next step from an earlier time, as after a seek. Breach marks are removed."""
         self._presenter.restart()
 
     def set_opacity(self, opacity: float) -> None:
-        """Of the tumour, 0 to 1."""
+        """Set the tumour's opacity, 0 to 1."""
         self._opacity = opacity
         if self.scene is not None and self.scene.tumor is not None:
             self.scene.tumor.GetDisplayNode().SetOpacity(opacity)
 
-    def hang_under(self, patient_to_ras: vtkMRMLTransformNode | None) -> None:
-        """Show all of it where ``patient_to_ras`` puts the reference; None: at the world's origin.
+    def set_patient_to_ras(self, patient_to_ras: vtkMRMLTransformNode | None) -> None:
+        """Put the reference under ``patient_to_ras``; None: at the world's origin.
 
-        For display only: nothing that is measured changes. Raises `SceneError` for a node that
-        hangs from the reference itself.
+        For display only: no measured transform changes. Raises `SceneError` for a node below the
+        reference itself.
         """
         if self.scene is not None:
             root = self.reference_node()
             above = patient_to_ras
             while above is not None:
                 if above is root:
-                    raise SceneError(f"{patient_to_ras.GetName()} hangs from {root.GetName()}")
+                    name = patient_to_ras.GetName()
+                    raise SceneError(f"{name} is below {root.GetName()}; expected another node")
                 above = above.GetParentTransformNode()
             root.SetAndObserveTransformNodeID(patient_to_ras.GetID() if patient_to_ras else None)
         self._patient_to_ras = patient_to_ras
 
     def look(self, camera: vtkMRMLCameraNode, preset: Preset) -> None:
-        """Look at the tumour from one side of the patient."""
-        turn = world_matrix(self._scene().tree.node(self._scene().reference))[:3, :3]
+        """Place ``camera`` at one side of the patient, towards the tumour."""
+        rotation = world_matrix(self._scene().tree.node(self._scene().reference))[:3, :3]
         points = world_points(self._scene().tumor)
         look_through(
             camera,
-            preset_camera(preset, points, ras_from_patient=turn, angle_deg=VIEW_ANGLE_DEG),
+            preset_camera(preset, points, ras_from_patient=rotation, angle_deg=VIEW_ANGLE_DEG),
             VIEW_ANGLE_DEG,
         )
 
     def look_along_tool(self, camera: vtkMRMLCameraNode) -> None:
-        """Look along the tool at what lies before its tip (the bullseye view)."""
+        """Place ``camera`` behind the tool, towards its tip (the bullseye view)."""
         if self._scene().tool is None or self.content.tool is None:
-            raise SceneError("the tool's mesh is not in the scene: no direction to look along")
+            raise SceneError("view along the tool: no tool mesh in the scene; expected one")
         tip = self._scene().tree.node(self.content.tool.frame)
         ras_from_tip = Transform.from_matrix(
             world_matrix(tip), target="ras", source=self.content.tool.frame
@@ -145,13 +146,13 @@ class SessionDisplay:
         look_through(camera, view, VIEW_ANGLE_DEG)
 
     def tumor_node(self) -> vtkMRMLTransformNode:
-        """The transform node of the tumour's frame; `SceneError` before it is seen."""
+        """The transform node of the tumour's frame; `SceneError` before it is tracked."""
         return self._scene().tree.node(self.content.tumor.frame)
 
     def reference_node(self) -> vtkMRMLTransformNode:
-        """The transform node of the reference; `SceneError` before it is seen."""
+        """The transform node of the root frame; `SceneError` before it is tracked."""
         if self.scene is None:
-            raise SceneError("nothing was tracked yet: the reference is not in the scene")
+            raise SceneError("nothing was tracked yet; expected the reference in the scene")
         return self.scene.tree.node(self.scene.reference)
 
     def clear(self) -> None:
@@ -160,5 +161,5 @@ class SessionDisplay:
 
     def _scene(self) -> MarginGuardScene:
         if self.scene is None or self.scene.tumor is None:
-            raise SceneError("nothing was tracked yet: the tumour is not in the scene")
+            raise SceneError("nothing was tracked yet; expected the tumour in the scene")
         return self.scene

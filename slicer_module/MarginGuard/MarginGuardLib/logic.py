@@ -185,7 +185,7 @@ class GuardLogic:
         Raises `SceneError` for a node of the session's own.
         """
         if self.session.display is not None:
-            self.session.display.hang_under(node)
+            self.session.display.set_patient_to_ras(node)
         self.session.patient_to_ras = node
 
     def look(self, preset: Preset) -> None:

@@ -1,18 +1,18 @@
-"""When pictures are drawn: one in flight, the newest state, none for nobody, and a heartbeat."""
+"""When pictures are drawn: one in flight, the newest state, none without clients, heartbeats."""
 
 import asyncio
 
 import numpy as np
 import pytest
 
-from app.viewer.drawing.pictures import Pictures
+from app.viewer.drawing.pictures import RenderLoop
 
 
 class Area:
     """Test double of an area: a small grey picture."""
 
-    def set_fine(self, fine):
-        self.fine = fine
+    def set_high_quality(self, high_quality):
+        self.high_quality = high_quality
 
     @property
     def img_cols_rows(self):
@@ -20,7 +20,7 @@ class Area:
 
 
 class Source:
-    """Test double of a page whose state is another at each look."""
+    """Test double of a page whose state changes at each call."""
 
     def __init__(self):
         self.states, self.pictures = 0, []
@@ -47,8 +47,8 @@ class Beats:
         self.changed.set()
 
     async def more(self, count):
-        wanted = len(self.numbers) + count
-        while len(self.numbers) < wanted:
+        expected = len(self.numbers) + count
+        while len(self.numbers) < expected:
             self.changed.clear()
             await self.changed.wait()
 
@@ -56,7 +56,7 @@ class Beats:
 def run(scenario):
     async def within():
         source, beats = Source(), Beats()
-        pictures = Pictures(Area(), source, beats)
+        pictures = RenderLoop(Area(), source, beats)
         pushed = []
         pictures.set_push_callback(lambda content, meta: pushed.append((content[:2], meta)))
         loop = asyncio.create_task(pictures.run())
@@ -77,7 +77,7 @@ def test_without_clients_nothing_is_drawn_but_heartbeats_continue():
     async def scenario(pictures, source, beats, pushed):
         await beats.more(4)
         assert len(source.pictures) == 1
-        pictures.has("page", 0)
+        pictures.acknowledge("page", 0)
         await next_picture(source)
         assert len(source.pictures) == 2
 
@@ -86,15 +86,15 @@ def test_without_clients_nothing_is_drawn_but_heartbeats_continue():
 
 def test_next_picture_waits_for_the_acknowledgement_and_shows_the_newest_state():
     async def scenario(pictures, source, beats, pushed):
-        pictures.has("page", 0)
+        pictures.acknowledge("page", 0)
         await next_picture(source)
         number = source.pictures[-1][0]
         for _ in range(3):
-            pictures.has("page", number - 1)
+            pictures.acknowledge("page", number - 1)
             await beats.more(1)
         assert source.pictures[-1][0] == number
         states = source.states
-        pictures.has("page", number)
+        pictures.acknowledge("page", number)
         await next_picture(source)
         assert source.pictures[-1] == (number + 1, states + 1)
 
@@ -103,7 +103,7 @@ def test_next_picture_waits_for_the_acknowledgement_and_shows_the_newest_state()
 
 def test_picture_is_a_jpeg_with_its_number():
     async def scenario(pictures, source, beats, pushed):
-        pictures.has("page", 0)
+        pictures.acknowledge("page", 0)
         await next_picture(source)
         assert [meta["number"] for _, meta in pushed] == [n for n, _ in source.pictures]
         assert {content for content, _ in pushed} == {b"\xff\xd8"}
@@ -117,7 +117,7 @@ def test_error_ends_the_render_loop():
             raise ValueError("no scene")
 
     async def scenario():
-        await Pictures(Area(), Broken(), lambda number: None).run()
+        await RenderLoop(Area(), Broken(), lambda number: None).run()
 
     with pytest.raises(ValueError, match="no scene"):
         asyncio.run(scenario())
