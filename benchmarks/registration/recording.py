@@ -21,7 +21,7 @@ def recording(_: int) -> Iterator[Figure]:
         return
     from lxml import etree
 
-    from tests.registration.points.test_landmarks import numbers, recorded_tips
+    from tests.registration.plus_recording import numbers, recorded_tips
 
     samples, landmarks = recorded_tips(folder)
     expected = etree.parse(folder / "PhantomRegistrationLandmarkDetection.results.xml")

@@ -9,22 +9,21 @@ import trimesh
 from app.registration import register_surface
 from app.registration.motion import motion_between
 from benchmarks.registration.figures import Figure, rms
+from tests.registration.surfaces import ASYMMETRIC_SURFACE, mesh_of, touch_surface
 
 
 def surfaces(trials: int) -> Iterator[Figure]:
     """Yield the error at the centre, and whether the covariance holds."""
-    from tests.registration.points.test_surface import BONE, mesh_of, touched
-
     rng = np.random.default_rng(7)
     ours, peers, normalised, times = [], [], [], [0.0, 0.0]
     for _ in range(trials):
-        truth, points, start = touched(rng, BONE, 40, 0.3)
+        truth, points, start = touch_surface(rng, ASYMMETRIC_SURFACE, 40, 0.3)
         begin = time.perf_counter()
-        result = register_surface(points, mesh_of(BONE), start=start)
+        result = register_surface(points, mesh_of(ASYMMETRIC_SURFACE), start=start)
         between = time.perf_counter()
         peer, _, _ = trimesh.registration.icp(
             points,
-            BONE,
+            ASYMMETRIC_SURFACE,
             initial=start.matrix,
             threshold=1e-7,
             max_iterations=60,

@@ -7,12 +7,11 @@ import numpy as np
 from app.geometry import FloatArray
 from app.registration import TimedSignal, estimate_time_offset
 from benchmarks.registration.figures import Figure, rms
+from tests.registration.time_signals import LAG_MS, streams
 
 
 def time_offsets(trials: int) -> Iterator[Figure]:
     """Yield the error of the offset and the coverage of its interval."""
-    from tests.registration.robot_base.test_time_offset import LAG_MS, streams
-
     rng = np.random.default_rng(6)
     errors, peers, covered = [], [], 0
     for _ in range(trials):

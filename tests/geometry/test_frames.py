@@ -1,3 +1,5 @@
+"""Frame names and their conversion to SlicerIGT and IGSIO names."""
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,3 +1,5 @@
+"""Surface meshes: validation, volume, closedness."""
+
 import numpy as np
 import pytest
 import trimesh

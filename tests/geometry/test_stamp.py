@@ -1,3 +1,5 @@
+"""Stamps: exact reading of seconds, comparison within one clock."""
+
 from fractions import Fraction
 
 import pytest

@@ -1,3 +1,5 @@
+"""Tracked transforms: agreement of transform, status and frames."""
+
 from dataclasses import FrozenInstanceError, fields
 
 import pytest

@@ -1,3 +1,5 @@
+"""Rigid transforms against matrices, scipy and their frame rules."""
+
 import numpy as np
 import pytest
 from hypothesis import assume, given

@@ -1,3 +1,5 @@
+"""Merging of duplicate vertices against numpy."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

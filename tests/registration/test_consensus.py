@@ -1,3 +1,5 @@
+"""Robust estimation: rejection of outliers by consensus."""
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray

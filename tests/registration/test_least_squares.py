@@ -1,3 +1,5 @@
+"""Levenberg-Marquardt on known problems."""
+
 import numpy as np
 import pytest
 

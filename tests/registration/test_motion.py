@@ -1,3 +1,5 @@
+"""Small motions and their Jacobian and covariance."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,3 +1,5 @@
+"""Selection and validation of lists of poses."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Quantiles against scipy.stats."""
+
 import pytest
 from scipy.stats import chi2
 from scipy.stats import f as fisher

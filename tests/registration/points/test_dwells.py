@@ -1,3 +1,5 @@
+"""Detection of dwells in simulated recordings of a stylus."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,3 +1,5 @@
+"""Matching of dwells to landmarks, simulated and on a real recording."""
+
 import re
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from app.registration import (
     register_points,
 )
 from tests.registration.helpers import random_transform
+from tests.registration.plus_recording import numbers, recorded_tips
 
 NAMES = ("A", "B", "C", "D", "E", "F", "G", "H")
 
@@ -112,43 +115,6 @@ def test_invalid_points_raise_specific_errors() -> None:
             for i in range(3)
         ]
         detect_landmarks(lost, landmarks)
-
-
-def numbers(text: str) -> FloatArray:
-    return np.array(text.split(), dtype=float)
-
-
-def recorded_tips(folder: Path) -> tuple[list[TrackedTransform], dict[str, FloatArray]]:
-    """``reference_from_stylus_tip`` of the recording, and the phantom's landmarks."""
-    configuration = etree.parse(folder / "PlusDeviceSet_fCal_Sim_RecordPhantomLandmarks.xml")
-    tip = configuration.find(".//Transform[@From='StylusTip']").get("Matrix")
-    stylus_from_tip = Transform.from_matrix(numbers(tip), target="stylus", source="stylus_tip")
-    landmarks = {
-        entry.get("Name"): numbers(entry.get("Position"))
-        for entry in configuration.findall(".//Landmark")
-    }
-    recording = folder / "EightLandmarkPointsTrackedForPhantomRegistration.igs.mha"
-    text = recording.read_text("latin-1")
-
-    def field(name: str) -> list[str]:
-        return re.findall(rf"Seq_Frame\d+_{name} = (.*)", text)
-
-    samples = []
-    for time, stylus, reference in zip(
-        field("Timestamp"),
-        field("StylusToTrackerTransform"),
-        field("ReferenceToTrackerTransform"),
-        strict=True,
-    ):
-        tracker_from_stylus = Transform.from_matrix(
-            numbers(stylus), target="tracker", source="stylus"
-        )
-        tracker_from_reference = Transform.from_matrix(
-            numbers(reference), target="tracker", source="reference"
-        )
-        pose = tracker_from_reference.inverse() @ tracker_from_stylus @ stylus_from_tip
-        samples.append(TrackedTransform(pose, Stamp.from_seconds(time), TrackingStatus.OK))
-    return samples, landmarks
 
 
 def test_real_recording_of_eight_landmarks_agrees_with_the_published_registration(

@@ -1,3 +1,5 @@
+"""Paired-point registration: accuracy, covariance, acceptance, invalid input."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,3 +1,5 @@
+"""Rejection of wrong pairs in paired-point registration."""
+
 import numpy as np
 import pytest
 

@@ -1,9 +1,11 @@
+"""Surface registration: accuracy, covariance, undetermined surfaces."""
+
 import numpy as np
 import pytest
 import trimesh
 from scipy.stats import chi2
 
-from app.geometry import FloatArray, FrameError, SurfaceMesh, Transform
+from app.geometry import FrameError
 from app.registration import (
     AcceptanceLimits,
     ConvergenceError,
@@ -15,40 +17,14 @@ from app.registration import (
     predict_tre,
     register_surface,
 )
-from app.registration.motion import apply_motion, motion_between
-from tests.registration.helpers import random_transform
-
-
-def mesh_of(shape: trimesh.Trimesh) -> SurfaceMesh:
-    return SurfaceMesh("ct", shape.vertices, shape.faces)
-
-
-def bone() -> trimesh.Trimesh:
-    """An asymmetric closed surface, about 100 mm long."""
-    ball = trimesh.creation.icosphere(subdivisions=4)
-    x, y, z = ball.vertices.T
-    radius = 1.0 + 0.25 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.15 * np.sin(4 * z + 2 * x)
-    return trimesh.Trimesh(ball.vertices * radius[:, None] * [50, 35, 25], ball.faces)
-
-
-BONE = bone()
-
-
-def touched(
-    rng: np.random.Generator, shape: trimesh.Trimesh, count: int, noise_mm: float
-) -> tuple[Transform, FloatArray, Transform]:
-    """Return the true transform, noisy points (n, 3) in the probe's frame, and a rough start."""
-    truth = random_transform(rng, "ct", "probe")
-    points, _ = trimesh.sample.sample_surface(shape, count, seed=int(rng.integers(2**31)))
-    measured = truth.inverse().apply(points) + rng.normal(scale=noise_mm, size=(count, 3))
-    rough = np.concatenate([rng.normal(scale=0.05, size=3), rng.normal(scale=3.0, size=3)])
-    return truth, measured, apply_motion(truth, rough, points.mean(axis=0))
+from app.registration.motion import motion_between
+from tests.registration.surfaces import ASYMMETRIC_SURFACE, mesh_of, touch_surface
 
 
 def test_noise_free_points_give_the_true_transform() -> None:
     rng = np.random.default_rng(1)
-    truth, points, start = touched(rng, BONE, 60, 0.0)
-    result = register_surface(points, mesh_of(BONE), start=start)
+    truth, points, start = touch_surface(rng, ASYMMETRIC_SURFACE, 60, 0.0)
+    result = register_surface(points, mesh_of(ASYMMETRIC_SURFACE), start=start)
     assert result.transform.angle_to(truth) < 1e-5
     assert result.transform.distance_mm_to(truth) < 5e-3
     assert result.accepted and result.method == "surface"
@@ -58,11 +34,11 @@ def test_covariance_holds_and_the_error_is_comparable_to_icp() -> None:
     rng = np.random.default_rng(2)
     ours, peers, squared, trials = [], [], [], 12
     for _ in range(trials):
-        truth, points, start = touched(rng, BONE, 40, 0.3)
-        result = register_surface(points, mesh_of(BONE), start=start, noise_mm=0.3)
+        truth, points, start = touch_surface(rng, ASYMMETRIC_SURFACE, 40, 0.3)
+        result = register_surface(points, mesh_of(ASYMMETRIC_SURFACE), start=start, noise_mm=0.3)
         peer, _, _ = trimesh.registration.icp(
             points,
-            BONE,
+            ASYMMETRIC_SURFACE,
             initial=start.matrix,
             threshold=1e-7,
             max_iterations=60,
@@ -81,10 +57,12 @@ def test_covariance_holds_and_the_error_is_comparable_to_icp() -> None:
 
 def test_points_off_the_surface_are_rejected() -> None:
     rng = np.random.default_rng(3)
-    truth, points, start = touched(rng, BONE, 50, 0.2)
+    truth, points, start = touch_surface(rng, ASYMMETRIC_SURFACE, 50, 0.2)
     points[[4, 17, 33]] += truth.inverse().rotate([[0, 0, 15.0], [12.0, 0, 0], [0, 14.0, 0]])
-    result = register_surface(points, mesh_of(BONE), start=start, inlier_mm=1.5)
-    far = np.flatnonzero(np.abs(trimesh.proximity.signed_distance(BONE, truth.apply(points))) > 1.5)
+    result = register_surface(points, mesh_of(ASYMMETRIC_SURFACE), start=start, inlier_mm=1.5)
+    far = np.flatnonzero(
+        np.abs(trimesh.proximity.signed_distance(ASYMMETRIC_SURFACE, truth.apply(points))) > 1.5
+    )
     assert result.outliers == tuple(far) and len(far) >= 2
     assert np.linalg.norm(motion_between(truth, result.transform)[:3]) < 0.02
 
@@ -98,7 +76,7 @@ def test_points_off_the_surface_are_rejected() -> None:
 )
 def test_surface_along_which_points_slide_is_rejected(shape: trimesh.Trimesh) -> None:
     rng = np.random.default_rng(4)
-    truth, points, start = touched(rng, shape, 60, 0.1)
+    truth, points, start = touch_surface(rng, shape, 60, 0.1)
     mapped = truth.apply(points)
     points = points[np.abs(mapped[:, 2]) < 150.0]  # not on the caps of the cylinder
     with pytest.raises((FreeMotionError, NoConsensusError), match=r"slide|equally good"):
@@ -107,32 +85,43 @@ def test_surface_along_which_points_slide_is_rejected(shape: trimesh.Trimesh) ->
 
 def test_target_error_decides_acceptance() -> None:
     rng = np.random.default_rng(5)
-    _, points, start = touched(rng, BONE, 40, 0.3)
-    near = register_surface(points, mesh_of(BONE), start=start, targets_mm=[[0.0, 0.0, 0.0]])
-    far = register_surface(points, mesh_of(BONE), start=start, targets_mm=[[900.0, 0.0, 0.0]])
+    _, points, start = touch_surface(rng, ASYMMETRIC_SURFACE, 40, 0.3)
+    near = register_surface(
+        points, mesh_of(ASYMMETRIC_SURFACE), start=start, targets_mm=[[0.0, 0.0, 0.0]]
+    )
+    far = register_surface(
+        points, mesh_of(ASYMMETRIC_SURFACE), start=start, targets_mm=[[900.0, 0.0, 0.0]]
+    )
     assert near.accepted and not far.accepted
     assert predict_tre(far, [[900.0, 0, 0]])[0] > 4.0 * predict_tre(near, [[0.0, 0, 0]])[0]
     assert near.fre_mm == far.fre_mm
     # A point pulls the fit towards itself, so its error without it is larger.
     assert (near.leave_one_out_mm > near.residuals_mm).all()
     strict = register_surface(
-        points, mesh_of(BONE), start=start, limits=AcceptanceLimits(leave_one_out_mm=0.1)
+        points,
+        mesh_of(ASYMMETRIC_SURFACE),
+        start=start,
+        limits=AcceptanceLimits(leave_one_out_mm=0.1),
     )
     assert not strict.accepted and "leave-one-out" in strict.reason
 
 
 def test_invalid_input_raises_specific_errors() -> None:
     rng = np.random.default_rng(6)
-    _, points, start = touched(rng, BONE, 40, 0.1)
+    _, points, start = touch_surface(rng, ASYMMETRIC_SURFACE, 40, 0.1)
     with pytest.raises(TooFewError, match="11 touched points"):
-        register_surface(points[:11], mesh_of(BONE), start=start)
+        register_surface(points[:11], mesh_of(ASYMMETRIC_SURFACE), start=start)
     with pytest.raises(NotFiniteError, match="point 3 of touched_mm"):
         register_surface(
-            np.where(np.arange(40)[:, None] == 3, np.nan, points), mesh_of(BONE), start=start
+            np.where(np.arange(40)[:, None] == 3, np.nan, points),
+            mesh_of(ASYMMETRIC_SURFACE),
+            start=start,
         )
     with pytest.raises(FrameError, match="ct"):
-        register_surface(points, mesh_of(BONE), start=start.renamed(target="mri"))
+        register_surface(points, mesh_of(ASYMMETRIC_SURFACE), start=start.renamed(target="mri"))
     with pytest.raises(ShapeError, match="inlier_mm"):
-        register_surface(points, mesh_of(BONE), start=start, inlier_mm=0.0)
+        register_surface(points, mesh_of(ASYMMETRIC_SURFACE), start=start, inlier_mm=0.0)
     with pytest.raises((NoConsensusError, ConvergenceError)):
-        register_surface(rng.uniform(-50, 50, (16, 3)), mesh_of(BONE), start=start, inlier_mm=0.5)
+        register_surface(
+            rng.uniform(-50, 50, (16, 3)), mesh_of(ASYMMETRIC_SURFACE), start=start, inlier_mm=0.5
+        )

@@ -1,3 +1,5 @@
+"""Robot-world calibration against OpenCV, scipy and known poses."""
+
 import cv2
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""Pivot calibration: accuracy, outliers, covariance, degenerate poses."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,3 +1,5 @@
+"""Drift between predicted and measured tool pose, and its bound."""
+
 from dataclasses import replace
 
 import numpy as np

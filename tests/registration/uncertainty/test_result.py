@@ -1,3 +1,5 @@
+"""Registration results and the evaluation of their acceptance."""
+
 import dataclasses
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Predicted target registration error against formula and Monte Carlo."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
