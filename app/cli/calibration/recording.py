@@ -121,11 +121,11 @@ def extract_tool_track(
     unusable: Counter[str] = Counter()
     for frame in recording.frames:
         tree.insert(frame)
-        found = tree.pose(reference, tool)
-        if found.transform is None or found.oldest is None:
-            unusable.update(sorted(found.problems))
-        elif not samples or samples[-1].stamp.ns != found.oldest.ns:
-            samples.append(TrackedTransform(found.transform, found.oldest, TrackingStatus.OK))
+        result = tree.pose(reference, tool)
+        if result.transform is None or result.oldest is None:
+            unusable.update(sorted(result.problems))
+        elif not samples or samples[-1].stamp.ns != result.oldest.ns:
+            samples.append(TrackedTransform(result.transform, result.oldest, TrackingStatus.OK))
     reasons = ", ".join(f"{count} {reason}" for reason, count in unusable.most_common())
     if not samples:
         raise InputError(

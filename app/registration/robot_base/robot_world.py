@@ -119,11 +119,11 @@ def solve_robot_world(
     sensor = PoseStack.from_poses(reference_from_sensor, "the sensor", min_count=MIN_POSES)
     _check_rotations(robot, "the robot's tip")
     _check_rotations(sensor, "the sensor")
-    inliers, (state, found) = _fit_inliers(robot, sensor, noise)
+    inliers, (state, used_noise) = _fit_inliers(robot, sensor, noise)
     used_robot, used_sensor = robot.select(inliers), sensor.select(inliers)
     _check_rotations(used_robot, "the robot's tip without outliers")
 
-    information = information_of(state, used_robot, used_sensor, found)
+    information = information_of(state, used_robot, used_sensor, used_noise)
     centre = used_sensor.translations_mm.mean(axis=0)
     covariance = _about_origin(np.asarray(np.linalg.inv(information)), centre)
     residuals = residuals_of(state, robot, sensor)
@@ -136,8 +136,8 @@ def solve_robot_world(
         transform=state.reference_from_base,
         residuals_mm=distances,
         fre_mm=math.sqrt(float(np.mean(distances[inliers] ** 2))),
-        fle_mm=math.sqrt(3.0) * found.translation_mm,
-        leave_one_out_mm=_leave_one_out(robot, sensor, inliers, state, found),
+        fle_mm=math.sqrt(3.0) * used_noise.translation_mm,
+        leave_one_out_mm=_leave_one_out(robot, sensor, inliers, state, used_noise),
         covariance=covariance[:6, :6],
         condition=math.sqrt(float(np.linalg.cond(information * np.outer(scale, scale)))),
         accepted=False,
@@ -152,7 +152,7 @@ def solve_robot_world(
         tip_from_sensor=state.tip_from_sensor,
         covariance=covariance,
         residuals_rad=np.linalg.norm(residuals[:, :3], axis=1),
-        noise=found,
+        noise=used_noise,
     )
 
 
@@ -182,15 +182,15 @@ def _fit_inliers(
         return state, noise or NOMINAL_NOISE
 
     def refine(
-        mask: NDArray[np.bool_], found: tuple[RobotWorld, PoseNoise]
+        mask: NDArray[np.bool_], fit: tuple[RobotWorld, PoseNoise]
     ) -> tuple[RobotWorld, PoseNoise]:
         used = robot.select(mask), sensor.select(mask)
         if noise is None:
-            return fit_with_noise_estimate(*used, *found)
-        return maximum_likelihood(*used, noise, found[0]), noise
+            return fit_with_noise_estimate(*used, *fit)
+        return maximum_likelihood(*used, noise, fit[0]), noise
 
-    def linearise(found: tuple[RobotWorld, PoseNoise]) -> tuple[FloatArray, FloatArray]:
-        state, sigmas = found[0], found[1].sigmas
+    def linearise(fit: tuple[RobotWorld, PoseNoise]) -> tuple[FloatArray, FloatArray]:
+        state, sigmas = fit[0], fit[1].sigmas
         residuals = residuals_of(state, robot, sensor)
         jacobian = jacobian_of(state, robot, residuals, sensor.translations_mm.mean(axis=0))
         return residuals / sigmas, jacobian / sigmas[:, None]

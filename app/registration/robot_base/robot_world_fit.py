@@ -124,10 +124,10 @@ def fit_with_noise_estimate(
         freedom = (1.0 - hat).reshape(-1, 2, 3).sum(axis=(0, 2))
         variances = (residuals**2).reshape(-1, 2, 3).sum(axis=(0, 2)) / freedom
         # The floor, far below the noise of trackers, keeps noise-free data finite.
-        found = np.maximum(np.sqrt(variances), [1e-9, 1e-7])
-        change = np.abs(np.log(found / [noise.rotation_rad, noise.translation_mm])).max()
-        noise = PoseNoise(float(found[0]), float(found[1]))
-        if change < 1e-6 or np.any(found <= [1e-9, 1e-7]):
+        sigmas = np.maximum(np.sqrt(variances), [1e-9, 1e-7])
+        change = np.abs(np.log(sigmas / [noise.rotation_rad, noise.translation_mm])).max()
+        noise = PoseNoise(float(sigmas[0]), float(sigmas[1]))
+        if change < 1e-6 or np.any(sigmas <= [1e-9, 1e-7]):
             return state, noise
     raise ConvergenceError(f"noise of the poses did not converge in {MAX_NOISE_ROUNDS} rounds")
 
