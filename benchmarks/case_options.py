@@ -21,12 +21,12 @@ def case_options(name: str, description: str | None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, help="write the figures there too")
     options = parser.parse_args()
     if not 1.0 <= options.seconds < math.inf:
-        parser.error(f"--seconds {options.seconds}: 1 or more wanted")
+        parser.error(f"--seconds is {options.seconds:g}; expected 1 or more")
     return options
 
 
 def case_folder(text: str) -> Path:
-    """The type of an option that takes a case."""
+    """Case folder of an option; raises `argparse.ArgumentTypeError` without a case.yaml."""
     if not (Path(text) / "case.yaml").is_file():
-        raise argparse.ArgumentTypeError(f"{text!r} is no case: a folder with a case.yaml wanted")
+        raise argparse.ArgumentTypeError(f"{text!r} is no case; expected a folder with a case.yaml")
     return Path(text)

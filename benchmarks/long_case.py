@@ -1,4 +1,4 @@
-"""A recorded case played over and over, as a case of its own: as long as an operation."""
+"""A recorded case repeated to the length of an operation, as a case of its own."""
 
 import shutil
 from collections.abc import Iterator
@@ -15,18 +15,17 @@ _RECORDING = "repeated.mcap"
 
 
 def write_long_case(folder: Path, case_folder: Path, duration_s: float) -> None:
-    """Write to the new ``folder`` the case whose recording has been repeated up to ``duration_s``.
+    """Write a case to the new ``folder`` whose recording is repeated up to ``duration_s``.
 
-    What the case expects is left out: it holds for one round. Raises `InputError` for a case whose
-    joints are on a clock that has to be estimated, and for one whose last frame is not later than
-    the first and the one before.
+    Drops the expected results, which are those of one round. Raises `InputError` for a case whose
+    joint clock must be estimated, and for one whose last frame is not the latest.
     """
     case = open_case(case_folder)
     clock, robot = case.manifest.clock, case.manifest.robot
     frames = list(case.recorded_frames())
     if len(frames) < 2 or not max(frames[0].stamp, frames[-2].stamp) < frames[-1].stamp:
         raise InputError(
-            f"{case_folder} has {len(frames)} frames: 2 or more wanted, the last one the latest"
+            f"{case_folder} has {len(frames)} frames; expected 2 or more, the last one the latest"
         )
     shutil.copytree(case_folder, folder)
     topic = {"joint_states_topic": robot.joint_states} if robot and robot.joint_states else {}
@@ -44,28 +43,28 @@ def write_long_case(folder: Path, case_folder: Path, duration_s: float) -> None:
 
 def _repeated(frames: list[TrackingFrame], duration_ns: int) -> Iterator[TrackingFrame]:
     first_ns, last_ns = frames[0].stamp.ns, frames[-1].stamp.ns
-    # The next round begins as long after the last frame as the last came after the one before.
+    # The gap between two rounds is the last period of the recording.
     round_ns = last_ns - first_ns + last_ns - frames[-2].stamp.ns
     shift_ns = 0
     while True:
         for frame in frames:
             if frame.stamp.ns + shift_ns - first_ns > duration_ns:
                 return
-            yield _later(frame, shift_ns)
+            yield _shifted(frame, shift_ns)
         shift_ns += round_ns
 
 
-def _later(frame: TrackingFrame, shift_ns: int) -> TrackingFrame:
-    def moved(stamp: Stamp) -> Stamp:
+def _shifted(frame: TrackingFrame, shift_ns: int) -> TrackingFrame:
+    def shifted(stamp: Stamp) -> Stamp:
         return stamp.shifted(shift_ns, stamp.clock)
 
-    def moved_joints(joints: JointSample) -> JointSample:
-        return replace(joints, stamp=moved(joints.stamp))
+    def shifted_joints(joints: JointSample) -> JointSample:
+        return replace(joints, stamp=shifted(joints.stamp))
 
     return replace(
         frame,
-        stamp=moved(frame.stamp),
-        poses=tuple(replace(pose, stamp=moved(pose.stamp)) for pose in frame.poses),
-        joints=tuple(moved_joints(joints) for joints in frame.joints),
-        unfiltered_stamp=frame.unfiltered_stamp and moved(frame.unfiltered_stamp),
+        stamp=shifted(frame.stamp),
+        poses=tuple(replace(pose, stamp=shifted(pose.stamp)) for pose in frame.poses),
+        joints=tuple(shifted_joints(joints) for joints in frame.joints),
+        unfiltered_stamp=frame.unfiltered_stamp and shifted(frame.unfiltered_stamp),
     )

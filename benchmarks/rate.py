@@ -1,19 +1,18 @@
-"""The constraint at 1 kHz for a minute, beside a session at 50 Hz, to another process.
+"""Publish the constraint to another process at 1 kHz for a minute, beside a session at 50 Hz.
 
     marginguard bench rate [--seconds 60] [--case data/recorded_case] [--json FILE]
 
-Three processes at a time: one takes the steps of a session with the recorded case's frames, in real
-time, and sends the constraint 1000 times a second; one receives it as bytes; one sleeps from
-millisecond to millisecond and does nothing else, which shows how late the machine itself is: in
-the scheduling class of the thread that sends, so real-time where that is allowed. The receiver is
-an ordinary process. All times are of the clock that the processes of a machine share
-(CLOCK_MONOTONIC).
+Three processes run at a time. The sender steps a session with the recorded case's frames in real
+time and sends the constraint 1000 times a second. The receiver takes it as bytes. The bare loop
+only sleeps from millisecond to millisecond, in the scheduling class of the sending thread
+(real-time where allowed), and shows the latency of the machine itself. The receiver is an ordinary
+process. All times are of CLOCK_MONOTONIC, which the processes of a machine share.
 
-What a step sends comes on top of the beats, and is not counted in their rate. A late beat is sent
-late; one that is 10 ms late is left out.
+Messages of the steps are sent in addition to the beats and do not count in their rate. A late beat
+is sent late; one that is 10 ms late is skipped.
 
 Exit status 1 when the mean rate of the beats is below 999 Hz, when there is a gap over 10 ms that
-is also longer than the bare loop's longest, when a message was lost or came twice, or when the
+is also longer than the bare loop's longest, when a message was lost or duplicated, or when the
 99th percentile from sending to receiving is above 2 ms.
 """
 
@@ -32,16 +31,16 @@ from app.bridge.environment import prepare_environment
 from benchmarks.case_options import case_options
 
 RATE_HZ = 1000
-LEAST_MEAN_HZ = 999.0
-MOST_GAP_MS = 10.0
-MOST_P99_MS = 2.0
+MIN_MEAN_HZ = 999.0
+MAX_GAP_MS = 10.0
+MAX_P99_MS = 2.0
 
 Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class Gaps:
-    """What lies between one and the next of a row of times: 99th percentile and longest."""
+    """Gaps between consecutive times: 99th percentile, longest, and number above 10 ms."""
 
     p99_ms: float
     max_ms: float
@@ -49,15 +48,15 @@ class Gaps:
 
     @classmethod
     def of(cls, times_ns: Times) -> "Gaps":
-        """Of times (n,) in ns, in order."""
+        """Gaps of sorted times (n,) in ns."""
         gaps_ms = np.diff(times_ns) / 1e6
-        p99, most = np.percentile(gaps_ms, [99, 100])
-        return cls(float(p99), float(most), int((gaps_ms > MOST_GAP_MS).sum()))
+        p99, longest = np.percentile(gaps_ms, [99, 100])
+        return cls(float(p99), float(longest), int((gaps_ms > MAX_GAP_MS).sum()))
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What one run showed; delays are from just before sending to the receiver's callback."""
+    """Results of one run; delays are from just before sending to the receiver's callback."""
 
     seconds: float
     sent: int
@@ -79,11 +78,11 @@ class Figures:
 def figures(
     sent_ns: Times, received: Times, bare_ns: Times, *, missed: int, steps: int, cpu_s: float
 ) -> Figures:
-    """From times of sending (n,) by seq, rows of seq and arrival (m, 2), and the bare loop's."""
+    """Figures of sending times (n,) by seq, rows (m, 2) of seq and arrival, and the bare loop's."""
     seqs, arrived_ns = received[:, 0], received[:, 1]
     known = (seqs >= 0) & (seqs < len(sent_ns))
     delays_ms = (arrived_ns[known] - sent_ns[seqs[known]]) / 1e6
-    p50, p99, most = np.percentile(delays_ms, [50, 99, 100])
+    p50, p99, longest = np.percentile(delays_ms, [50, 99, 100])
     seconds = float(sent_ns[-1] - sent_ns[0]) / 1e9
     return Figures(
         seconds=seconds,
@@ -98,31 +97,35 @@ def figures(
         bare_gaps=Gaps.of(bare_ns),
         delay_p50_ms=float(p50),
         delay_p99_ms=float(p99),
-        delay_max_ms=float(most),
+        delay_max_ms=float(longest),
         steps=steps,
         sender_cpu_share=cpu_s / seconds,
     )
 
 
 def failures(found: Figures) -> list[str]:
-    """What is not as it is wanted, one sentence each."""
+    """Missed requirements, one sentence each."""
     wrong = []
-    if found.beats_hz < LEAST_MEAN_HZ:
-        wrong.append(f"the beats' rate is {found.beats_hz:.2f} Hz, {LEAST_MEAN_HZ} Hz wanted")
-    if found.sent_gaps.max_ms > max(MOST_GAP_MS, found.bare_gaps.max_ms):
+    if found.beats_hz < MIN_MEAN_HZ:
         wrong.append(
-            f"a gap of {found.sent_gaps.max_ms:.2f} ms: {MOST_GAP_MS} ms allowed, "
+            f"the beats' rate is {found.beats_hz:.2f} Hz; expected at least {MIN_MEAN_HZ} Hz"
+        )
+    if found.sent_gaps.max_ms > max(MAX_GAP_MS, found.bare_gaps.max_ms):
+        wrong.append(
+            f"a gap of {found.sent_gaps.max_ms:.2f} ms; expected at most {MAX_GAP_MS} ms, "
             f"or the bare loop's {found.bare_gaps.max_ms:.2f} ms"
         )
     if not found.in_order:
-        wrong.append(f"{found.received} of {found.sent} messages came, or not in order")
-    if found.delay_p99_ms > MOST_P99_MS:
-        wrong.append(f"p99 of the delay is {found.delay_p99_ms:.3f} ms, {MOST_P99_MS} ms wanted")
+        wrong.append(f"{found.received} of {found.sent} messages were received, or not in order")
+    if found.delay_p99_ms > MAX_P99_MS:
+        wrong.append(
+            f"p99 of the delay is {found.delay_p99_ms:.3f} ms; expected at most {MAX_P99_MS} ms"
+        )
     return wrong
 
 
 def run(seconds: float, case: Path) -> Figures:
-    """Start the processes, wait for them, and read what they wrote."""
+    """Start the processes, wait for them, and read their results."""
     environment = {
         **os.environ,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -145,12 +148,14 @@ def run(seconds: float, case: Path) -> Figures:
         parts = [start("receiver"), start("sender"), start("bare")]
         try:
             for part in parts:
-                wait_for(part, "ready")  # loaded, and those that speak know each other
+                wait_for_line(
+                    part, "ready"
+                )  # loaded; sender and receiver have discovered each other
             for part in parts:
-                tell(part, "go")
+                send_line(part, "go")
             for part in parts[1:]:
-                wait_for(part, "done")
-            tell(parts[0], "end")
+                wait_for_line(part, "done")
+            send_line(parts[0], "end")
             for part in parts:
                 if part.wait() != 0:
                     raise RuntimeError(f"{part.args} ended with status {part.returncode}")
@@ -158,19 +163,19 @@ def run(seconds: float, case: Path) -> Figures:
             for part in parts:
                 part.kill()
                 part.communicate()
-        said = json.loads((folder / "sender.json").read_text())
+        report = json.loads((folder / "sender.json").read_text())
         return figures(
             np.load(folder / "sent.npy"),
             np.load(folder / "received.npy"),
             np.load(folder / "bare.npy"),
-            missed=said["missed"],
-            steps=said["steps"],
-            cpu_s=said["cpu_s"],
+            missed=report["missed"],
+            steps=report["steps"],
+            cpu_s=report["cpu_s"],
         )
 
 
-def wait_for(part: subprocess.Popen[str], word: str) -> None:
-    """Until the process says ``word``; `RuntimeError` when it ends before."""
+def wait_for_line(part: subprocess.Popen[str], word: str) -> None:
+    """Wait until the process prints ``word``; raises `RuntimeError` if it ends before."""
     assert part.stdout is not None
     for line in part.stdout:
         if line.strip() == word:
@@ -178,8 +183,8 @@ def wait_for(part: subprocess.Popen[str], word: str) -> None:
     raise RuntimeError(f"{part.args} ended before it was {word}")
 
 
-def tell(part: subprocess.Popen[str], word: str) -> None:
-    """One line to the process's standard input."""
+def send_line(part: subprocess.Popen[str], word: str) -> None:
+    """Write one line to the process's standard input."""
     assert part.stdin is not None
     part.stdin.write(word + "\n")
     part.stdin.flush()

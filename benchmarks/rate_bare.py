@@ -1,6 +1,6 @@
-"""A process of `benchmarks.rate`: sleeps from millisecond to millisecond; notes when it woke.
+"""Process of `benchmarks.rate` that sleeps from millisecond to millisecond and records wake-ups.
 
-It asks for the same real-time class as the thread that sends, so that the two can be compared.
+Uses the real-time class of the sending thread, so that the two are comparable.
 """
 
 import sys

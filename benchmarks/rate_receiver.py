@@ -1,6 +1,6 @@
-"""A process of `benchmarks.rate`: notes when each constraint comes, and which one it is.
+"""Process of `benchmarks.rate` that records arrival and seq of each constraint.
 
-It uses rclpy alone and reads the bytes by the layout of CDR, not by the sender's code.
+Uses rclpy alone and reads the bytes by the CDR layout, independently of the sender's code.
 """
 
 import array
@@ -21,21 +21,21 @@ from rclpy.qos import QoSProfile
 def seq_of(raw: bytes) -> int:
     """``seq`` of a serialised FixtureConstraint.
 
-    After 4 bytes of encapsulation: two numbers of 4 bytes, a text, then ``seq`` aligned to 8.
+    Layout: 4 bytes of encapsulation, two 4-byte integers, a string, then ``seq`` aligned to 8.
     """
     (length,) = struct.unpack_from("<I", raw, 12)
-    place = 4 + -(-(12 + length) // 8) * 8
-    seq: int = struct.unpack_from("<Q", raw, place)[0]
+    offset = 4 + -(-(12 + length) // 8) * 8
+    seq: int = struct.unpack_from("<Q", raw, offset)[0]
     return seq
 
 
 def main() -> int:
     folder = Path(sys.argv[1])
-    noted = array.array("q")
+    records = array.array("q")
 
     def take(raw: bytes) -> None:
         now_ns = time.monotonic_ns()
-        noted.extend((seq_of(raw), now_ns))
+        records.extend((seq_of(raw), now_ns))
 
     rclpy.init()
     node = rclpy.create_node("rate_receiver")
@@ -54,7 +54,7 @@ def main() -> int:
     def wait_for_end() -> None:
         sys.stdin.readline()
         sys.stdin.readline()
-        time.sleep(0.2)  # what is on its way
+        time.sleep(0.2)  # messages in transit
         executor.create_task(lambda: ended.set_result(True))
 
     threading.Thread(target=wait_for_end, daemon=True).start()
@@ -62,7 +62,7 @@ def main() -> int:
         executor.spin_until_future_complete(ended)
     except ExternalShutdownException:
         return 1
-    np.save(folder / "received.npy", np.array(noted, dtype=np.int64).reshape(-1, 2))
+    np.save(folder / "received.npy", np.array(records, dtype=np.int64).reshape(-1, 2))
     rclpy.shutdown()
     return 0
 

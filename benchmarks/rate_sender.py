@@ -1,4 +1,4 @@
-"""A process of `benchmarks.rate`: a session in real time, its constraint at 1 kHz."""
+"""Process of `benchmarks.rate` that runs a session in real time and sends at 1 kHz."""
 
 import json
 import sys
@@ -17,23 +17,23 @@ from app.session import Session
 from benchmarks.rate import RATE_HZ, Times
 
 
-class NotedPublisher:
-    """Notes when each message is sent; the number of the message is its place."""
+class RecordingPublisher:
+    """Records the time at which each message is sent, in the order of the messages."""
 
-    def __init__(self, publisher: RawPublisher, most: int) -> None:
+    def __init__(self, publisher: RawPublisher, max_messages: int) -> None:
         self._publisher = publisher
-        self._times_ns = np.zeros(most, dtype=np.int64)
+        self._times_ns = np.zeros(max_messages, dtype=np.int64)
         self.count = 0
 
     def publish(self, raw: bytes) -> None:
-        """Note the time, then send."""
+        """Record the time, then send."""
         self._times_ns[self.count] = time.monotonic_ns()
         self.count += 1
         self._publisher.publish(raw)
 
     @property
     def times_ns(self) -> Times:
-        """When they were sent, (count,)."""
+        """Sending times (count,) in ns."""
         return self._times_ns[: self.count]
 
 
@@ -52,11 +52,11 @@ def main() -> int:
         publisher = ros.publisher(topics.CONSTRAINT)
         if not ros.wait_for_subscribers(topics.CONSTRAINT, 1, 30.0):
             raise RuntimeError("no receiver was found")
-        noted = NotedPublisher(publisher, round(2.0 * (seconds + 1.0) * RATE_HZ))
+        recording = RecordingPublisher(publisher, round(2.0 * (seconds + 1.0) * RATE_HZ))
         print("ready", flush=True)
         sys.stdin.readline()
         cpu_s = time.process_time()
-        stream = ConstraintStream(noted, RATE_HZ)
+        stream = ConstraintStream(recording, RATE_HZ)
         session = Session(setup)
         begin_ns = time.monotonic_ns()
         for frame in cycle(frames):
@@ -71,9 +71,9 @@ def main() -> int:
             steps += 1
         stream.close()
         cpu_s = time.process_time() - cpu_s
-    np.save(folder / "sent.npy", noted.times_ns)
-    said = {"missed": stream.missed, "steps": steps, "cpu_s": cpu_s}
-    (folder / "sender.json").write_text(json.dumps(said))
+    np.save(folder / "sent.npy", recording.times_ns)
+    report = {"missed": stream.missed, "steps": steps, "cpu_s": cpu_s}
+    (folder / "sender.json").write_text(json.dumps(report))
     print("done", flush=True)
     return 0
 

@@ -1,14 +1,13 @@
-"""How long a replay of a recorded case takes, from the command to the last report file.
+"""Duration of a replay of a recorded case, from the command to the last report file.
 
     marginguard bench replay [CASE] [--runs 5] [--minutes 30] [--json FILE]
 
-The whole command is run again and again, in processes of its own, without ROS. Told are its wall
-clock and processor time and its phases, of the fastest run: on a machine that does other work too,
-that is the run that was disturbed least. Times real time is the recording's duration over the wall
-clock; *inside* counts from the opened case to the last report file, without the program's loading.
-What a frame costs, to be read and stepped, is what decides for a long recording: it is told, and
-how many times real time that alone would be. With ``--minutes`` the case's recording is repeated up
-to that length first, which takes a while.
+The whole command runs several times, each in a process of its own, without ROS. Wall-clock and
+processor time and the phases are those of the fastest run, the one least disturbed by other work.
+"x real time" is the recording's duration divided by the wall-clock time; *inside* counts from the
+opened case to the last report file, without loading the program. The cost of reading and stepping
+one frame dominates long recordings and is printed separately. With ``--minutes`` the case's
+recording is first repeated up to that length, which takes a while.
 """
 
 import argparse
@@ -31,11 +30,11 @@ BEFORE_THE_CASE = ("start and end", "load the program", "open the case")
 FRAMES = "read the frames and step"
 _LAP = re.compile(r"^ *([0-9.]+) s  (.+)$", re.MULTILINE)
 
-MOST_MINUTES = 600.0
+MAX_MINUTES = 600.0
 
 
 def run(case: Path, report: Path) -> dict[str, Any]:
-    """One replay: ``wall_s``, ``cpu_s`` of all its processes, and ``phases_s``."""
+    """Run one replay; returns ``wall_s``, ``cpu_s`` of all its processes, and ``phases_s``."""
     command = [
         sys.executable,
         "-m",
@@ -56,7 +55,7 @@ def run(case: Path, report: Path) -> dict[str, Any]:
 
 
 def summary(runs: list[dict[str, Any]], duration_s: float, frames: int) -> dict[str, Any]:
-    """The fastest of ``runs``, and how many times faster than the recording it is."""
+    """The fastest of ``runs`` with its ratios to the recording's duration."""
     fastest = min(runs, key=lambda each: float(each["wall_s"]))
     frames_s = fastest["phases_s"][FRAMES]
     inside_s = sum(s for name, s in fastest["phases_s"].items() if name not in BEFORE_THE_CASE)
@@ -76,7 +75,7 @@ def summary(runs: list[dict[str, Any]], duration_s: float, frames: int) -> dict[
 
 
 def main() -> None:
-    """Measure, print a table, and write the figures where they are wanted."""
+    """Measure, print a table, and write the figures if requested."""
     parser = argparse.ArgumentParser(
         prog="marginguard bench replay", description=__doc__.splitlines()[0]
     )
@@ -92,18 +91,20 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the figures there as well")
     options = parser.parse_args()
     if options.runs < 1:
-        parser.error(f"--runs {options.runs}: 1 or more wanted")
-    if options.minutes is not None and not 0.0 < options.minutes <= MOST_MINUTES:
-        parser.error(f"--minutes {options.minutes}: more than 0, at most {MOST_MINUTES:g} wanted")
+        parser.error(f"--runs is {options.runs}; expected 1 or more")
+    if options.minutes is not None and not 0.0 < options.minutes <= MAX_MINUTES:
+        parser.error(
+            f"--minutes is {options.minutes:g}; expected more than 0, at most {MAX_MINUTES:g}"
+        )
     with tempfile.TemporaryDirectory() as folder:
         case, report = options.case, Path(folder) / "report"
-        run(case, report)  # compiles what is not compiled yet
+        run(case, report)  # fills the compilation cache
         if options.minutes is not None:
             case = Path(folder) / "case"
             write_long_case(case, options.case, 60.0 * options.minutes)
         runs = [run(case, report) for _ in range(options.runs)]
-        told = json.loads((report / "summary.json").read_text())
-    found = summary(runs, told["duration_s"], told["frames"])
+        report_summary = json.loads((report / "summary.json").read_text())
+    found = summary(runs, report_summary["duration_s"], report_summary["frames"])
     for name, seconds in found["phases_s"].items():
         print(f"{seconds:9.3f} s  {name}")
     print(

@@ -1,12 +1,12 @@
-"""How long one step of a session takes at 1 kHz: a tracker frame in, a decision out.
+"""Duration of one session step at 1 kHz, from a tracker frame to a decision.
 
     marginguard bench session [--seconds 60] [--case data/recorded_case] [--json FILE]
 
-The recorded case's tumour, tool, robot and registration, with its frames interpolated to 1 kHz.
-Steps are paced by an absolute clock; a bare loop, paced alike in the same run, shows how late the
-machine itself makes a cycle. Exit status 1 when the 99th percentile of a step, in CPU time of its
+Uses the recorded case's tumour, tool, robot and registration, with frames interpolated to 1 kHz.
+Steps are paced by an absolute clock; a bare loop with the same pacing shows the latency of the
+machine itself. Exit status 1 when the 99th percentile of a step, in CPU time of its
 thread, is above 1 ms, or when the resident memory grows by more than 2 MB after the warm-up. Wall
-time is shown beside: on a machine that does nothing else it is the same.
+time is printed as well; on an idle machine it is the same.
 """
 
 import json
@@ -28,10 +28,10 @@ from benchmarks.case_options import case_options
 from benchmarks.session_trajectory import Trajectory
 
 RATE_HZ = 1000
-MOST_STEP_MS = 1.0
-MOST_GROWTH_MB = 2.0
+MAX_STEP_MS = 1.0
+MAX_GROWTH_MB = 2.0
 WARM_UP = 0.1
-"""Share of the run after which memory is expected to stay where it is."""
+"""Share of the run after which memory is expected to be constant."""
 
 _PERIOD_NS = 1_000_000_000 // RATE_HZ
 _BARE_S = 5.0
@@ -48,13 +48,13 @@ class Spread:
 
     @classmethod
     def of(cls, ns: FloatArray) -> "Spread":
-        """Of durations (n,) in ns."""
+        """Spread of durations (n,) in ns."""
         return cls(*(float(value) for value in np.percentile(ns / 1e6, [50, 99, 100])))
 
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """Resident memory in MB: at the start, after the warm-up, at the end, and how it grows."""
+    """Resident memory in MB: at the start, after the warm-up, at the end, and its slope."""
 
     start_mb: float
     warm_mb: float
@@ -64,10 +64,10 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What one run showed.
+    """Results of one run.
 
     ``model_cpu`` is the proximity model's part of a step, ``rest_cpu`` everything else. ``late`` is
-    how long after its time a cycle began.
+    the delay of a cycle's start after its due time.
     """
 
     steps: int
@@ -82,9 +82,9 @@ class Figures:
 
 
 def paced(count: int, cycle: Callable[[int], None]) -> FloatArray:
-    """Call ``cycle`` at `RATE_HZ` on an absolute clock; how late each call was, in ns.
+    """Call ``cycle`` at `RATE_HZ` on an absolute clock; returns the delay of each call in ns.
 
-    A cycle that takes too long makes the next ones late, and none is left out.
+    A cycle that takes too long delays the next ones; none is skipped.
     """
     late = np.zeros(count)
     begin = time.perf_counter_ns()
@@ -99,7 +99,7 @@ def paced(count: int, cycle: Callable[[int], None]) -> FloatArray:
 
 
 class TimedModel:
-    """A proximity model that adds up the CPU time of its evaluations and sweeps."""
+    """A proximity model that sums the CPU time of its evaluations and sweeps."""
 
     def __init__(self, model: ProximityModel) -> None:
         self._model = model
@@ -108,7 +108,7 @@ class TimedModel:
         self.cpu_ns = 0
 
     def evaluate(self, tumor_from_tool: Transform, stamp: Stamp | None = None) -> Proximity:
-        """What the model finds at this pose."""
+        """Evaluate the model, timed."""
         begin = time.thread_time_ns()
         found = self._model.evaluate(tumor_from_tool, stamp)
         self.cpu_ns += time.thread_time_ns() - begin
@@ -117,7 +117,7 @@ class TimedModel:
     def sweep(
         self, previous: Transform, current: Transform, stamp: Stamp | None = None
     ) -> SweptProximity:
-        """What the model finds on the way."""
+        """Sweep the model, timed."""
         begin = time.thread_time_ns()
         found = self._model.sweep(previous, current, stamp)
         self.cpu_ns += time.thread_time_ns() - begin
@@ -125,20 +125,20 @@ class TimedModel:
 
 
 class Stepping:
-    """One step of a session a cycle, timed; its frame is made outside of what is timed."""
+    """Runs one timed session step per cycle; building the frame is not timed."""
 
     def __init__(self, setup: SessionSetup, frames: Iterator[TrackingFrame], count: int) -> None:
         self._model = TimedModel(setup.proximity)
         self._session = Session(replace(setup, proximity=self._model))
         self._frames = frames
-        # Written to here, so that the operating system gives the pages before the run.
+        # Filled, so that the operating system maps the pages before the run.
         self.cpu_ns, self.wall_ns = np.full(count, -1.0), np.full(count, -1.0)
         self.model_ns = np.full(count, -1.0)
         self.rss_mb = np.full(-(-count // _MEMORY_EVERY), -1.0)
         self.states = dict.fromkeys(MarginState, 0)
 
     def cycle(self, k: int) -> None:
-        """The ``k``-th cycle: the next frame is made, then the step taken and timed."""
+        """Build frame ``k``, then run and time its step."""
         frame = next(self._frames)
         self._model.cpu_ns = 0
         wall, cpu = time.perf_counter_ns(), time.thread_time_ns()
@@ -152,13 +152,13 @@ class Stepping:
 
 
 def resident_mb() -> float:
-    """The resident memory of this process, as the kernel counts it."""
+    """Resident memory of this process in MB, as counted by the kernel."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def measure(setup: SessionSetup, source: Trajectory, count: int) -> Figures:
-    """Run the bare loop, then ``count`` steps of a session."""
+    """Run the bare loop, then ``count`` session steps."""
     stepping = Stepping(setup, source.frames(count), count)
     start_mb = resident_mb()
     bare_late = paced(min(count, int(_BARE_S * RATE_HZ)), lambda k: None)
@@ -181,13 +181,15 @@ def measure(setup: SessionSetup, source: Trajectory, count: int) -> Figures:
 
 
 def failures(figures: Figures) -> list[str]:
-    """What is not as it is wanted, one sentence each."""
+    """Missed requirements, one sentence each."""
     found = []
-    if figures.step_cpu.p99_ms > MOST_STEP_MS:
-        found.append(f"step p99 is {figures.step_cpu.p99_ms:.3f} ms, {MOST_STEP_MS} ms wanted")
+    if figures.step_cpu.p99_ms > MAX_STEP_MS:
+        found.append(
+            f"step p99 is {figures.step_cpu.p99_ms:.3f} ms; expected at most {MAX_STEP_MS} ms"
+        )
     growth_mb = figures.memory.end_mb - figures.memory.warm_mb
-    if growth_mb > MOST_GROWTH_MB:
-        found.append(f"memory grew by {growth_mb:.2f} MB, {MOST_GROWTH_MB} MB allowed")
+    if growth_mb > MAX_GROWTH_MB:
+        found.append(f"memory grew by {growth_mb:.2f} MB; expected at most {MAX_GROWTH_MB} MB")
     return found
 
 

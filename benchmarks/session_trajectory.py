@@ -1,4 +1,4 @@
-"""A recording as a source of any rate: its good samples interpolated, edge by edge."""
+"""A recording resampled to any rate: its good samples interpolated, edge by edge."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,11 +10,11 @@ from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, Tracking
 
 
 class Trajectory:
-    """Frames at ``rate_hz`` through the poses and joints of ``recorded``, forth and back.
+    """Frames at ``rate_hz`` along the poses and joints of ``recorded``, forwards and backwards.
 
     Positions and joints are interpolated linearly, rotations along the shortest arc. Times are on
-    the recording's own clock from its first stamp on, and never go back. Arrays are filled here:
-    afterwards a frame costs no more than its own objects.
+    the recording's clock from its first stamp on and never go back. All values are computed in the
+    constructor, so that a frame only costs its own objects.
     """
 
     def __init__(self, recorded: Sequence[TrackingFrame], rate_hz: int) -> None:
@@ -26,7 +26,7 @@ class Trajectory:
                 if sample.status is TrackingStatus.OK:
                     samples.setdefault((sample.target, sample.source), []).append(sample)
         joints = [sample for frame in recorded for sample in frame.joints]
-        # Where every edge and the joints are known: nothing is extrapolated.
+        # Only the time in which all edges and the joints are known: no extrapolation.
         every = [[sample.stamp.ns for sample in edge] for edge in samples.values()]
         every += [[sample.stamp.ns for sample in joints]] if joints else []
         self._start_ns = max(times[0] for times in every)
@@ -43,7 +43,7 @@ class Trajectory:
         ).T
 
     def frames(self, count: int) -> Iterator[TrackingFrame]:
-        """``count`` frames, made one after the other as a reader makes them."""
+        """Yield ``count`` frames."""
         for k in range(count):
             there, back = k % self._count, self._count - 1 - k % self._count
             at = there if (k // self._count) % 2 == 0 else back
@@ -74,5 +74,7 @@ def _interpolated(
     known_ns = np.array([sample.stamp.ns for sample in samples])
     known_mm = np.array([pose.translation_mm for pose in poses])
     positions = [np.interp(times_ns, known_ns, known_mm[:, axis]) for axis in range(3)]
-    turns = Slerp(known_ns - known_ns[0], Rotation.from_matrix([pose.rotation for pose in poses]))
-    return np.column_stack(positions), turns(times_ns - known_ns[0]).as_quat()
+    rotations = Slerp(
+        known_ns - known_ns[0], Rotation.from_matrix([pose.rotation for pose in poses])
+    )
+    return np.column_stack(positions), rotations(times_ns - known_ns[0]).as_quat()

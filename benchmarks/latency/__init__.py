@@ -1,1 +1,1 @@
-"""From a stamp in another process to the models of the scene: `marginguard bench latency`."""
+"""Latency from a stamp in another process to the scene: `marginguard bench latency`."""

@@ -1,4 +1,4 @@
-"""One way, measured: its sender in a process of its own, its scene here."""
+"""Measurement of one receiver: the sender in a process of its own, the scene here."""
 
 import json
 import os
@@ -14,15 +14,15 @@ from typing import Any, Self
 import numpy as np
 
 from app.runtime.latest_value import SWITCH_INTERVAL_S
+from benchmarks.latency.receivers import Kind, Receiver
 from benchmarks.latency.results import Run
-from benchmarks.latency.ways import Kind, Way
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 WARM_UP_S = 1.5
 
 
 class Sender:
-    """The sending process. ``said`` is what it said in its last line, once `ended`."""
+    """The sending process. ``report`` is its last line, available once `ended`."""
 
     def __init__(
         self, kind: Kind, bodies: int, seconds: float, warm_up_s: float = WARM_UP_S
@@ -39,19 +39,19 @@ class Sender:
         self._output = self._process.stdout
         listening = self._output.readline()
         self.port: int | None = json.loads(listening)["port"] if listening else None
-        self.said: dict[str, Any] = {}
+        self.report: dict[str, Any] = {}
         self._ended = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     @property
     def ended(self) -> bool:
-        """Whether it has sent everything, or has failed."""
+        """True once it has sent everything or has failed."""
         return self._ended.is_set()
 
     def _read(self) -> None:
         line = self._output.readline()
-        self.said = json.loads(line) if line else {}
+        self.report = json.loads(line) if line else {}
         self._ended.set()
 
     def __enter__(self) -> Self:
@@ -71,32 +71,32 @@ class Sender:
 
 
 def measure(kind: Kind, seconds: float, bodies: int) -> Run:
-    """Run it for the warm-up and ``seconds``; what was sent in the warm-up is not counted."""
+    """Run it for the warm-up and ``seconds``; frames sent during the warm-up do not count."""
     rows: list[tuple[int, int]] = []
     switch_interval_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
         with ExitStack() as stack:
             sender = stack.enter_context(Sender(kind, bodies, seconds))
-            way = stack.enter_context(closing(kind.open(bodies, seconds, sender.port)))
+            receiver = stack.enter_context(closing(kind.open(bodies, seconds, sender.port)))
             load = os.getloadavg()[0]
             while not sender.ended:
-                _update(way, rows)
+                _update(receiver, rows)
     finally:
         sys.setswitchinterval(switch_interval_s)
-    if not sender.said:
+    if not sender.report:
         raise RuntimeError(f"the sender of {kind.name!r} has failed")
     table = np.array(rows, dtype=np.int64).reshape(-1, 2)
-    counted_from_ns = sender.said["counted_from_ns"]
+    counted_from_ns = sender.report["counted_from_ns"]
     stamps_ns, shown_ns = table[table[:, 0] >= counted_from_ns].T
     arrived = None
-    if way.arrivals_ns is not None:
-        arrived = int((np.array(way.arrivals_ns) >= counted_from_ns).sum())
-    return Run(kind, sender.said["sent"], arrived, stamps_ns, (shown_ns - stamps_ns) / 1e6, load)
+    if receiver.arrivals_ns is not None:
+        arrived = int((np.array(receiver.arrivals_ns) >= counted_from_ns).sum())
+    return Run(kind, sender.report["sent"], arrived, stamps_ns, (shown_ns - stamps_ns) / 1e6, load)
 
 
-def _update(way: Way, rows: list[tuple[int, int]]) -> None:
-    stamp_ns = way.update()
+def _update(receiver: Receiver, rows: list[tuple[int, int]]) -> None:
+    stamp_ns = receiver.update()
     now_ns = time.time_ns()
     if stamp_ns is not None and (not rows or stamp_ns != rows[-1][0]):
         rows.append((stamp_ns, now_ns))

@@ -1,4 +1,4 @@
-"""The results as pictures: how often which delay, and the delays one frame after the other."""
+"""Plots of the results: histogram of the delays, and delay by frame."""
 
 from collections.abc import Callable, Sequence
 from itertools import cycle
@@ -17,9 +17,9 @@ _BINS = 80
 
 
 def write_plots(runs: Sequence[Run], folder: Path) -> None:
-    """Write ``latency_histogram.png`` and ``latency_frames.png``, a panel a way, one scale."""
+    """Write ``latency_histogram.png`` and ``latency_frames.png``, one panel per receiver."""
     folder.mkdir(parents=True, exist_ok=True)
-    # All but the rarest: one frame that was 40 ms late must not make the rest a single bar.
+    # Up to the 99.5th percentile: one frame that is 40 ms late must not compress the rest.
     end_ms = 1.1 * max(run.percentile_ms(99.5) for run in runs)
     for name, label, draw in (
         ("latency_histogram.png", "stamp to scene [ms]", _histogram),

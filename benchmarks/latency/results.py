@@ -1,4 +1,4 @@
-"""What the ways showed, and what is wanted of ours."""
+"""Results of the receivers, and the requirements on ours."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from app.geometry import FloatArray
 from benchmarks.fixture.results import SpeedTarget
-from benchmarks.latency.ways import OURS, POLLED, Kind
+from benchmarks.latency.receivers import OURS, POLLED, Kind
 
-MOST_MEAN_MS = 2.0
-MOST_P99_MS = 5.0
-MOST_OF_POLLED = 0.5
+MAX_MEAN_MS = 2.0
+MAX_P99_MS = 5.0
+MAX_SHARE_OF_POLLED = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """The frames (n,) of one way that were shown: their stamps, and how late they were in place.
+    """Stamps (n,) and delays (n,) of the frames that one receiver has shown.
 
-    ``arrived`` is None where it cannot be known; ``load`` is the machine's load average before.
+    ``arrived`` is None if it cannot be counted; ``load`` is the machine's load average before.
     """
 
     kind: Kind
@@ -30,8 +30,8 @@ class Run:
     delays_ms: FloatArray
     load: float
 
-    def joined(self, later: "Run") -> "Run":
-        """Both as one."""
+    def concatenated(self, later: "Run") -> "Run":
+        """Both runs as one."""
         known = self.arrived is not None and later.arrived is not None
         return Run(
             self.kind,
@@ -44,33 +44,34 @@ class Run:
 
     @property
     def mean_ms(self) -> float:
-        """The mean delay."""
+        """Mean delay in ms."""
         return float(self.delays_ms.mean())
 
     def percentile_ms(self, percent: float) -> float:
-        """The delay that so many of 100 frames do not exceed."""
+        """Percentile of the delays in ms."""
         return float(np.percentile(self.delays_ms, percent))
 
     @property
     def shown(self) -> int:
-        """How many frames were in the scene at some time."""
+        """Number of frames that were in the scene."""
         return len(self.delays_ms)
 
     @property
     def lost(self) -> int | None:
-        """Sent, and never arrived."""
+        """Number of sent frames that never arrived; None if unknown."""
         return None if self.arrived is None else max(0, self.sent - self.arrived)
 
     @property
     def superseded(self) -> int:
-        """Never shown because a newer one was there first; with the lost ones where those are not
-        known.
+        """Number of frames replaced by a newer one before they were shown.
+
+        Includes the lost frames if `lost` is None.
         """
         return self.sent - self.shown - (self.lost or 0)
 
     @property
     def late(self) -> int:
-        """Shown when the next frame had been sent already."""
+        """Number of frames that were shown after the next one was sent."""
         return int((self.delays_ms > 1e3 / self.kind.rate_hz).sum())
 
     def document(self) -> dict[str, Any]:
@@ -87,14 +88,15 @@ class Run:
         }  # fmt: skip
 
 
-def wishes(runs: Mapping[str, Run]) -> Iterator[SpeedTarget]:
-    """What is asked of ours, beside what ``runs``, by name, show."""
+def speed_targets(runs: Mapping[str, Run]) -> Iterator[SpeedTarget]:
+    """Requirements on ours, checked against ``runs`` by name."""
     ours, polled = runs[OURS], runs[POLLED]
     share = ours.mean_ms / polled.mean_ms
-    yield _wish(f"mean at most {MOST_MEAN_MS:g} ms", ours.mean_ms, "ms", MOST_MEAN_MS)
-    yield _wish(f"p99 at most {MOST_P99_MS:g} ms", ours.percentile_ms(99), "ms", MOST_P99_MS)
-    yield _wish("mean at most half that of polling at 200 Hz", share, "of it", MOST_OF_POLLED)
+    yield _target(f"mean at most {MAX_MEAN_MS:g} ms", ours.mean_ms, "ms", MAX_MEAN_MS)
+    yield _target(f"p99 at most {MAX_P99_MS:g} ms", ours.percentile_ms(99), "ms", MAX_P99_MS)
+    what = "mean at most half that of polling at 200 Hz"
+    yield _target(what, share, "of it", MAX_SHARE_OF_POLLED)
 
 
-def _wish(what: str, value: float, unit: str, most: float) -> SpeedTarget:
-    return SpeedTarget(what, f"{value:.3g} {unit}", value <= most)
+def _target(what: str, value: float, unit: str, limit: float) -> SpeedTarget:
+    return SpeedTarget(what, f"{value:.3g} {unit}", value <= limit)

@@ -1,10 +1,10 @@
-"""A process of `benchmarks.latency`: bodies or joints that move, stamped as they are made.
+"""Process of `benchmarks.latency` that sends moving bodies or joints, stamped on creation.
 
     python -m benchmarks.latency.sender tf|igtl|joints BODIES RATE_HZ WARM_UP_S SECONDS
 
-It says on standard output where it listens (OpenIGTLink), waits for its one receiver, sends at the
-given rate on an absolute clock, and says what was sent after the warm-up. A body's stamp is the
-system's clock when that body is put together.
+Prints its port (OpenIGTLink) on standard output, waits for its only receiver, sends at the given
+rate on an absolute clock, and prints the number of frames sent after the warm-up. A body's stamp is
+the system's clock when the body is created.
 """
 
 import json
@@ -26,25 +26,25 @@ from app.geometry import NS_PER_S
 from app.robot import load_robot
 from benchmarks.latency.bodies import ROOT, TURN_RAD, body_frames, body_pose
 
-_CONNECT_S = 60.0
-_DRAIN_S = 0.3
-"""pyigtl sends from a thread of its own, and drops what it has not sent when it is stopped."""
+_CONNECT_TIMEOUT_S = 60.0
+_DRAIN_TIME_S = 0.3
+"""pyigtl sends from a thread of its own and drops unsent messages when it is stopped."""
 
 
 class Output(Protocol):
-    """Where frames go to; ``port`` is where it listens, None on the ROS graph."""
+    """Output of frames; ``port`` is its TCP port, None on the ROS graph."""
 
     port: int | None
 
     def wait_for_receiver(self) -> bool:
-        """Wait until somebody listens; False when in vain."""
+        """Wait for a receiver; False after the timeout."""
 
     def send(self, frame: int) -> int:
-        """Make and send a frame; the stamp of its first body."""
+        """Create and send a frame; returns the stamp of its first body."""
 
 
 class RosOutput:
-    """A publisher on ``topic``."""
+    """Base of the ROS outputs: a publisher on ``topic``."""
 
     port = None
 
@@ -55,7 +55,7 @@ class RosOutput:
 
     def wait_for_receiver(self) -> bool:
         """Wait for a subscriber."""
-        return self._ros.wait_for_subscribers(self._topic, 1, _CONNECT_S)
+        return self._ros.wait_for_subscribers(self._topic, 1, _CONNECT_TIMEOUT_S)
 
 
 class TfOutput(RosOutput):
@@ -66,7 +66,7 @@ class TfOutput(RosOutput):
         self._frames = body_frames(bodies)
 
     def send(self, frame: int) -> int:
-        """One message."""
+        """Send one message."""
         samples = [
             TfSample(ROOT, name, time.time_ns(), body_pose(body, frame))
             for body, name in enumerate(self._frames)
@@ -76,14 +76,14 @@ class TfOutput(RosOutput):
 
 
 class JointOutput(RosOutput):
-    """The joints of our own arm on ``/joint_states``, all swinging alike."""
+    """The joints of the project's arm on ``/joint_states``, all with the same angle."""
 
     def __init__(self, bodies: int, stack: ExitStack) -> None:
         super().__init__(topics.JOINT_STATES, stack)
         self._names = list(load_robot(TOUCH_URDF).actuated_joint_names)
 
     def send(self, frame: int) -> int:
-        """One message."""
+        """Send one message."""
         stamp_ns = time.time_ns()
         message = JointState(name=self._names)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
@@ -93,7 +93,7 @@ class JointOutput(RosOutput):
 
 
 class IgtlOutput:
-    """A TRANSFORM message a body, from pyigtl's own server."""
+    """One TRANSFORM message per body, from pyigtl's server."""
 
     def __init__(self, bodies: int, stack: ExitStack) -> None:
         self._frames = body_frames(bodies)
@@ -102,14 +102,14 @@ class IgtlOutput:
         self.port: int | None = self._server.server_address[1]
 
     def wait_for_receiver(self) -> bool:
-        """Wait for a client; pyigtl can only be asked."""
-        until_s = time.monotonic() + _CONNECT_S
+        """Wait for a client by polling, pyigtl's only interface."""
+        until_s = time.monotonic() + _CONNECT_TIMEOUT_S
         while not self._server.is_connected() and time.monotonic() < until_s:
             time.sleep(0.01)
         return bool(self._server.is_connected())
 
     def send(self, frame: int) -> int:
-        """As many messages as there are bodies."""
+        """Send one message per body."""
         first_ns = 0
         for body, name in enumerate(self._frames):
             stamp_ns = time.time_ns()
@@ -135,7 +135,7 @@ def main() -> int:
             output = (TfOutput if kind == "tf" else JointOutput)(bodies, stack)
         print(json.dumps({"port": output.port}), flush=True)
         if not output.wait_for_receiver():
-            raise RuntimeError(f"nobody received {kind} within {_CONNECT_S:.0f} s")
+            raise RuntimeError(f"no receiver of {kind} within {_CONNECT_TIMEOUT_S:.0f} s")
         begin_ns = time.monotonic_ns()
         for frame in range(warm_up + counted):
             ahead_ns = begin_ns + frame * period_ns - time.monotonic_ns()
@@ -143,9 +143,9 @@ def main() -> int:
                 time.sleep(ahead_ns / NS_PER_S)
             stamp_ns = output.send(frame)
             if frame == warm_up:
-                # After the frame before, and before this one however a stamp is rounded on its way.
+                # Between the last frame and this one, so that rounding of stamps does not matter.
                 counted_from_ns = stamp_ns - period_ns // 2
-        time.sleep(_DRAIN_S)
+        time.sleep(_DRAIN_TIME_S)
     print(json.dumps({"sent": counted, "counted_from_ns": counted_from_ns}), flush=True)
     return 0
 

@@ -1,4 +1,4 @@
-"""The results as text."""
+"""Results as a table."""
 
 from collections.abc import Iterable
 
@@ -7,17 +7,17 @@ from rich.table import Table
 from benchmarks.latency.results import Run
 
 NOTES = """\
-From the stamp of a frame's first body, made in another process, to the moment when all models of
-the scene are moved and every observer has been called; drawing is not part of it. Superseded: a
-newer frame was there first, as wanted where nobody waits. Late: shown when the next frame had
-been sent already. Clock: the machine's own, one for all processes.
+Time from the stamp of a frame's first body, made in another process, to the end of the update of
+all models in the scene and of all observers; rendering is not part of it. Superseded: replaced by
+a newer frame before it was shown, which is intended. Late: shown after the next frame was sent.
+Clock: the machine's own, shared by all processes.
 """
 
 
 def runs_table(runs: Iterable[Run], title: str) -> Table:
-    """A line a way, times in ms."""
+    """One row per receiver, times in ms."""
     table = Table(title=title, title_justify="left")
-    table.add_column("way", no_wrap=True)
+    table.add_column("receiver", no_wrap=True)
     table.add_column("what")
     for heading in ("sent", "shown", "mean", "sd", "p50", "p95", "p99", "max"):
         table.add_column(heading, justify="right", no_wrap=True)

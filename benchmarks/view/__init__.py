@@ -1,1 +1,1 @@
-"""What reaches the browser: pictures a second, and how old they are there."""
+"""Frame rate and delay of the page in a browser: `marginguard bench view`."""

@@ -1,15 +1,14 @@
-"""Pictures a second in the browser, and the way of a pose to its pixels.
+"""Frame rate in the browser, and delay from a pose to its pixels.
 
     marginguard bench view [--seconds 60] [--case CASE] [--json FILE]
 
-A recorded case is replayed in real time by a server of its own, and watched by Chromium without a
-window at 1280x720 (the page; the view in it is smaller). Every picture carries the number of its
-frame as squares of black and white, drawn into the pixels before they are encoded. The page reads
-them back at each of its own frames, just before they are shown, and notes the time: the delay runs
-from the moment at which the frame was due, as a tracker would have sent it, to that moment. Both
-clocks are the machine's. Beside it the same page with the schedule that trame-slicer has by
-default. Exit status 1 when ours has less than 10 pictures a second, a 95th percentile above 250 ms,
-or a delay that grows.
+A separate server replays a recorded case in real time, and headless Chromium shows the page at
+1280x720 (the view in it is smaller). Every picture carries the number of its frame as black and
+white squares, drawn into the pixels before they are encoded. The page reads them back in each of
+its own frames, just before they are shown, and records the time. The delay is the time since the
+frame was due, when a tracker would have sent it. Both clocks are the machine's. For comparison the
+same page runs with trame-slicer's default schedule. Exit status 1 when ours has fewer than 10
+pictures a second, a 95th percentile above 250 ms, or a growing delay.
 """
 
 import json
@@ -23,14 +22,14 @@ from playwright.sync_api import Browser, sync_playwright
 
 from benchmarks.case_options import case_options
 from benchmarks.view.chromium import launch
-from benchmarks.view.results import Seen, failures, figures, ratios
+from benchmarks.view.results import ViewFigures, failures, figures, ratios
 from benchmarks.view.stamps import READ_IN_PAGE
 
 SIZE = {"width": 1280, "height": 720}
 
 
-def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> Seen:
-    """What a page sees of ``seconds`` of the case."""
+def watch(browser: Browser, case: Path, schedule: str, seconds: float) -> ViewFigures:
+    """Figures of a page that shows ``seconds`` of the case."""
     command = [sys.executable, "-m", "benchmarks.view.server", str(case), "--schedule", schedule]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

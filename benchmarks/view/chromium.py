@@ -1,4 +1,4 @@
-"""Debian's Chromium without a window, as the benchmark and the tests of the page have it."""
+"""Headless Chromium of Debian, for the benchmark and the tests of the page."""
 
 from pathlib import Path
 
@@ -17,5 +17,5 @@ _ARGUMENTS = (
 
 
 def launch(playwright: Playwright) -> Browser:
-    """A browser that asks nobody but the page's server."""
+    """Start a browser without background network traffic."""
     return playwright.chromium.launch(executable_path=CHROMIUM, args=_ARGUMENTS)

@@ -1,7 +1,7 @@
-"""The schedule that trame-slicer has by default, behind the same page and the same view.
+"""trame-slicer's default schedule behind the same page and the same view.
 
-Its own: `trame_rca.schedulers.RcaImageRenderScheduler` as `register_rca_factories` makes it, 30
-pictures a second wanted, whatever drawing costs; pictures are sent without asking who has them.
+It is `trame_rca.schedulers.RcaImageRenderScheduler` as `register_rca_factories` creates it: it
+aims at 30 pictures a second, whatever rendering costs, and sends without acknowledgement.
 """
 
 import asyncio
@@ -14,11 +14,11 @@ from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import Source
 
 _POSES_HZ = 100.0
-"""How often the scene is brought to the present: more often than the tracker's poses come."""
+"""Rate of scene updates, above the rate of the tracker's poses."""
 
 
 class DefaultSchedule(RcaImageRenderScheduler):
-    """Told of every new pose, as a scene's events would."""
+    """Schedules a picture after every new pose, as a scene's events would."""
 
     def __init__(self, area: PictureArea, source: Source, beat: Callable[[int], None]) -> None:
         super().__init__(area, target_fps=30.0, interactive_quality=50, rca_encoder="jpeg")
@@ -27,7 +27,7 @@ class DefaultSchedule(RcaImageRenderScheduler):
         self._number = 0
 
     def set_push_callback(self, callback: Callable[[bytes, dict[str, Any]], None]) -> None:
-        """Number the pictures, as the page wants them."""
+        """Add a number to each picture, which the page expects."""
 
         def push(content: bytes, meta: dict[str, Any]) -> None:
             self._number += 1
@@ -37,15 +37,15 @@ class DefaultSchedule(RcaImageRenderScheduler):
         super().set_push_callback(push)
 
     def wake(self) -> None:
-        """It is told by `run`."""
+        """Do nothing: `run` schedules the pictures."""
 
     def acknowledge(self, client: str, number: int) -> None:
-        """Draw for a page that has just come; receipts are not waited for."""
+        """Render for a page that has just connected; acknowledgements are ignored."""
         if number == 0:
             self.schedule_render()
 
     async def run(self) -> None:
-        """Bring the scene to the present for ever, and ask for a picture whenever it changed."""
+        """Update the scene for ever and schedule a picture whenever it has changed."""
         while True:
             if self._source.prepare():
                 self.schedule_render()

@@ -1,19 +1,19 @@
-"""From what a page saw to figures, and what is wanted of them."""
+"""Figures of a page, and the requirements on them."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-LEAST_PER_S = 10.0
-LONGEST_P95_MS = 250.0
-GROWTH_MS = 50.0
-"""What the last quarter may be slower than the first: less than one picture takes."""
+MIN_PER_S = 10.0
+MAX_P95_MS = 250.0
+MAX_GROWTH_MS = 50.0
+"""Largest growth of the delay from the first to the last quarter: less than one picture."""
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """One run of a page. ``growth_ms``: median delay of the last quarter less that of the first."""
+class ViewFigures:
+    """One run of a page. ``growth_ms``: median delay of the last quarter minus the first."""
 
     seconds: float
     pictures: int
@@ -25,12 +25,12 @@ class Seen:
     growth_ms: float
 
 
-def figures(seen: list[list[float]], due_ms: list[float], seconds: float) -> Seen:
-    """Of ``[frame, time in ms]`` for every picture, by when each frame was due."""
+def figures(seen: list[list[float]], due_ms: list[float], seconds: float) -> ViewFigures:
+    """Figures of ``[frame, time in ms]`` per picture, given the due time of each frame."""
     frames, at_ms = np.array(seen).T
     delays = at_ms - np.array(due_ms)[frames.astype(int)]
     quarter = max(len(delays) // 4, 1)
-    return Seen(
+    return ViewFigures(
         seconds=seconds,
         pictures=len(frames),
         per_s=round(len(frames) / seconds, 2),
@@ -42,20 +42,20 @@ def figures(seen: list[list[float]], due_ms: list[float], seconds: float) -> See
     )
 
 
-def failures(ours: Seen) -> list[str]:
-    """What is not as wanted."""
+def failures(ours: ViewFigures) -> list[str]:
+    """Missed requirements, one sentence each."""
     wrong = []
-    if ours.per_s < LEAST_PER_S:
-        wrong.append(f"{ours.per_s} pictures a second: {LEAST_PER_S} or more wanted")
-    if ours.delay_p95_ms > LONGEST_P95_MS:
-        wrong.append(f"p95 of the delay is {ours.delay_p95_ms} ms: {LONGEST_P95_MS} allowed")
-    if ours.growth_ms > GROWTH_MS:
-        wrong.append(f"the delay grew by {ours.growth_ms} ms: {GROWTH_MS} allowed")
+    if ours.per_s < MIN_PER_S:
+        wrong.append(f"{ours.per_s} pictures a second; expected {MIN_PER_S} or more")
+    if ours.delay_p95_ms > MAX_P95_MS:
+        wrong.append(f"p95 of the delay is {ours.delay_p95_ms} ms; expected at most {MAX_P95_MS}")
+    if ours.growth_ms > MAX_GROWTH_MS:
+        wrong.append(f"the delay grew by {ours.growth_ms} ms; expected at most {MAX_GROWTH_MS}")
     return wrong
 
 
-def ratios(ours: Seen, peer: Seen) -> dict[str, Any]:
-    """Ours over the peer's."""
+def ratios(ours: ViewFigures, peer: ViewFigures) -> dict[str, Any]:
+    """Ratios of ours to the peer."""
     return {
         "per_s": round(ours.per_s / peer.per_s, 2),
         "delay_p50": round(ours.delay_p50_ms / peer.delay_p50_ms, 2),

@@ -1,7 +1,7 @@
 """Serves a replay whose pictures carry the number of their frame: python -m benchmarks.view.server
 
-Prints the page's address. At a line on standard input it plays from the first frame on and prints,
-as JSON, when each frame is due by the machine's clock, in ms. Ends with standard input.
+Prints the page's address. On a line on standard input it plays from the first frame and prints, as
+JSON, the due times of all frames on the machine's clock in ms. Ends with standard input.
 """
 
 import argparse
@@ -28,7 +28,7 @@ SCHEDULES = {"ours": RenderLoop, "default": DefaultSchedule}
 
 
 class StampedArea(PictureArea):
-    """Draws the number of the frame that it shows into each picture."""
+    """Draws the number of the shown frame into each picture."""
 
     def __init__(self, view: ThreeDView, shown: "ShownFrame") -> None:
         super().__init__(view)
@@ -36,21 +36,21 @@ class StampedArea(PictureArea):
 
     @property
     def img_cols_rows(self) -> tuple[Any, int, int]:
-        """The picture, stamped."""
+        """The picture with its number."""
         pixels, columns, rows = super().img_cols_rows
         stamp(pixels, self._shown.index)
         return pixels, columns, rows
 
 
 class ShownFrame:
-    """A feed that remembers which frame was asked for last: the one in the next picture."""
+    """A feed that remembers the last returned frame, which the next picture shows."""
 
     def __init__(self, feed: Any) -> None:
         self._feed = feed
         self.index = 0
 
     def now(self) -> Any:
-        """What the feed says."""
+        """The feed's current state."""
         shown = self._feed.now()
         self.index = shown.step.index
         return shown
@@ -75,13 +75,15 @@ def main() -> None:
 
     def ready(url: str) -> None:
         print(url, flush=True)
-        threading.Thread(target=obey, args=(parts.feed.control, viewer), daemon=True).start()
+        threading.Thread(
+            target=play_on_command, args=(parts.feed.control, viewer), daemon=True
+        ).start()
 
     asyncio.run(viewer.serve(Address("127.0.0.1", 0, "benchmark"), ready))
 
 
-def obey(control: ReplayControl, viewer: Viewer) -> None:
-    """Play at each line, stop at the end."""
+def play_on_command(control: ReplayControl, viewer: Viewer) -> None:
+    """Play on each line of standard input, stop at its end."""
     for _ in sys.stdin:
         began_ms = time.time_ns() / 1e6
         control.play()

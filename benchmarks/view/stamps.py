@@ -1,15 +1,15 @@
-"""The number of a frame as black and white squares in the corner of its picture."""
+"""Frame number as black and white squares in the corner of a picture."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 BITS = 16
 SIDE = 16
-"""Pixels of a square: a whole block of a JPEG, so that it stays black or white."""
+"""Side of a square in pixels: a whole JPEG block, so that it stays black or white."""
 
 
 def stamp(pixels: NDArray[np.uint8], number: int) -> None:
-    """Draw ``number`` (below 2^16) into the upper left corner; after it, its bits turned round."""
+    """Draw ``number`` (below 2^16) into the upper left corner, and its inverted bits below."""
     for row, value in enumerate((number, ~number)):
         for bit in range(BITS):
             square = pixels[row * SIDE : (row + 1) * SIDE, bit * SIDE : (bit + 1) * SIDE]
@@ -47,4 +47,4 @@ READ_IN_PAGE = f"""
   requestAnimationFrame(read);
 }}
 """
-"""Notes, at each frame of the browser, the number that it is about to show and the time in ms."""
+"""Records, in each frame of the browser, the number about to be shown and the time in ms."""

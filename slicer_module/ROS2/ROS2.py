@@ -1,7 +1,7 @@
-"""ROS 2 in desktop 3D Slicer: a small panel, and the logic that scripts ask for.
+"""ROS 2 in desktop 3D Slicer: a small panel, and the logic for scripts.
 
-``slicer.util.getModuleLogic('ROS2')`` gives the logic; what it offers is in `ROS2Lib`, and that is
-imported when the panel is made, so that a Slicer that cannot have it says so in one line.
+``slicer.util.getModuleLogic('ROS2')`` returns the logic, which is in `ROS2Lib`. It is imported when
+the panel is made, so that a Slicer without ROS 2 shows a one-line message instead of a traceback.
 """
 
 import sys
@@ -16,7 +16,7 @@ LIST_EVERY_SPINS = 10
 
 
 class ROS2(ScriptedLoadableModule):
-    """What Slicer tells of the module."""
+    """Module description for Slicer."""
 
     def __init__(self, parent):
         ScriptedLoadableModule.__init__(self, parent)
@@ -26,9 +26,9 @@ class ROS2(ScriptedLoadableModule):
         parent.contributors = ["MarginGuard developers"]
         parent.helpText = (
             "Topics, parameters, services, tf and robots of ROS 2 as nodes of the scene, with the "
-            "calls that scripts for SlicerROS2 make: "
+            "calls that SlicerROS2's scripts make: "
             "<code>slicer.util.getModuleLogic('ROS2').GetDefaultROS2Node()</code>. "
-            "docs/ros2_module.md of MarginGuard lists them, and where they differ.<br><br>"
+            "docs/ros2_module.md of MarginGuard lists them and the differences.<br><br>"
             "<b>Not a medical device</b>: a research tool that must not guide a treatment."
         )
         parent.acknowledgementText = (
@@ -37,7 +37,7 @@ class ROS2(ScriptedLoadableModule):
 
 
 class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
-    """Spins the logic, lists what is on the graph, adds and removes robots."""
+    """Panel that spins the logic, lists the ROS nodes, and adds and removes robots."""
 
     def __init__(self, parent=None):
         ScriptedLoadableModuleWidget.__init__(self, parent)
@@ -48,11 +48,11 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._listed = ""
 
     def setup(self):
-        """Make the panel and the default ROS node; without ROS it is one line that says why."""
+        """Build the panel and the default ROS node; without ROS 2, a one-line message."""
         ScriptedLoadableModuleWidget.setup(self)
         try:
             from app.runtime.latest_value import SWITCH_INTERVAL_S
-            from ROS2Lib.logic import Ros2Api, offer_classes
+            from ROS2Lib.logic import Ros2Api, register_classes
         except ImportError as error:
             self.layout.addWidget(
                 qt.QLabel(
@@ -62,7 +62,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             )
             return
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-        offer_classes(slicer)
+        register_classes(slicer)
         panel = slicer.util.loadUI(self.resourcePath("UI/ROS2.ui"))
         self.layout.addWidget(panel)
         self.ui = slicer.util.childWidgetVariables(panel)
@@ -70,7 +70,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.ui.removeRobotButton.clicked.connect(self.on_remove_robot)
         self.logic = Ros2Api(slicer.mrmlScene)
         self._make_default_node()
-        # Closing the scene takes every node out of it; scripts look for the default one by name.
+        # Closing the scene removes all nodes; scripts look the default one up by name.
         self.addObserver(
             slicer.mrmlScene, slicer.vtkMRMLScene.EndCloseEvent, self._make_default_node
         )
@@ -80,7 +80,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._timer.start()
 
     def cleanup(self):
-        """Leave the graph: the module is being unloaded."""
+        """Leave the ROS graph when the module is unloaded."""
         if self.logic is None:
             return
         self._timer.stop()
@@ -88,14 +88,14 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.logic.Destroy()
 
     def spin(self):
-        """Bring what has come into the scene: the timer calls this."""
+        """Transfer received data into the scene. Called by the timer."""
         self.logic.Spin()
         self._spins += 1
         if self._spins % LIST_EVERY_SPINS == 0:
             self._list()
 
     def on_add_robot(self, checked=False):
-        """Add robot: by the five fields."""
+        """Add the robot described by the five fields."""
         fields = (
             self.ui.robotNameLineEdit,
             self.ui.parameterNodeLineEdit,
@@ -109,7 +109,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         )
 
     def on_remove_robot(self, checked=False):
-        """Remove robot: the one of that name."""
+        """Remove the robot with the name in the field."""
         name = self.ui.robotNameLineEdit.property("text").strip()
         self._do(lambda: self.logic.RemoveRobot(name), f"there is no robot {name!r}")
 
@@ -117,7 +117,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._do(self.logic.GetDefaultROS2Node)
 
     def _do(self, action, otherwise=""):
-        """Say why ``action()`` cannot be done, or ``otherwise`` when it gives nothing."""
+        """Run ``action()``; show its error, or ``otherwise`` if it returns a false value."""
         from app.geometry import MarginGuardError
 
         try:

@@ -1,4 +1,4 @@
-"""The latency benchmark in short: what is sent is what the scene shows, and it can be failed."""
+"""Short runs of the latency benchmark: the scene shows the sent poses, and it can fail."""
 
 import json
 import math
@@ -20,9 +20,9 @@ from app.scene.nodes.convert import world_matrix
 from benchmarks.latency.bodies import TURN_RAD, body_frames
 from benchmarks.latency.measure import Sender, measure
 from benchmarks.latency.plot import write_plots
-from benchmarks.latency.results import Run, wishes
+from benchmarks.latency.receivers import KINDS, OURS, POLLED, complete_frame_stamp
+from benchmarks.latency.results import Run, speed_targets
 from benchmarks.latency.table import runs_table
-from benchmarks.latency.ways import KINDS, OURS, POLLED, whole
 from tests.ros_domain import domain_id as domain_id
 
 BODIES = 4
@@ -31,32 +31,32 @@ BY_NAME = {kind.name: kind for kind in KINDS}
 
 
 def last_poses(kind):
-    """Run a way to the end; where its models are then, by frame, and the stamps it has told."""
+    """Run a receiver to the end; returns its models' poses, its stamps and the sender's report."""
     stamps = []
     with (
         Sender(kind, BODIES, SECONDS, warm_up_s=0.0) as sender,
-        closing(kind.open(BODIES, SECONDS, sender.port)) as way,
+        closing(kind.open(BODIES, SECONDS, sender.port)) as receiver,
     ):
         while not sender.ended:
-            stamps.append(way.update())
+            stamps.append(receiver.update())
         poses = {
             name: world_matrix(model.GetParentTransformNode())
-            for name, model in way.models.models.items()
+            for name, model in receiver.models.models.items()
         }
-    return poses, [stamp for stamp in stamps if stamp is not None], sender.said
+    return poses, [stamp for stamp in stamps if stamp is not None], sender.report
 
 
 @pytest.mark.parametrize("name", [OURS, POLLED, "OpenIGTLink"])
-def test_every_body_arrives_where_it_was_sent(name, domain_id):
+def test_every_body_arrives_at_its_sent_pose(name, domain_id):
     kind = BY_NAME[name]
-    poses, stamps, said = last_poses(kind)
-    last = said["sent"] - 1
+    poses, stamps, report = last_poses(kind)
+    last = report["sent"] - 1
     assert last == SECONDS * kind.rate_hz - 1
     assert sorted(stamps) == stamps
     assert list(poses) == list(body_frames(BODIES))
     for body, pose in enumerate(poses.values()):
         x_mm, y_mm, z_mm = pose[:3, 3]
-        # All at the first one's stamp, so the others are between the last frame and the one before.
+        # Looked up at the first body's stamp, so the others lie between the last two frames.
         assert 0.1 * (last - 1) - 1e-3 <= x_mm <= 0.1 * last + 1e-3
         assert (y_mm, z_mm) == pytest.approx((10.0 * body, 5.0), abs=1e-3)
         turned = math.atan2(pose[1, 0], pose[0, 0])
@@ -65,18 +65,18 @@ def test_every_body_arrives_where_it_was_sent(name, domain_id):
         )
 
 
-def test_the_links_are_where_the_joints_put_them(domain_id):
-    poses, stamps, said = last_poses(BY_NAME["joints"])
+def test_links_match_the_forward_kinematics_of_the_joints(domain_id):
+    poses, stamps, report = last_poses(BY_NAME["joints"])
     robot = load_robot(TOUCH_URDF)
-    angle = 0.3 * math.sin(TURN_RAD * (said["sent"] - 1))
-    wanted = robot.forward_kinematics(dict.fromkeys(robot.actuated_joint_names, angle))
-    assert len(poses) == len(wanted) > 1
+    angle = 0.3 * math.sin(TURN_RAD * (report["sent"] - 1))
+    expected = robot.forward_kinematics(dict.fromkeys(robot.actuated_joint_names, angle))
+    assert len(poses) == len(expected) > 1
     assert sorted(stamps) == stamps
     for link, pose in poses.items():
-        assert np.allclose(pose, wanted[link].matrix, rtol=0, atol=1e-9)
+        assert np.allclose(pose, expected[link].matrix, rtol=0, atol=1e-9)
 
 
-def test_a_run_counts_what_was_sent_after_the_warm_up(domain_id, tmp_path):
+def test_run_counts_frames_sent_after_the_warm_up(domain_id, tmp_path):
     run = measure(BY_NAME[OURS], SECONDS, BODIES)
     assert run.sent == SECONDS * run.kind.rate_hz
     assert run.lost == 0
@@ -100,13 +100,13 @@ def run_of(kind, delays_ms, *, sent=None, arrived=None):
     return Run(kind, sent or len(delays_ms), arrived, stamps_ns, np.array(delays_ms), 0.5)
 
 
-def test_each_wish_can_be_missed():
+def test_each_requirement_can_fail():
     def verdict(ours_ms, polled_ms):
         runs = {
             OURS: run_of(BY_NAME[OURS], ours_ms),
             POLLED: run_of(BY_NAME[POLLED], polled_ms),
         }
-        return [wish.good for wish in wishes(runs)]
+        return [target.good for target in speed_targets(runs)]
 
     assert verdict([1.0] * 100, [2.0] * 100) == [True, True, True]
     assert verdict([2.1] * 100, [9.0] * 100) == [False, True, True]
@@ -114,19 +114,19 @@ def test_each_wish_can_be_missed():
     assert verdict([1.0] * 100, [1.9] * 100) == [True, True, False]
 
 
-def test_what_was_not_shown_is_told_apart():
+def test_lost_superseded_and_late_frames_are_distinguished():
     run = run_of(BY_NAME[OURS], [1.0, 2.0, 5.1, 7.0], sent=10, arrived=8)
     assert (run.shown, run.lost, run.superseded, run.late) == (4, 2, 4, 2)
     unknown = replace(run, arrived=None)
     assert (unknown.lost, unknown.superseded) == (None, 6)
-    both = run.joined(run)
+    both = run.concatenated(run)
     assert (both.sent, both.shown, both.lost, both.superseded) == (20, 8, 4, 8)
     assert both.mean_ms == run.mean_ms
-    assert run.joined(unknown).lost is None
+    assert run.concatenated(unknown).lost is None
 
 
-def test_a_frame_is_whole_when_no_body_is_of_the_one_before():
-    assert whole([10, 11, 12]) == 10
-    assert whole([20, 11, 12]) is None
-    assert whole([20, 21, 12]) is None
-    assert whole([20, 20, 20]) == 20
+def test_frame_is_complete_if_no_body_is_of_an_earlier_one():
+    assert complete_frame_stamp([10, 11, 12]) == 10
+    assert complete_frame_stamp([20, 11, 12]) is None
+    assert complete_frame_stamp([20, 21, 12]) is None
+    assert complete_frame_stamp([20, 20, 20]) == 20

@@ -1,4 +1,4 @@
-"""A recording that is repeated: the same samples again, later, and nothing lost at the seam."""
+"""A repeated recording: the same samples, later, and nothing lost between two rounds."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def long_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return open_case(folder)
 
 
-def test_rounds_follow_each_other_at_the_recordings_own_pace(long_case: Case) -> None:
+def test_rounds_continue_at_the_recordings_period(long_case: Case) -> None:
     frames = list(long_case.recorded_frames())
     once = list(open_case(RECORDED).recorded_frames())
     last_ns = frames[0].stamp.ns + DURATION_S * NS_PER_S
@@ -36,7 +36,7 @@ def test_rounds_follow_each_other_at_the_recordings_own_pace(long_case: Case) ->
     assert [f.stamp.ns - shift_ns for f in again] == [f.stamp.ns for f in once[: len(again)]]
 
 
-def test_samples_and_joints_are_those_of_the_first_round(long_case: Case) -> None:
+def test_samples_and_joints_repeat_those_of_the_first_round(long_case: Case) -> None:
     frames = list(long_case.recorded_frames())
     once = list(open_case(RECORDED).recorded_frames())
     shift_ns = frames[len(once)].stamp.ns - once[0].stamp.ns
@@ -48,6 +48,6 @@ def test_samples_and_joints_are_those_of_the_first_round(long_case: Case) -> Non
             np.testing.assert_allclose(matrix(pose), matrix(known), rtol=0.0, atol=1e-9)
 
 
-def test_the_last_round_is_no_part_of_what_is_expected_of_one(long_case: Case) -> None:
+def test_expected_results_are_dropped(long_case: Case) -> None:
     assert long_case.expected() is None
     assert long_case.manifest.recorded().sha256 is None

@@ -1,4 +1,4 @@
-"""What the rate benchmark makes of its times; the receiver's reading of the bytes."""
+"""Figures of the rate benchmark, and the receiver's decoding of the bytes."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def found(sent_ms, delays_ms, bare_ms, *, seqs=None, steps=0):
     return figures(sent, rows, bare, missed=0, steps=steps, cpu_s=0.5)
 
 
-def test_a_steady_stream_is_as_wanted():
+def test_steady_stream_meets_the_requirements():
     one = found(np.full(2021, 2000 / 2020), 0.2, np.ones(2001), steps=20)
     assert failures(one) == []
     assert one.mean_hz == pytest.approx(1010.0)
@@ -27,7 +27,7 @@ def test_a_steady_stream_is_as_wanted():
     assert (one.delay_p50_ms, one.delay_max_ms) == pytest.approx((0.2, 0.2))
 
 
-def test_each_miss_is_named():
+def test_each_missed_requirement_is_reported():
     ones = np.ones(2001)
     slow = found(1.01 * ones, 0.2, ones)
     assert "beats' rate is 990.10 Hz" in failures(slow)[0]
@@ -45,7 +45,7 @@ def test_each_miss_is_named():
 
 
 @pytest.mark.parametrize("frame", ["", "tumor", "a frame with a longer name", "örtlich"])
-def test_the_receiver_reads_seq_where_rclpy_writes_it(frame):
+def test_receiver_reads_seq_at_its_cdr_offset(frame):
     message = FixtureConstraint(seq=2**63 + 5)
     message.header.frame_id = frame
     assert seq_of(serialize_message(message)) == 2**63 + 5

@@ -13,7 +13,7 @@ def a_run(wall_s: float) -> dict[str, Any]:
     return {"wall_s": wall_s, "cpu_s": 2.0 * wall_s, "phases_s": phases}
 
 
-def test_the_fastest_run_counts_and_loading_is_not_inside() -> None:
+def test_fastest_run_counts_and_inside_excludes_loading() -> None:
     found = summary([a_run(5.0), a_run(3.0), a_run(4.0)], duration_s=60.0, frames=2000)
     assert (found["wall_s"], found["walls_s"]) == (3.0, [5.0, 3.0, 4.0])
     assert found["times_real_time"] == pytest.approx(20.0)

@@ -1,4 +1,4 @@
-"""The figures of the page's benchmark, and the numbers that it reads back from pixels."""
+"""Figures of the page's benchmark, and the numbers that it reads back from pixels."""
 
 import io
 
@@ -11,7 +11,7 @@ from benchmarks.view.stamps import BITS, SIDE, stamp
 
 
 @pytest.mark.parametrize("number", [0, 1, 3740, 65535])
-def test_a_number_survives_the_jpeg(number):
+def test_number_survives_jpeg_compression(number):
     pixels = np.random.default_rng(2).integers(0, 255, (200, 400, 3)).astype(np.uint8)
     stamp(pixels, number)
     coded = io.BytesIO()
@@ -25,7 +25,7 @@ def test_a_number_survives_the_jpeg(number):
     assert rows[1] == [not on for on in rows[0]]
 
 
-def test_the_delay_runs_from_when_a_frame_was_due():
+def test_delay_is_measured_from_the_due_time():
     due_ms = [1000.0 + 20.0 * frame for frame in range(100)]
     seen = [[frame, due_ms[frame] + 80.0] for frame in range(0, 100, 5)]
     found = figures(seen, due_ms, seconds=2.0)
@@ -35,12 +35,12 @@ def test_the_delay_runs_from_when_a_frame_was_due():
     assert failures(found) == []
 
 
-def test_few_late_and_growing_pictures_are_failures():
+def test_low_rate_delay_and_growth_are_failures():
     due_ms = [20.0 * frame for frame in range(1000)]
     seen = [[frame, due_ms[frame] + 200.0 + frame] for frame in range(0, 1000, 10)]
     found = figures(seen, due_ms, seconds=20.0)
     assert found.growth_ms == pytest.approx(750.0)
-    assert [sentence.split(":")[0] for sentence in failures(found)] == [
+    assert [sentence.split(";")[0] for sentence in failures(found)] == [
         "5.0 pictures a second",
         f"p95 of the delay is {found.delay_p95_ms} ms",
         "the delay grew by 750.0 ms",

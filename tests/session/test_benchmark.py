@@ -103,9 +103,9 @@ def test_slow_steps_and_growing_memory_are_failures(recorded, setup):
     good = replace(figures, step_cpu=replace(figures.step_cpu, p99_ms=0.9), memory=still)
     assert failures(good) == []
     slow = replace(good, step_cpu=replace(good.step_cpu, p99_ms=1.2))
-    assert failures(slow) == ["step p99 is 1.200 ms, 1.0 ms wanted"]
+    assert failures(slow) == ["step p99 is 1.200 ms; expected at most 1.0 ms"]
     grown = replace(good, memory=replace(still, end_mb=103.5))
-    assert failures(grown) == ["memory grew by 3.50 MB, 2.0 MB allowed"]
+    assert failures(grown) == ["memory grew by 3.50 MB; expected at most 2.0 MB"]
 
 
 def test_thousands_of_steps_leak_no_memory(recorded, setup):

@@ -72,7 +72,7 @@ def test_a_request_that_waits_is_answered_when_the_service_ends(node, wait_until
 
     asking = threading.Thread(target=ask)
     asking.start()
-    wait_until(lambda: server._asked is not None)
+    wait_until(lambda: server._pending is not None)
     assert node.RemoveAndDeleteServiceServerNode("/scene/ends")
     asking.join(10.0)
     assert told == ["the service has ended"]

@@ -71,7 +71,7 @@ def test_a_name_or_a_state_that_cannot_be_is_refused(api):
     assert node.CreateAndAddPublisherNode("String", "/x") is None
     assert node.RemoveAndDeletePublisherNode("/x") is False
     node.Create("fine")
-    with pytest.raises(MarginGuardError, match="there already"):
+    with pytest.raises(MarginGuardError, match="already created as"):
         node.Create("again")
 
 

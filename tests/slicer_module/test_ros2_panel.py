@@ -128,7 +128,7 @@ def test_the_list_says_how_each_member_does(make_panel):
         "    ros2:pub:/words: std_msgs/msg/String, 1 sent",
         "    ros2:sub:/poses: geometry_msgs/msg/Pose, 0 received",
         "    ros2:srv:client:/nobody: std_srvs/srv/Trigger, no request was sent",
-        "    ros2:param:/nobody: 0 known, the node is not there",
+        "    ros2:param:/nobody: 0 known, the node is not available",
         "    ros2:tf2broadcaster:aTob: 0 sent",
         "    ros2:tf2lookup:cTod: missing",
     ]

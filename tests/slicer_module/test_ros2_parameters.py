@@ -79,7 +79,7 @@ def test_what_is_not_set_or_another_type_has_no_value(parameters, peer, spin_unt
         assert parameters.PrintParameter(name) == "parameter not found"
         with pytest.raises(MarginGuardError, match="is not known"):
             parameters.GetParameterAsString(name)
-    with pytest.raises(MarginGuardError, match="'text' of /peer is string: no integer"):
+    with pytest.raises(MarginGuardError, match="'text' of /peer is string; expected integer"):
         parameters.GetParameterAsInteger("text")
     assert not caplog.records
     assert parameters.IsParameterSet("not monitored") is False

@@ -272,7 +272,7 @@ def test_messages_beyond_the_queue_are_lost_and_counted(logic, node, peer, wait_
     assert seen == [2, 3, 4]
     assert subscriber.GetNumberOfMessages() == 3
     assert subscriber.GetNumberOfMessagesLost() == 2
-    with pytest.raises(MarginGuardError, match="set before it is added"):
+    with pytest.raises(MarginGuardError, match="must be set before it is added"):
         subscriber.SetQoSHistoryDepth(5)
 
 
@@ -416,7 +416,7 @@ def test_a_second_one_on_a_topic_is_refused_however_it_is_spelt(node, caplog):
     before = node.GetScene().GetNumberOfNodes()
     for topic in ("/twice", "twice"):
         assert node.CreateAndAddPublisherNode("Int", topic) is None
-    assert "slicer has a publisher 'twice' already" in caplog.text
+    assert "slicer already has a publisher 'twice'" in caplog.text
     assert node.GetPublisherNodeByTopic("twice").GetTopic() == "/twice"
     assert node.CreateAndAddSubscriberNode("String", "/twice") is not None
     assert node.GetScene().GetNumberOfNodes() == before + 1

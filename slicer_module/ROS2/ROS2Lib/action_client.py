@@ -1,4 +1,4 @@
-"""Actions of other nodes, which SlicerROS2 has not, followed without holding up the scene."""
+"""Non-blocking action clients, an addition to SlicerROS2's interface."""
 
 import threading
 from typing import Any
@@ -14,12 +14,12 @@ from ROS2Lib.member import Member, Owner
 from ROS2Lib.ros_message import message_of, value_of
 
 _TIMEOUT_S = 3600.0
-_CANCEL_S = 3.0
-"""For the server to hear that its goal is not wanted any more, before the client leaves."""
+_CANCEL_TIMEOUT_S = 3.0
+"""Time for the server to receive the cancellation before the client leaves the graph."""
 
 
 class _Goal:
-    """One goal under way, in a thread that follows it to its end."""
+    """One active goal, executed in a thread of its own."""
 
     def __init__(self, client: ActionClient, goal: Any, timeout_s: float) -> None:
         self.result: Any = None
@@ -41,7 +41,7 @@ class _Goal:
 
 
 class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
-    """``ModifiedEvent`` comes in `Spin` when there is new feedback, and when the goal has ended."""
+    """Action client. `Spin` invokes ``ModifiedEvent`` on new feedback and at the goal's end."""
 
     ROLE = "action client"
     KIND = ""
@@ -57,7 +57,7 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         self._timeout_s = _TIMEOUT_S
 
     def GetAction(self) -> str:
-        """The name as it was given."""
+        """The action's name as given."""
         return self._action
 
     def GetROSType(self) -> str:
@@ -65,64 +65,66 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         return type_name(self._type)
 
     def CreateBlankGoal(self) -> Any:
-        """A goal to be filled in and sent."""
+        """An empty goal to fill in and send."""
         return value_of(self._type.Goal())
 
     def SendAsyncGoal(self, goal: Any) -> None:
-        """Send a goal; raises `MarginGuardError` for another type, and while one is under way."""
+        """Send a goal; raises `MarginGuardError` for another type or while a goal is active."""
         if self._client is None:
             raise Ros2Error(f"{self.GetName()}: the action client is not on a ROS node")
         if self._goal is not None:
-            raise Ros2Error(f"{self._action}: a goal is under way, cancel it first")
+            raise Ros2Error(f"{self._action}: a goal is under way; cancel it first")
         message = message_of(goal, self._type.Goal)
         self._feedback = self._result = None
         self._error = "the goal is under way"
         self._goal = _Goal(self._client, message, self._timeout_s)
 
     def CancelGoal(self) -> bool:
-        """Ask for the end of the goal; False when none is under way."""
+        """Request cancellation of the active goal; False if there is none."""
         if self._goal is None:
             return False
         self._goal.cancel.set()
         return True
 
     def IsGoalInProgress(self) -> bool:
-        """Whether a goal is under way, or its end waits for `Spin`."""
+        """True while a goal is active or its result waits for `Spin`."""
         return self._goal is not None
 
     def GetLastFeedback(self) -> Any:
-        """The newest feedback to the last goal; None while there is none."""
+        """The newest feedback on the last goal; None before the first."""
         return self._feedback
 
     def GetLastResult(self) -> Any:
-        """What came of the last goal, also of one that was given up; None while nothing has."""
+        """Result of the last goal, even if it was cancelled or aborted; None without a result."""
         return self._result
 
     def GetLastResultStatus(self) -> bool:
-        """Whether the last goal was reached."""
+        """True if the last goal succeeded."""
         return self._error == ""
 
     def GetLastError(self) -> str:
-        """Why it was not, or not yet; else empty."""
+        """Why the last goal has not succeeded; empty if it has."""
         return self._error
 
     def SetTimeoutSeconds(self, seconds: float) -> None:
-        """How long a goal may take from now on, the search for its server included."""
+        """Set the timeout of later goals in s, including discovery of the server."""
         if not 0.0 < seconds <= 1e6:
-            raise Ros2Error(f"{self.GetName()}: a timeout of {seconds} s: 0 to 1e6 s wanted")
+            raise Ros2Error(
+                f"{self.GetName()}: timeout is {seconds} s; expected more than 0, at most 1e6"
+            )
         self._timeout_s = seconds
 
     def status(self) -> str:
-        """How the last goal went."""
+        """Type and outcome of the last goal."""
         return f"{self.GetROSType()}, {self._error or 'reached'}"
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """The action, however it was spelt."""
+        """The resolved name of the action."""
         return (owner.resolve(names[0]),)
 
     def spin(self) -> None:
-        """Take feedback and end in."""
+        """Transfer feedback and result into the node."""
         goal = self._goal
         if goal is None:
             return
@@ -151,7 +153,7 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         goal, self._goal = self._goal, None
         if goal is not None:
             goal.cancel.set()
-            goal.done.wait(_CANCEL_S)
+            goal.done.wait(_CANCEL_TIMEOUT_S)
         if client is not None and self._owner is not None:
             self._owner.ros.remove_on_close(client.close)
             self._owner.ros.call(client.close)

@@ -1,4 +1,4 @@
-"""Classes of nodes by the names that scripts use: one for each kind of topic and service."""
+"""Node classes by the names that scripts use: one for each kind of topic and service."""
 
 from functools import cache
 from typing import TypeVar
@@ -8,9 +8,10 @@ Node = TypeVar("Node")
 
 @cache
 def kind_class(base: type[Node], name: str) -> type[Node]:
-    """``vtkMRMLROS2PublisherPoseNode`` of its base and ``Pose``, the class's own name, or a type.
+    """Subclass of ``base`` for a kind, e.g. ``vtkMRMLROS2PublisherPoseNode`` for ``Pose``.
 
-    Whether there is such a kind is seen when a node of the class is made.
+    ``name`` is a short name, a class name or a ROS type. An unknown kind raises when a node of the
+    class is created.
     """
     prefix = base.__name__.removesuffix("Node")
     if name.startswith(prefix) and name.endswith("Node"):
@@ -19,5 +20,5 @@ def kind_class(base: type[Node], name: str) -> type[Node]:
 
 
 def kind_class_name(base: type, short: str) -> str:
-    """``vtkMRMLROS2PublisherPoseNode``."""
+    """Class name of a kind: ``vtkMRMLROS2PublisherPoseNode`` for ``Pose``."""
     return f"{base.__name__.removesuffix('Node')}{short.rpartition('/')[2]}Node"

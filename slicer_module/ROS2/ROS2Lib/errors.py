@@ -1,7 +1,7 @@
-"""What the ROS2 module refuses."""
+"""Errors of the ROS2 module."""
 
 from app.geometry import MarginGuardError
 
 
 class Ros2Error(MarginGuardError):
-    """A call that cannot be done: a name in use, a node not on ROS, a value of another type."""
+    """Invalid call: a name in use, a node outside the ROS graph, a value of another type."""

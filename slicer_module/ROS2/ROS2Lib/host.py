@@ -1,4 +1,4 @@
-"""A ROS node in the scene: on the graph, spun, and with members that come and go."""
+"""A ROS node as an MRML node: life cycle on the ROS graph, spinning, and its members."""
 
 import logging
 from collections.abc import Callable
@@ -22,11 +22,11 @@ MemberKey = tuple[str, tuple[str, ...]]
 
 
 class RosHost(vtkMRMLScriptedModuleNode):
-    """Put it into a scene, `Create` it, call `Spin` often in the scene's thread, `Destroy` it.
+    """Add it to a scene, `Create` it, call `Spin` often in the scene's thread, `Destroy` it.
 
-    ROS runs in a thread of its own; what comes waits for `Spin`. What is refused (a name in use,
-    a kind that is none) is None, and said in the log. A member that is taken out of the scene by
-    whatever means leaves the graph, and the ROS node ends when it is taken out itself.
+    ROS runs in a thread of its own; received data wait for `Spin`. Invalid requests (a name in use,
+    an unknown kind) return None and log an error. A member that is removed from the scene, by any
+    means, leaves the graph; removing this node from the scene destroys the ROS node.
     """
 
     def __init__(self) -> None:
@@ -39,16 +39,18 @@ class RosHost(vtkMRMLScriptedModuleNode):
         self._broadcaster: TfBroadcaster | None = None
 
     def GetClassName(self) -> str:
-        """The name that the class has in SlicerROS2."""
+        """Class name as in SlicerROS2."""
         return type(self).__name__
 
     def Create(self, nodeName: str) -> None:
-        """Join the ROS graph by that name; raises `MarginGuardError` when it cannot."""
+        """Join the ROS graph under this name; raises `MarginGuardError` on failure."""
         scene = self.GetScene()
         if scene is None:
-            raise Ros2Error(f"ROS 2 node {nodeName!r} is in no scene: add it to one first")
+            raise Ros2Error(f"ROS 2 node {nodeName!r} is in no scene; add it to one first")
         if self._ros is not None:
-            raise Ros2Error(f"ROS 2 node {self._name!r} is there already, and not {nodeName!r}")
+            raise Ros2Error(
+                f"ROS 2 node is already created as {self._name!r}; cannot create it as {nodeName!r}"
+            )
         logging.info(prepare_environment())
         self._ros = RosNode(nodeName)
         self._name = nodeName
@@ -62,49 +64,51 @@ class RosHost(vtkMRMLScriptedModuleNode):
         self._observer = (scene, scene.AddObserver(vtkMRMLScene.NodeRemovedEvent, removed))
 
     def Destroy(self) -> None:
-        """Leave the graph and take every member, and the node, out of the scene; once is enough."""
+        """Leave the graph and remove the node and all members from the scene. Idempotent."""
         scene = self.GetScene()
         self._close()
         if scene is not None:
             scene.RemoveNode(self)
 
     def Spin(self) -> None:
-        """Bring what has come into the scene; nothing after `Destroy`.
+        """Transfer received data into the scene; does nothing after `Destroy`.
 
-        An observer may call it, or let Slicer's timer do so (``processEvents``): the member that
-        is telling it something is left out, so that what it tells keeps its order.
+        Reentrant: an observer may call it, also through Slicer's timer (``processEvents``). The
+        member whose event is being processed is then skipped, so that its events keep their order.
         """
         for key, member in tuple(self._members.items()):
             if self._members.get(key) is not member or member in self._spinning:
-                continue  # an observer has removed it, or is being told
+                continue  # removed by an observer, or its event is being processed
             self._spinning.add(member)
             try:
                 member.spin()
             except MarginGuardError as error:
                 logging.error(f"{member.GetName()}: {error}")
-            except Exception:  # whatever it is: without their spin the others would not turn stale
+            except Exception:  # the other members must still spin, or they would not become stale
                 logging.exception(f"{member.GetName()} failed")
             finally:
                 self._spinning.discard(member)
 
     def GetROS2NodeName(self) -> str:
-        """Its name on the ROS graph."""
+        """Name on the ROS graph."""
         return self._name
 
     def IsCreated(self) -> bool:
-        """Whether it is on the ROS graph."""
+        """True while it is on the ROS graph."""
         return self._ros is not None
 
     @property
     def ros(self) -> RosNode:
         """The node on the graph."""
         if self._ros is None:
-            raise Ros2Error(f"{self.GetName() or 'a ROS 2 node'} is not on the graph: Create it")
+            raise Ros2Error(
+                f"{self.GetName() or 'a ROS 2 node'} is not on the graph; call Create first"
+            )
         return self._ros
 
     @property
     def buffer(self) -> TransformBuffer:
-        """What tf has said since this was asked for first."""
+        """Transforms received on tf since the first use of this property."""
         if self._buffer is None:
             self._buffer = TransformBuffer()
             TfListener(self.ros, self._buffer)
@@ -112,17 +116,17 @@ class RosHost(vtkMRMLScriptedModuleNode):
 
     @property
     def broadcaster(self) -> TfBroadcaster:
-        """One for all members."""
+        """The broadcaster shared by all members."""
         if self._broadcaster is None:
             self._broadcaster = TfBroadcaster(self.ros)
         return self._broadcaster
 
     def now_ns(self) -> int:
-        """Now on the node's clock, which ``use_sim_time`` makes that of ``/clock``."""
+        """Time in ns on the node's clock, which is ``/clock`` with ``use_sim_time``."""
         return int(self.ros.node.get_clock().now().nanoseconds)
 
     def stamp(self, message: Any, frame_id: str) -> None:
-        """Fill a header in where its sender left it: the stamp with now, the frame with this."""
+        """Fill in an empty stamp with the present and an empty frame with ``frame_id``."""
         header = getattr(message, "header", None)
         if not isinstance(header, Header):
             return
@@ -131,39 +135,39 @@ class RosHost(vtkMRMLScriptedModuleNode):
         header.frame_id = header.frame_id or frame_id
 
     def resolve(self, name: str) -> str:
-        """The full name of a topic or service; raises `Ros2Error` for what is none."""
+        """Resolved name of a topic or service; raises `Ros2Error` for an invalid one."""
         try:
             return str(self.ros.node.resolve_topic_name(name))
         except MarginGuardError:
             raise
-        except Exception as error:  # rclpy has an unrelated type for each way to be invalid
-            raise Ros2Error(f"no name {name!r}: {reason_of(error)}") from error
+        except Exception as error:  # rclpy raises unrelated types for the different errors
+            raise Ros2Error(f"{name!r} is no valid name: {reason_of(error)}") from error
 
     def adopt(self, member: Member, names: tuple[str, ...]) -> None:
-        """Take a member on; raises `MarginGuardError` when that is refused."""
+        """Add a member; raises `MarginGuardError` if its name is in use or it has an owner."""
         if member.IsAddedToROS2Node():
-            raise Ros2Error(f"{member.GetName()} is on a ROS 2 node already")
+            raise Ros2Error(f"{member.GetName()} is already on a ROS 2 node")
         key = (member.ROLE, member.key(self, *names))
         if key in self._members:
-            raise Ros2Error(f"{self._name} has a {member.ROLE} {' '.join(names)!r} already")
+            raise Ros2Error(f"{self._name} already has a {member.ROLE} {' '.join(names)!r}")
         member.join(self, names)
         self._members[key] = member
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """All of them, in the order in which they came."""
+        """All members, in the order of their creation."""
         return tuple(self._members.values())
 
     def create(
         self, kind: type[Kind], *names: str, prepare: Callable[[Kind], None] = lambda _: None
     ) -> Kind | None:
-        """A new member in the scene, which `prepare` sees first; None, and said, when refused."""
+        """Create a member in the scene after ``prepare(member)``; on error log it, return None."""
         scene = self.GetScene()
         try:
             member = kind()
             if scene is None or self._ros is None:
                 name = self.GetName() or "a ROS 2 node"
-                raise Ros2Error(f"{name} is not on the graph: Create it")
+                raise Ros2Error(f"{name} is not on the graph; call Create first")
         except MarginGuardError as error:
             logging.error(str(error))
             return None
@@ -175,27 +179,27 @@ class RosHost(vtkMRMLScriptedModuleNode):
         return member
 
     def find(self, kind: type[Kind], *names: str) -> Kind | None:
-        """The member of that kind and name; None when there is none."""
+        """The member of this kind and name; None if there is none."""
         try:
             found = self._members.get((kind.ROLE, kind.key(self, *names)))
-        except MarginGuardError:  # a name that cannot be is nobody's
+        except MarginGuardError:  # an invalid name belongs to no member
             return None
         return found if isinstance(found, kind) else None
 
     def find_by_id(self, kind: type[Kind], node_id: str) -> Kind | None:
-        """The member of that kind whose node in the scene has this ID; None when there is none."""
+        """The member of this kind with this MRML ID; None if there is none."""
         each = (member for member in self._members.values() if isinstance(member, kind))
         return next((member for member in each if member.GetID() == node_id), None)
 
     def remove(self, member: Member | None, what: str) -> bool:
-        """Take ``member`` out of graph and scene; False, and said by ``what`` it is, for None."""
+        """Remove ``member`` from graph and scene; for None log ``what`` and return False."""
         if member is None:
             logging.warning(f"{self._name} has no {what}: nothing is removed")
             return False
-        self._let_go(member)
+        self._remove_member(member)
         return True
 
-    def _let_go(self, member: Member) -> None:
+    def _remove_member(self, member: Member) -> None:
         scene = member.GetScene()
         self._members = {key: each for key, each in self._members.items() if each is not member}
         try:
@@ -208,19 +212,21 @@ class RosHost(vtkMRMLScriptedModuleNode):
         if node is self:
             self._close()
         elif node in self._members.values():
-            self._let_go(node)
+            self._remove_member(node)
 
     def _close(self) -> None:
         if self._observer is not None:
             scene, observer = self._observer
             self._observer = None
             scene.RemoveObserver(observer)
-        # Robots before the lookups that they have made.
+        # Robots first: they remove the lookups that they created.
         for member in sorted(self._members.values(), key=lambda each: each.ROLE != "robot"):
             if member in self._members.values():
                 try:
-                    self._let_go(member)
-                except MarginGuardError as error:  # the others, and the node, end all the same
+                    self._remove_member(member)
+                except (
+                    MarginGuardError
+                ) as error:  # the other members and the node must still be closed
                     logging.error(f"{member.GetName()}: {error}")
         if self._ros is not None:
             self._ros.close()

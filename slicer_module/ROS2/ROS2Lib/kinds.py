@@ -1,8 +1,8 @@
-"""The kinds of topics and services by the names that SlicerROS2's scripts use.
+"""Kinds of topics and services by the names that SlicerROS2's scripts use.
 
-A kind is named by its short name (``Pose``), by the class of its node
-(``vtkMRMLROS2PublisherPoseNode``), or by its type in ROS (``geometry_msgs/msg/Twist``), which may
-be any that is installed.
+A kind is given by its short name (``Pose``), by the class of its node
+(``vtkMRMLROS2PublisherPoseNode``), or by its ROS type (``geometry_msgs/msg/Twist``), which may be
+any installed type.
 """
 
 from collections.abc import Callable
@@ -45,14 +45,14 @@ SERVICES = MappingProxyType(
         "Trigger": "std_srvs/srv/Trigger",
     }
 )
-"""Short names of services; `SetBoolString` is SlicerROS2's for `SetBool`."""
+"""Short names of services; `SetBoolString` is SlicerROS2's name for `SetBool`."""
 
 TOPICS = tuple(SHORT_NAMES)
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A type of message and the value that stands for it in Slicer."""
+    """A message type and its conversion from and to a Slicer value."""
 
     type: Any
     read: Callable[[Any], Any]
@@ -61,7 +61,7 @@ class Kind:
 
 
 def kind_of(name: str) -> Kind:
-    """The kind of a topic; raises `UnknownTypeError`."""
+    """Kind of a topic; raises `UnknownTypeError`."""
     kind = message_type(name)
     read, write, blank = _SPECIAL.get(name, (None, None, None))
     return Kind(
@@ -73,7 +73,7 @@ def kind_of(name: str) -> Kind:
 
 
 def service_kind(name: str) -> Any:
-    """The type of a service; raises `UnknownTypeError`."""
+    """Type of a service; raises `UnknownTypeError`."""
     return service_type(SERVICES.get(name, name))
 
 
@@ -95,18 +95,22 @@ def _with_table(kind: Any, value: Any) -> Any:
     return from_plain(kind, vtk_values.multi_array(value))
 
 
-def _seen(message: Any) -> NDArray[Any]:
+def _pixels_of(message: Any) -> NDArray[Any]:
     found = image_array(message)
     if not found.size:
-        raise Ros2Error(f"an image of {message.width} x {message.height} has no pixels")
+        raise Ros2Error(
+            f"an image of {message.width} x {message.height} has no pixels; expected at least one"
+        )
     return found
 
 
 def _read_uint8(message: Any) -> vtkTypeUInt8Array:
-    """A tuple a row of the image, a component a byte of it."""
-    found = _seen(message)
+    """One tuple per image row, one component per byte."""
+    found = _pixels_of(message)
     if found.dtype != np.uint8:
-        raise Ros2Error(f"an image of {message.encoding} is none of bytes: take an Image")
+        raise Ros2Error(
+            f"an image of encoding {message.encoding} does not consist of bytes; use an Image"
+        )
     rows = vtkTypeUInt8Array()
     rows.SetNumberOfComponents(message.width * (found.shape[2] if found.ndim == 3 else 1))
     rows.SetNumberOfTuples(message.height)
@@ -134,7 +138,7 @@ _COLOURS = MappingProxyType({3: "rgb8", 4: "rgba8"})
 
 
 def _read_image(message: Any) -> vtkImageData:
-    found = _seen(message)
+    found = _pixels_of(message)
     order = _SWAPPED.get(message.encoding)
     return vtk_values.image(found if order is None else found[:, :, order])
 
@@ -148,7 +152,10 @@ def _image(pixels: Any) -> Any:
     if pixels.ndim == 3 and pixels.dtype == np.uint8:
         encoding = _COLOURS.get(pixels.shape[2])
     if encoding is None:
-        raise Ros2Error(f"an image {pixels.shape} of {pixels.dtype} has no encoding in ROS")
+        raise Ros2Error(
+            f"an image {pixels.shape} of {pixels.dtype} has no ROS encoding; "
+            "expected one component, or 3 or 4 of uint8"
+        )
     return image_message(pixels, encoding, "", Stamp(0))
 
 
@@ -194,4 +201,4 @@ _SPECIAL: dict[str, tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Calla
     "PointCloud": (_read_points, _write_points, vtkPoints),
     "PolyData": (_read_cloud, _write_cloud, vtkPolyData),
 }
-"""Where the short name says more than the type in ROS: reading, writing, and a blank value."""
+"""Conversions of short names with a Slicer value of their own: read, write, blank value."""

@@ -1,4 +1,4 @@
-"""What scripts ask the module for: the default ROS node, robots, and to spin."""
+"""Logic of the module for scripts: the default ROS node, robots and spinning."""
 
 import time
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
 
 DEFAULT_NODE = "slicer"
-_LOOK_AGAIN_S = 0.02
+_POLL_S = 0.02
 
 _CLASSES = (
     vtkMRMLROS2NodeNode,
@@ -29,7 +29,7 @@ _CLASSES = (
     vtkMRMLROS2Tf2BroadcasterNode,
     vtkMRMLROS2Tf2LookupNode,
 )
-_FAMILIES = (
+_CLASS_FAMILIES = (
     vtkMRMLROS2PublisherNode,
     vtkMRMLROS2SubscriberNode,
     vtkMRMLROS2ServiceClientNode,
@@ -37,37 +37,37 @@ _FAMILIES = (
 
 
 def node_class(name: str) -> type:
-    """A class of ours by its name in SlicerROS2; raises `Ros2Error`."""
+    """Node class by its name in SlicerROS2; raises `Ros2Error` for an unknown name."""
     for each in _CLASSES:
         if name == each.__name__:
             return each
-    for base in _FAMILIES:
+    for base in _CLASS_FAMILIES:
         prefix = base.__name__.removesuffix("Node")
         if name.startswith(prefix) and name.endswith("Node") and name != base.__name__:
             return kind_class(base, name)
     raise Ros2Error(f"{name!r} is no class of the ROS2 module")
 
 
-def offer_classes(namespace: Any) -> None:
-    """Put every class where scripts look for those of a compiled module: ``slicer`` itself."""
+def register_classes(namespace: Any) -> None:
+    """Add all classes to ``namespace`` (``slicer``), where scripts expect those of C++ modules."""
     for each in _CLASSES:
         setattr(namespace, each.__name__, each)
-    for base, names in zip(_FAMILIES, (TOPICS, TOPICS, SERVICES), strict=True):
+    for base, names in zip(_CLASS_FAMILIES, (TOPICS, TOPICS, SERVICES), strict=True):
         for name in names:
             made = kind_class(base, name)
             setattr(namespace, made.__name__, made)
 
 
 class Ros2Api:
-    """The logic of the module; ``scene`` is handed in."""
+    """Logic of the module for one ``scene``."""
 
     def __init__(self, scene: vtkMRMLScene) -> None:
         self.scene = scene
 
     def GetDefaultROS2Node(self) -> vtkMRMLROS2NodeNode:
-        """The ROS node ``slicer``, made where it is not there yet.
+        """The ROS node ``slicer``, created on first use.
 
-        Raises `MarginGuardError`, and leaves nothing in the scene, where it cannot be.
+        Raises `MarginGuardError` if it cannot be created; the scene then stays unchanged.
         """
         for node in self.nodes():
             if node.GetROS2NodeName() == DEFAULT_NODE:
@@ -102,33 +102,33 @@ class Ros2Api:
         fixedFrame: str = "",
         tfPrefix: str = "",
     ) -> vtkMRMLROS2RobotNode | None:
-        """A robot on the default node; see `vtkMRMLROS2NodeNode.CreateAndAddRobotNode`."""
+        """Add a robot to the default node; see `vtkMRMLROS2NodeNode.CreateAndAddRobotNode`."""
         return self.GetDefaultROS2Node().CreateAndAddRobotNode(
             robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix
         )
 
     def RemoveRobot(self, robotName: str) -> bool:
-        """Take a robot of the default node away; False when there is none."""
+        """Remove a robot of the default node; False if there is none."""
         return self.GetDefaultROS2Node().RemoveAndDeleteRobotNode(robotName)
 
     def WaitForServiceResponse(
         self, client: vtkMRMLROS2ServiceClientNode, timeoutSec: float
     ) -> bool:
-        """Spin until the last request is over, ``timeoutSec`` at most; whether it was answered."""
+        """Spin until the last request ends, at most ``timeoutSec``; True if it was answered."""
         until = time.monotonic() + timeoutSec
         while client.IsRequestInProgress() and time.monotonic() < until:
-            client.wait(min(_LOOK_AGAIN_S, max(0.0, until - time.monotonic())))
+            client.wait(min(_POLL_S, max(0.0, until - time.monotonic())))
             self.Spin()
-            client.spin()  # which `Spin` leaves out where an observer of this very client waits
+            client.spin()  # `Spin` skips this client if its own observer waits
         return client.GetLastResponseStatus()
 
     def Destroy(self) -> None:
-        """Take every ROS node out of the scene; once is enough."""
+        """Remove all ROS nodes from the scene. Idempotent."""
         for node in tuple(self.nodes()):
             node.Destroy()
 
     def listing(self) -> str:
-        """What is on the graph, one a line, for a person to read."""
+        """ROS nodes and members with their status, one per line."""
         lines = []
         for node in self.nodes():
             lines.append(node.GetName())
@@ -137,7 +137,7 @@ class Ros2Api:
 
     def nodes(self) -> Iterator[vtkMRMLROS2NodeNode]:
         """The ROS nodes in the scene."""
-        # One by one: the collection that `GetNodesByClass` gives is never freed.
+        # Not `GetNodesByClass`: the collection that it returns is never freed.
         count = self.scene.GetNumberOfNodesByClass("vtkMRMLScriptedModuleNode")
         each = [self.scene.GetNthNodeByClass(n, "vtkMRMLScriptedModuleNode") for n in range(count)]
         return (node for node in each if isinstance(node, vtkMRMLROS2NodeNode))

@@ -1,4 +1,4 @@
-"""What all nodes in the scene that hang on a ROS node have in common."""
+"""Base of all MRML nodes that belong to a ROS node."""
 
 import logging
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -11,13 +11,13 @@ from app.geometry import MarginGuardError
 if TYPE_CHECKING:
     from slicer import vtkMRMLNode as _Node
 else:
-    _Node = object  # the class of MRML that it is mixed into is the node
+    _Node = object  # at run time the MRML class beside it in the bases is the node
 
 Kind = TypeVar("Kind", bound="Member")
 
 
 class Owner(Protocol):
-    """What members ask of their ROS node; `RosHost` says what each of these does."""
+    """Interface of a ROS node for its members; implemented by `RosHost`."""
 
     @property
     def ros(self) -> RosNode:
@@ -25,50 +25,50 @@ class Owner(Protocol):
 
     @property
     def buffer(self) -> TransformBuffer:
-        """What tf has said."""
+        """Received transforms."""
 
     @property
     def broadcaster(self) -> TfBroadcaster:
-        """To tf."""
+        """Publisher on tf."""
 
     def GetID(self) -> str:
-        """Its ID in the scene."""
+        """MRML ID."""
 
     def now_ns(self) -> int:
-        """Now on its clock."""
+        """Time in ns on its clock."""
 
     def stamp(self, message: Any, frame_id: str) -> None:
-        """Fill a header in where its sender left it."""
+        """Fill in an empty stamp and frame of a header."""
 
     def resolve(self, name: str) -> str:
-        """The full name of a topic or service."""
+        """Resolved name of a topic or service."""
 
     def create(self, kind: type[Kind], *names: str) -> Kind | None:
-        """Another member."""
+        """Create another member."""
 
     def find(self, kind: type[Kind], *names: str) -> Kind | None:
-        """The member of that kind and name."""
+        """The member of this kind and name."""
 
     def remove(self, member: "Member | None", what: str) -> bool:
-        """Take a member out of graph and scene."""
+        """Remove a member from graph and scene."""
 
 
 class Member(_Node):
-    """Mixed into a class of MRML nodes; `ROLE` and `key` say which of its ROS node's it is.
+    """Mixin for MRML node classes; `ROLE` and `key` identify the member on its ROS node.
 
-    A subclass gives `_start` (join the graph; raises `MarginGuardError`), `_stop` (leave it) and
-    `spin` (bring what has come into the scene, in the thread that owns it).
+    A subclass implements `_start` (join the graph; raises `MarginGuardError`), `_stop` (leave it)
+    and `spin` (transfer received data into the scene, in the scene's thread).
     """
 
     ROLE = ""
     _owner: Owner | None = None
 
     def GetClassName(self) -> str:
-        """The name that the class has in SlicerROS2; the scene itself knows the one below it."""
+        """Class name as in SlicerROS2; the scene uses the name of the MRML base class."""
         return type(self).__name__
 
     def AddToROS2Node(self, nodeId: str, *names: str) -> bool:
-        """Join the graph as part of the ROS node ``nodeId``; False, and said, when refused."""
+        """Join the graph as a member of ROS node ``nodeId``; on error log it, return False."""
         scene = self.GetScene()
         owner = None if scene is None else scene.GetNodeByID(nodeId)
         if owner is None or not hasattr(owner, "adopt"):
@@ -82,17 +82,17 @@ class Member(_Node):
         return True
 
     def IsAddedToROS2Node(self) -> bool:
-        """Whether it is part of a ROS node now."""
+        """True while it belongs to a ROS node."""
         return self._owner is not None
 
     def join(self, owner: Owner, names: tuple[str, ...]) -> None:
-        """For the ROS node alone: become its member."""
+        """Become a member of ``owner``. Called by the ROS node only."""
         self._start(owner, *names)
         self._owner = owner
         self.SetNodeReferenceID("node", owner.GetID())
 
     def leave(self) -> None:
-        """For the ROS node alone: be nobody's member."""
+        """Leave the owner. Called by the ROS node only."""
         if self._owner is not None:
             try:
                 self._stop()
@@ -100,15 +100,15 @@ class Member(_Node):
                 self._owner = None
 
     def status(self) -> str:
-        """How it does, in a few words."""
+        """Short status for the listing."""
         raise NotImplementedError
 
     def spin(self) -> None:
-        """For the ROS node alone: bring what has come into the scene."""
+        """Transfer received data into the scene. Called by the ROS node only."""
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """What tells it from the others of its role on one ROS node."""
+        """Key that is unique among the members of one role on a ROS node."""
         raise NotImplementedError
 
     def _start(self, owner: Owner, *names: Any) -> None:

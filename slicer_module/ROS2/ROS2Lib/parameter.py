@@ -11,11 +11,11 @@ from ROS2Lib.member import Member, Owner
 from ROS2Lib.parameter_watch import ParameterWatch
 
 _USER_EVENT = 1000
-"""VTK's first number for events of others."""
+"""VTK's first event number for applications."""
 
 
 class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
-    """``ParameterModifiedEvent`` comes in `Spin` when values of the monitored node are new."""
+    """Monitors parameters of a node. `Spin` invokes ``ParameterModifiedEvent`` on new values."""
 
     ROLE = "parameter"
     ParameterModifiedEvent = _USER_EVENT + 66
@@ -27,54 +27,54 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         self._removed: set[str] = set()
 
     def GetMonitoredNodeName(self) -> str:
-        """The node whose parameters they are, as it was given."""
+        """Name of the monitored node as given."""
         return self._monitored
 
     def IsMonitoredNodeReady(self) -> bool:
-        """Whether it serves its parameters now."""
+        """True while the node serves its parameters."""
         return self._watch is not None and self._watch.is_available
 
     def AddParameter(self, parameterName: str) -> bool:
-        """Monitor a parameter; False when it is already. Its value comes in a later `Spin`."""
+        """Monitor a parameter; False if it already is. A later `Spin` receives its value."""
         if self._watch is None:
             raise Ros2Error(f"{self.GetName()}: the parameter node is not on a ROS node")
         if parameterName in self._values:
-            logging.warning(f"{self.GetName()}: parameter {parameterName!r} is monitored already")
+            logging.warning(f"{self.GetName()}: parameter {parameterName!r} is already monitored")
             return False
         self._removed.discard(parameterName)
         self._values[parameterName] = None
-        self._watch.ask(parameterName)
+        self._watch.add(parameterName)
         return True
 
     def RemoveParameter(self, parameterName: str) -> bool:
-        """Monitor it no more; False when it was not."""
+        """Stop monitoring a parameter; False if it was not monitored."""
         if parameterName not in self._values:
             logging.warning(f"{self.GetName()}: parameter {parameterName!r} is not monitored")
             return False
         del self._values[parameterName]
         self._removed.add(parameterName)
         if self._watch is not None:
-            self._watch.forget(parameterName)
+            self._watch.remove(parameterName)
         return True
 
     def IsParameterSet(self, parameterName: str, noWarning: bool = False) -> bool:
-        """Whether its value is known; false too for one that is not monitored, which is said."""
+        """True if its value is known. Logs a warning if it is not monitored."""
         if parameterName not in self._values and not noWarning:
             logging.warning(f"{self.GetName()}: parameter {parameterName!r} is not monitored")
         return self._values.get(parameterName) is not None
 
     def GetParameterType(self, parameterName: str) -> str:
-        """``integer``, ``double_array`` ...; empty for one whose value is not known."""
+        """``integer``, ``double_array`` ...; empty while the value is not known."""
         value = self._values.get(parameterName)
         if value is None:
             return ""
-        # A tuple that is empty has lost its type on the way here.
+        # An empty tuple does not carry the type of its elements.
         if value == ():
             return "array"
         return TYPE_NAMES[parameter_value(value).type].replace("[]", "_array")
 
     def GetParameterAsBool(self, parameterName: str) -> bool:
-        """The value; raises `Ros2Error` when it is not known or of another type."""
+        """The value; raises `Ros2Error` if it is not known or of another type."""
         return bool(self._value(parameterName, "bool"))
 
     def GetParameterAsInteger(self, parameterName: str) -> int:
@@ -106,32 +106,34 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         return tuple(self._value(parameterName, "string_array"))
 
     def PrintParameter(self, parameterName: str) -> str:
-        """The value in words, whatever its type."""
+        """The value as text, for any type."""
         value = self._values.get(parameterName)
         return "parameter not found" if value is None else str(value)
 
     def GetMonitoredParameters(self) -> tuple[str, ...]:
-        """The names of those whose changes are heard."""
+        """Names of the monitored parameters."""
         return tuple(self._values)
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """The monitored node, with or without the first slash."""
+        """Name of the monitored node without the leading slash."""
         return (names[0].strip("/"),)
 
     def status(self) -> str:
-        """Whether the node is there, and how many of its parameters are known."""
+        """Number of known parameters, and whether the node is available."""
         known = sum(value is not None for value in self._values.values())
-        return f"{known} known{'' if self.IsMonitoredNodeReady() else ', the node is not there'}"
+        return (
+            f"{known} known{'' if self.IsMonitoredNodeReady() else ', the node is not available'}"
+        )
 
     def spin(self) -> None:
-        """Take in what is new, and say so when anything is."""
+        """Transfer new values and invoke the event if there are any."""
         if self._watch is None:
             return
         new = {
             name: value
             for name, value in self._watch.take().items()
-            # Not by their values: 1, 1.0 and True are equal.
+            # By `repr`, because 1, 1.0 and True compare equal.
             if name not in self._removed and repr(self._values.get(name)) != repr(value)
         }
         if new:
@@ -143,7 +145,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         if not found:
             raise Ros2Error(f"parameter {name!r} of {self._monitored} is not known")
         if found != kind and not (found == "array" and kind.endswith("_array")):
-            raise Ros2Error(f"parameter {name!r} of {self._monitored} is {found}: no {kind}")
+            raise Ros2Error(f"parameter {name!r} of {self._monitored} is {found}; expected {kind}")
         return self._values[name]
 
     def _start(self, owner: Owner, node: str) -> None:

@@ -1,4 +1,4 @@
-"""Parameters of another node, asked for in a thread of its own and heard of when they change."""
+"""Watches parameters of another node: requests values in a thread and listens for changes."""
 
 import threading
 
@@ -6,18 +6,18 @@ from app.bridge import BridgeError, RosNode
 from app.bridge.calls import ParameterChange, ParameterClient, ParameterUnsetError
 from app.bridge.calls.parameter_values import Plain
 
-_LOOK_AGAIN_S = 0.2
+_POLL_S = 0.2
 _TIMEOUT_S = 5.0
-_CLOSE_S = 5.0
-_MOST = 10_000
-"""Parameters of one node; what a node tells of beyond them is left out."""
+_CLOSE_TIMEOUT_S = 5.0
+_MAX_PARAMETERS = 10_000
+"""Most parameters of one node; changes of further ones are ignored."""
 
 
 class ParameterWatch:
-    """`ask` for a name, `take` what is new: its value, or None for one that is not set.
+    """`add` a name, then `take` new values; the value is None for a parameter that is not set.
 
-    Those that were asked for are asked for again when the node has left and come back. Changes of
-    any other parameter of the node are told as well.
+    All names are requested again when the node returns after it was gone. Changes of the node's
+    other parameters are returned as well.
     """
 
     def __init__(self, ros: RosNode, node: str) -> None:
@@ -25,8 +25,8 @@ class ParameterWatch:
         self._client = ParameterClient(ros, node)
         self._condition = threading.Condition()
         self._names: set[str] = set()
-        self._asked: set[str] = set()
-        self._told: dict[str, int] = {}
+        self._unanswered: set[str] = set()
+        self._change_counts: dict[str, int] = {}
         self._new: dict[str, Plain | None] = {}
         self._closing = threading.Event()
         self._client.watch(self._take_change)
@@ -35,73 +35,71 @@ class ParameterWatch:
 
     @property
     def is_available(self) -> bool:
-        """Whether the node serves its parameters now."""
+        """True while the node serves its parameters."""
         return self._client.is_available
 
-    def ask(self, name: str) -> None:
-        """Have the value of ``name`` from now on."""
+    def add(self, name: str) -> None:
+        """Request the value of ``name``."""
         with self._condition:
             self._names.add(name)
-            self._asked.add(name)
+            self._unanswered.add(name)
             self._condition.notify()
 
-    def forget(self, name: str) -> None:
-        """Ask for it no more."""
+    def remove(self, name: str) -> None:
+        """Stop requesting ``name``."""
         with self._condition:
             self._names.discard(name)
-            self._asked.discard(name)
+            self._unanswered.discard(name)
 
     def take(self) -> dict[str, Plain | None]:
-        """What is new since the last time."""
+        """New values since the last call."""
         with self._condition:
             new, self._new = self._new, {}
         return new
 
     def close(self) -> None:
-        """Stop asking and leave the graph."""
+        """Stop the thread and leave the graph."""
         self._closing.set()
         with self._condition:
             self._condition.notify()
-        self._thread.join(_CLOSE_S)
+        self._thread.join(_CLOSE_TIMEOUT_S)
         self._ros.call(self._client.close)
 
     def _take_change(self, change: ParameterChange) -> None:
         for name, value in {**change.values, **dict.fromkeys(change.deleted)}.items():
             with self._condition:
-                if name in self._told or len(self._told) < _MOST:
-                    self._told[name] = self._told.get(name, 0) + 1
+                if name in self._change_counts or len(self._change_counts) < _MAX_PARAMETERS:
+                    self._change_counts[name] = self._change_counts.get(name, 0) + 1
                     self._new[name] = value
 
     def _run(self) -> None:
-        was_there = False
+        was_available = False
         while not self._closing.is_set():
             with self._condition:
-                if not (self._asked and was_there) and not self._closing.is_set():
-                    self._condition.wait(_LOOK_AGAIN_S)
-                asked = set(self._asked)
+                if not (self._unanswered and was_available) and not self._closing.is_set():
+                    self._condition.wait(_POLL_S)
+                requested = set(self._unanswered)
             is_available = self._client.is_available
-            if is_available and not was_there:
+            if is_available and not was_available:
                 with self._condition:
-                    asked = set(self._names)
-            was_there = is_available and self._get(asked)
+                    requested = set(self._names)
+            was_available = is_available and self._get(requested)
 
     def _get(self, names: set[str]) -> bool:
-        """Ask for ``names``; False when the node did not answer."""
+        """Request ``names``; False if the node did not answer."""
         for name in names:
             with self._condition:
-                told = self._told.get(name, 0)
+                count = self._change_counts.get(name, 0)
             value: Plain | None = None
             try:
                 value = self._client.get(name, _TIMEOUT_S, self._closing)
             except ParameterUnsetError:
                 value = None
-            except (
-                BridgeError
-            ):  # it left, hangs, says what is no value, or we are closing: asked again
+            except BridgeError:  # gone, no reply, invalid value or closing: requested again
                 return False
             with self._condition:
-                self._asked.discard(name)
-                # A change that came meanwhile is newer than the answer.
-                if name in self._names and self._told.get(name, 0) == told:
+                self._unanswered.discard(name)
+                # A change received in the meantime is newer than the answer.
+                if name in self._names and self._change_counts.get(name, 0) == count:
                     self._new[name] = value
         return True

@@ -1,4 +1,4 @@
-"""Publishers: values of Slicer to a topic."""
+"""Publishers: Slicer values to a topic."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from ROS2Lib.topic_node import TopicNode
 
 
 class vtkMRMLROS2PublisherNode(TopicNode):
-    """Publishes whether somebody listens or not; a stamp that was left at 0 is made now."""
+    """Publishes with or without subscribers; fills in a stamp of 0 with the present."""
 
     ROLE = "publisher"
 
@@ -20,21 +20,21 @@ class vtkMRMLROS2PublisherNode(TopicNode):
         self._frame_id = ""
 
     def SetFrameId(self, frameId: str) -> None:
-        """The frame of messages whose header names none: clouds, images, bare matrices."""
+        """Set the frame of messages with an empty one: clouds, images, bare matrices."""
         self._frame_id = frameId
 
     def GetFrameId(self) -> str:
-        """The frame of messages whose header names none."""
+        """Frame of messages with an empty one."""
         return self._frame_id
 
     def GetBlankMessage(self) -> Any:
-        """A value to be filled in and published."""
+        """An empty value to fill in and publish."""
         return self.kind.blank()
 
     def Publish(self, value: Any) -> int:
-        """Send a value; gives the number of subscribers.
+        """Publish a value; returns the number of subscribers.
 
-        Raises `MarginGuardError`, with nothing sent, for a value that is none of the kind.
+        Raises `MarginGuardError` and publishes nothing for a value of another kind.
         """
         self._calls += 1
         if self._publisher is None or self._owner is None:
@@ -44,20 +44,20 @@ class vtkMRMLROS2PublisherNode(TopicNode):
         return self._publisher.publish(message)
 
     def GetNumberOfCalls(self) -> int:
-        """How often `Publish` was called."""
+        """Number of calls of `Publish`."""
         return self._calls
 
     def GetNumberOfMessagesSent(self) -> int:
-        """How many of the calls have sent a message."""
+        """Number of published messages."""
         return 0 if self._publisher is None else self._publisher.count
 
     def status(self) -> str:
-        """How much it has sent."""
+        """Type and number of messages."""
         return f"{self.GetROSType()}, {self.GetNumberOfMessagesSent()} sent"
 
     def _start(self, owner: Owner, topic: str) -> None:
         self._publisher = TopicPublisher(owner.ros, self.kind.type, topic, self.quality())
-        self.named("ros2:pub:", topic)
+        self.set_topic("ros2:pub:", topic)
 
     def _stop(self) -> None:
         if self._publisher is not None:

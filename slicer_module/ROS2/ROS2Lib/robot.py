@@ -1,4 +1,4 @@
-"""Robots described by a parameter, placed by tf: a lookup node and a model a link."""
+"""Robots described by a parameter and posed by tf: one lookup and one model per link."""
 
 from slicer import vtkMRMLScriptedModuleNode
 
@@ -14,11 +14,11 @@ from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
 
 
 class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
-    """A model ``<link>_model`` a link, each under its lookup ``ros2:tf2lookup:<parent>To<child>``.
+    """One model ``<link>_model`` per link, below its lookup ``ros2:tf2lookup:<parent>To<child>``.
 
-    Links stand at their zero pose until tf places them, and all are grey while any is not `valid`:
-    a robot in colour is where it was measured. It is built anew when the description changes.
-    ``ModifiedEvent`` comes when it was built and when it turns grey or coloured.
+    Links stand at their zero pose until tf provides one, and all are grey while any lookup is not
+    ``valid``: a coloured robot is at its measured pose. The robot is rebuilt when the description
+    changes. ``ModifiedEvent`` is invoked after a build and when the robot turns grey or coloured.
     """
 
     ROLE = "robot"
@@ -35,19 +35,19 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._is_stale = True
 
     def GetRobotName(self) -> str:
-        """The name that it was added by."""
+        """The robot's name."""
         return "" if self._settings is None else self._settings.name
 
     def GetLinkNames(self) -> tuple[str, ...]:
-        """Its links, the root first; none before the description has come."""
+        """Names of the links, the root first; empty before the description is received."""
         return tuple(self._lookups)
 
     def IsStale(self) -> bool:
-        """Whether it is not there yet, or any link is not where it was measured of late."""
+        """True before the robot is built, and while any link has no valid pose."""
         return self._is_stale
 
     def GetProblem(self) -> str:
-        """What is wrong with its description or its poses, a sentence; empty when nothing is."""
+        """Problem of the description or the poses; empty if there is none."""
         if not self._lookups:
             return "" if self._description is None else self._description.problem
         stale = (
@@ -59,18 +59,18 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """Its name."""
+        """The robot's name."""
         return (names[0],)
 
     def status(self) -> str:
-        """What is wrong with it, if anything is."""
+        """The problem, or the number of links."""
         return self.GetProblem() or f"{len(self._lookups)} links"
 
     def spin(self) -> None:
-        """Build it when its description is new, and show whether its poses are.
+        """Build the robot for a new description and update its colour.
 
-        It is built anew too when somebody has taken one of its links out of the scene or changed
-        its surface. A link that was hung elsewhere is hung back; the root may hang where it will.
+        Rebuilds it also when a link was removed from the scene or its surface changed. Restores
+        the parent of a link that was moved in the hierarchy; the root's parent is free.
         """
         robot = self._described.take(0.0) or (None if self._is_whole() else self._robot)
         if robot is not None:
@@ -79,7 +79,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
             try:
                 self._build(robot)
             except Exception:
-                self._clear()  # half a robot would be a wrong one
+                self._clear()  # no partial robot may be shown
                 raise
             self._robot = robot
         if self._model is None:
@@ -100,7 +100,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         tf_prefix: str,
     ) -> None:
         if not node.strip("/"):
-            raise Ros2Error(f"robot {name!r}: the node that describes it has no name")
+            raise Ros2Error(f"robot {name!r}: parameter node name is empty; expected a node name")
         self._settings = RobotSettings(name, tf_prefix=tf_prefix, fixed_frame=fixed_frame)
         source = DescriptionSource(f"/{node.strip('/')}", parameter, topic="")
         self._description = DescriptionListener(
@@ -132,7 +132,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._model = RobotModel(self.GetScene(), robot, self._lookups[root], root)
         for link, model in self._model.models.items():
             model.SetAndObserveTransformNodeID(self._lookups[link].GetID())
-        # The lookups take the place of the model's own transforms.
+        # The lookups replace the model's own transforms.
         for link in [link for link in self._model.transforms if link != root]:
             self.GetScene().RemoveNode(self._model.transforms.pop(link))
         for node in self._lookups.values():
@@ -152,7 +152,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         return True
 
     def _lookup(self, parent: str, child: str) -> vtkMRMLROS2Tf2LookupNode:
-        """A node for the edge: one that is there already stays its maker's."""
+        """Lookup node of the edge; an existing one stays owned by its creator."""
         if self._owner is None:
             raise Ros2Error(f"{self.GetName()} is not on a ROS node")
         there = self._owner.find(vtkMRMLROS2Tf2LookupNode, parent, child)

@@ -1,7 +1,7 @@
-"""Messages with ``Get`` and ``Set`` for each field, and VTK's values where it has them.
+"""Messages with ``Get`` and ``Set`` for each field, and VTK values for geometric types.
 
 A pose or a transform is a vtkMatrix4x4 in mm; a wrench, a twist or an acceleration an array of
-six; a list a tuple. Lengths are scaled by `app.bridge.convert`, field by field.
+six values; a list is a tuple. `app.bridge.convert` scales lengths field by field.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -21,7 +21,7 @@ Plain = Mapping[str, Any]
 
 
 class RosMessage:
-    """``message.GetHeader().SetFrameId("needle")``: a field ``frame_id`` is ``FrameId`` here."""
+    """``message.GetHeader().SetFrameId("needle")``: the field ``frame_id`` becomes ``FrameId``."""
 
     def __init__(self, kind: type, values: dict[str, Any]) -> None:
         self._kind = kind
@@ -29,7 +29,7 @@ class RosMessage:
         self._fields = {camel(field): field for field in values}
 
     def GetClassName(self) -> str:
-        """``vtkGeometryMsgsPoseStamped``, as SlicerROS2 calls the class."""
+        """Class name as in SlicerROS2: ``vtkGeometryMsgsPoseStamped``."""
         package, _, name = type_name(self._kind).split("/")
         return f"vtk{camel(package)}{name}"
 
@@ -37,7 +37,8 @@ class RosMessage:
         field = self.__dict__.get("_fields", {}).get(name[3:])
         if field is None or name[:3] not in ("Get", "Set"):
             raise AttributeError(
-                f"{self._kind.__name__} has no {name}: Get and Set of {', '.join(self._fields)}"
+                f"{self._kind.__name__} has no {name}; "
+                f"expected Get or Set of one of {', '.join(self._fields)}"
             )
         if name[:3] == "Get":
             return lambda: self._values[field]
@@ -48,7 +49,7 @@ class RosMessage:
         return put
 
     def __dir__(self) -> Iterable[str]:
-        each = (f"{way}{field}" for field in self._fields for way in ("Get", "Set"))
+        each = (f"{prefix}{field}" for field in self._fields for prefix in ("Get", "Set"))
         return (*super().__dir__(), *each)
 
     def __repr__(self) -> str:
@@ -57,15 +58,15 @@ class RosMessage:
 
 
 def value_of(message: Any) -> Any:
-    """The value of a message of ROS; lengths are in mm."""
+    """Slicer value of a ROS message, lengths in mm."""
     return _value(to_plain(message), type(message))
 
 
 def message_of(value: Any, kind: type) -> Any:
-    """A message of ``kind`` from its value, or from a plain mapping of fields, lengths in mm.
+    """A ROS message of ``kind`` from its value or from a mapping of fields, lengths in mm.
 
-    A type with a header takes what it is the header of as well: a PoseStamped a bare matrix, a
-    PoseArray a vtkTransformCollection.
+    A type that adds only a header also accepts the bare content: a PoseStamped a matrix, a
+    PoseArray a vtkTransformCollection. Raises `Ros2Error` for another type.
     """
     return from_plain(kind, _plain(value, kind))
 
@@ -77,7 +78,7 @@ def camel(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Equivalent:
-    """A type that VTK has a value for: from the fields, in mm, and back."""
+    """Conversion between the fields of a type, in mm, and a VTK value."""
 
     value: Callable[[Plain], Any]
     plain: Callable[[Any], Plain]
@@ -94,7 +95,7 @@ def _pose(translation: str, rotation: str) -> _Equivalent:
 
 def _two_vectors(first: str, second: str) -> _Equivalent:
     return _Equivalent(
-        value=lambda plain: vtk_values.six(plain[first], plain[second]),
+        value=lambda plain: vtk_values.six_array(plain[first], plain[second]),
         plain=lambda value: dict(zip((first, second), vtk_values.two_vectors(value), strict=True)),
     )
 
@@ -136,13 +137,13 @@ def _plain(value: Any, kind: Any) -> Plain:
     slots = dict(_slots(kind))
     if isinstance(value, RosMessage):
         if value._kind is not kind:
-            raise Ros2Error(f"a {value._kind.__name__} is no {kind.__name__}")
+            raise Ros2Error(f"message is a {value._kind.__name__}; expected a {kind.__name__}")
         return {field: _field_plain(value._values[field], slots[field]) for field in slots}
     if len(slots) == 2 and "header" in slots:
         (field,) = slots.keys() - {"header"}
         return {field: _field_plain(value, slots[field])}
     raise Ros2Error(
-        f"a {type(value).__name__} is no {kind.__name__}: a blank message, filled in, wanted"
+        f"value is a {type(value).__name__}; expected a filled-in blank {kind.__name__}"
     )
 
 
@@ -155,7 +156,9 @@ def _field_plain(value: Any, slot: AbstractType) -> Any:
             each = (value.GetItemAsObject(n) for n in range(value.GetNumberOfItems()))
             value = [item.GetMatrix() for item in each if isinstance(item, vtkTransform)]
         if not isinstance(value, Iterable):
-            raise Ros2Error(f"a {type(value).__name__} is no list of {kind.__name__}")
+            raise Ros2Error(
+                f"value is a {type(value).__name__}; expected a list of {kind.__name__}"
+            )
         return [_plain(item, kind) for item in value]
     return value
 

@@ -1,4 +1,4 @@
-"""Services of other nodes, asked without holding up the scene."""
+"""Non-blocking service clients."""
 
 import threading
 from typing import Any
@@ -17,7 +17,7 @@ _TIMEOUT_S = 5.0
 
 
 class _Call:
-    """One request under way, in a thread that waits for the server and for its answer."""
+    """One pending request, in a thread that waits for the server and its response."""
 
     def __init__(self, client: ServiceClient, request: Any, timeout_s: float) -> None:
         self.reply: Any = None
@@ -37,7 +37,7 @@ class _Call:
 
 
 class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
-    """``ModifiedEvent`` comes in `Spin` when a request is answered, or will not be."""
+    """Service client. `Spin` invokes ``ModifiedEvent`` when a request is answered or fails."""
 
     ROLE = "service client"
     KIND = ""
@@ -54,7 +54,7 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         self._timeout_s = _TIMEOUT_S
 
     def GetService(self) -> str:
-        """The name as it was given."""
+        """The service's name as given."""
         return self._service
 
     def GetROSType(self) -> str:
@@ -62,70 +62,72 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         return type_name(self._type)
 
     def CreateBlankRequest(self) -> Any:
-        """A request to be filled in and sent."""
+        """An empty request to fill in and send."""
         return value_of(self._type.Request())
 
     def SendAsyncRequest(self, request: Any) -> int:
-        """Ask; gives 1. One that is under way is not waited for any more.
+        """Send a request; returns 1. A pending request is abandoned.
 
-        Raises `MarginGuardError`, with nothing sent, for a request of another type.
+        Raises `MarginGuardError` and sends nothing for a request of another type.
         """
         self._calls += 1
         if self._client is None:
             raise Ros2Error(f"{self.GetName()}: the service client is not on a ROS node")
         message = message_of(request, self._type.Request)
-        self._give_up()
+        self._cancel_call()
         self._response, self._error = None, "the request is under way"
         self._call = _Call(self._client, message, self._timeout_s)
         self._sent += 1
         return 1
 
     def GetLastResponse(self) -> Any:
-        """The answer to the last request; None while it has none."""
+        """Response to the last request; None without one."""
         return self._response
 
     def GetLastResponseStatus(self) -> bool:
-        """Whether the last request has been answered."""
+        """True if the last request was answered."""
         return self._response is not None
 
     def GetLastError(self) -> str:
-        """Why the last request has no answer (nobody serves it, no reply in time); else empty."""
+        """Why the last request has no response (no server, timeout); empty if it has one."""
         return self._error
 
     def IsRequestInProgress(self) -> bool:
-        """Whether a request waits for its answer, or for the `Spin` that takes it."""
+        """True while a request waits for its response or for the `Spin` that transfers it."""
         return self._call is not None
 
     def SetTimeoutSeconds(self, seconds: float) -> None:
-        """How long a request may take from now on, the search for its server included."""
+        """Set the timeout of later requests in s, including discovery of the server."""
         if not 0.0 < seconds <= 1e6:
-            raise Ros2Error(f"{self.GetName()}: a timeout of {seconds} s: 0 to 1e6 s wanted")
+            raise Ros2Error(
+                f"{self.GetName()}: timeout is {seconds} s; expected more than 0, at most 1e6"
+            )
         self._timeout_s = seconds
 
     def GetNumberOfCalls(self) -> int:
-        """How often `SendAsyncRequest` was called."""
+        """Number of calls of `SendAsyncRequest`."""
         return self._calls
 
     def GetNumberOfRequestsSent(self) -> int:
-        """How many of the calls have sent a request."""
+        """Number of sent requests."""
         return self._sent
 
     def wait(self, timeout_s: float) -> None:
-        """Return when the request is over, or after ``timeout_s``."""
+        """Return when the request has ended, or after ``timeout_s``."""
         if self._call is not None:
             self._call.done.wait(timeout_s)
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """The service, however it was spelt."""
+        """The resolved name of the service."""
         return (owner.resolve(names[0]),)
 
     def status(self) -> str:
-        """How the last request went."""
+        """Type and outcome of the last request."""
         return f"{self.GetROSType()}, {self._error or 'answered'}"
 
     def spin(self) -> None:
-        """Take the answer in."""
+        """Transfer the response into the node."""
         call = self._call
         if call is not None and call.done.is_set():
             self._call, self._error = None, call.error
@@ -143,12 +145,12 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         self.SetModuleName("ROS2")
 
     def _stop(self) -> None:
-        self._give_up()
+        self._cancel_call()
         if self._client is not None and self._owner is not None:
             self._owner.ros.call(self._client.close)
         self._client = None
 
-    def _give_up(self) -> None:
+    def _cancel_call(self) -> None:
         if self._call is not None:
             self._call.cancel.set()
             self._call = None

@@ -1,4 +1,4 @@
-"""Services that the scene answers, which SlicerROS2 has not."""
+"""Service servers, an addition to SlicerROS2's interface."""
 
 import logging
 import threading
@@ -19,8 +19,8 @@ _TIMEOUT_S = 5.0
 Handler = Callable[[Any, Any], None]
 
 
-class _Asked:
-    """A request, from the ROS side, that waits for `spin`."""
+class _PendingRequest:
+    """A request from the ROS thread that waits for `spin`."""
 
     def __init__(self, request: Any) -> None:
         self.request = request
@@ -30,10 +30,11 @@ class _Asked:
 
 
 class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
-    """Calls ``handler(request, response)`` in `Spin`, where it may touch the scene.
+    """Calls ``handler(request, response)`` in `Spin`, where it may change the scene.
 
-    Both have ``Get`` and ``Set`` for each field; the handler fills the response in. One request at
-    a time. Who asks is told when the handler fails, or when no spin has answered within 5 s.
+    Both have ``Get`` and ``Set`` for each field; the handler fills in the response. One request is
+    processed at a time. The caller receives an error if the handler fails or if no `Spin` has
+    answered within 5 s.
     """
 
     ROLE = "service server"
@@ -44,15 +45,15 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
         self._server: ServiceServer | None = None
         self._handler: Handler | None = None
         self._service = ""
-        self._asked: _Asked | None = None
+        self._pending: _PendingRequest | None = None
         self._answered = 0
 
     def SetHandler(self, handler: Handler) -> None:
-        """What answers; before it is added to a ROS node."""
+        """Set the handler, before the node is added to a ROS node."""
         self._handler = handler
 
     def GetService(self) -> str:
-        """The name as it was given."""
+        """The service's name as given."""
         return self._service
 
     def GetROSType(self) -> str:
@@ -60,36 +61,36 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
         return type_name(self._type)
 
     def GetNumberOfRequests(self) -> int:
-        """How many the handler has answered."""
+        """Number of answered requests."""
         return self._answered
 
     def status(self) -> str:
-        """How many requests it has answered."""
+        """Type and number of answered requests."""
         return f"{self.GetROSType()}, {self._answered} answered"
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """The service, however it was spelt."""
+        """The resolved name of the service."""
         return (owner.resolve(names[0]),)
 
     def spin(self) -> None:
-        """Have the request that waits answered."""
-        asked, self._asked = self._asked, None
-        if asked is None or asked.over.is_set() or self._handler is None:
+        """Answer the pending request."""
+        pending, self._pending = self._pending, None
+        if pending is None or pending.over.is_set() or self._handler is None:
             return
         response = value_of(self._type.Response())
         try:
-            self._handler(value_of(asked.request), response)
-            asked.response = message_of(response, self._type.Response)
+            self._handler(value_of(pending.request), response)
+            pending.response = message_of(response, self._type.Response)
             self._answered += 1
-        except Exception as error:  # the script's, whatever it is: who asked must hear of it
-            asked.error = f"{type(error).__name__}: {error}"
+        except Exception as error:  # any error of the script must reach the caller
+            pending.error = f"{type(error).__name__}: {error}"
             logging.exception(f"{self.GetName()}: the handler failed")
-        asked.over.set()
+        pending.over.set()
 
     def _start(self, owner: Owner, service: str) -> None:
         if self._handler is None:
-            raise Ros2Error(f"service {service!r}: a handler is wanted")
+            raise Ros2Error(f"service {service!r} has no handler; expected SetHandler before")
         self._server = ServiceServer(owner.ros, self._type, service, self._answer, in_thread=True)
         self._service = service
         self.SetName(f"ros2:srv:server:{service}")
@@ -97,21 +98,21 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
 
     def _stop(self) -> None:
         server, self._server = self._server, None
-        asked, self._asked = self._asked, None
-        if asked is not None:
-            asked.error = "the service has ended"
-            asked.over.set()
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            pending.error = "the service has ended"
+            pending.over.set()
         if server is not None and self._owner is not None:
             self._owner.ros.call(server.close)
 
     def _answer(self, request: Any, response: Any) -> None:
-        """In the server's thread: have `spin` answer."""
-        asked = _Asked(request)
-        self._asked = asked
-        if not asked.over.wait(_TIMEOUT_S):
-            asked.over.set()
+        """Wait for `spin` to answer. Runs in the server's thread."""
+        pending = _PendingRequest(request)
+        self._pending = pending
+        if not pending.over.wait(_TIMEOUT_S):
+            pending.over.set()
             raise Ros2Error(f"{self._service}: no spin has answered within {_TIMEOUT_S:g} s")
-        if asked.error:
-            raise Ros2Error(asked.error)
+        if pending.error:
+            raise Ros2Error(pending.error)
         for field in response.get_fields_and_field_types():
-            setattr(response, field, getattr(asked.response, field))
+            setattr(response, field, getattr(pending.response, field))

@@ -1,4 +1,4 @@
-"""Subscribers: a topic to values of Slicer, one event a message."""
+"""Subscribers: a topic to Slicer values, one event per message."""
 
 import logging
 from typing import Any
@@ -16,9 +16,9 @@ _TARGETS = {"Image": vtkMRMLVolumeNode, "PolyData": vtkMRMLModelNode}
 
 
 class vtkMRMLROS2SubscriberNode(TopicNode):
-    """Its ``ModifiedEvent`` comes once for each message, in `Spin`, with that message the last.
+    """Subscriber. `Spin` invokes ``ModifiedEvent`` once per message, as the last message.
 
-    Messages wait in a queue as long as the history is deep; those beyond it are lost, and counted.
+    Messages wait in a queue of the history's depth; further ones are lost and counted.
     """
 
     ROLE = "subscriber"
@@ -33,34 +33,34 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
         self._target = ""
 
     def GetLastMessage(self) -> Any:
-        """The value of the last message; None before the first.
+        """Value of the last message; None before the first.
 
-        Raises `MarginGuardError` for a message that has no such value: bytes that are none of the
-        type, an integer beyond VTK's 32 bits, a quaternion that is no rotation.
+        Raises `MarginGuardError` for a message that cannot be converted: invalid bytes, an integer
+        beyond VTK's 32 bits, a quaternion that is no rotation.
         """
         message = self._read()
         return None if message is None else self.kind.read(message)
 
     def GetLastMessageYAML(self) -> str:
-        """The last message as ROS has it, lengths in m; empty before the first."""
+        """The last message as YAML, lengths in m; empty before the first."""
         message = self._read()
         return "" if message is None else yaml_text(message)
 
     def GetNumberOfMessages(self) -> int:
-        """How many messages have come into the scene."""
+        """Number of messages transferred into the scene."""
         return self._count
 
     def GetNumberOfMessagesLost(self) -> int:
-        """How many came beyond the queue's length before `Spin` was called, or were too long."""
+        """Number of messages dropped because the queue was full or the message too long."""
         return self._lost if self._queue is None else self._queue.lost + self._queue.too_long
 
     def SetTargetNodeID(self, nodeId: str) -> None:
-        """The volume (Image) or model (PolyData) that shows the newest message; empty: none."""
-        wanted = _TARGETS.get(self.KIND)
-        if wanted is None:
-            raise Ros2Error(f"a {self.KIND} has no target: {' or '.join(_TARGETS)} wanted")
-        if nodeId and not isinstance(self.GetScene().GetNodeByID(nodeId), wanted):
-            raise Ros2Error(f"target {nodeId!r} of {self.GetName()} is no {wanted.__name__}")
+        """Set the volume (Image) or model (PolyData) that shows the newest message; empty: none."""
+        target_class = _TARGETS.get(self.KIND)
+        if target_class is None:
+            raise Ros2Error(f"a {self.KIND} has no target; expected {' or '.join(_TARGETS)}")
+        if nodeId and not isinstance(self.GetScene().GetNodeByID(nodeId), target_class):
+            raise Ros2Error(f"target {nodeId!r} of {self.GetName()} is no {target_class.__name__}")
         self._target = nodeId
 
     def GetTargetNodeID(self) -> str:
@@ -68,11 +68,11 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
         return self._target
 
     def status(self) -> str:
-        """How much has come."""
+        """Type and number of messages."""
         return f"{self.GetROSType()}, {self._count} received"
 
     def spin(self) -> None:
-        """Make each message the last one, in order, and say so."""
+        """Make each message the last one, in order, with one event each."""
         taken = [] if self._queue is None else self._queue.take()
         for raw in taken:
             if self._queue is None:
@@ -105,7 +105,7 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
 
     def _start(self, owner: Owner, topic: str) -> None:
         self._queue = TopicQueue(owner.ros, self.kind.type, topic, self.quality())
-        self.named("ros2:sub:", topic)
+        self.set_topic("ros2:sub:", topic)
 
     def _stop(self) -> None:
         if self._queue is not None:
@@ -115,7 +115,7 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
             self._queue = None
 
     def _read_last(self) -> None:
-        """Keep the last message readable by who still holds the node."""
+        """Deserialise the last message, so that it stays readable after removal."""
         try:
             self._read()
         except MarginGuardError:

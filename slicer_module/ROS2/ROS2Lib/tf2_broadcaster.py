@@ -1,4 +1,4 @@
-"""Poses of the scene to tf, each stamped with when it was said, or measured."""
+"""Broadcasts poses of the scene to tf, stamped with their measurement or the present."""
 
 import logging
 
@@ -13,7 +13,7 @@ from ROS2Lib.vtk_values import transform
 
 
 class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
-    """``Broadcast(matrix)``: where the child is in its parent, mm in the scene and m in tf."""
+    """``Broadcast(matrix)`` sends ``parent_from_child``, in mm in the scene and m in tf."""
 
     ROLE = "broadcaster"
 
@@ -33,7 +33,7 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
         return self._child
 
     def GetNumberOfBroadcasts(self) -> int:
-        """How many have been sent."""
+        """Number of sent transforms."""
         return self._count
 
     def Broadcast(
@@ -41,9 +41,9 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
     ) -> bool:
         """Send a matrix, or a transform node's matrix to its parent, in mm.
 
-        ``stampNs`` is when it was measured; without it a lookup's pose has its own stamp, and
-        any other is true now. Raises `MarginGuardError`, with nothing sent, for a matrix that is
-        not rigid.
+        ``stampNs`` is the time of measurement. Without it, a lookup node keeps its own stamp and
+        any other pose gets the present. Raises `MarginGuardError` and sends nothing for a matrix
+        that is not rigid.
         """
         if self._owner is None:
             raise Ros2Error(f"{self.GetName()}: the broadcaster is not on a ROS node")
@@ -61,7 +61,7 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
         return True
 
     def ObserveTransformNode(self, node: vtkMRMLTransformNode | None) -> None:
-        """Broadcast whenever ``node`` moves, and now; None: no more."""
+        """Broadcast ``node`` now and on every change; None ends it."""
         if self._observed is not None:
             self._observed.RemoveObserver(self._observer)
         self._observed = node
@@ -79,18 +79,18 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
         return (check_frame(parent), check_frame(child))
 
     def status(self) -> str:
-        """How much it has sent."""
+        """Number of sent transforms."""
         return f"{self._count} sent"
 
     def _moved(self, node: vtkMRMLTransformNode, _: str) -> None:
         try:
             self.Broadcast(node)
-        except MarginGuardError as error:  # an observer has nobody to raise it to
+        except MarginGuardError as error:  # nothing catches errors of an observer
             logging.error(f"{self.GetName()}: {error}")
 
     def _start(self, owner: Owner, parent: str, child: str) -> None:
         if parent == child:
-            raise Ros2Error(f"frame {child!r} cannot be broadcast as its own parent")
+            raise Ros2Error(f"frame {child!r} is its own parent; expected two different frames")
         self._parent, self._child = parent, child
         self.SetName(f"ros2:tf2broadcaster:{parent}To{child}")
         self.SetModuleName("ROS2")

@@ -1,4 +1,4 @@
-"""Poses of tf in the scene: a transform node that knows how old it is."""
+"""Transform node that shows a tf transform and its age."""
 
 from slicer import vtkMRMLLinearTransformNode
 
@@ -13,13 +13,14 @@ MISSING, VALID, STALE = "missing", "valid", "stale"
 
 
 class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
-    """Where the child is in its parent, in mm; ``TransformModifiedEvent`` once for each new sample.
+    """``parent_from_child`` in mm; one ``TransformModifiedEvent`` per new sample.
 
-    Its state is ``missing`` before the first sample, ``valid``, or ``stale``: while the oldest of
-    the newest samples on the way is older than `GetStaleAfterSeconds` or from as far in the
-    future, and while tf has no answer. A stale node keeps its pose, and one that somebody moved is
-    back at the next `Spin` where tf has it. The attributes ``ros2.state`` and ``ros2.stamp_ns``,
-    that sample's own stamp, are as the last `Spin` has seen them.
+    Its state is ``missing`` before the first sample, ``valid``, or ``stale``: while tf has no
+    answer, or while the oldest of the newest samples along the path is older than
+    `GetStaleAfterSeconds` or from the future (`app.bridge.robots.settings.pose_limits`). A stale
+    node keeps its pose. A node that was moved in the scene is reset by the next `Spin`. The
+    attributes ``ros2.state`` and ``ros2.stamp_ns`` (that sample's stamp) hold the values of the
+    last `Spin`.
     """
 
     ROLE = "lookup"
@@ -41,19 +42,19 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         return self._child
 
     def IsParentAndChildSet(self) -> bool:
-        """Whether both are known."""
+        """True if both frames are set."""
         return bool(self._parent and self._child)
 
     def SetModifiedOnLookup(self, always: bool) -> None:
-        """Whether each `Spin` that finds a pose is an event, new or not; False at first."""
+        """Set whether every `Spin` with a pose invokes the event, new or not; default False."""
         self._always_modified = always
 
     def GetModifiedOnLookup(self) -> bool:
-        """Whether each `Spin` that finds a pose is an event."""
+        """True if every `Spin` with a pose invokes the event."""
         return self._always_modified
 
     def GetState(self) -> str:
-        """``missing``, ``valid`` or ``stale``, now: also when nobody spins any more."""
+        """``missing``, ``valid`` or ``stale`` at this moment, independent of `Spin`."""
         if self._found is None:
             return MISSING
         if self._owner is None or self._problem:
@@ -66,32 +67,32 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         return VALID if freshness is Freshness.VALID else STALE
 
     def IsStale(self) -> bool:
-        """Whether the pose must not be trusted: too old, or not there."""
+        """True unless the pose is valid."""
         return self.GetState() != VALID
 
     def GetProblem(self) -> str:
-        """Why tf has no answer now; empty where it has one."""
+        """Why tf has no answer; empty if it has one."""
         return self._problem
 
     def GetStampNanoseconds(self) -> int | None:
-        """The stamp of the oldest of the samples of the pose; None: none, or they hold always."""
+        """Stamp of the oldest sample of the pose; None without a sample or for static edges."""
         return None if self._found is None else self._found.stamp_ns
 
     def GetAgeSeconds(self) -> float | None:
-        """How old that is on the node's clock; None before the first, 0 for what holds always."""
+        """Age in s on the node's clock; None before the first sample, 0 for static edges."""
         if self._found is None or self._owner is None:
             return None
         stamp_ns = self._found.stamp_ns
         return 0.0 if stamp_ns is None else (self._owner.now_ns() - stamp_ns) / NS_PER_S
 
     def SetStaleAfterSeconds(self, seconds: float) -> None:
-        """From what age on the pose is stale."""
+        """Set the largest age in s of a valid pose."""
         if not seconds > 0.0:
-            raise Ros2Error(f"{self.GetName()}: stale after {seconds} s: more than 0 wanted")
+            raise Ros2Error(f"{self.GetName()}: stale after {seconds} s; expected more than 0")
         self._stale_after_ns = round(seconds * NS_PER_S)
 
     def GetStaleAfterSeconds(self) -> float:
-        """From what age on the pose is stale."""
+        """Largest age in s of a valid pose."""
         return self._stale_after_ns / NS_PER_S
 
     @classmethod
@@ -101,13 +102,13 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         return (check_frame(parent), check_frame(child))
 
     def status(self) -> str:
-        """Whether its pose can be trusted, and how old it is."""
+        """State and age."""
         age = self.GetAgeSeconds()
         state = self.GetState()
         return state if age is None else f"{state}, {age:.1f} s old"
 
     def spin(self) -> None:
-        """Look the pose up, and how old it is."""
+        """Look up the pose and update the state."""
         if self._owner is None:
             return
         try:
@@ -116,15 +117,15 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         except TfError as error:
             found, self._problem = None, str(error)
         modifying = self.StartModify()
-        if found is not None and (self._always_modified or self._is_news(found)):
+        if found is not None and (self._always_modified or self._is_new(found)):
             self._found = found
             self.SetAttribute("ros2.stamp_ns", str(found.stamp_ns or 0))
             self.SetMatrixTransformToParent(vtk_matrix(found.transform))
-        self._judge()
+        self._update_state_attribute()
         self.EndModify(modifying)
 
-    def _is_news(self, found: Lookup) -> bool:
-        """Another sample, or the node is not where it is: somebody has moved it."""
+    def _is_new(self, found: Lookup) -> bool:
+        """True for another sample, or if the node was moved in the scene."""
         last = self._found
         return (
             last is None
@@ -132,7 +133,7 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
             or not is_at(self, vtk_matrix(found.transform))
         )
 
-    def _judge(self) -> None:
+    def _update_state_attribute(self) -> None:
         state = self.GetState()
         if state != self.GetAttribute("ros2.state"):
             self.SetAttribute("ros2.state", state)
@@ -140,10 +141,10 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
     def _start(self, owner: Owner, parent: str, child: str) -> None:
         self._parent, self._child = parent, child
         self._found, self._problem = None, ""
-        _ = owner.buffer  # hears tf from here on
+        _ = owner.buffer  # starts listening to tf
         self.SetName(f"ros2:tf2lookup:{parent}To{child}")
-        self._judge()
+        self._update_state_attribute()
 
     def _stop(self) -> None:
-        self._problem = "nobody looks it up any more"
-        self._judge()
+        self._problem = "the lookup was removed"
+        self._update_state_attribute()

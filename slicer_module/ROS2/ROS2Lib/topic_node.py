@@ -1,4 +1,4 @@
-"""What publishers and subscribers have in common: a topic, its kind, its quality of service."""
+"""Base of publishers and subscribers: topic, kind and quality of service."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ _DURABILITY = {0: "volatile", 1: "transient_local", 2: "volatile"}
 
 
 class TopicNode(Member, vtkMRMLScriptedModuleNode):
-    """A class of its own for each kind is made by `kind_class`."""
+    """Base class; `kind_class` derives one class per kind."""
 
     KIND = ""
     ReliabilitySystemDefault, Reliable, BestEffort = range(3)
@@ -28,7 +28,7 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
         self._durability = self.Volatile
 
     def GetTopic(self) -> str:
-        """The name as it was given."""
+        """The topic's name as given."""
         return self._topic
 
     def GetROSType(self) -> str:
@@ -36,59 +36,59 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
         return type_name(self.kind.type)
 
     def GetSlicerType(self) -> str:
-        """The class of the values."""
+        """Class name of the values."""
         blank = self.kind.blank()
-        # Not the Python class: VTK puts its own below some of them.
-        named = getattr(blank, "GetClassName", None)
-        return type(blank).__name__ if named is None else str(named())
+        # VTK returns subclasses of some classes, so the Python class name may differ.
+        class_name = getattr(blank, "GetClassName", None)
+        return type(blank).__name__ if class_name is None else str(class_name())
 
     def SetQoSHistoryDepth(self, depth: int) -> None:
-        """How many messages wait at most; before it is added to a ROS node."""
+        """Set the queue depth, before the node is added to a ROS node."""
         self._check_not_added()
         qos_profile(depth=depth)
         self._depth = depth
 
     def SetQoSReliability(self, policy: int) -> None:
-        """`Reliable`, `BestEffort` or `ReliabilitySystemDefault` (reliable); before it is added."""
+        """Set `Reliable`, `BestEffort` or `ReliabilitySystemDefault`, before adding."""
         self._check_not_added()
         if policy not in _RELIABILITY:
-            raise Ros2Error(f"reliability {policy!r}: one of {sorted(_RELIABILITY)} wanted")
+            raise Ros2Error(f"reliability is {policy!r}; expected one of {sorted(_RELIABILITY)}")
         self._reliability = policy
 
     def SetQoSDurability(self, policy: int) -> None:
-        """`TransientLocal`, `Volatile` or `DurabilitySystemDefault` (volatile); before that too."""
+        """Set `TransientLocal`, `Volatile` or `DurabilitySystemDefault`, before adding."""
         self._check_not_added()
         if policy not in _DURABILITY:
-            raise Ros2Error(f"durability {policy!r}: one of {sorted(_DURABILITY)} wanted")
+            raise Ros2Error(f"durability is {policy!r}; expected one of {sorted(_DURABILITY)}")
         self._durability = policy
 
     def GetQoSHistoryDepth(self) -> int:
-        """How many messages wait at most."""
+        """Queue depth."""
         return self._depth
 
     def GetQoSReliability(self) -> int:
-        """One of the three."""
+        """Reliability policy."""
         return self._reliability
 
     def GetQoSDurability(self) -> int:
-        """One of the three."""
+        """Durability policy."""
         return self._durability
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """The topic, however it was spelt."""
+        """The resolved name of the topic."""
         return (owner.resolve(names[0]),)
 
     def quality(self) -> Any:
-        """As it was set."""
+        """Quality of service with the chosen settings."""
         return qos_profile(
             depth=self._depth,
             reliability=_RELIABILITY[self._reliability],
             durability=_DURABILITY[self._durability],
         )
 
-    def named(self, prefix: str, topic: str) -> None:
-        """Carry the topic in name and attributes, which a saved scene keeps."""
+    def set_topic(self, prefix: str, topic: str) -> None:
+        """Store the topic in name and attributes, which a saved scene keeps."""
         self._topic = topic
         self.SetName(f"{prefix}{topic}")
         self.SetModuleName("ROS2")
@@ -97,4 +97,4 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
 
     def _check_not_added(self) -> None:
         if self.IsAddedToROS2Node():
-            raise Ros2Error(f"{self._topic}: quality of service is set before it is added")
+            raise Ros2Error(f"{self._topic}: quality of service must be set before it is added")

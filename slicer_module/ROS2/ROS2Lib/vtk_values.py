@@ -1,4 +1,4 @@
-"""VTK's arrays, tables, matrices, images and points to plain values of ours, and back."""
+"""Conversions between VTK's arrays, tables, matrices, images and points and plain values."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
@@ -21,7 +21,7 @@ _INT32 = np.iinfo(np.int32)
 
 
 def matrix(translation: Plain, rotation: Plain) -> vtkMatrix4x4:
-    """A pose in mm; raises `TransformError` for a quaternion that is no rotation."""
+    """Matrix of a pose in mm; raises `TransformError` for an invalid quaternion."""
     pose = Transform.from_quaternion(
         [rotation[axis] for axis in "xyzw"],
         [translation[axis] for axis in "xyz"],
@@ -32,15 +32,15 @@ def matrix(translation: Plain, rotation: Plain) -> vtkMatrix4x4:
 
 
 def transform(value: vtkMatrix4x4, parent: str = "parent", child: str = "child") -> Transform:
-    """``parent_from_child`` of a matrix in mm; raises `TransformError` when it is not rigid."""
+    """``parent_from_child`` of a matrix in mm; raises `TransformError` if it is not rigid."""
     if not isinstance(value, vtkMatrix4x4):
-        raise Ros2Error(f"a {type(value).__name__} is no pose: a vtkMatrix4x4 wanted")
+        raise Ros2Error(f"pose is a {type(value).__name__}; expected a vtkMatrix4x4")
     rows = [[value.GetElement(row, column) for column in range(4)] for row in range(4)]
     return Transform.from_matrix(rows, target=parent, source=child)
 
 
 def translation_and_rotation(value: vtkMatrix4x4) -> tuple[dict[str, float], dict[str, float]]:
-    """A matrix as translation in mm and quaternion, field by field."""
+    """Translation in mm and quaternion of a matrix, by field name."""
     pose = transform(value)
     return (
         dict(zip("xyz", pose.translation_mm.tolist(), strict=True)),
@@ -49,16 +49,16 @@ def translation_and_rotation(value: vtkMatrix4x4) -> tuple[dict[str, float], dic
 
 
 def array(values: NDArray[Any] | Sequence[float], kind: type[Array]) -> Array:
-    """``kind`` of the values (n,): vtkIntArray or vtkDoubleArray.
+    """VTK array of class ``kind`` with the values (n,).
 
-    Raises `Ros2Error` for an integer that has no place in VTK's 32 bits.
+    Raises `Ros2Error` for an integer beyond the 32 bits of a vtkIntArray.
     """
     given = np.asarray(values)
     if kind is vtkIntArray and given.size:
         low, high = int(given.min()), int(given.max())
         if low < _INT32.min or high > _INT32.max:
             raise Ros2Error(
-                f"integers from {low} to {high} do not fit a vtkIntArray: 32 bits allowed"
+                f"integers from {low} to {high} do not fit a vtkIntArray; expected at most 32 bits"
             )
     found = kind()
     found.SetNumberOfValues(len(given))
@@ -68,22 +68,22 @@ def array(values: NDArray[Any] | Sequence[float], kind: type[Array]) -> Array:
 
 
 def numbers(value: vtkDataArray) -> NDArray[Any]:
-    """The values (n,) of an array; a row of several components gives them one after another."""
+    """Values (n,) of an array; tuples of several components are flattened."""
     if not isinstance(value, vtkDataArray):
-        raise Ros2Error(f"a {type(value).__name__} is no array: a vtkDataArray wanted")
+        raise Ros2Error(f"value is a {type(value).__name__}; expected a vtkDataArray")
     return np.asarray(vtk_to_numpy(value)).reshape(-1)
 
 
-def six(first: Plain, second: Plain) -> vtkDoubleArray:
-    """Two vectors as one array of six, as SlicerROS2 has wrenches and twists."""
+def six_array(first: Plain, second: Plain) -> vtkDoubleArray:
+    """Two vectors as one array of six values: SlicerROS2's form of wrenches and twists."""
     return array([part[axis] for part in (first, second) for axis in "xyz"], vtkDoubleArray)
 
 
 def two_vectors(value: vtkDataArray) -> tuple[dict[str, float], dict[str, float]]:
-    """The two vectors of such an array."""
+    """The two vectors of an array of six values."""
     found = numbers(value).tolist()
     if len(found) != 6:
-        raise Ros2Error(f"an array of {len(found)} values for two vectors: 6 wanted")
+        raise Ros2Error(f"two vectors have {len(found)} values; expected 6")
     return (
         dict(zip("xyz", map(float, found[:3]), strict=True)),
         dict(zip("xyz", map(float, found[3:]), strict=True)),
@@ -91,15 +91,17 @@ def two_vectors(value: vtkDataArray) -> tuple[dict[str, float], dict[str, float]
 
 
 def table(plain: Plain, kind: type[vtkDataArray]) -> vtkTable:
-    """A MultiArray of two dimensions, row by row; one without a second has one column."""
+    """Table of a row-major MultiArray of at most two dimensions; one column without a second."""
     sizes = [dimension["size"] for dimension in plain["layout"]["dim"]] or [len(plain["data"])]
     if len(sizes) > 2:
-        raise Ros2Error(f"a multi-array of {len(sizes)} dimensions is no table: 2 allowed")
+        raise Ros2Error(f"multi-array has {len(sizes)} dimensions; expected at most 2 for a table")
     rows, columns = (*sizes, 1)[:2]
     begin = plain["layout"]["data_offset"]
     data = np.asarray(plain["data"])[begin:]
     if rows * columns != data.size:
-        raise Ros2Error(f"a table of {rows} x {columns} has {data.size} values")
+        raise Ros2Error(
+            f"a table of {rows} x {columns} has {data.size} values; expected {rows * columns}"
+        )
     found = vtkTable()
     for index, column in enumerate(data.reshape(rows, columns).T):
         values = array(column, kind)
@@ -109,9 +111,9 @@ def table(plain: Plain, kind: type[vtkDataArray]) -> vtkTable:
 
 
 def multi_array(value: vtkTable) -> dict[str, Any]:
-    """A table as a MultiArray, row by row, with the strides that its definition asks for."""
+    """Row-major MultiArray of a table, with strides as `MultiArrayLayout` defines them."""
     if not isinstance(value, vtkTable):
-        raise Ros2Error(f"a {type(value).__name__} is no table: a vtkTable wanted")
+        raise Ros2Error(f"value is a {type(value).__name__}; expected a vtkTable")
     rows, columns = value.GetNumberOfRows(), value.GetNumberOfColumns()
     data = [value.GetColumn(index) for index in range(columns)]
     values = np.stack([numbers(column) for column in data], axis=1) if data else np.empty((0, 0))
@@ -123,7 +125,7 @@ def multi_array(value: vtkTable) -> dict[str, Any]:
 
 
 def image(pixels: NDArray[Any]) -> vtkImageData:
-    """Rows as they are, the first at j = 0: (rows, columns) or (rows, columns, components)."""
+    """Image of pixels (rows, columns) or (rows, columns, components); the first row is j = 0."""
     rows, columns = pixels.shape[:2]
     scalars = np.ascontiguousarray(pixels).reshape(rows * columns, -1)
     found = vtkImageData()
@@ -135,44 +137,44 @@ def image(pixels: NDArray[Any]) -> vtkImageData:
 
 
 def pixels(value: vtkImageData) -> NDArray[Any]:
-    """The rows of a flat image, as `image` has them."""
+    """Pixels of a single slice, in the shape of `image`."""
     if not isinstance(value, vtkImageData):
-        raise Ros2Error(f"a {type(value).__name__} is no image: a vtkImageData wanted")
+        raise Ros2Error(f"value is a {type(value).__name__}; expected a vtkImageData")
     columns, rows, slices = value.GetDimensions()
     scalars = value.GetPointData().GetScalars()
     if slices != 1 or scalars is None:
-        raise Ros2Error(f"an image of {columns} x {rows} x {slices}: one slice with pixels wanted")
+        raise Ros2Error(f"image is {columns} x {rows} x {slices}; expected one slice with pixels")
     shape = (rows, columns, scalars.GetNumberOfComponents())
     found = np.asarray(vtk_to_numpy(scalars)).reshape(shape)
     return found[:, :, 0] if shape[2] == 1 else found
 
 
 def points(positions_mm: NDArray[np.float64]) -> vtkPoints:
-    """Points (n, 3) in mm."""
+    """VTK points of positions (n, 3) in mm."""
     found = vtkPoints()
     found.SetData(numpy_to_vtk(np.ascontiguousarray(positions_mm, dtype=np.float64), deep=True))
     return found
 
 
 def positions_mm(value: vtkPoints | vtkPolyData) -> NDArray[np.float64]:
-    """Points as (n, 3) in mm."""
+    """Positions (n, 3) in mm."""
     found = value.GetPoints() if isinstance(value, vtkPolyData) else value
     if found is None:
         return np.empty((0, 3))
     if not isinstance(found, vtkPoints):
-        raise Ros2Error(f"a {type(value).__name__} has no points: vtkPoints or vtkPolyData wanted")
+        raise Ros2Error(f"value is a {type(value).__name__}; expected vtkPoints or vtkPolyData")
     return np.asarray(vtk_to_numpy(found.GetData()), dtype=np.float64).reshape(-1, 3)
 
 
 def cloud(positions: NDArray[np.float64]) -> vtkPolyData:
-    """Points (n, 3) that can be seen: each has a vertex. Those that are not finite are left out."""
-    seen = positions[np.isfinite(positions).all(axis=1)]
+    """Visible points (n, 3), each with a vertex; points that are not finite are left out."""
+    finite = positions[np.isfinite(positions).all(axis=1)]
     vertices = vtkCellArray()
     vertices.SetData(
-        numpy_to_vtk(np.arange(len(seen) + 1, dtype=np.int64), deep=True),
-        numpy_to_vtk(np.arange(len(seen), dtype=np.int64), deep=True),
+        numpy_to_vtk(np.arange(len(finite) + 1, dtype=np.int64), deep=True),
+        numpy_to_vtk(np.arange(len(finite), dtype=np.int64), deep=True),
     )
     found = vtkPolyData()
-    found.SetPoints(points(seen))
+    found.SetPoints(points(finite))
     found.SetVerts(vertices)
     return found

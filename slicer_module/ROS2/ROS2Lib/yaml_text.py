@@ -1,4 +1,4 @@
-"""A message as text, field by field as ROS has it: what ``ros2 topic echo`` would show."""
+"""A message as YAML text, in the form of ``ros2 topic echo``."""
 
 from array import array
 from typing import Any
@@ -8,7 +8,7 @@ import yaml
 
 
 def yaml_text(message: Any) -> str:
-    """YAML of ``message``: lengths in m, since they are the message's own."""
+    """YAML of ``message`` with its own units (m)."""
     text: str = yaml.safe_dump(_plain(message), sort_keys=False, allow_unicode=True)
     return text
 

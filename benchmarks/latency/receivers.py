@@ -1,8 +1,7 @@
-"""The ways from a stamp to the scene: ours, timers as other bridges have them, OpenIGTLink.
+"""Receivers that bring poses into the scene: ours, timers as in other bridges, OpenIGTLink.
 
-A way is asked for one `update` after the other by the thread that owns the scene. It waits for its
-turn (something new, or the next tick of its timer) and moves the models. A frame is in the scene
-when all of its bodies are.
+The scene's thread calls `Receiver.update` repeatedly. Each call waits (for new data, or for the
+next tick of a timer) and moves the models. A frame is in the scene when all of its bodies are.
 """
 
 import math
@@ -30,13 +29,13 @@ from benchmarks.fixture_shapes import lobed_tumor
 from benchmarks.latency.bodies import ROOT, body_frames
 
 _WAIT_S = 0.1
-"""How long a way without a timer waits before it says that nothing came."""
+"""Timeout of a receiver without a timer."""
 
 _TRIANGLES = 1280
 
 
 class Models:
-    """A scene with a model on a transform node of its own for each of ``frames``."""
+    """A scene with one model per frame, each on a transform node of its own."""
 
     def __init__(self, frames: Sequence[str]) -> None:
         self.scene = vtkMRMLScene()
@@ -55,10 +54,10 @@ class Models:
 
 
 class Timer:
-    """Ticks at ``rate_hz`` on an absolute clock; a tick that was missed is not made up for.
+    """Ticks at ``rate_hz`` on an absolute clock; missed ticks are skipped.
 
-    Its phase walks through one whole period in ``seconds``: sender and timer keep time so well
-    that how far they are apart would otherwise be luck, and all of the result.
+    Its phase drifts through one period in ``seconds``. Otherwise the constant phase between sender
+    and timer, which is random, would determine the result.
     """
 
     def __init__(self, rate_hz: float, seconds: float) -> None:
@@ -67,28 +66,28 @@ class Timer:
         self._due_ns = float(time.monotonic_ns())
 
     def wait(self) -> None:
-        """Return at the next tick."""
+        """Wait for the next tick."""
         behind_ns = time.monotonic_ns() - self._due_ns
         self._due_ns += self._period_ns * max(1, math.ceil(behind_ns / self._period_ns))
         time.sleep(max(0.0, self._due_ns - time.monotonic_ns()) / NS_PER_S)
 
 
-class Way(ABC):
-    """One way; ``arrivals_ns`` says when each message came, None where that cannot be known."""
+class Receiver(ABC):
+    """Base of the receivers; ``arrivals_ns``: times of arrival, None if they are not known."""
 
     arrivals_ns: list[int] | None = None
 
     @abstractmethod
     def update(self) -> int | None:
-        """Bring what is new into the scene; the first stamp of the newest whole frame in it."""
+        """Update the scene; returns the first stamp of its newest complete frame, or None."""
 
     @abstractmethod
     def close(self) -> None:
-        """Receive no more."""
+        """Stop receiving."""
 
 
-class RosWay(Way):
-    """What ways by ROS have in common: a node, and a note of what arrives."""
+class RosReceiver(Receiver):
+    """Base of the ROS receivers: a node, and the times of arrival."""
 
     def __init__(self) -> None:
         self.ros = RosNode("latency_scene")
@@ -99,13 +98,13 @@ class RosWay(Way):
         """Leave the graph."""
         self.ros.close()
 
-    def note_arrival(self) -> None:
-        """To be called for every message."""
+    def record_arrival(self) -> None:
+        """Record the arrival of a message."""
         self._arrivals_ns.append(time.time_ns())
 
 
-class WokenByTf(RosWay):
-    """Ours: the scene's thread sleeps until a message has been read, and takes the newest poses."""
+class EventDrivenTf(RosReceiver):
+    """Ours: the scene's thread sleeps until a message is received and takes the newest poses."""
 
     def __init__(self, frames: Sequence[str]) -> None:
         super().__init__()
@@ -115,7 +114,7 @@ class WokenByTf(RosWay):
         TfListener(self.ros, buffer, received=self._received)
 
     def update(self) -> int | None:
-        """As soon as there are newer poses."""
+        """Wait for newer poses, then move the models."""
         poses = self._latest.take(_WAIT_S)
         if poses is None:
             return None
@@ -123,12 +122,12 @@ class WokenByTf(RosWay):
         return poses.stamp_ns
 
     def _received(self) -> None:
-        self.note_arrival()
+        self.record_arrival()
         self._latest.received()
 
 
-class PolledTf(RosWay):
-    """The same listener and buffer, asked for one body after the other whenever a timer ticks."""
+class PolledTf(RosReceiver):
+    """The same listener and buffer; looks up one body after the other at every tick."""
 
     def __init__(self, frames: Sequence[str], timer: Timer) -> None:
         super().__init__()
@@ -136,55 +135,55 @@ class PolledTf(RosWay):
         self._frames = tuple(frames)
         self._timer = timer
         self._buffer = TransformBuffer()
-        TfListener(self.ros, self._buffer, received=self.note_arrival)
+        TfListener(self.ros, self._buffer, received=self.record_arrival)
 
     def update(self) -> int | None:
-        """At the next tick."""
+        """Wait for the next tick, then move the models."""
         self._timer.wait()
         try:
             found = [self._buffer.lookup(ROOT, frame) for frame in self._frames]
         except TfError:
             return None  # before the first message
         self.models.poses.move(np.array([each.transform.matrix for each in found]))
-        return whole([each.stamp_ns or 0 for each in found])
+        return complete_frame_stamp([each.stamp_ns or 0 for each in found])
 
 
-class PolledIgtl(Way):
-    """pyigtl's client, asked by a timer: Slicer's own OpenIGTLink connector does it at 200 Hz."""
+class PolledIgtl(Receiver):
+    """pyigtl's client, polled by a timer like Slicer's OpenIGTLink connector (200 Hz)."""
 
-    # The client keeps the last message of a device and does not count them: no arrivals.
+    # No arrivals: the client keeps only the last message of a device and does not count.
 
     def __init__(self, frames: Sequence[str], timer: Timer, port: int) -> None:
         self.models = Models(frames)
-        self._places = {frame: place for place, frame in enumerate(frames)}
+        self._indices = {frame: index for index, frame in enumerate(frames)}
         self._timer = timer
         self._matrices: FloatArray = np.tile(np.eye(4), (len(frames), 1, 1))
         self._stamps_ns = [0] * len(frames)
         self._client = OpenIGTLinkClient("127.0.0.1", port)
 
     def update(self) -> int | None:
-        """At the next tick."""
+        """Wait for the next tick, then move the models."""
         self._timer.wait()
         for message in self._client.get_latest_messages():
-            place = self._places[message.device_name]
-            self._matrices[place] = message.matrix
-            self._stamps_ns[place] = round(message.timestamp * NS_PER_S)
+            index = self._indices[message.device_name]
+            self._matrices[index] = message.matrix
+            self._stamps_ns[index] = round(message.timestamp * NS_PER_S)
         self.models.poses.move(self._matrices)
-        return whole(self._stamps_ns) or None
+        return complete_frame_stamp(self._stamps_ns) or None
 
     def close(self) -> None:
-        """Hang up."""
+        """Disconnect."""
         self._client.stop()
 
 
-class WokenByJoints(RosWay):
-    """Ours for a robot that tells its joints: forward kinematics, then the links' nodes."""
+class EventDrivenJoints(RosReceiver):
+    """Ours for a robot with joint states: forward kinematics, then the links' nodes."""
 
     def __init__(self) -> None:
         super().__init__()
         robot = load_robot(TOUCH_URDF)
         self.models = Models([link.name for link in robot.links])
-        self._news = LatestValue[bool]()
+        self._changed = LatestValue[bool]()
         self._robot = FollowedRobot(
             self.ros,
             RobotSettings(robot.name),
@@ -195,8 +194,8 @@ class WokenByJoints(RosWay):
         )
 
     def update(self) -> int | None:
-        """As soon as there are newer joints."""
-        if self._news.take(_WAIT_S) is None:
+        """Wait for newer joints, then move the models."""
+        if self._changed.take(_WAIT_S) is None:
             return None
         state = self._robot.state(time.time_ns())
         if state.poses is None:
@@ -205,18 +204,18 @@ class WokenByJoints(RosWay):
         return state.stamp_ns
 
     def _received(self) -> None:
-        self.note_arrival()
-        self._news.put(True)
+        self.record_arrival()
+        self._changed.put(True)
 
 
-def whole(stamps_ns: Sequence[int]) -> int | None:
-    """The first body's stamp, unless another body is still that of an earlier frame."""
+def complete_frame_stamp(stamps_ns: Sequence[int]) -> int | None:
+    """The first body's stamp; None if another body still belongs to an earlier frame."""
     return stamps_ns[0] if min(stamps_ns) >= stamps_ns[0] else None
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A row of the table: what is sent at which rate, and how it comes into the scene."""
+    """A row of the table: content, rate and receiver."""
 
     name: str
     what: str
@@ -224,13 +223,13 @@ class Kind:
     rate_hz: float
     poll_hz: float | None = None
 
-    def open(self, bodies: int, seconds: float, port: int | None) -> Way:
-        """The way, ready to receive; its timer's phase walks through a period in ``seconds``."""
+    def open(self, bodies: int, seconds: float, port: int | None) -> Receiver:
+        """The receiver; the phase of its timer drifts through a period in ``seconds``."""
         frames = body_frames(bodies)
         if self.sends == "joints":
-            return WokenByJoints()
+            return EventDrivenJoints()
         if self.poll_hz is None:
-            return WokenByTf(frames)
+            return EventDrivenTf(frames)
         timer = Timer(self.poll_hz, seconds)
         return PolledTf(frames, timer) if port is None else PolledIgtl(frames, timer, port)
 
