@@ -123,10 +123,10 @@ def test_a_goal_is_cancelled_and_a_client_removed_while_it_runs(node, spin_until
     spin_until(lambda: not client.IsGoalInProgress())
     assert "cancelled" in client.GetLastError()
     client.SendAsyncGoal({"source_frame": "cancel"})
-    closers = len(node.ros._at_close)
+    closers = len(node.ros._close_callbacks)
     assert node.RemoveAndDeleteActionClientNode("/peer/lookup") is True
     assert node.RemoveAndDeleteActionClientNode("/peer/lookup") is False
-    assert len(node.ros._at_close) == closers - 1
+    assert len(node.ros._close_callbacks) == closers - 1
     with pytest.raises(MarginGuardError, match="not on a ROS node"):
         client.SendAsyncGoal({})
     for wrong in (0.0, float("nan")):

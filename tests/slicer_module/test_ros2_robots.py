@@ -126,7 +126,7 @@ def test_a_robot_is_removed_without_leftovers_however_often(
         assert node.GetTf2LookupNodeByParentChild("wrist", "tip") is None
     assert logic.RemoveRobot("never") is False
     assert robot.GetLinkNames() == ()
-    assert not node.ros._at_close
+    assert not node.ros._close_callbacks
     peer("wait_until", call={"do": "clients_of", "name": "slicer"}, value=[])
 
 

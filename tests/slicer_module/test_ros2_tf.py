@@ -122,7 +122,7 @@ def test_a_way_that_is_cut_is_stale_though_it_was_to_hold_always(node):
     insert(node, "barn", "desk", node.now_ns())
     node.Spin()
     assert (lookup.GetState(), lookup.GetAttribute("ros2.state")) == ("stale", "stale")
-    assert "no way between 'room'" in lookup.GetProblem()
+    assert "no path between 'room'" in lookup.GetProblem()
 
 
 def test_a_pose_that_a_user_moved_comes_back_at_the_next_spin(node):
