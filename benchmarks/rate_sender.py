@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from app.bridge import RosNode, topics
-from app.bridge.control import ConstraintStream
-from app.bridge.control.constraint_stream import RawPublisher
 from app.bridge.publishing.constraint import ConstraintBuilder
+from app.bridge.publishing.constraint_stream import ConstraintStream, RawPublisher
 from app.runtime import prepare_case
 from app.session import Session
 from benchmarks.rate import RATE_HZ, Times
@@ -67,7 +66,7 @@ def main() -> int:
             if frame is frames[0]:
                 session = Session(setup)
             decision = session.step(frame).decision
-            stream.newest(builder.message(decision), lasts_ns=setup.margins.stale_after_ns)
+            stream.publish(builder.message(decision), lasts_ns=setup.margins.stale_after_ns)
             steps += 1
         stream.close()
         cpu_s = time.process_time() - cpu_s

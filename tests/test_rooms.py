@@ -1,6 +1,7 @@
 """The arrows between the rooms: every import in ``app/`` must go the way that the design draws."""
 
 import ast
+import graphlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -48,6 +49,15 @@ MAY_IMPORT = {
 }
 EVERYTHING = set(MAY_IMPORT)
 WITHIN = {
+    "bridge": {
+        "convert": set(),
+        "tf": set(),
+        "calls": {"convert", "tf"},
+        "robots": {"calls", "tf"},
+        "control": {"calls", "tf"},
+        "publishing": {"tf"},
+        "live": {"calls", "control", "publishing", "tf"},
+    },
     "case": {
         "frames": set(),
         "tumor": set(),
@@ -152,8 +162,45 @@ def test_the_folders_of_a_room_follow_the_arrows(room, folder):
     files = sorted((APP / room / folder).rglob("*.py"))
     assert len(files) > 1
     named = {tuple(name.split(".")) for path in files for name in imports(path)}
-    others = {name[2] for name in named if name[:2] == ("app", room)} & WITHIN[room].keys()
+    others = {n[2] for n in named if n[:2] == ("app", room) and len(n) > 2} & WITHIN[room].keys()
     assert others <= WITHIN[room][folder] | {folder}
+
+
+def imported_modules(path: Path) -> Iterator[str]:
+    """Dotted names that ``path`` imports; of ``from a import b`` both ``a`` and ``a.b``."""
+    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+PACKAGES = sorted({parent for path in FILES for parent in path.parents if APP in parent.parents})
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: str(path.relative_to(APP)))
+def test_sub_packages_form_no_cycle(package):
+    """The graph is computed from the imports, so that a new sub-package needs no entry."""
+    prefix = (APP.name, *package.relative_to(APP).parts)
+    folders = {path.name for path in package.iterdir() if path.is_dir() and any(path.glob("*.py"))}
+    graph = {}
+    for folder in folders:
+        names = {
+            name
+            for path in (package / folder).rglob("*.py")
+            for module in imported_modules(path)
+            for parts in [tuple(module.split("."))]
+            if parts[: len(prefix)] == prefix
+            for name in parts[len(prefix) : len(prefix) + 1]
+        }
+        graph[folder] = (names & folders) - {folder}
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(
+            f"sub-packages of {'.'.join(prefix)} form a cycle: {' -> '.join(error.args[1])}"
+        )
 
 
 def test_the_modules_of_slicer_do_not_go_through_the_command():

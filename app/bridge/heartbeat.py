@@ -26,7 +26,7 @@ class Heartbeat(Generic[Message]):
     gap. Beats are due at multiples of the period, so a late beat does not delay the next ones. A
     beat that is 10 ms late or more, with the next one already due, is skipped and counted in
     `missed`. ``hz`` None repeats nothing and starts no thread, for replays that do not run in real
-    time. An error in the thread ends it and is raised by the next `newest` or by `close`.
+    time. An error in the thread ends it and is raised by the next `update` or by `close`.
     """
 
     def __init__(self, send: Callable[[Message, int], None], hz: float | None) -> None:
@@ -37,7 +37,7 @@ class Heartbeat(Generic[Message]):
         self._send = send
         self._lock = threading.Lock()
         self._message: Message | None = None
-        self._afterwards: Message | None = None
+        self._replacement: Message | None = None
         self._expires_ns: int | None = None
         self._ended = False
         self._error: Exception | None = None
@@ -53,18 +53,18 @@ class Heartbeat(Generic[Message]):
             )
             self._thread.start()
 
-    def newest(
+    def update(
         self,
         message: Message,
         *,
-        lasts_ns: int | None = None,
-        afterwards: Message | None = None,
+        valid_ns: int | None = None,
+        replacement: Message | None = None,
         unless_ended: bool = False,
     ) -> int | None:
         """Send ``message`` now and at every beat until the next call; returns its first ``seq``.
 
-        After ``lasts_ns`` it is replaced by ``afterwards``, or by nothing if that is None. Without
-        ``lasts_ns`` it is repeated indefinitely. With ``unless_ended`` nothing is sent and None is
+        After ``valid_ns`` it is replaced by ``replacement``, or by nothing if that is None. Without
+        ``valid_ns`` it is repeated indefinitely. With ``unless_ended`` nothing is sent and None is
         returned if the previous message has `ended`.
         """
         self._raise_error()
@@ -73,13 +73,13 @@ class Heartbeat(Generic[Message]):
             if unless_ended and self._ended:
                 return None
             first = self.seq
-            self._message, self._afterwards, self._ended = message, afterwards, False
-            self._expires_ns = None if lasts_ns is None else time.monotonic_ns() + lasts_ns
+            self._message, self._replacement, self._ended = message, replacement, False
+            self._expires_ns = None if valid_ns is None else time.monotonic_ns() + valid_ns
             self._send_current()
             return first
 
-    def rest(self, last: Message | None = None) -> None:
-        """Send ``last``, if given, then send nothing until the next `newest`.
+    def pause(self, last: Message | None = None) -> None:
+        """Send ``last``, if given, then send nothing until the next `update`.
 
         ``last`` is sent even if the thread has ended with an error, which is raised afterwards.
         """
@@ -92,7 +92,7 @@ class Heartbeat(Generic[Message]):
 
     @property
     def ended(self) -> bool:
-        """True if the newest message has expired or `rest` was called.
+        """True if the newest message has expired or `pause` was called.
 
         ``ended_seq`` is the first ``seq`` after the latest such end.
         """
@@ -115,10 +115,10 @@ class Heartbeat(Generic[Message]):
 
     def _check_expiry(self) -> None:
         if self._expires_ns is not None and time.monotonic_ns() >= self._expires_ns:
-            self._end(self._afterwards)
+            self._end(self._replacement)
 
-    def _end(self, afterwards: Message | None) -> None:
-        self._message, self._expires_ns = afterwards, None
+    def _end(self, replacement: Message | None) -> None:
+        self._message, self._expires_ns = replacement, None
         self._ended, self.ended_seq = True, self.seq
 
     def _beat(self, period_ns: int) -> None:

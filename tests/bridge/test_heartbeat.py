@@ -23,8 +23,8 @@ class Sent:
 def test_without_rate_each_message_is_sent_once():
     sent = Sent(2)
     heartbeat = Heartbeat(sent, None)
-    heartbeat.newest("a")
-    heartbeat.newest("b")
+    heartbeat.update("a")
+    heartbeat.update("b")
     heartbeat.close()
     assert sent.pairs == [("a", 0), ("b", 1)]
 
@@ -32,9 +32,9 @@ def test_without_rate_each_message_is_sent_once():
 def test_newest_message_is_repeated_with_consecutive_seq():
     sent = Sent(20)
     heartbeat = Heartbeat(sent, 1000.0)
-    heartbeat.newest("a")
+    heartbeat.update("a")
     assert sent.enough.wait(30.0)
-    heartbeat.newest("b")
+    heartbeat.update("b")
     heartbeat.close()
     assert [seq for _, seq in sent.pairs] == list(range(len(sent.pairs)))
     messages = [message for message, _ in sent.pairs]
@@ -46,7 +46,7 @@ def test_nothing_is_sent_before_first_message_and_after_close():
     sent = Sent(1)
     heartbeat = Heartbeat(sent, 1000.0)
     assert not sent.enough.wait(0.02)
-    heartbeat.newest("a")
+    heartbeat.update("a")
     heartbeat.close()
     count = len(sent.pairs)
     assert not [thread for thread in threading.enumerate() if thread.name == "heartbeat"]
@@ -62,7 +62,7 @@ def test_error_in_the_thread_is_raised_on_close():
             raise RuntimeError("no such publisher")
 
     heartbeat = Heartbeat(send, 1000.0)
-    heartbeat.newest("a")
+    heartbeat.update("a")
     assert failed.wait(30.0)
     with pytest.raises(BridgeError, match="heartbeat ended: no such publisher"):
         heartbeat.close()
@@ -103,7 +103,7 @@ def test_late_beat_does_not_delay_the_next_beats(monkeypatch):
             enough.set()
 
     heartbeat = Heartbeat(send, 1000.0)
-    heartbeat.newest("a")
+    heartbeat.update("a")
     assert enough.wait(30.0)
     heartbeat.close()
     assert heartbeat.missed == 0
@@ -122,7 +122,7 @@ def test_missed_beats_are_skipped_and_counted():
             go_on.wait(30.0)
 
     heartbeat = Heartbeat(send, 1000.0)
-    heartbeat.newest("a")
+    heartbeat.update("a")
     assert held.wait(30.0)
     # The beats that are due while one is blocked are missed.
     threading.Event().wait(0.05)
@@ -136,16 +136,16 @@ def test_missed_beats_are_skipped_and_counted():
 def test_expired_message_is_replaced_and_reported():
     sent = Sent(1)
     heartbeat = Heartbeat(sent, None)
-    heartbeat.newest("a", lasts_ns=10**12, afterwards="a is old")
+    heartbeat.update("a", valid_ns=10**12, replacement="a is old")
     assert not heartbeat.ended
-    assert heartbeat.newest("b", lasts_ns=0, afterwards="b is old", unless_ended=True) == 1
+    assert heartbeat.update("b", valid_ns=0, replacement="b is old", unless_ended=True) == 1
     assert heartbeat.ended
     assert heartbeat.ended_seq == 1
-    assert heartbeat.newest("c", unless_ended=True) is None
-    assert heartbeat.newest("d") == 2
+    assert heartbeat.update("c", unless_ended=True) is None
+    assert heartbeat.update("d") == 2
     assert not heartbeat.ended
-    heartbeat.rest("rest")
-    assert heartbeat.newest("e", unless_ended=True) is None
+    heartbeat.pause("rest")
+    assert heartbeat.update("e", unless_ended=True) is None
     heartbeat.close()
     assert sent.pairs == [("a", 0), ("b is old", 1), ("d", 2), ("rest", 3)]
 
@@ -160,10 +160,10 @@ def test_last_message_is_sent_after_an_error_in_the_thread():
 
     heartbeat = Heartbeat(send, 1000.0)
     (beats,) = [thread for thread in threading.enumerate() if thread.name == "heartbeat"]
-    heartbeat.newest("a")
+    heartbeat.update("a")
     beats.join()
     heartbeat.seq = 2  # publishing works again
     with pytest.raises(BridgeError, match="cannot publish"):
-        heartbeat.rest("hold")
+        heartbeat.pause("hold")
     assert sent == ["a", "hold"]
     heartbeat.close()

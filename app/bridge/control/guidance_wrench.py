@@ -42,7 +42,7 @@ class GuidancePublisher:
         )
         self._send(self._pose, wrench, decision.stamp or now)
 
-    def rest(self) -> None:
+    def stop(self) -> None:
         """Publish a zero wrench, because no step follows that would let the force fade out."""
         self._guidance = Guidance(self._parameters)
         if self._pose is not None and self._last is not None:

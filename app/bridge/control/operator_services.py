@@ -1,4 +1,4 @@
-"""What an operator asks of a running session: ``~/set_tumor`` and ``~/register``."""
+"""Operator services of a running session: ``~/set_tumor`` and ``~/register``."""
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -12,16 +12,16 @@ from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
 from app.registration import register_points
 from app.runtime import OperatorCommands
 
-MOST_TRIANGLES = 500_000
-MOST_POINTS = 1_000
+MAX_TRIANGLES = 500_000
+MAX_POINTS = 1_000
 
 
 class OperatorServices:
-    """Serves both until the node is closed; a refusal says why, and then nothing has changed.
+    """Serves both until the node is closed. A refused request changes nothing and has a reason.
 
-    Each is answered from a thread of its own, one request at a time: the field of a new tumour
-    takes seconds, in which the old one is guarded, and any change waits for the step that is being
-    taken, in which samples have to be heard.
+    Each service runs in its own thread, one request at a time. Computing the field of a new tumour
+    takes seconds, during which the session continues with the old one, and any change waits for
+    the current step, during which samples must be received.
     """
 
     def __init__(self, ros: RosNode, commands: OperatorCommands) -> None:
@@ -33,10 +33,10 @@ class OperatorServices:
         frame = self._commands.setup.frame_from_tumor.source
         tumor = _surface(request, frame)
         pose = request.pose
-        place, turn = pose.position, pose.orientation
+        position, rotation = pose.position, pose.orientation
         frame_from_tumor = Transform.from_quaternion(
-            (turn.x, turn.y, turn.z, turn.w),
-            messages.MM_PER_M * np.array([place.x, place.y, place.z]),
+            (rotation.x, rotation.y, rotation.z, rotation.w),
+            messages.MM_PER_M * np.array([position.x, position.y, position.z]),
             target=request.header.frame_id,
             source=frame,
         )
@@ -46,9 +46,13 @@ class OperatorServices:
     def _register(self, request: Register.Request, response: Register.Response) -> None:
         fixed, moving = request.fixed_points, request.moving_points
         if not fixed and not moving:
-            raise BridgeError("no points were given, and no landmark dwells are collected here")
-        if max(len(fixed), len(moving)) > MOST_POINTS:
-            raise BridgeError(f"{len(fixed)} and {len(moving)} points: {MOST_POINTS} allowed")
+            raise BridgeError(
+                "no points given; expected pairs of points (dwells are not collected live)"
+            )
+        if max(len(fixed), len(moving)) > MAX_POINTS:
+            raise BridgeError(
+                f"{len(fixed)} and {len(moving)} points given; expected at most {MAX_POINTS} each"
+            )
         result = register_points(
             _points_mm(fixed),
             _points_mm(moving),
@@ -63,16 +67,16 @@ class OperatorServices:
 
 def _surface(request: SetTumor.Request, frame: str) -> SurfaceMesh:
     triangles, vertices = request.mesh.triangles, request.mesh.vertices
-    if not 0 < len(triangles) <= MOST_TRIANGLES or len(vertices) > 3 * MOST_TRIANGLES:
+    if not 0 < len(triangles) <= MAX_TRIANGLES or len(vertices) > 3 * MAX_TRIANGLES:
         raise BridgeError(
-            f"the surface has {len(triangles)} triangles and {len(vertices)} vertices: "
-            f"1 to {MOST_TRIANGLES} triangles wanted"
+            f"the surface has {len(triangles)} triangles and {len(vertices)} vertices; "
+            f"expected 1 to {MAX_TRIANGLES} triangles"
         )
     faces = np.array([triangle.vertex_indices for triangle in triangles])
     return SurfaceMesh(frame, _points_mm(vertices), faces)
 
 
 def _points_mm(points: list[Point]) -> FloatArray:
-    """(n, 3) in mm."""
+    """Points (n, 3) in mm."""
     values = np.array([(point.x, point.y, point.z) for point in points], dtype=np.float64)
     return np.asarray(messages.MM_PER_M * values.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""The robot's joints as a live session takes them."""
+"""Joint states for a live session."""
 
 from collections.abc import Callable
 
@@ -15,9 +15,9 @@ from app.case.messages.values import JointValues
 def listen_to_joints(
     ros: RosNode, topic: str, offset_ns: int, deliver: Callable[[JointSample], None]
 ) -> CountedSubscription:
-    """Deliver each joint state of ``topic``, ``offset_ns`` added to the robot's stamps."""
+    """Deliver each joint state of ``topic`` with ``offset_ns`` added to the robot's stamps."""
 
-    def take(values: JointValues) -> None:
+    def receive(values: JointValues) -> None:
         deliver(values.sample(offset_ns=offset_ns))
 
-    return CountedSubscription(ros, Topic(topic, JointState, INCOMING), JOINT_STATE, take)
+    return CountedSubscription(ros, Topic(topic, JointState, INCOMING), JOINT_STATE, receive)

@@ -51,7 +51,7 @@ class LiveNodeLifecycle:
             self._thread = None
 
     def clean_up(self) -> None:
-        """Leave the source, and close what `configure` made."""
+        """Unsubscribe from the source and close everything that `configure` created."""
         self._node = None
         self._open.close()
 
@@ -59,5 +59,5 @@ class LiveNodeLifecycle:
         try:
             with closing(node.live_run.steps()) as steps:
                 self._follow(steps)
-        except Exception as error:  # handed over to the thread that can end the process
+        except Exception as error:  # the owner of the process decides
             self._failed(error)

@@ -50,7 +50,7 @@ class LiveNode:
         return self.live_run.steps()
 
     def stop(self) -> None:
-        """End `steps` soon; from any thread."""
+        """Request the end of `steps`. Thread-safe."""
         self.live_run.stop()
 
     def between_steps(self) -> AbstractContextManager[Session]:
@@ -140,8 +140,8 @@ def live_node(
 
 
 def _host_clock(stamps_of_host: bool) -> Callable[[], int]:
-    """ROS time where stamps are of this host; otherwise one that NTP does not set back."""
+    """System time if stamps are of this host; otherwise a clock that NTP does not set back."""
     if stamps_of_host:
         return time.time_ns
-    began_ns = time.time_ns() - time.monotonic_ns()
-    return lambda: began_ns + time.monotonic_ns()
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    return lambda: offset_ns + time.monotonic_ns()

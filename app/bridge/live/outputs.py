@@ -1,4 +1,4 @@
-"""Outputs of a live node beside its publisher: allowed twists, guidance, the log."""
+"""Outputs of a live node besides its publisher: allowed twists, guidance, log."""
 
 from app.bridge.control import GuidancePublisher, TwistLimiter
 from app.bridge.node import RosNode
@@ -23,7 +23,7 @@ class TwistOutput:
         return True
 
     def prepare(self, content: SessionContent) -> SwitchContent:
-        """Nothing is slow here."""
+        """Return the switch; nothing needs to be prepared."""
         return self._use
 
     def revoke(self) -> None:
@@ -51,7 +51,7 @@ class GuidanceOutput(PassiveOutput):
 
     def end(self) -> None:
         """Publish a zero wrench."""
-        self._guidance.rest()
+        self._guidance.stop()
 
 
 class FramesProblemLog(PassiveOutput):

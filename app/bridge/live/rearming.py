@@ -3,9 +3,9 @@
 from marginguard_msgs.srv import Rearm
 
 from app.bridge.calls.service_server import ServiceServer
-from app.bridge.control.constraint_stream import ConstraintStream
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
+from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.runtime import OperatorCommands
 
 

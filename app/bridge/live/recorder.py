@@ -1,4 +1,4 @@
-"""Topics of the ROS graph into a bag, as raw bytes with the times of sending and of receipt."""
+"""Record ROS topics to a bag, as serialised messages with times of sending and of receipt."""
 
 import os
 import sys
@@ -26,71 +26,74 @@ from app.case import BagTopic, BagWriter, message_definition
 from app.geometry import NS_PER_S, InputError, MarginGuardError
 
 _DEPTH = 1000
-_MOST_REMEMBERED = 10_000
+_MAX_REMEMBERED = 10_000
 _INFINITE_NS = 2**63 - 1
 
 
 class RosRecorder:
-    """Records those of ``topics`` (full names) that appear; their types are asked of the graph.
+    """Records ``topics`` (full names) as they appear, with the types found on the graph.
 
-    Call `discover` and `flush` now and then: what was not flushed is lost when the process is
-    killed. Messages are written as they arrive, in the node's thread. What cannot be recorded is
-    in `refused`, by topic. An error of the bag is raised by the next `flush`, and nothing is
-    written after it.
+    Call `discover` and `flush` periodically; a killed process loses messages since the last
+    `flush`. Messages are written in the node's thread. `refused` maps each topic that cannot be
+    recorded to the reason. An error of the bag is raised by the next `flush`; nothing is written
+    after it.
 
-    Each publisher is heard as reliably as it promises, also one that joins later with a weaker
-    promise: a topic has a subscription for each promise, and what comes by two is written once.
+    Each publisher is recorded with the reliability it offers, also one that joins later with a
+    weaker policy. A topic has a subscription for each combination of policies, and a message that
+    arrives twice is written once.
     """
 
     def __init__(self, ros: RosNode, bag: BagWriter, topics: Sequence[str]) -> None:
         self._ros = ros
         self._bag = bag
-        self._wanted = list(dict.fromkeys(topics))
+        self._pending_topics = list(dict.fromkeys(topics))
         self._recorded: dict[str, _Recorded] = {}
         self._lock = threading.Lock()
         self._error: MarginGuardError | None = None
         self.refused: dict[str, str] = {}
 
     def discover(self) -> list[str]:
-        """Begin to record the topics that have a publisher by now; returns those that are new."""
+        """Start to record topics that have a publisher; returns the newly recorded ones."""
         types = dict(self._ros.node.get_topic_names_and_types())
-        begun = []
-        for name in list(self._wanted):
+        started = []
+        for name in list(self._pending_topics):
             publishers = self._ros.node.get_publishers_info_by_topic(name)
             if name not in types or not publishers:
                 continue
-            self._wanted.remove(name)
+            self._pending_topics.remove(name)
             try:
-                self._begin(name, publishers)
+                self._start_topic(name, publishers)
             except MarginGuardError as error:
                 self.refused[name] = str(error)
             else:
-                begun.append(name)
+                started.append(name)
         for name, recorded in self._recorded.items():
-            self._hear(recorded, self._ros.node.get_publishers_info_by_topic(name))
-        return begun
+            self._subscribe(recorded, self._ros.node.get_publishers_info_by_topic(name))
+        return started
 
-    def want(self, topic: str) -> None:
-        """Record this topic too, once it appears."""
-        if topic not in self._wanted and topic not in self._recorded:
-            self._wanted.append(topic)
+    def add(self, topic: str) -> None:
+        """Record ``topic`` as well once it appears."""
+        if topic not in self._pending_topics and topic not in self._recorded:
+            self._pending_topics.append(topic)
 
     def last(self, topic: str) -> tuple[int, bytes] | None:
-        """When the newest message of ``topic`` came, in ns since 1970, and its bytes."""
+        """Time of receipt (ns since 1970) and bytes of the latest message; None before it."""
         recorded = self._recorded.get(topic)
         return None if recorded is None else recorded.last
 
     def flush(self) -> None:
-        """Hand what has arrived to the operating system; raises what went wrong since."""
+        """Write buffered messages to the operating system; raises an earlier error of the bag."""
         with self._lock:
             if self._error is not None:
                 raise self._error
             self._bag.flush()
 
-    def _begin(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+    def _start_topic(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         kinds = {info.topic_type for info in publishers}
         if len(kinds) > 1:
-            raise InputError(f"{name} has several types: {', '.join(sorted(kinds))}")
+            raise InputError(
+                f"{name} has the types {', '.join(sorted(kinds))}; expected a single type"
+            )
         (kind,) = kinds
         topic = BagTopic(
             name,
@@ -103,17 +106,17 @@ class RosRecorder:
         with self._lock:
             self._bag.add_topic(topic)
         self._recorded[name] = recorded
-        self._hear(recorded, publishers)
+        self._subscribe(recorded, publishers)
 
-    def _hear(self, recorded: "_Recorded", publishers: Sequence[TopicEndpointInfo]) -> None:
+    def _subscribe(self, recorded: "_Recorded", publishers: Sequence[TopicEndpointInfo]) -> None:
         for info in publishers:
-            promise = (info.qos_profile.reliability, info.qos_profile.durability)
-            if promise in recorded.promises:
+            policies = (info.qos_profile.reliability, info.qos_profile.durability)
+            if policies in recorded.qos_policies:
                 continue
-            recorded.promises.add(promise)
-            heard = Topic(recorded.name, recorded.message_class, _as_promised(*promise))
-            # rclpy hands the times to a callback of two arguments.
-            self._ros.subscribe(heard, recorded.take, raw=True)  # type: ignore[arg-type]
+            recorded.qos_policies.add(policies)
+            topic = Topic(recorded.name, recorded.message_class, _matching_qos(*policies))
+            # rclpy passes the times to a callback with two parameters.
+            self._ros.subscribe(topic, recorded.take, raw=True)  # type: ignore[arg-type]
 
     def _write(self, name: str, data: bytes, received_ns: int, published_ns: int) -> None:
         with self._lock:
@@ -126,27 +129,27 @@ class RosRecorder:
 
 
 class _Recorded:
-    """A topic that is recorded: the promises that it is heard by, and what came a moment ago."""
+    """State of a recorded topic: the policies it is subscribed with and its latest messages."""
 
     def __init__(
         self, name: str, message_class: type, write: Callable[[str, bytes, int, int], None]
     ) -> None:
         self.name = name
         self.message_class = message_class
-        self.promises: set[tuple[ReliabilityPolicy, DurabilityPolicy]] = set()
+        self.qos_policies: set[tuple[ReliabilityPolicy, DurabilityPolicy]] = set()
         self.last: tuple[int, bytes] | None = None
         self._write = write
         self._seen: set[tuple[int, int, int]] = set()
         self._in_order: deque[tuple[int, int, int]] = deque()
 
     def take(self, data: bytes, info: Mapping[str, int]) -> None:
-        """Write a message, unless it has come by another subscription already."""
+        """Write a message unless it has already arrived by another subscription."""
         key = (info["source_timestamp"], info["publication_sequence_number"], hash(data))
         if key in self._seen:
             return
         self._seen.add(key)
         self._in_order.append(key)
-        if len(self._in_order) > _MOST_REMEMBERED:
+        if len(self._in_order) > _MAX_REMEMBERED:
             self._seen.remove(self._in_order.popleft())
         received_ns = info["received_timestamp"] or time.time_ns()
         self.last = received_ns, data
@@ -154,9 +157,9 @@ class _Recorded:
 
 
 def ros_prefixes() -> tuple[Path, ...]:
-    """Where ROS packages are installed: an installation's prefixes, and this Python's."""
-    named = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return (*(Path(prefix) for prefix in named if prefix), Path(sys.prefix))
+    """Prefixes of ROS installations and of this Python, where ROS packages are installed."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return (*(Path(prefix) for prefix in prefixes if prefix), Path(sys.prefix))
 
 
 def _message_class(kind: str) -> type:
@@ -168,7 +171,7 @@ def _message_class(kind: str) -> type:
     return found
 
 
-def _as_promised(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
+def _matching_qos(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=_DEPTH,
@@ -178,7 +181,7 @@ def _as_promised(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -
 
 
 def _offered(profile: QoSProfile) -> dict[str, Any]:
-    """A publisher's promise in the words of rosbag2."""
+    """QoS profile of a publisher in the format of rosbag2."""
     return {
         "history": HistoryPolicy(profile.history).name.lower(),
         "depth": profile.depth,

@@ -1,4 +1,4 @@
-"""Which tumour and which registration a session on the ROS graph has, as its constraints say."""
+"""Detect changes of the tumour and the registration of a session from its constraints."""
 
 from marginguard_msgs.msg import FixtureConstraint
 from rclpy.serialization import deserialize_message
@@ -7,36 +7,36 @@ from app.case.live_recording import SessionChange
 
 
 class SessionWatch:
-    """Is shown a constraint now and then, and keeps what was replaced since the first in `changes`.
+    """Samples the constraints of a session and lists changes since the first one in `changes`.
 
-    Ten times a second is enough: a new tumour takes longer to be made ready. Constraints do not say
-    whose they are. While several publishers speak, a tumour and a base that were there before are
-    therefore taken for those of another session, and no change.
+    Ten samples per second are sufficient, because a new tumour takes longer to prepare. A
+    constraint does not identify its session. While there are several publishers, ids that have
+    occurred before are therefore attributed to another session and are not a change.
     """
 
     def __init__(self) -> None:
-        self._shown: bytes | None = None
+        self._last_received: bytes | None = None
         self._ids: tuple[str, str] | None = None
         self._known: set[tuple[str, str]] = set()
         self._publishers = 0
         self.changes: list[SessionChange] = []
 
-    def has_company(self, publishers: int) -> bool:
-        """Take in how many publishers of constraints there are: whether one has come to another."""
+    def has_new_publisher(self, publishers: int) -> bool:
+        """Set the number of publishers of constraints; True if one has joined another."""
         before, self._publishers = self._publishers, publishers
         return publishers > max(before, 1)
 
     def has_changed(self, received: tuple[int, bytes] | None) -> bool:
-        """Whether this constraint, with the time at which it came, is of another tumour or base.
+        """True if a constraint, given with its time of receipt, has another tumour or registration.
 
-        None for no constraint yet. Bytes that are no constraint tell of no change.
+        ``received`` is None before the first constraint. Invalid bytes are not a change.
         """
-        if received is None or received[1] is self._shown:
+        if received is None or received[1] is self._last_received:
             return False
-        at_ns, self._shown = received
+        at_ns, self._last_received = received
         try:
-            message = deserialize_message(self._shown, FixtureConstraint)
-        except Exception:  # whatever rclpy makes of a stranger's bytes, which are recorded as well
+            message = deserialize_message(self._last_received, FixtureConstraint)
+        except Exception:  # rclpy raises several unrelated types for invalid bytes
             return False
         ids = (message.model_id, message.registration_id)
         if ids == self._ids or (self._publishers > 1 and ids in self._known):

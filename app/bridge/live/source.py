@@ -18,56 +18,59 @@ from app.runtime import Deliver, Source
 
 
 class TfSource:
-    """The transforms of ``/tf``; tf has no word for a lost pose, so all of them are OK."""
+    """Source of the transforms on ``/tf``, all with status OK because tf has no status."""
 
     def __init__(self, ros: RosNode, deliver: Deliver) -> None:
         self._deliver: Deliver | None = deliver
         tf = replace(topics.TF, qos=INCOMING)
-        self._subscription = CountedSubscription(ros, tf, TF_MESSAGE, self._take)
+        self._subscription = CountedSubscription(ros, tf, TF_MESSAGE, self._on_message)
 
     def counts(self) -> Mapping[str, int]:
-        """Messages, and transforms that cannot be used."""
+        """Number of messages, and of refused transforms by type of error."""
         return self._subscription.counts()
 
     def close(self) -> None:
         """Deliver nothing more."""
         self._deliver = None
 
-    def _take(self, poses: tuple[PoseValues, ...]) -> None:
+    def _on_message(self, poses: tuple[PoseValues, ...]) -> None:
         samples = []
         for values in poses:
             try:
                 samples.append(values.sample())
-            except MarginGuardError as error:  # the others of the message are as good as ever
+            except MarginGuardError as error:  # keep the valid samples of the message
                 self._subscription.refuse(error)
         if samples and self._deliver is not None:
             self._deliver(samples)
 
 
 class TrackedTransformSource:
-    """A topic of ``marginguard_msgs/TrackedTransform``: one sample a message, with its status."""
+    """Source on a topic of ``marginguard_msgs/TrackedTransform``: one sample per message."""
 
     def __init__(self, ros: RosNode, topic: str, deliver: Deliver) -> None:
         self._deliver: Deliver | None = deliver
         self._subscription = CountedSubscription(
-            ros, Topic(topic, TrackedTransformMessage, INCOMING), TRACKED_TRANSFORM, self._take
+            ros,
+            Topic(topic, TrackedTransformMessage, INCOMING),
+            TRACKED_TRANSFORM,
+            self._on_message,
         )
 
     def counts(self) -> Mapping[str, int]:
-        """Messages, and those that cannot be used."""
+        """Number of messages, and of refused ones by type of error."""
         return self._subscription.counts()
 
     def close(self) -> None:
         """Deliver nothing more."""
         self._deliver = None
 
-    def _take(self, values: PoseValues) -> None:
+    def _on_message(self, values: PoseValues) -> None:
         if self._deliver is not None:
             self._deliver([values.sample()])
 
 
 def source_of(ros: RosNode, entry: LiveSourceEntry, deliver: Deliver) -> Source:
-    """The source that a ``live.yaml`` names."""
+    """Create the source that ``live.yaml`` configures."""
     if isinstance(entry, IgtlSourceEntry):
         return IgtlSource(entry.host, entry.port, deliver, changed=ros.node.get_logger().info)
     if isinstance(entry, TfSourceEntry):

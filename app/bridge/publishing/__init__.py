@@ -1,1 +1,1 @@
-"""What a session finds, as messages: tf, the constraint, markers, diagnostics."""
+"""Publishers of a session: tf, the constraint, markers, diagnostics."""

@@ -1,4 +1,4 @@
-"""A fixture decision as ``marginguard_msgs/FixtureConstraint``: everything in m and m/s."""
+"""Convert a fixture decision to ``marginguard_msgs/FixtureConstraint``, in m and m/s."""
 
 import math
 
@@ -13,11 +13,11 @@ from app.runtime import SessionContent
 
 
 class ConstraintBuilder:
-    """Turns decisions into messages; remembers on which samples the last known planes rest.
+    """Converts decisions to messages and keeps the stamp of the last current planes.
 
-    A decision whose planes are not those of the present pose carries the last ones that were, so
-    the message keeps their stamp and the ``valid_until`` that follows from it: a plane never looks
-    newer than it is. Without planes both are zero, a time long past, and ``hold`` is set.
+    A decision whose planes do not belong to the current pose contains the last planes that did.
+    The message then keeps their stamp and ``valid_until``, so that planes never appear newer than
+    they are. Without planes both are zero, which is long past, and ``hold`` is set.
     """
 
     def __init__(self, content: SessionContent) -> None:
@@ -25,7 +25,7 @@ class ConstraintBuilder:
         self.use(content)
 
     def use(self, content: SessionContent) -> None:
-        """Take margins, tumour and registration from ``content`` from the next message on."""
+        """Use margins, tumour and registration of ``content`` from the next message on."""
         self._frame = content.tumor.frame
         self._stale_after_ns = content.margins.stale_after_ns
         self._k_tre = content.margins.k_tre
@@ -33,7 +33,7 @@ class ConstraintBuilder:
         self._registration_id = content.registration_id
 
     def message(self, decision: FixtureDecision) -> FixtureConstraint:
-        """The message for ``decision``; its ``seq`` is left to whoever sends it."""
+        """Convert ``decision``; the publisher sets ``seq``."""
         known = decision.state is not MarginState.UNKNOWN
         if decision.constraint is None:
             self._planes_from = None
@@ -72,7 +72,7 @@ class ConstraintBuilder:
 
 
 def half_space_messages(constraint: Constraint) -> list[HalfSpace]:
-    """The normals as they are, offsets and points in m, the tumour's velocities in m/s."""
+    """Convert half-spaces: unit normals, offsets and points in m, velocities in m/s."""
     return [
         HalfSpace(
             normal=messages.vector_message(normal),

@@ -1,4 +1,4 @@
-"""What an engineer asks first, as ``diagnostic_msgs``: state, reasons, ages, what is lost."""
+"""Diagnostics of a session: state, reasons, ages and lost poses as ``diagnostic_msgs``."""
 
 from collections.abc import Callable, Mapping
 
@@ -29,10 +29,10 @@ PERIOD_NS = NS_PER_S
 
 
 class Diagnostics:
-    """Speaks once a second of the session's time, and whenever the state, a reason, the robot's
-    being known or the frames' being in order changes.
+    """Reports once per second of session time and at every change.
 
-    ``counts`` are those of a live source: what it has received, and what was left out and why.
+    A change is another state or other reasons, or a problem of the robot or of the frames that
+    appears or ends. ``counts`` returns the counters of a live source.
     """
 
     def __init__(self, counts: Callable[[], Mapping[str, int]] | None = None) -> None:
@@ -43,9 +43,9 @@ class Diagnostics:
         self._last_key: object = None
 
     def report(self, step: StepResult, stale_after_ns: int) -> DiagnosticArray | None:
-        """The report that is due after ``step``, None when nothing is.
+        """Report that is due after ``step``; None if none is due.
 
-        A pose that is older than ``stale_after_ns`` is said to be stale, whatever its status was.
+        A pose older than ``stale_after_ns`` is reported as stale, whatever its status is.
         """
         for sample in step.frame.poses:
             edge = (sample.target, sample.source)
@@ -53,7 +53,7 @@ class Diagnostics:
             lost = sample.status is not TrackingStatus.OK
             self._lost[edge] = self._lost.get(edge, 0) + lost
         now = step.frame.stamp
-        # Whether, not which: the words may have numbers in them that change at every step.
+        # Compare only whether there is a problem: its text may contain numbers that change.
         key = (
             step.decision.state,
             step.decision.reasons,
@@ -85,16 +85,16 @@ class Diagnostics:
             values[f"{edge}: status"] = sample.status.name
             values[f"{edge}: age_ms"] = _age_ms(now, sample.stamp)
             values[f"{edge}: lost samples"] = str(self._lost[target, source])
-        level, words = DiagnosticStatus.OK, []
+        level, texts = DiagnosticStatus.OK, []
         if lost:
-            level, words = DiagnosticStatus.WARN, [f"lost: {', '.join(lost)}"]
+            level, texts = DiagnosticStatus.WARN, [f"lost: {', '.join(lost)}"]
         if stale:
-            level, words = DiagnosticStatus.STALE, [f"stale: {', '.join(stale)}", *words]
+            level, texts = DiagnosticStatus.STALE, [f"stale: {', '.join(stale)}", *texts]
         if not self._samples:
-            level, words = DiagnosticStatus.STALE, ["nothing was tracked so far"]
+            level, texts = DiagnosticStatus.STALE, ["nothing was tracked so far"]
         if step.frames_problem:
-            level, words = max(level, DiagnosticStatus.WARN), [step.frames_problem, *words]
-        return _status("tracking", level, "; ".join(words) or "all tracked", values)
+            level, texts = max(level, DiagnosticStatus.WARN), [step.frames_problem, *texts]
+        return _status("tracking", level, "; ".join(texts) or "all tracked", values)
 
 
 def _margin_status(step: StepResult) -> DiagnosticStatus:
@@ -115,7 +115,7 @@ def _margin_status(step: StepResult) -> DiagnosticStatus:
 
 
 def _robot_status(step: StepResult) -> DiagnosticStatus:
-    """Without usable joints nobody sees a registration that drifts: the margin alone is watched."""
+    """Joint states; without them a drift of the registration is not detected."""
     values = {}
     if step.joints is not None:
         values["age_ms"] = _age_ms(step.frame.stamp, step.joints.stamp)

@@ -1,4 +1,4 @@
-"""The moving edges of ``/tf``: which frames a step moves, each with the stamp of its sample."""
+"""Moving edges of ``/tf``, each with the stamp of its sample."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ PUBLISH_ALL = PublishPolicy()
 def moving_edges(
     step: StepResult, policy: PublishPolicy = PUBLISH_ALL
 ) -> Iterator[tuple[Transform, Stamp]]:
-    """Every transform that ``step`` knows, with the time at which it was true.
+    """Yield every transform of ``step`` with the time at which it was measured.
 
     Measured edges are published as measured. Lost ones are left out: tf cannot represent a lost
     pose, so its absence and ``/diagnostics`` report it. The links of the robot are all children of
@@ -72,7 +72,7 @@ class FrameTree:
         self._newest_ns: dict[str, int] = {}
         self._now_ns: int | None = None
         self.left_out: dict[tuple[str, str], str] = {}
-        """Edges (parent, child) that did not fit, and why."""
+        """Edges (parent, child) that do not fit into the tree, with the reason."""
         for edge in static_edges:
             if not self._fits(edge):
                 raise FrameError(
@@ -81,7 +81,7 @@ class FrameTree:
         self._static = frozenset(self._parents)
 
     def new_edges(self, step: StepResult) -> list[tuple[Transform, Stamp]]:
-        """The moving edges of ``step`` that are newer than the last of the same child frame."""
+        """Moving edges of ``step`` that are newer than the last ones of the same child frame."""
         if self._now_ns is not None and step.frame.stamp.ns < self._now_ns:
             self._newest_ns.clear()
         self._now_ns = step.frame.stamp.ns
@@ -99,10 +99,12 @@ class FrameTree:
         if known == parent and child not in self._static:
             return True
         if known is not None:
-            self.left_out[parent, child] = f"{child!r} has the parent {known!r} already"
+            self.left_out[parent, child] = f"{child!r} already has the parent {known!r}"
             return False
         if child == parent or child in self._ancestors(parent):
-            self.left_out[parent, child] = f"{parent!r} is below {child!r}: this would be a loop"
+            self.left_out[parent, child] = (
+                f"{parent!r} is below {child!r}; the edge would close a loop"
+            )
             return False
         self._parents[child] = parent
         return True

@@ -1,9 +1,9 @@
-"""The scene for RViz and Foxglove: surfaces as triangles, so that no mesh file must be found.
+"""Markers for RViz and Foxglove: surfaces as triangles, so that no mesh file is needed.
 
 Two publishers share ``~/markers``, because a latched topic keeps the last message of *each*
-publisher: the surfaces, sent when the margin state (their colour) changes, and the words, sent
-at every step. A late joiner gets both. All markers have stamp 0 and are locked to their frame, so
-that a viewer draws them at the newest pose it has.
+publisher: one for the surfaces, at every change of the margin state (their colour), and one for the
+text, at every step. Late subscribers get both. All markers have stamp 0 and are locked to their
+frame, so that a viewer draws them at the latest pose.
 """
 
 from collections.abc import Iterable
@@ -25,7 +25,7 @@ TEXT_ABOVE_TUMOR_MM = 10.0
 
 
 class Markers:
-    """Builds the markers of one session. The triangles are converted once for all colours."""
+    """Creates the markers of a session. The triangles are converted once for all colours."""
 
     def __init__(self, content: SessionContent) -> None:
         self._tumor_frame = content.tumor.frame
@@ -37,7 +37,7 @@ class Markers:
         self._text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
 
     def surfaces(self, state: MarginState) -> MarkerArray:
-        """The tumour in the colour of ``state`` and the tool, as TRIANGLE_LIST."""
+        """Markers of the tumour, in the colour of ``state``, and of the tool (TRIANGLE_LIST)."""
         markers = [
             _marker(
                 "tumor",
@@ -54,8 +54,8 @@ class Markers:
             )
         return MarkerArray(markers=markers)
 
-    def words(self, decision: FixtureDecision) -> MarkerArray:
-        """The margin in words, above the tumour, in the colour of the state."""
+    def text(self, decision: FixtureDecision) -> MarkerArray:
+        """Marker with the text of the margin, above the tumour, in the colour of the state."""
         color = color_message(decision.state.color)
         marker = _marker("margin", self._tumor_frame, Marker.TEXT_VIEW_FACING, color)
         marker.text = margin_text(decision)
@@ -65,7 +65,7 @@ class Markers:
 
 
 def margin_text(decision: FixtureDecision) -> str:
-    """``CLEAR +9.2 mm``, ``IN TUMOUR -1.4 mm``, or ``UNKNOWN: stale, missing``."""
+    """Text such as ``CLEAR +9.2 mm``, ``IN TUMOUR -1.4 mm``, or ``UNKNOWN: stale, missing``."""
     if decision.state is MarginState.UNKNOWN or decision.proximity is None:
         reasons = ", ".join(str(reason) for reason in decision.reasons)
         return f"{MarginState.UNKNOWN.display.label}: {reasons}"
@@ -90,6 +90,6 @@ def _marker(
 
 
 def _triangle_points(mesh: SurfaceMesh) -> list[Point]:
-    """The corners of the faces one after the other, in m; a vertex is one object, used often."""
+    """Corners of the faces in sequence, in m; faces share the `Point` objects of vertices."""
     vertices = [Point(x=x, y=y, z=z) for x, y, z in metres(mesh.vertices_mm).tolist()]
     return [vertices[index] for index in mesh.faces.reshape(-1).tolist()]

@@ -1,4 +1,4 @@
-"""The surfaces of a session, serialised ahead of time because that takes long."""
+"""Surface markers of a session, serialised in advance because that takes long."""
 
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import MarkerArray
@@ -9,10 +9,10 @@ from app.runtime import SessionContent
 
 
 class PreparedShapes:
-    """Tumour and tool of ``content``, serialised once a state.
+    """Surface markers of ``content``, serialised once for each margin state.
 
-    A tumour of 80k triangles takes some 0.7 s. They are therefore made in another thread while the
-    session goes on.
+    A tumour with 80k triangles takes about 0.7 s. Create them in another thread while the session
+    continues.
     """
 
     def __init__(self, content: SessionContent) -> None:
@@ -23,13 +23,13 @@ class PreparedShapes:
         }
 
     def match(self, content: SessionContent) -> bool:
-        """True if they were made of the tumour and the tool of ``content``."""
+        """True if they were created from the tumour and the tool of ``content``."""
         return content.tumor is self._tumor and content.tool is self._tool
 
     def surfaces(self, state: MarginState) -> bytes:
-        """A serialised ``MarkerArray``: the tumour in the colour of ``state``, and the tool."""
+        """Serialised ``MarkerArray`` of the tumour, in the colour of ``state``, and of the tool."""
         return self._surfaces[state]
 
-    def words(self, decision: FixtureDecision) -> MarkerArray:
-        """The text marker of the margin, above the tumour."""
-        return self._markers.words(decision)
+    def text(self, decision: FixtureDecision) -> MarkerArray:
+        """Text marker of the margin, above the tumour."""
+        return self._markers.text(decision)

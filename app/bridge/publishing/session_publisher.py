@@ -9,10 +9,10 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Float64, String
 
 from app.bridge import messages, topics
-from app.bridge.control.constraint_stream import ConstraintStream
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint import ConstraintBuilder
+from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.publishing.diagnostics import Diagnostics
 from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
@@ -73,7 +73,7 @@ class SessionPublisher:
                 RosNode(name, namespace=namespace, ros_args=ros_args, domain_id=domain_id)
             )
             if ros is not None:
-                opening.callback(self._withdraw)
+                opening.callback(self._destroy_publishers)
             self._publishers = {
                 topic.name: self._publisher(topic)
                 for topic in topics.EVERY_STEP
@@ -106,9 +106,9 @@ class SessionPublisher:
         self._publish_frames(step)
         for sample in step.frame.joints if self._policy.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
-        in_time = self.constraints.newest(
+        in_time = self.constraints.publish(
             self._constraint_builder.message(step.decision),
-            lasts_ns=self._lasts_ns(step, timing.spent_ns),
+            valid_ns=self._valid_ns(step, timing.spent_ns),
         )
         self._publish_margin(step.decision)
         report = self._diagnostics.report(step, self._content.margins.stale_after_ns)
@@ -128,14 +128,14 @@ class SessionPublisher:
         return lambda switched: self._use(switched, shapes)
 
     def revoke(self) -> None:
-        """Nothing to withdraw here: what comes next is published on hold."""
+        """Do nothing: the next constraint is published on hold."""
 
     def end(self) -> None:
         """Publish hold as the final constraint."""
-        self.constraints.rest("inactive")
+        self.constraints.hold("inactive")
 
     def close(self) -> None:
-        """End the heartbeat and leave the ROS graph. A second call does nothing."""
+        """End the heartbeat and leave the ROS graph. Idempotent."""
         self._open.close()
 
     def _use(self, content: SessionContent, shapes: PreparedShapes) -> None:
@@ -147,9 +147,9 @@ class SessionPublisher:
         self._constraint_builder.use(content)
         if shapes is not self._shapes or content.static_edges != before.static_edges:
             self._shapes = shapes
-            # First of all: the planes of the content before do not lead away from this one.
+            # Do this first: the planes of the previous content are not valid for the new one.
             message = self._constraint_builder.message(_UNKNOWN_DECISION)
-            has_started = self.constraints.forget(message)
+            has_started = self.constraints.invalidate(message)
             self._latch(content)
             if has_started:
                 self._publish_margin(_UNKNOWN_DECISION)
@@ -158,12 +158,12 @@ class SessionPublisher:
         self._created.append(self.ros.publisher(topic))
         return self._created[-1]
 
-    def _withdraw(self) -> None:
+    def _destroy_publishers(self) -> None:
         for publisher in self._created:
             self.ros.destroy_publisher(publisher)
 
-    def _lasts_ns(self, step: StepResult, spent_ns: int) -> int | None:
-        """For how long a heartbeat may repeat the constraint of ``step``.
+    def _valid_ns(self, step: StepResult, spent_ns: int) -> int | None:
+        """How long the heartbeat may repeat the constraint of ``step`` before it is stale.
 
         None for one that allows no approach anyway, and in a replay, whose time can be paused.
         """
@@ -186,7 +186,7 @@ class SessionPublisher:
             if edge not in self._edges_left_out:
                 self._edges_left_out.add(edge)
                 self.ros.node.get_logger().warning(
-                    f"{edge[0]} -> {edge[1]} is not sent to tf: {reason}"
+                    f"{edge[0]} -> {edge[1]} is not published on tf: {reason}"
                 )
 
     def _publish_margin(self, decision: FixtureDecision) -> None:
@@ -195,7 +195,7 @@ class SessionPublisher:
             distance_mm = float(decision.proximity.signed_distance_mm)
         self._send(topics.MARGIN_MM, Float64(data=distance_mm))
         self._send(topics.MARGIN_COLOR, messages.color_message(decision.state.color))
-        self._send(topics.MARKERS, self._shapes.words(decision))
+        self._send(topics.MARKERS, self._shapes.text(decision))
         self._show_surfaces(decision.state)
 
     def _show_surfaces(self, state: MarginState) -> None:
@@ -204,11 +204,11 @@ class SessionPublisher:
             self._surfaces_state = state
 
     def _latch(self, content: SessionContent) -> None:
-        """Publish what stays the same with ``content``; the surfaces become grey."""
+        """Publish the static transforms of ``content`` and its surfaces in grey."""
         edges = content.tf_static_edges
-        never = Stamp(0)
+        static = Stamp(0)
         self._frame_tree = FrameTree(edges, self._policy)
-        self._static_publisher.publish(tf_message((edge, never) for edge in edges))
+        self._static_publisher.publish(tf_message((edge, static) for edge in edges))
         self._surfaces_state = None
         self._show_surfaces(MarginState.UNKNOWN)
 

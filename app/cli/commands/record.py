@@ -134,7 +134,7 @@ def _record(
         for topic in [*recorder.refused]:
             print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
         publishers = ros.node.count_publishers(constraint) if constraint in topics else 0
-        if session.has_company(publishers):
+        if session.has_new_publisher(publishers):
             print(
                 f"{constraint} has {publishers} publishers; several sessions may be running",
                 flush=True,
@@ -142,7 +142,7 @@ def _record(
         if session.has_changed(recorder.last(constraint)):
             print("tumour or registration of the session were replaced", flush=True)
             write_changes(session.changes, options.output / RECORDING_FOLDER)
-            recorder.want(_session_topic(MARKERS, options))
+            recorder.add(_session_topic(MARKERS, options))
         recorder.flush()
         if time.monotonic() - synced_s >= SYNC_S:
             bag.sync()

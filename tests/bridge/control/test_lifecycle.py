@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 from std_srvs.srv import Trigger
 
-from app.bridge.control import ConstraintStream, LifecycleRosNode
+from app.bridge.control import LifecycleRosNode
 from app.bridge.errors import BridgeError
+from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.topics import CONSTRAINT
-from tests.bridge.control.test_constraint_stream import constraint
+from tests.bridge.publishing.test_constraint_stream import constraint
 
 CLIENT = Path(__file__).resolve().parent / "lifecycle_client.py"
 
@@ -30,11 +31,11 @@ class StreamingNode:
     def activate(self):
         self._note("activate")
         self.stream = ConstraintStream(self.publisher, 100.0)
-        self.stream.newest(constraint())
+        self.stream.publish(constraint())
 
     def deactivate(self):
         self._note("deactivate")
-        self.stream.rest("inactive")
+        self.stream.hold("inactive")
         self.stream.close()
 
     def clean_up(self):

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
 
-from app.bridge.control.constraint_stream import ConstraintStream
 from app.bridge.live import RearmService
 from app.bridge.node import RosNode
+from app.bridge.publishing.constraint_stream import ConstraintStream
 from tests.bridge.conftest import DEADLINE_S
 
 CALLER = Path(__file__).resolve().parents[1] / "caller.py"
@@ -46,19 +46,19 @@ def test_what_happens_while_it_waits_for_a_step_is_looked_at(domain_id, start, w
         with stepping:
             yield session
 
-    stream.newest(KNOWN)
+    stream.publish(KNOWN)
     seq = json.dumps({"seq": stream.seq})
     with RosNode("marginguard", domain_id=domain_id) as ros:
         RearmService(ros, stream, between_steps)
         with stepping:
             caller = start(str(CALLER), f"/marginguard/rearm:marginguard_msgs/srv/Rearm:{seq}")
             assert wanted.wait(DEADLINE_S)
-            stream.newest(KNOWN)
+            stream.publish(KNOWN)
             if what == "another tumour":
-                stream.forget(UNKNOWN)
+                stream.invalidate(UNKNOWN)
             elif what == "a fault that is over":
-                stream.newest(UNKNOWN)
-                stream.newest(KNOWN)
+                stream.publish(UNKNOWN)
+                stream.publish(KNOWN)
         caller.line()
         reply = json.loads(caller.line())
     stream.close()

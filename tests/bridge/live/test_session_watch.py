@@ -18,7 +18,7 @@ def shown(watch: SessionWatch, *model_ids: str) -> list[bool]:
 @pytest.fixture
 def watch() -> SessionWatch:
     watch = SessionWatch()
-    watch.has_company(1)
+    watch.has_new_publisher(1)
     return watch
 
 
@@ -28,29 +28,29 @@ def test_one_session_changes_back_and_forth(watch):
 
 
 def test_two_sessions_that_take_turns_are_one_change(watch):
-    watch.has_company(2)
+    watch.has_new_publisher(2)
     assert sum(shown(watch, *"ab" * 27)) == 1
     assert [change.model_id for change in watch.changes] == ["b"]
 
 
 def test_what_is_new_of_two_sessions_is_a_change(watch):
-    watch.has_company(2)
+    watch.has_new_publisher(2)
     assert shown(watch, *"abab", "c", *"acac") == [False, True, *[False] * 2, True, *[False] * 4]
 
 
 def test_the_one_that_stays_is_what_is_recorded_from_then_on(watch):
-    watch.has_company(2)
+    watch.has_new_publisher(2)
     shown(watch, *"abab")
-    watch.has_company(1)
+    watch.has_new_publisher(1)
     assert shown(watch, *"aaa") == [True, False, False]
     assert [change.model_id for change in watch.changes] == ["b", "a"]
 
 
 def test_company_is_told_when_it_comes(watch):
     counts = [1, 2, 2, 3, 2, 1, 0, 1, 2]
-    told = [watch.has_company(count) for count in counts]
+    told = [watch.has_new_publisher(count) for count in counts]
     assert told == [False, True, False, True, False, False, False, False, True]
-    assert SessionWatch().has_company(2)
+    assert SessionWatch().has_new_publisher(2)
 
 
 def test_bytes_of_a_stranger_are_no_change(watch):

@@ -91,15 +91,15 @@ def test_a_second_parent_is_left_out_and_named():
     both = [("tracker", "stylus"), ("reference", "stylus")]
     for now_ns in (1, 2):
         assert list(stamps(tree.new_edges(measured(now_ns, *both)))) == [("tracker", "stylus")]
-    assert tree.left_out == {("reference", "stylus"): "'stylus' has the parent 'tracker' already"}
+    assert tree.left_out == {("reference", "stylus"): "'stylus' already has the parent 'tracker'"}
 
 
 @pytest.mark.parametrize(
     ("edges", "reason"),
     [
         ((("a", "a"),), "'a' is below 'a'"),
-        ((("a", "b"), ("b", "c"), ("c", "a")), "'c' is below 'a': this would be a loop"),
-        ((("a", "c"), ("b", "c")), "'c' has the parent 'a' already"),
+        ((("a", "b"), ("b", "c"), ("c", "a")), "'c' is below 'a'; the edge would close a loop"),
+        ((("a", "c"), ("b", "c")), "'c' already has the parent 'a'"),
     ],
 )
 def test_fixed_frames_that_are_no_tree_are_refused(edges, reason):

@@ -47,7 +47,7 @@ def test_without_a_tool_mesh_there_is_only_the_tumour(content):
 
 
 def test_the_words_stand_above_the_tumour(content, make_step):
-    (marker,) = Markers(content).words(make_step(0).decision).markers
+    (marker,) = Markers(content).text(make_step(0).decision).markers
     assert marker.text == "CLEAR +7.5 mm"
     position = marker.pose.position
     assert (position.x, position.y, position.z) == pytest.approx((0.005, 0.005, 0.02))

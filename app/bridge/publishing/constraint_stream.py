@@ -52,10 +52,10 @@ class ConstraintStream:
     """Publishes each constraint at once and repeats it at ``hz`` from a heartbeat thread.
 
     Repetition does not extend the validity: ``valid_until`` and the stamp stay those of the
-    samples. ``hz`` None repeats nothing. A message that is sent with ``lasts_ns`` is replaced by a
+    samples. ``hz`` None repeats nothing. A message that is sent with ``valid_ns`` is replaced by a
     ``stale`` one on hold after that time, in case the stepping thread is stuck while the heartbeat
-    continues. This counts as a fault, which the next message does not clear (see `newest`).
-    Without ``lasts_ns`` only the receiver checks the validity, with ``valid_until``.
+    continues. This counts as a fault, which the next message does not clear (see `publish`).
+    Without ``valid_ns`` only the receiver checks the validity, with ``valid_until``.
 
     Above 100 Hz the interpreter's switch interval is 0.5 ms until `close`
     (`sys.setswitchinterval`, for the whole process). With the default of 5 ms a busy thread would
@@ -72,23 +72,23 @@ class ConstraintStream:
             sys.setswitchinterval(min(self._switch_s, _SHORT_SWITCH_INTERVAL_S))
         self._heartbeat = Heartbeat(self._send, hz)
 
-    def newest(self, message: FixtureConstraint, *, lasts_ns: int | None = None) -> bool:
-        """Publish ``message`` now and repeat it; after ``lasts_ns`` repeat it as stale and on hold.
+    def publish(self, message: FixtureConstraint, *, valid_ns: int | None = None) -> bool:
+        """Publish ``message`` now and repeat it; after ``valid_ns`` repeat it as stale and on hold.
 
-        ``lasts_ns`` is the time from now to ``valid_until``, at least 0, on the clock of the
+        ``valid_ns`` is the time from now to ``valid_until``, at least 0, on the clock of the
         caller's stamps. It is None for a clock that can stop, such as that of a replay.
 
-        Returns False if the previous message had become stale or was followed by `rest`.
+        Returns False if the previous message had become stale or was followed by `hold`.
         ``message`` is then published on hold with the reason ``latched``, and the caller has to
         latch the hold in its own state.
         """
-        first = self._begin(message, lasts_ns, unless_ended=True)
+        first = self._begin(message, valid_ns, unless_ended=True)
         in_time = first is not None
         if not in_time:
             message.hold = True
             reasons = {*map(Reason, message.reasons), Reason.LATCHED}
             message.reasons = [str(reason) for reason in worst_first(reasons)]
-            first = self._begin(message, lasts_ns)
+            first = self._begin(message, valid_ns)
         faulty = message.state == FixtureConstraint.UNKNOWN
         if first is not None and in_time and faulty and not self._faulty:
             self._fault_seq = first
@@ -96,12 +96,12 @@ class ConstraintStream:
         self._last = message
         return in_time
 
-    def forget(self, message: FixtureConstraint) -> bool:
+    def invalidate(self, message: FixtureConstraint) -> bool:
         """Replace the repeated message, whose planes are no longer valid, by an UNKNOWN one.
 
         Counts as a new fault: an acknowledgement of an earlier constraint cannot cover what
         follows. Returns False and publishes nothing if nothing is being repeated. Do not call
-        this concurrently with `rest`.
+        this concurrently with `hold`.
         """
         if self._last is None:
             return False
@@ -110,11 +110,11 @@ class ConstraintStream:
         self._faulty, self._last = True, message
         return True
 
-    def rest(self, reason: str) -> None:
-        """Publish a last message on hold with ``reason``, then nothing until the next `newest`."""
+    def hold(self, reason: str) -> None:
+        """Publish a last message on hold with ``reason``, then nothing until the next `publish`."""
         last = None if self._last is None else RawConstraint.of(_held(self._last, reason))
         self._last = None
-        self._heartbeat.rest(last)
+        self._heartbeat.pause(last)
 
     def close(self) -> None:
         """End the thread; nothing is sent afterwards."""
@@ -140,16 +140,16 @@ class ConstraintStream:
 
     @property
     def ended(self) -> bool:
-        """True if the repeated message is stale or publishing has stopped (`rest`)."""
+        """True if the repeated message is stale or publishing has stopped (`hold`)."""
         return self._heartbeat.ended
 
     def _begin(
-        self, message: FixtureConstraint, lasts_ns: int | None, *, unless_ended: bool = False
+        self, message: FixtureConstraint, valid_ns: int | None, *, unless_ended: bool = False
     ) -> int | None:
-        return self._heartbeat.newest(
+        return self._heartbeat.update(
             RawConstraint.of(message),
-            lasts_ns=lasts_ns,
-            afterwards=None if lasts_ns is None else RawConstraint.of(_held(message, "stale")),
+            valid_ns=valid_ns,
+            replacement=None if valid_ns is None else RawConstraint.of(_held(message, "stale")),
             unless_ended=unless_ended,
         )
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from rclpy.serialization import deserialize_message, serialize_message
 
-from app.bridge.control.constraint_stream import ConstraintStream, RawConstraint
+from app.bridge.publishing.constraint_stream import ConstraintStream, RawConstraint
 
 
 class Sent:
@@ -67,7 +67,7 @@ def test_bytes_agree_with_rclpy(frame, planes, seq):
 def test_heartbeat_repeats_all_values_with_consecutive_seq():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
-    stream.newest(constraint())
+    stream.publish(constraint())
     sent.wait_until(lambda messages: len(messages) >= 20)
     stream.close()
     assert [message.seq for message in sent.messages] == list(range(len(sent.messages)))
@@ -81,7 +81,7 @@ def test_heartbeat_repeats_all_values_with_consecutive_seq():
 def test_expired_constraint_is_repeated_as_stale_on_hold():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
-    stream.newest(constraint(), lasts_ns=5_000_000)
+    stream.publish(constraint(), valid_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
     stream.close()
     fresh = sent.messages[0]
@@ -99,20 +99,20 @@ def test_expired_constraint_is_repeated_as_stale_on_hold():
 def test_constraint_after_a_stale_one_is_held_as_latched():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
-    assert stream.newest(constraint(), lasts_ns=5_000_000)
+    assert stream.publish(constraint(), valid_ns=5_000_000)
     assert not stream.ended
     sent.wait_until(lambda messages: messages[-1].hold)
     assert stream.ended
     stale = next(message for message in sent.messages if message.hold)
     assert stream.fault_seq == stale.seq
-    assert not stream.newest(constraint(), lasts_ns=10**12)
+    assert not stream.publish(constraint(), valid_ns=10**12)
     assert not stream.ended
     again = sent.messages[-1]
     assert (again.state, again.hold) == (FixtureConstraint.WARNING, True)
     assert list(again.reasons) == ["warning_distance", "latched"]
     assert stream.fault_seq == stale.seq  # acknowledging it is sufficient to re-arm
     # From here on the session holds.
-    assert stream.newest(constraint(), lasts_ns=10**12)
+    assert stream.publish(constraint(), valid_ns=10**12)
     stream.close()
     assert not sent.messages[-1].hold
 
@@ -120,13 +120,13 @@ def test_constraint_after_a_stale_one_is_held_as_latched():
 def test_fault_after_a_stale_constraint_is_the_same_fault():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
-    stream.newest(constraint(), lasts_ns=5_000_000)
+    stream.publish(constraint(), valid_ns=5_000_000)
     sent.wait_until(lambda messages: messages[-1].hold)
     first = stream.fault_seq
     unknown = constraint()
     unknown.state = FixtureConstraint.UNKNOWN
-    stream.newest(unknown)
-    stream.newest(unknown)
+    stream.publish(unknown)
+    stream.publish(unknown)
     stream.close()
     assert stream.fault_seq == first
 
@@ -134,9 +134,9 @@ def test_fault_after_a_stale_constraint_is_the_same_fault():
 def test_constraint_after_a_rest_is_held():
     sent = Sent()
     stream = ConstraintStream(sent, 100.0)
-    stream.newest(constraint())
-    stream.rest("inactive")
-    assert not stream.newest(constraint())
+    stream.publish(constraint())
+    stream.hold("inactive")
+    assert not stream.publish(constraint())
     assert sent.messages[-1].hold
     stream.close()
 
@@ -144,7 +144,7 @@ def test_constraint_after_a_rest_is_held():
 def test_expired_constraint_is_never_sent_as_fresh():
     sent = Sent()
     stream = ConstraintStream(sent, None)
-    stream.newest(constraint(), lasts_ns=0)
+    stream.publish(constraint(), valid_ns=0)
     stream.close()
     assert [message.hold for message in sent.messages] == [True]
 
@@ -152,8 +152,8 @@ def test_expired_constraint_is_never_sent_as_fresh():
 def test_without_rate_nothing_is_repeated_and_nothing_expires():
     sent = Sent()
     stream = ConstraintStream(sent, None)
-    stream.newest(constraint())
-    stream.newest(constraint())
+    stream.publish(constraint())
+    stream.publish(constraint())
     stream.close()
     assert [message.seq for message in sent.messages] == [0, 1]
 
@@ -161,10 +161,10 @@ def test_without_rate_nothing_is_repeated_and_nothing_expires():
 def test_rest_publishes_a_last_constraint_on_hold():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
-    stream.newest(constraint())
-    stream.rest("inactive")
+    stream.publish(constraint())
+    stream.hold("inactive")
     count = len(sent.messages)
-    stream.rest("inactive")
+    stream.hold("inactive")
     stream.close()
     last = sent.messages[-1]
     assert (last.state, last.hold, list(last.reasons)) == (3, True, ["inactive"])
@@ -174,7 +174,7 @@ def test_rest_publishes_a_last_constraint_on_hold():
 def test_rest_before_the_first_constraint_publishes_nothing():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
-    stream.rest("inactive")
+    stream.hold("inactive")
     stream.close()
     assert sent.messages == []
 
@@ -186,7 +186,7 @@ def test_fault_seq_is_that_of_the_latest_fault():
     unknown.state = FixtureConstraint.UNKNOWN
     found = []
     for message in (constraint(), unknown, unknown, constraint(), unknown):
-        stream.newest(message)
+        stream.publish(message)
         found.append(stream.fault_seq)
     stream.close()
     assert found == [0, 1, 1, 1, 4]
@@ -203,21 +203,21 @@ def test_forget_replaces_the_planes_and_is_a_new_fault():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     unknown = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True)
-    assert not stream.forget(unknown)  # nothing has been published yet
+    assert not stream.invalidate(unknown)  # nothing has been published yet
     # It is a new fault also after an earlier one that has been acknowledged.
-    stream.newest(constraint())
+    stream.publish(constraint())
     fault = constraint()
     fault.state = FixtureConstraint.UNKNOWN
-    stream.newest(fault)
+    stream.publish(fault)
     acknowledged = stream.seq
-    assert stream.forget(unknown)
+    assert stream.invalidate(unknown)
     assert stream.fault_seq >= acknowledged
     sent.wait_until(lambda messages: len(messages[stream.fault_seq :]) >= 5)
     assert not any(message.half_spaces for message in sent.messages[stream.fault_seq :])
-    assert stream.newest(constraint())
+    assert stream.publish(constraint())
     assert sent.messages[-1].half_spaces
-    stream.rest("inactive")
-    assert not stream.forget(unknown)
+    stream.hold("inactive")
+    assert not stream.invalidate(unknown)
     count = stream.seq
     stream.close()
     assert len(sent.messages) == count
