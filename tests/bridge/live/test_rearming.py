@@ -1,8 +1,7 @@
-"""``~/rearm`` looks at everything between two steps, however long it had to wait for that."""
+"""``~/rearm`` is checked between two steps, after any wait for the current step."""
 
 import json
 import threading
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,41 +17,40 @@ KNOWN = FixtureConstraint(state=FixtureConstraint.WARNING)
 UNKNOWN = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True)
 
 
-class Session:
-    """Test double: counts how often it was re-armed."""
+class CommandsDouble:
+    """Test double of `OperatorCommands` whose step ends when ``stepping`` is released."""
 
-    def __init__(self):
+    def __init__(self, stepping):
         self.rearmed = 0
+        self.requested = threading.Event()
+        self._stepping = stepping
 
-    def rearm(self):
-        self.rearmed += 1
+    def rearm(self, check):
+        self.requested.set()
+        with self._stepping:
+            check()
+            self.rearmed += 1
 
 
-class Nobody:
-    """Test double of a publisher that nobody hears."""
+class NoPublisher:
+    """Test double of a publisher without subscribers."""
 
     def publish(self, raw):
         pass
 
 
 @pytest.mark.parametrize("what", ["another tumour", "a fault that is over", "nothing"])
-def test_what_happens_while_it_waits_for_a_step_is_looked_at(domain_id, start, what):
-    stepping, wanted = threading.Lock(), threading.Event()
-    session, stream = Session(), ConstraintStream(Nobody(), None)
-
-    @contextmanager
-    def between_steps():
-        wanted.set()
-        with stepping:
-            yield session
+def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(domain_id, start, what):
+    stepping = threading.Lock()
+    commands, stream = CommandsDouble(stepping), ConstraintStream(NoPublisher(), None)
 
     stream.publish(KNOWN)
     seq = json.dumps({"seq": stream.seq})
     with RosNode("marginguard", domain_id=domain_id) as ros:
-        RearmService(ros, stream, between_steps)
+        RearmService(ros, stream, commands)
         with stepping:
             caller = start(str(CALLER), f"/marginguard/rearm:marginguard_msgs/srv/Rearm:{seq}")
-            assert wanted.wait(DEADLINE_S)
+            assert commands.requested.wait(DEADLINE_S)
             stream.publish(KNOWN)
             if what == "another tumour":
                 stream.invalidate(UNKNOWN)
@@ -63,5 +61,5 @@ def test_what_happens_while_it_waits_for_a_step_is_looked_at(domain_id, start, w
         reply = json.loads(caller.line())
     stream.close()
     assert reply["success"] is (what == "nothing")
-    assert session.rearmed == (1 if what == "nothing" else 0)
+    assert commands.rearmed == (1 if what == "nothing" else 0)
     assert ("a fault began" in reply["message"]) is (what != "nothing")
