@@ -195,10 +195,10 @@ def _draw_legend(figure: Figure, strip: Axes, plot: Axes) -> None:
         loc="outside lower left",
         ncols=len(states) + len(lines),
         frameon=False,
-        fontsize=9,
+        fontsize=8.5,
         labelcolor=_INK,
-        handlelength=1.6,
-        columnspacing=1.4,
+        handlelength=1.4,
+        columnspacing=1.0,
     )
 
 

@@ -78,3 +78,9 @@ def test_clock_that_jumps_back_is_drawn_as_played(rows_of: Rows, margins: Margin
     assert (np.diff(seconds) >= 0.0).all()
     assert seconds[-1] == 2 * played_seconds(rows)[-1]
     assert pixels(jumped, margins).shape == (720, 1560, 3)
+
+
+def test_legend_is_not_cut_off(rows_of: Rows, margins: MarginParameters) -> None:
+    legend = pixels(rows_of(DISTANCES), margins)[-45:]
+    assert (legend[:, :300] < 0.5).any()
+    assert (legend[:, -6:] == 1.0).all()
