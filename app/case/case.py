@@ -86,7 +86,8 @@ class Case:
         tool = self.manifest.tool
         if tool.mesh is None:
             raise MeshError(
-                f"{self.manifest.file}: tool.mesh is missing; needed but for a tip-only replay"
+                f"{self.manifest.file}: tool.mesh is missing; expected one, which only a tip-only "
+                "replay does not need"
             )
         return self._mesh(tool.mesh, tool.tip_frame, "tool.mesh")
 
