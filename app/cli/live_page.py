@@ -53,7 +53,7 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
         feed = LiveFeed(watcher, setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(content.name, live=True)
         viewer = Viewer(SceneView(content), feed, LiveTimeline(), title)
-        feed.wakes(viewer.wake)
+        feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
     with ThreadPoolExecutor(max_workers=1) as workers:
         output = LiveOutput(feed, content, surface, workers)

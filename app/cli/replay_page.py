@@ -64,7 +64,7 @@ def replay_parts(
     )
     received.stops(run.stop)
     steps = with_progress(run.steps(), "stepping through frame")
-    shown = [watcher.see(step) for step in steps]
+    shown = [watcher.observe(step) for step in steps]
     if received.number is not None:
         return None
     feed = ReplayFeed(shown, time.monotonic_ns)

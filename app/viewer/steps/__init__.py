@@ -1,1 +1,1 @@
-"""What there is to show: the steps of a session that runs, or of a recording."""
+"""The steps to be shown: of a live session, or of a recording."""

@@ -1,4 +1,4 @@
-"""Where a page has its steps from: a recording that was stepped through, or a session that runs."""
+"""Sources of steps for a page: a recording that was stepped through, or a live session."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -20,20 +20,20 @@ from app.viewer.steps.replay import ReplayControl
 from app.viewer.steps.view_state import ViewState, Watcher
 
 _QUIET_NS = NS_PER_S
-"""Without a source a session steps every tenth of a second: quiet for so long, it has ended."""
+"""A session without samples steps every tenth of a second: after this silence it has ended."""
 
 
 class Feed(Protocol):
-    """What is to be seen now."""
+    """Provides the step to be shown now."""
 
     def now(self) -> ViewState | None:
-        """The step of the present, grey when there is none; None before the first one came."""
+        """Return the present step, UNKNOWN if there is none; None before the first step."""
 
 
 class ReplayFeed:
-    """The steps of a recording, all of them computed before the first is shown.
+    """The steps of a recording, all computed before the first is shown.
 
-    So a frame that is sought is the same as one that was played to, whatever came before.
+    A frame therefore looks the same after a seek and after playing to it.
     """
 
     def __init__(self, shown: Sequence[ViewState], clock_ns: Callable[[], int]) -> None:
@@ -41,16 +41,15 @@ class ReplayFeed:
         self.control = ReplayControl([each.step.frame.stamp.ns for each in shown], clock_ns)
 
     def now(self) -> ViewState:
-        """The step of the frame at which the replay stands."""
+        """Return the step of the current frame."""
         return self.shown[self.control.frame]
 
 
 class LiveFeed:
     """The newest step of a session that runs in another thread.
 
-    A session steps when a frame comes and when one does not: when it has said nothing until the
-    poses of its last step are older than poses may be, nobody knows the present any more, and that
-    step is shown as UNKNOWN. ``clock_ns`` is the steady clock of this machine.
+    A session also steps without new samples. If no step arrives until the poses of the last one are
+    stale, the last step is shown as UNKNOWN. ``clock_ns`` is a steady clock of this machine.
     """
 
     def __init__(self, watcher: Watcher, stale_after_ns: int, clock_ns: Callable[[], int]) -> None:
@@ -61,52 +60,52 @@ class LiveFeed:
         self._newest: ViewState | None = None
         self._came_ns = 0
         self._ended = ""
-        self._wake: Callable[[], None] | None = None
+        self._callback: Callable[[], None] | None = None
 
-    def wakes(self, wake: Callable[[], None]) -> None:
-        """Call ``wake`` at each step that comes, in the thread of the session."""
-        self._wake = wake
+    def call_on_change(self, callback: Callable[[], None]) -> None:
+        """Call ``callback`` at each new step, in the thread of the session."""
+        self._callback = callback
 
     def put(
         self, step: StepResult, content: SessionContent, margin_surface: SurfaceMesh | None
     ) -> None:
-        """Take the next step, taken with ``content``; `now` returns the newest one."""
+        """Store the next step, taken with ``content``; `now` returns the newest one."""
         self._watcher.use(content, margin_surface)
-        shown = self._watcher.see(step)
+        shown = self._watcher.observe(step)
         with self._lock:
             self._newest, self._came_ns = shown, self._clock_ns()
-        self._tell()
+        self._notify()
 
     def end(self, why: str) -> None:
-        """Say that no step will come any more, and why."""
+        """Show the newest step as UNKNOWN with the cause ``why``: no further step will come."""
         with self._lock:
             self._ended = why
-        self._tell()
+        self._notify()
 
     def now(self) -> ViewState | None:
-        """The newest step, as UNKNOWN when it is too old to be the present."""
+        """Return the newest step, as UNKNOWN if its poses are stale by now."""
         with self._lock:
             newest, came_ns, ended = self._newest, self._came_ns, self._ended
         if newest is None:
             return None
         if ended:
             return newest.as_unknown(ended)
-        patience_ns = self._patience_ns(newest.step)
-        limits = FreshnessLimits(patience_ns)
+        timeout_ns = self._timeout_ns(newest.step)
+        limits = FreshnessLimits(timeout_ns)
         if freshness_of(came_ns, self._clock_ns(), limits) is not Freshness.VALID:
             return newest.as_unknown(
-                f"the session has said nothing for more than {patience_ns // NS_PER_MS} ms"
+                f"the session has sent nothing for more than {timeout_ns // NS_PER_MS} ms"
             )
         return newest
 
-    def _patience_ns(self, step: StepResult) -> int:
-        """For how long ``step`` may stay: its poses were of some age when it came."""
+    def _timeout_ns(self, step: StepResult) -> int:
+        """Time in ns until the poses of ``step``, which had an age at its arrival, are stale."""
         decision = step.decision
         if decision.state is MarginState.UNKNOWN or decision.stamp is None:
             return _QUIET_NS
         limits = FreshnessLimits(self._stale_after_ns)
         return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits))
 
-    def _tell(self) -> None:
-        if self._wake is not None:
-            self._wake()
+    def _notify(self) -> None:
+        if self._callback is not None:
+            self._callback()

@@ -1,4 +1,4 @@
-"""Whether the tool comes nearer or goes away."""
+"""Trend of the signed distance: approaching, steady or retreating."""
 
 from collections import deque
 from enum import StrEnum
@@ -7,27 +7,27 @@ from app.geometry import NS_PER_MS, NS_PER_S
 
 _WINDOW_NS = 300 * NS_PER_MS
 _STEADY_MM_S = 2.0
-"""Slower than this is the noise of a tracker over the window."""
+"""Below this speed a change within the window is noise of the tracker."""
 
 
 class Trend(StrEnum):
-    """Where the signed distance goes."""
+    """Direction of change of the signed distance."""
 
     APPROACHING = "approaching"
     STEADY = "steady"
     RETREATING = "retreating"
     NONE = ""
-    """Too little is known."""
+    """Not enough samples."""
 
 
 class TrendMeter:
-    """The trend over the last 0.3 s; an unknown distance or a time that jumps begins it anew."""
+    """Trend over the last 0.3 s; an unknown distance or a jump in time resets it."""
 
     def __init__(self) -> None:
         self._points: deque[tuple[int, float]] = deque()
 
-    def see(self, stamp_ns: int, signed_distance_mm: float | None) -> Trend:
-        """Take in the distance of one step, None where it is not known."""
+    def update(self, stamp_ns: int, signed_distance_mm: float | None) -> Trend:
+        """Add the distance of one step, None if unknown; return the trend."""
         points = self._points
         if points and not 0 < stamp_ns - points[-1][0] <= _WINDOW_NS:
             points.clear()

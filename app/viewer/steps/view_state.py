@@ -1,4 +1,4 @@
-"""One step of a session with all that a page shows of it."""
+"""One step of a session with everything that a page shows of it."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -63,9 +63,9 @@ def known_distance_mm(step: StepResult) -> float | None:
 
 
 class Watcher:
-    """Looks at every step of a session in turn, and says what there is to show of it.
+    """Turns each step of a session into a `ViewState`, in order.
 
-    `use` comes before the first step of a changed session.
+    Call `use` before the first step of a changed session.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Watcher:
     ) -> None:
         self._content = content
         self._margin_surface = margin_surface
-        self._wanted = tuple(_wanted_frames(setup))
+        self._required = tuple(_required_frames(setup))
         self._named: set[str] = set()
         self._watchdog = TransformWatchdog(setup.margins.stale_after_ns)
         self._trend = TrendMeter()
@@ -92,8 +92,8 @@ class Watcher:
             self._marks = []
         self._content, self._margin_surface = content, margin_surface
 
-    def see(self, step: StepResult) -> ViewState:
-        """What is to be shown of ``step``, which follows the one before."""
+    def observe(self, step: StepResult) -> ViewState:
+        """Return what to show of ``step``, the next one."""
         good = [pose.transform for pose in step.frame.poses if pose.transform is not None]
         if good:
             self._edges |= {(edge.target, edge.source): edge for edge in good}
@@ -110,24 +110,24 @@ class Watcher:
             margin_surface=self._margin_surface,
             measured=self._measured,
             lamps=self._lamps(step.frame),
-            trend=self._trend.see(step.frame.stamp.ns, distance_mm),
+            trend=self._trend.update(step.frame.stamp.ns, distance_mm),
             breaches=self._breaches,
             marks=self._marks,
             marked=len(self._marks),
         )
 
     def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:
-        """How every tracked frame is, and those without which there is no margin if never named."""
+        """Health of every tracked frame, and of required frames that never came."""
         for sample in frame.poses:
             self._watchdog.observe(sample)
         known = {sample.source for sample in frame.poses} | self._named
         self._named = known
         never = (
-            TransformHealth(n, Freshness.MISSING, None) for n in self._wanted if n not in known
+            TransformHealth(n, Freshness.MISSING, None) for n in self._required if n not in known
         )
         return (*self._watchdog.check(frame.stamp.ns), *never)
 
 
-def _wanted_frames(setup: SessionSetup) -> Iterable[str]:
+def _required_frames(setup: SessionSetup) -> Iterable[str]:
     frames = [setup.tool_from_tip.target, setup.frame_from_tumor.target]
     return frames if setup.robot is None else [*frames, REFERENCE]

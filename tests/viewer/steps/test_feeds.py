@@ -1,4 +1,4 @@
-"""What is to be seen now: of a recording, and of a session that may fall silent."""
+"""The step to be shown: of a recording, and of a live session that may stop sending."""
 
 import threading
 from dataclasses import replace
@@ -30,24 +30,24 @@ def steps(parts):
     return [shown.step for shown in parts.feed.shown]
 
 
-def test_a_replay_shows_the_step_of_its_frame_wherever_it_comes_from(parts, clock):
+def test_replay_shows_the_step_of_its_frame(parts, clock):
     feed = ReplayFeed(parts.feed.shown, clock)
     for frame in (7, 31, 7, 0):
         feed.control.step(frame - feed.control.frame)
         assert feed.now() is parts.feed.shown[frame]
 
 
-def test_before_the_first_step_there_is_nothing(live):
+def test_live_feed_is_none_before_the_first_step(live):
     assert live.now() is None
 
 
-def test_the_newest_step_wins(parts, live):
+def test_live_feed_returns_the_newest_step(parts, live):
     for step in steps(parts)[:3]:
         live.put(step, parts.content, None)
     assert live.now().step is steps(parts)[2]
 
 
-def test_a_step_is_unknown_as_soon_as_it_is_older_than_poses_may_be(parts, live, clock):
+def test_step_with_stale_poses_is_unknown(parts, live, clock):
     live.put(steps(parts)[0], parts.content, None)
     assert live.now().step.decision.state is MarginState.NEGATIVE
     clock.ns = STALE_NS
@@ -56,12 +56,12 @@ def test_a_step_is_unknown_as_soon_as_it_is_older_than_poses_may_be(parts, live,
     late = live.now()
     assert late.step.decision.state is MarginState.UNKNOWN
     assert late.distance_mm is None
-    assert late.silent == "the session has said nothing for more than 200 ms"
+    assert late.silent == "the session has sent nothing for more than 200 ms"
     live.put(steps(parts)[1], parts.content, None)
     assert live.now().silent == ""
 
 
-def test_the_links_of_a_robot_are_not_known_where_the_session_is_silent(parts, live, clock):
+def test_silent_session_has_no_robot_links(parts, live, clock):
     arm = {"arm": Transform.identity("base", "arm")}
     live.put(replace(steps(parts)[0], links=arm), parts.content, None)
     assert live.now().step.links == arm
@@ -69,7 +69,7 @@ def test_the_links_of_a_robot_are_not_known_where_the_session_is_silent(parts, l
     assert live.now().step.links == {}
 
 
-def test_the_age_that_poses_have_when_their_step_comes_counts_too(parts, live, clock):
+def test_age_of_poses_at_arrival_counts(parts, live, clock):
     step = steps(parts)[0]
     stamp = Stamp(step.frame.stamp.ns - 150 * MS, step.frame.stamp.clock)
     live.put(replace(step, decision=replace(step.decision, stamp=stamp)), parts.content, None)
@@ -79,7 +79,7 @@ def test_the_age_that_poses_have_when_their_step_comes_counts_too(parts, live, c
     assert live.now().step.decision.state is MarginState.UNKNOWN
 
 
-def test_an_unknown_step_keeps_its_own_reason_while_the_session_ticks(parts, live, clock):
+def test_unknown_step_keeps_its_reason_while_the_session_steps(parts, live, clock):
     live.put(steps(parts)[0], parts.content, None)
     live.put(steps(parts)[LOST[0]], parts.content, None)
     clock.ns = 900 * MS
@@ -88,14 +88,14 @@ def test_an_unknown_step_keeps_its_own_reason_while_the_session_ticks(parts, liv
     assert live.now().silent
 
 
-def test_a_session_that_ended_is_unknown_at_once(parts, live):
+def test_ended_session_is_unknown_at_once(parts, live):
     live.put(steps(parts)[0], parts.content, None)
     live.end("the session has failed: no more tracker")
     assert live.now().step.decision.state is MarginState.UNKNOWN
     assert "no more tracker" in live.now().silent
 
 
-def test_a_breach_that_nobody_looked_at_is_counted(parts, live):
+def test_breach_in_a_skipped_step_is_counted(parts, live):
     counts = []
     for step in steps(parts):
         live.put(step, parts.content, None)
@@ -104,12 +104,12 @@ def test_a_breach_that_nobody_looked_at_is_counted(parts, live):
     assert sorted(counts) == counts
 
 
-def test_whoever_waits_is_woken_in_the_thread_of_the_session(parts, live):
-    woken = []
-    live.wakes(lambda: woken.append(threading.current_thread().name))
+def test_callback_runs_in_the_thread_of_the_session(parts, live):
+    callers = []
+    live.call_on_change(lambda: callers.append(threading.current_thread().name))
     thread = threading.Thread(
         target=lambda: live.put(steps(parts)[0], parts.content, None), name="the session's"
     )
     thread.start()
     thread.join()
-    assert woken == ["the session's"]
+    assert callers == ["the session's"]

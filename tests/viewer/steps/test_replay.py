@@ -1,4 +1,4 @@
-"""Where a replay stands, against a slow player that walks the recording frame by frame."""
+"""Position of a replay, compared with a slow player that advances frame by frame."""
 
 from itertools import pairwise
 
@@ -24,13 +24,13 @@ def control(clock):
     return ReplayControl(STAMPS, clock)
 
 
-def test_it_begins_paused_at_the_first_frame(control, clock):
+def test_replay_begins_paused_at_the_first_frame(control, clock):
     clock.ns = 10**12
     assert (control.frame, control.playing, control.frames) == (0, False, 5)
     assert control.duration_ns == 120 * MS
 
 
-def test_a_frame_is_seen_from_its_moment_until_the_next_is_due(control, clock):
+def test_frame_is_shown_until_the_next_is_due(control, clock):
     control.play()
     seen = []
     for ms in range(0, 130, 5):
@@ -41,7 +41,7 @@ def test_a_frame_is_seen_from_its_moment_until_the_next_is_due(control, clock):
     ]
 
 
-def test_it_ends_paused_at_the_last_frame_and_plays_again_from_the_first(control, clock):
+def test_replay_pauses_at_the_last_frame_and_plays_again_from_the_first(control, clock):
     control.play()
     clock.ns = 10**12
     assert (control.frame, control.playing) == (4, False)
@@ -93,7 +93,7 @@ def test_seeking_keeps_what_it_was_doing(control, clock):
 
 @pytest.mark.parametrize("share", [-0.001, 1.001, float("nan")])
 def test_a_share_beyond_the_recording_is_refused(control, share):
-    with pytest.raises(ViewerError, match="0 to 1 wanted"):
+    with pytest.raises(ViewerError, match="expected 0 to 1"):
         control.seek(share)
     assert control.frame == 0
 
@@ -114,7 +114,7 @@ def test_a_stamp_that_jumps_back_counts_for_no_time(clock):
 
 
 class SlowPlayer:
-    """A test double: walks on a nanosecond's worth of recorded time at a time."""
+    """A test double: advances recorded time in steps of one nanosecond."""
 
     def __init__(self, stamps: list[int]) -> None:
         self.due = [0]
@@ -144,7 +144,7 @@ ACTIONS = st.lists(
 
 
 @given(st.lists(st.integers(1, 100), max_size=12), ACTIONS)
-def test_any_hands_lead_where_a_slow_player_stands(gaps, actions):
+def test_any_sequence_of_actions_agrees_with_the_slow_player(gaps, actions):
     stamps = [0]
     for gap in gaps:
         stamps.append(stamps[-1] + 2 * gap)  # even, so that half a rate has no half nanosecond
@@ -178,5 +178,5 @@ def test_any_hands_lead_where_a_slow_player_stands(gaps, actions):
         assert (control.frame, control.playing) == (slow.frame, slow.playing)
 
 
-def test_the_rates_that_are_offered_hold_real_time():
+def test_rates_include_real_time():
     assert 1.0 in RATES

@@ -1,4 +1,4 @@
-"""The trend of the distance."""
+"""Trend of the distance."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def trends(speeds_mm_s, *, begin_mm=20.0, step_ms=20):
     meter, distance, seen = TrendMeter(), begin_mm, []
     for n, speed in enumerate(speeds_mm_s):
         distance += speed * step_ms / 1000.0
-        seen.append(meter.see(n * step_ms * MS, distance))
+        seen.append(meter.update(n * step_ms * MS, distance))
     return seen
 
 
@@ -28,7 +28,7 @@ def test_a_constant_speed_has_its_trend_after_a_tenth_of_a_second(speed, trend):
 
 def test_the_noise_of_a_still_tool_is_steady():
     meter, noise = TrendMeter(), np.random.default_rng(1)
-    seen = {meter.see(n * 20 * MS, 5.0 + noise.normal(0.0, 0.05)) for n in range(500)}
+    seen = {meter.update(n * 20 * MS, 5.0 + noise.normal(0.0, 0.05)) for n in range(500)}
     assert seen == {Trend.NONE, Trend.STEADY}
 
 
@@ -37,8 +37,8 @@ def test_deeper_inside_is_still_approaching():
 
 
 @pytest.mark.parametrize("after", [(600 * MS, 4.0), (400 * MS, None), (0, 4.0)])
-def test_a_gap_an_unknown_and_a_jump_back_begin_it_anew(after):
+def test_gap_unknown_distance_and_jump_back_reset_the_trend(after):
     meter = TrendMeter()
     for n in range(11):
-        assert meter.see(n * 20 * MS, 5.0 - 0.2 * n) in (Trend.NONE, Trend.APPROACHING)
-    assert meter.see(*after) is Trend.NONE
+        assert meter.update(n * 20 * MS, 5.0 - 0.2 * n) in (Trend.NONE, Trend.APPROACHING)
+    assert meter.update(*after) is Trend.NONE
