@@ -1,4 +1,4 @@
-"""``--save-scene`` and ``--movie`` on the case that the project brings."""
+"""``--save-scene`` and ``--movie`` with the recorded case of the project."""
 
 import csv
 import json
@@ -41,7 +41,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def loaded(saved: Path) -> dict[str, Any]:
-    """What a process that has never seen the case finds in the file."""
+    """The content of the file, as another process loads it."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.scene.scene_content", str(saved)],
         capture_output=True,
@@ -71,12 +71,12 @@ def deepest(case: Case) -> StepResult:
 def test_every_pose_of_the_case_is_in_the_scene(
     loaded: dict[str, Any], case: Case, deepest: StepResult
 ) -> None:
-    """From the recording, the manifest and the kinematics by matrix products, no MRML between."""
+    """Compare with matrix products of recording, manifest and kinematics, independent of MRML."""
     measured = {pose.source: pose.transform.matrix for pose in deepest.frame.poses}  # type: ignore[union-attr]
     reference = np.linalg.inv(measured["reference"])
     setup = setup_from_case(case, tip_only=False)
     fixed: dict[str, Transform] = {edge.source: edge for edge in setup.static_edges}
-    wanted = {
+    expected = {
         "ReferenceToRas": np.eye(4),
         "TrackerToReference": reference,
         "NeedleToReference": reference @ measured["needle"],
@@ -88,13 +88,13 @@ def test_every_pose_of_the_case_is_in_the_scene(
     for name, pose in deepest.links.items():
         if name != "touch_base":
             camel = "".join(word.capitalize() for word in name.split("_"))
-            wanted[f"{camel}ToTouchBase"] = fixed["robot_base"].matrix @ pose.matrix
-    for name, matrix in wanted.items():
+            expected[f"{camel}ToTouchBase"] = fixed["robot_base"].matrix @ pose.matrix
+    for name, matrix in expected.items():
         found = np.reshape(loaded[name]["to_world"], (4, 4))
         np.testing.assert_allclose(found, matrix, rtol=0, atol=1e-9, err_msg=name)
-    assert len(wanted) >= 12
+    assert len(expected) >= 12
     transforms = {n for n, v in loaded.items() if v["class"] == "vtkMRMLLinearTransformNode"}
-    assert transforms == {*wanted, "TouchBaseToRobotBase"}
+    assert transforms == {*expected, "TouchBaseToRobotBase"}
 
 
 def test_every_surface_and_colour_of_the_case_is_in_the_scene(
@@ -121,7 +121,7 @@ def test_every_surface_and_colour_of_the_case_is_in_the_scene(
 
 
 def without_robot(case: Path, recording: str) -> Path:
-    """Joints are not in a scene: the case as it is without its robot."""
+    """The case without its robot, because a scene has no joints."""
     manifest = yaml.safe_load((RECORDED / "case.yaml").read_text())
     for key in ("robot", "registration", "expected"):
         del manifest[key]

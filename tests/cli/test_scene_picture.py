@@ -81,8 +81,10 @@ def test_complete_picture_is_used_whatever_the_exit_status(
         assert painter.picture() == PNG
         with pytest.raises(InputError, match="no scene: no room"):
             painter.content(SCENE)
-    told = capsys.readouterr().err
-    assert told == f"the drawing process ended with status {status} after it had drawn everything\n"
+    error = capsys.readouterr().err
+    assert (
+        error == f"the drawing process ended with status {status} after it had drawn everything\n"
+    )
 
 
 def test_arrays_of_the_request_stay_read_only(

@@ -1,1 +1,1 @@
-"""Where things are: transform nodes, who moved them, and how old what they show is."""
+"""Transform nodes, edits by the user, and the freshness of transforms."""

@@ -1,1 +1,1 @@
-"""What may be shown of a decision, and the nodes that show it."""
+"""The displayed margin of a decision, and its nodes."""

@@ -1,1 +1,1 @@
-"""Nodes of MRML, whatever they show: values to nodes and back, many changes as one."""
+"""MRML nodes in general: conversion from and to values, batches of changes, integrity."""

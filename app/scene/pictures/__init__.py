@@ -1,1 +1,1 @@
-"""Pictures of a scene: from where to look, drawn without a screen, as bytes."""
+"""Pictures of a scene: cameras, rendering without a screen, image files."""
