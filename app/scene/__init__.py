@@ -1,7 +1,7 @@
 """The scene: 3D Slicer's own MRML nodes, and pictures of them.
 
-Only this package and the viewer import slicer and vtk. That takes some seconds, so a program imports
-this package when it needs it. MRML scenes are parameters; there is no global one.
+Only this package and the viewer import slicer and vtk. That takes some seconds, so a program
+imports this package when it needs it. MRML scenes are parameters; there is no global one.
 """
 
 import lazy_loader
