@@ -1,7 +1,7 @@
-"""Guard the margin live and watch it in RViz: ``ros2 launch launch/live.launch.py config:=FILE``.
+"""Run a live session with RViz: ``ros2 launch launch/live.launch.py config:=FILE``.
 
-``record:=FOLDER`` records the case too. ``command`` may name the ``marginguard`` of a virtual
-environment. The tracker's and the robot's own nodes are started elsewhere.
+``record:=FOLDER`` also records the case. ``command`` can be the ``marginguard`` of a virtual
+environment. The nodes of the tracker and of the robot are started separately.
 """
 
 from pathlib import Path
@@ -17,12 +17,12 @@ RVIZ = str(Path(__file__).resolve().with_name("rviz.launch.py"))
 
 
 def generate_launch_description():
-    """The session, a recording where one is asked for, and RViz unless ``rviz:=false``."""
+    """Describe the session, the optional recording, and RViz unless ``rviz:=false``."""
     return LaunchDescription(
         [
             DeclareLaunchArgument("config", description="live.yaml"),
             DeclareLaunchArgument(
-                "record", default_value="", description="folder to record the case to; none: empty"
+                "record", default_value="", description="folder to record the case to; empty: do not record"
             ),
             DeclareLaunchArgument(
                 "command", default_value="marginguard", description="the command to run"

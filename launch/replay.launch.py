@@ -1,6 +1,6 @@
-"""Replay a recorded case and watch it in RViz: ``ros2 launch launch/replay.launch.py``.
+"""Replay a recorded case with RViz: ``ros2 launch launch/replay.launch.py``.
 
-``command`` may name the ``marginguard`` of a virtual environment; RViz runs on the replay's time.
+``command`` can be the ``marginguard`` of a virtual environment. RViz uses the replay's clock.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ RVIZ = str(Path(__file__).resolve().with_name("rviz.launch.py"))
 
 
 def generate_launch_description():
-    """The replay, and RViz unless ``rviz:=false``."""
+    """Describe the replay, and RViz unless ``rviz:=false``."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(

@@ -1,4 +1,4 @@
-"""What the launch files of this folder have in common: RViz, and one discovery range for all."""
+"""Shared part of the launch files: RViz and a common discovery range."""
 
 from pathlib import Path
 
@@ -13,14 +13,14 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def generate_launch_description():
-    """RViz unless ``rviz:=false``; ``use_sim_time:=true`` has it on the time of a replay."""
+    """Describe RViz, unless ``rviz:=false``; ``use_sim_time:=true`` uses the replay's clock."""
     return LaunchDescription(
         [
             DeclareLaunchArgument("rviz", default_value="true", description="start RViz"),
             DeclareLaunchArgument(
                 "use_sim_time", default_value="false", description="follow the replay's time"
             ),
-            # The user's choice wins, as it does for the command.
+            # Keep the user's choice, as the command does.
             SetEnvironmentVariable(
                 "ROS_AUTOMATIC_DISCOVERY_RANGE",
                 EnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", default_value="LOCALHOST"),
