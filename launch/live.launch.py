@@ -22,7 +22,7 @@ def generate_launch_description():
         [
             DeclareLaunchArgument("config", description="live.yaml"),
             DeclareLaunchArgument(
-                "record", default_value="", description="folder to record the case to; empty: do not record"
+                "record", default_value="", description="folder to record to; empty: none"
             ),
             DeclareLaunchArgument(
                 "command", default_value="marginguard", description="the command to run"
