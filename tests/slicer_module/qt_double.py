@@ -1,4 +1,4 @@
-"""TEST DOUBLE for `qt`, `ctk` and the qMRML widgets of desktop Slicer, drawn by PySide6.
+"""TEST DOUBLE for `qt`, `ctk` and the qMRML widgets of desktop Slicer, based on PySide6.
 
 Desktop Slicer reaches Qt by PythonQt, which does not exist outside of it. What MarginGuard.py uses
 of PythonQt, and what this double therefore has to offer in the same way:
@@ -32,7 +32,7 @@ from PySide6.QtCore import Property
 
 
 class UnknownInUiError(Exception):
-    """The .ui file names something that the real widgets do not have, as far as we know."""
+    """The .ui file uses something that the real widgets do not have, as far as known."""
 
 
 class Signal:
@@ -70,7 +70,7 @@ class ctkCollapsibleButton(QtWidgets.QGroupBox):  # noqa: N801
 
 
 class ctkPathLineEdit(QtWidgets.QLineEdit):  # noqa: N801
-    """Says that its path has changed when there is such a path, as the real one."""
+    """Emits a path change only for an existing path, like the real widget."""
 
     NATIVE: ClassVar[set[str]] = {"currentPathChanged(QString)"}
     Dirs, Files = 0x001, 0x002
@@ -95,7 +95,7 @@ class ctkPathLineEdit(QtWidgets.QLineEdit):  # noqa: N801
 
 
 class ctkSliderWidget(QtWidgets.QWidget):  # noqa: N801
-    """A slider in steps of a thousandth of its range, and its value beside it."""
+    """A slider with 1000 steps and its value."""
 
     NATIVE: ClassVar[set[str]] = {"valueChanged(double)", "setValue(double)"}
     _STEPS = 1000
@@ -151,7 +151,7 @@ class qMRMLWidget(QtWidgets.QWidget):  # noqa: N801
 
 
 class qMRMLNodeComboBox(QtWidgets.QComboBox):  # noqa: N801
-    """Its list is made anew whenever it is asked for a node."""
+    """Rebuilds its list on every query."""
 
     NATIVE: ClassVar[set[str]] = {
         "currentNodeChanged(vtkMRMLNode*)",
@@ -218,7 +218,7 @@ CUSTOM = {
 
 
 class QUiLoader(QtUiTools.QUiLoader):
-    """Loads the real .ui with the classes above, and refuses what they do not have."""
+    """Load the real .ui with the classes above; raises for anything that they do not have."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""An independent ROS process, by rclpy alone, that does what lines of JSON on its stdin tell it.
+"""Independent ROS process with rclpy alone, controlled by lines of JSON on its standard input.
 
 It answers each line with one of its own. It imports nothing of the project.
 
@@ -165,7 +165,7 @@ def clients_of(name):
 
 
 def wait_until(call, value):
-    """Until ``call`` gives ``value``, which discovery may take a moment for."""
+    """Wait until ``call`` returns ``value``, since discovery takes time."""
     found = []
 
     def same():

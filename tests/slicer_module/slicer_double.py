@@ -1,4 +1,4 @@
-"""TEST DOUBLE for what desktop Slicer's Python has and the wheels have not.
+"""TEST DOUBLE for the parts of desktop Slicer's Python that the wheels do not contain.
 
 ``slicer.ScriptedLoadableModule``, ``slicer.parameterNodeWrapper``, ``slicer.mrmlScene``; the scene,
 its nodes and ``slicer.util`` are the real ones. Only what our modules use is here. Where Slicer's
@@ -50,7 +50,7 @@ class ScriptedLoadableModuleWidget:
         return str(self.parent.folder / "Resources" / name)
 
     def setup(self) -> None:
-        """Slicer puts its developer section here."""
+        """Slicer adds its developer section here."""
 
 
 class ScriptedLoadableModuleLogic:
@@ -67,11 +67,11 @@ class ScriptedLoadableModuleLogic:
 
 class ScriptedLoadableModuleTest(unittest.TestCase):
     def delayDisplay(self, text: str) -> None:  # noqa: N802
-        """Slicer shows ``text`` for a moment."""
+        """Slicer shows ``text`` briefly."""
 
 
 def panel_parent(folder: Path) -> qMRMLWidget:
-    """What Slicer hands to a module's widget."""
+    """The parent that Slicer passes to a module's widget."""
     parent = qMRMLWidget()
     QtWidgets.QVBoxLayout(parent)
     parent.folder = folder
@@ -96,7 +96,7 @@ class WithinRange:
 
 @dataclass(frozen=True)
 class _Parameter:
-    """A parameter's name, its plain type (a tuple of classes for nodes), what annotates it."""
+    """A parameter's name, its plain type (a tuple of classes for nodes), and its annotations."""
 
     name: str
     kind: Any
@@ -154,7 +154,7 @@ def _parameter(name: str, hint: Any) -> _Parameter:
 
 
 class _Binding:
-    """A widget and a parameter; the pairs are those that Slicer's own connectors can join."""
+    """Connection of a widget and a parameter, for the pairs that Slicer's connectors support."""
 
     def __init__(self, widget: Any, parameter: _Parameter, node: Any) -> None:
         self.widget, self.parameter, self.node = widget, parameter, node
@@ -207,7 +207,7 @@ class _Binding:
 
 
 def parameter_node_wrapper_class(classtype: type) -> type:
-    """Turns a class of annotations into one whose attributes live in a parameter node."""
+    """Convert an annotated class into one whose attributes are stored in a parameter node."""
     hints = typing.get_type_hints(classtype, include_extras=True)
     parameters = {name: _parameter(name, hint) for name, hint in hints.items()}
 
@@ -277,7 +277,7 @@ parameter_node_wrapper = _module(
 
 
 def stand_ins() -> dict[str, Any]:
-    """Every module of desktop Slicer that is stood in for, by its name."""
+    """All replaced modules of desktop Slicer, by name."""
     return {
         "qt": qt,
         "ctk": ctk,

@@ -1,4 +1,4 @@
-"""Services that the scene answers and actions that it follows, which SlicerROS2 has not."""
+"""Service servers and action clients of the ROS2 module, which SlicerROS2 does not have."""
 
 import threading
 
@@ -13,7 +13,7 @@ SET_BOOL = "std_srvs/srv/SetBool"
 
 @pytest.fixture
 def ask(peer, spin_until):
-    """Have the other process ask, and spin until it is answered."""
+    """Let the other process send a request and spin until it is answered."""
 
     def call(server, name, request):
         before = server.GetNumberOfRequests()
@@ -24,7 +24,7 @@ def ask(peer, spin_until):
     return call
 
 
-def test_the_scene_answers_a_service_in_its_own_thread(node, ask):
+def test_service_handler_runs_in_the_scenes_thread(node, ask):
     def answer(request, response):
         node.GetScene().AddNewNodeByClass("vtkMRMLTextNode", f"asked {request.GetData()}")
         response.SetSuccess(request.GetData())
@@ -44,7 +44,7 @@ def test_the_scene_answers_a_service_in_its_own_thread(node, ask):
 
 
 @pytest.mark.parametrize("wrong", ["raises", "fills in what does not fit"])
-def test_who_asks_hears_that_the_handler_failed(node, ask, caplog, wrong):
+def test_failure_of_the_handler_is_reported_to_the_caller(node, ask, caplog, wrong):
     def answer(request, response):
         server.failed = True
         if wrong == "raises":
@@ -60,7 +60,7 @@ def test_who_asks_hears_that_the_handler_failed(node, ask, caplog, wrong):
     assert node.RemoveAndDeleteServiceServerNode("/scene/fails")
 
 
-def test_a_request_that_waits_is_answered_when_the_service_ends(node, wait_until):
+def test_pending_request_is_answered_when_the_service_is_removed(node, wait_until):
     server = node.CreateAndAddServiceServerNode("SetBool", "/scene/ends", lambda *_: None)
     told = []
 
@@ -79,7 +79,7 @@ def test_a_request_that_waits_is_answered_when_the_service_ends(node, wait_until
     assert node.CreateAndAddServiceServerNode("SetBool", "/x", None) is None
 
 
-def test_a_goal_is_followed_to_its_end(node, spin_until):
+def test_goal_delivers_feedback_and_result(node, spin_until):
     client = node.CreateAndAddActionClientNode(LOOKUP, "/peer/lookup")
     assert client.GetName() == "ros2:action:client:/peer/lookup"
     assert (client.GetAction(), client.GetROSType()) == ("/peer/lookup", LOOKUP)
@@ -104,7 +104,7 @@ def test_a_goal_is_followed_to_its_end(node, spin_until):
 @pytest.mark.parametrize(
     ("how", "words"), [("abort", "was aborted"), ("reject", "rejected"), ("crooked", "norm 0")]
 )
-def test_a_goal_that_is_not_reached_says_why(node, spin_until, how, words):
+def test_failed_goal_reports_its_reason(node, spin_until, how, words):
     client = node.CreateAndAddActionClientNode(LOOKUP, "/peer/lookup")
     client.SendAsyncGoal({"source_frame": how})
     spin_until(lambda: not client.IsGoalInProgress())
@@ -114,7 +114,7 @@ def test_a_goal_that_is_not_reached_says_why(node, spin_until, how, words):
     assert node.RemoveAndDeleteActionClientNode("/peer/lookup")
 
 
-def test_a_goal_is_cancelled_and_a_client_removed_while_it_runs(node, spin_until):
+def test_goal_is_cancelled_and_client_removed_while_it_runs(node, spin_until):
     client = node.CreateAndAddActionClientNode(LOOKUP, "/peer/lookup")
     assert client.CancelGoal() is False
     client.SendAsyncGoal({"source_frame": "cancel"})

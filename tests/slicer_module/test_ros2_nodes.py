@@ -1,4 +1,4 @@
-"""ROS nodes of the ROS2 module: made, found, ended, and nothing left behind."""
+"""ROS nodes of the ROS2 module: creation, search, destruction without leftovers."""
 
 import gc
 import threading
@@ -26,7 +26,7 @@ def api(scene, ros_domain, monkeypatch):
     made.Destroy()
 
 
-def test_the_default_node_is_one_and_is_found_by_its_name(api, scene):
+def test_default_node_is_unique_and_found_by_name(api, scene):
     node = api.GetDefaultROS2Node()
     assert api.GetDefaultROS2Node() is node
     assert node.GetName() == "ros2:node:slicer"
@@ -41,7 +41,7 @@ def test_the_default_node_is_one_and_is_found_by_its_name(api, scene):
     assert found.CreateAndAddPublisherNode("String", "/found") is not None
 
 
-def test_more_nodes_by_class_or_by_name(api, scene, peer):
+def test_further_nodes_are_created_by_class_or_by_name(api, scene, peer):
     from ROS2Lib.node import vtkMRMLROS2NodeNode
 
     one = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
@@ -60,7 +60,7 @@ def test_more_nodes_by_class_or_by_name(api, scene, peer):
             api.AddNewNodeByClass(wrong)
 
 
-def test_a_name_or_a_state_that_cannot_be_is_refused(api):
+def test_invalid_name_or_state_is_rejected(api):
     from ROS2Lib.node import vtkMRMLROS2NodeNode
 
     with pytest.raises(MarginGuardError, match="in no scene"):
@@ -88,9 +88,7 @@ def members_of_every_kind(node):
 
 
 @pytest.mark.parametrize("how", ["Destroy", "RemoveNode", "Clear"])
-def test_the_end_of_a_node_is_the_end_of_all_of_it_and_may_come_twice(
-    api, scene, how, peer, wait_until
-):
+def test_destroy_removes_all_members_and_is_idempotent(api, scene, how, peer, wait_until):
     before = scene.GetNumberOfNodes()
     threads = set(threading.enumerate())
     node = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
@@ -119,7 +117,7 @@ def test_the_end_of_a_node_is_the_end_of_all_of_it_and_may_come_twice(
     api.Destroy()
 
 
-def test_a_member_that_is_taken_out_of_the_scene_leaves_the_graph(api, scene, peer):
+def test_member_removed_from_the_scene_leaves_the_graph(api, scene, peer):
     node = api.GetDefaultROS2Node()
     for member in members_of_every_kind(node):
         scene.RemoveNode(member)
@@ -130,7 +128,7 @@ def test_a_member_that_is_taken_out_of_the_scene_leaves_the_graph(api, scene, pe
     api.Spin()
 
 
-def test_an_observer_may_end_everything_while_it_is_told(api):
+def test_observer_may_destroy_everything_during_its_event(api):
     node = api.GetDefaultROS2Node()
     publisher = node.CreateAndAddPublisherNode("Int", "/end")
     subscribers = [node.CreateAndAddSubscriberNode("Int", "/end")]
@@ -174,7 +172,7 @@ def said_to_itself(api):
     return subscriber, say
 
 
-def test_an_observer_that_spins_hears_the_messages_in_their_order(api, said_to_itself):
+def test_observer_that_spins_receives_messages_in_order(api, said_to_itself):
     subscriber, say = said_to_itself
     heard = []
 
@@ -193,7 +191,7 @@ def test_an_observer_that_spins_hears_the_messages_in_their_order(api, said_to_i
     assert subscriber.GetNumberOfMessages() == 3
 
 
-def test_an_observer_may_wait_for_the_client_that_tells_it(api, peer):
+def test_observer_may_wait_for_the_client_that_invoked_it(api, peer):
     client = api.GetDefaultROS2Node().CreateAndAddServiceClientNode("SetBool", "/peer/echo")
     answers = []
 
@@ -209,13 +207,13 @@ def test_an_observer_may_wait_for_the_client_that_tells_it(api, peer):
     assert answers == [True, False, False]
 
 
-def test_a_member_that_fails_leaves_the_others_their_spin(api, monkeypatch, caplog):
+def test_failing_member_does_not_prevent_the_others_from_spinning(api, monkeypatch, caplog):
     node = api.GetDefaultROS2Node()
     failing = node.CreateAndAddSubscriberNode("Int", "/failing")
     lookup = node.CreateAndAddTf2LookupNode("a", "b")
 
     def fail_double():
-        """TEST DOUBLE: a mistake of ours that is not known yet."""
+        """TEST DOUBLE of an unexpected error."""
         raise AttributeError("no such thing")
 
     monkeypatch.setattr(failing, "spin", fail_double)
@@ -224,7 +222,7 @@ def test_a_member_that_fails_leaves_the_others_their_spin(api, monkeypatch, capl
     assert "ros2:sub:/failing failed" in caplog.text
 
 
-def test_a_default_node_that_cannot_be_made_leaves_nothing(api, scene, monkeypatch):
+def test_failed_creation_of_the_default_node_leaves_nothing(api, scene, monkeypatch):
     monkeypatch.setattr("ROS2Lib.logic.DEFAULT_NODE", "two words")
     for _ in range(2):
         with pytest.raises(MarginGuardError, match="cannot be started"):
@@ -232,7 +230,7 @@ def test_a_default_node_that_cannot_be_made_leaves_nothing(api, scene, monkeypat
     assert scene.GetNumberOfNodes() == 0
 
 
-def test_a_member_belongs_to_one_node_only(api):
+def test_member_belongs_to_one_node_only(api):
     one, other = (api.AddNewNodeByClass("vtkMRMLROS2NodeNode") for _ in range(2))
     one.Create("one")
     other.Create("other")
@@ -243,7 +241,7 @@ def test_a_member_belongs_to_one_node_only(api):
     assert publisher.GetTopic() == "/x"
 
 
-def test_names_and_topics_are_in_a_saved_scene(api, scene, tmp_path):
+def test_saved_scene_contains_names_and_topics(api, scene, tmp_path):
     node = api.GetDefaultROS2Node()
     node.CreateAndAddPublisherNode("Pose", "/pose")
     node.CreateAndAddTf2LookupNode("a", "b")

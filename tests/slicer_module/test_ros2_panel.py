@@ -1,4 +1,4 @@
-"""The panel of the ROS2 module, from its real .ui, under TEST DOUBLES of desktop Slicer's side."""
+"""Panel of the ROS2 module from its real .ui, with TEST DOUBLES of desktop Slicer."""
 
 import importlib.util
 import sys
@@ -54,7 +54,7 @@ def make_panel(module, ros_domain, monkeypatch):
         delattr(slicer, name)
 
 
-def test_the_module_tells_what_it_is(module):
+def test_module_describes_itself(module):
     class Parent:
         pass
 
@@ -82,7 +82,7 @@ def test_scripts_find_the_default_node_and_the_classes(make_panel):
     assert not node.IsCreated()
 
 
-def test_the_buttons_add_and_remove_a_robot(make_panel, peer):
+def test_buttons_add_and_remove_a_robot(make_panel, peer):
     panel = make_panel()
     assert {"addRobotButton", "removeRobotButton"} == BUTTONS
     defaults = [
@@ -102,7 +102,7 @@ def test_the_buttons_add_and_remove_a_robot(make_panel, peer):
     assert panel.ui.messageLabel.text() == "there is no robot 'robot1'"
 
 
-def test_a_button_says_why_there_is_no_ros_node(make_panel, monkeypatch):
+def test_button_shows_why_there_is_no_ros_node(make_panel, monkeypatch):
     panel = make_panel()
     panel.logic.Destroy()
     monkeypatch.setattr("ROS2Lib.logic.DEFAULT_NODE", "two words")
@@ -112,7 +112,7 @@ def test_a_button_says_why_there_is_no_ros_node(make_panel, monkeypatch):
         assert "ROS node 'two words' cannot be started" in panel.ui.messageLabel.text()
 
 
-def test_the_list_says_how_each_member_does(make_panel):
+def test_list_shows_the_status_of_each_member(make_panel):
     panel = make_panel()
     node = panel.logic.GetDefaultROS2Node()
     node.CreateAndAddPublisherNode("String", "/words").Publish("x")
@@ -134,7 +134,7 @@ def test_the_list_says_how_each_member_does(make_panel):
     ]
 
 
-def test_the_timer_spins_until_the_module_is_unloaded(make_panel, wait_until):
+def test_timer_spins_until_the_module_is_unloaded(make_panel, wait_until):
     from tests.slicer_module.qt_double import QApplication
 
     panel = make_panel()
@@ -148,7 +148,7 @@ def test_the_timer_spins_until_the_module_is_unloaded(make_panel, wait_until):
     panel.cleanup()
 
 
-def test_without_ros_the_panel_says_why(module, make_panel, monkeypatch):
+def test_panel_without_ros_shows_the_reason(module, make_panel, monkeypatch):
     monkeypatch.setitem(sys.modules, "ROS2Lib.logic", None)
     panel = make_panel()
     assert panel.logic is None

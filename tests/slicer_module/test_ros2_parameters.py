@@ -1,4 +1,4 @@
-"""Parameters of a process of rclpy's, as the ROS2 module brings them into the scene."""
+"""Parameters of an rclpy process in the ROS2 module."""
 
 import pytest
 
@@ -32,7 +32,7 @@ def events(parameters):
     return seen
 
 
-def test_every_type_comes_in_with_its_name_and_value(parameters, events, spin_until):
+def test_every_parameter_type_is_received_with_name_and_value(parameters, events, spin_until):
     assert parameters.GetName() == "ros2:param:/peer"
     assert parameters.GetMonitoredNodeName() == "/peer"
     for name, *_ in PARAMETERS:
@@ -52,9 +52,7 @@ def test_every_type_comes_in_with_its_name_and_value(parameters, events, spin_un
     assert len(events) == before
 
 
-def test_a_change_is_one_event_whether_it_was_asked_for_or_not(
-    parameters, events, peer, spin_until
-):
+def test_change_is_one_event_requested_or_not(parameters, events, peer, spin_until):
     parameters.AddParameter("count")
     spin_until(lambda: parameters.IsParameterSet("count"))
     before = len(events)
@@ -69,7 +67,7 @@ def test_a_change_is_one_event_whether_it_was_asked_for_or_not(
     assert peer("set_parameter", name="gain", value=1.5)
 
 
-def test_what_is_not_set_or_another_type_has_no_value(parameters, peer, spin_until, caplog):
+def test_unset_parameter_or_other_type_has_no_value(parameters, peer, spin_until, caplog):
     for name in ("quiet", "never", "text"):
         parameters.AddParameter(name)
     spin_until(lambda: parameters.IsParameterSet("text"))
@@ -93,7 +91,7 @@ def test_what_is_not_set_or_another_type_has_no_value(parameters, peer, spin_unt
     spin_until(lambda: not parameters.IsParameterSet("quiet"))
 
 
-def test_a_removed_parameter_is_heard_no_more(parameters, events, peer, spin_until):
+def test_removed_parameter_gives_no_more_events(parameters, events, peer, spin_until):
     for name in ("count", "gain"):
         parameters.AddParameter(name)
     spin_until(lambda: parameters.IsParameterSet("count") and parameters.IsParameterSet("gain"))
@@ -126,7 +124,7 @@ def test_adding_and_removing(node, peer, parameters):
     peer("wait_until", call=services, value=[])
 
 
-def test_a_node_that_is_not_there_is_waited_for_without_holding_up(node, spin_until):
+def test_unavailable_node_is_awaited_without_blocking(node, spin_until):
     waiting = node.CreateAndAddParameterNode("/not_there_yet")
     waiting.AddParameter("gain")
     node.Spin()

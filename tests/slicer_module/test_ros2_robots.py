@@ -1,4 +1,4 @@
-"""Robots that a node of rclpy's describes and tf places, as the ROS2 module shows them."""
+"""Robots described by an rclpy node and posed by tf in the ROS2 module."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ WHERE = ("/robot_state_publisher", "robot_description")
 
 @pytest.fixture
 def describe(peer):
-    """Say the description, and say nothing again at the end."""
+    """Publish the description; clear it at the end."""
 
     def say(text):
         assert peer("set_parameter", name="robot_description", value=text, of="robot")
@@ -58,7 +58,7 @@ def is_coloured(scene, model):
     return bool(scene.GetFirstNodeByName(model).GetDisplayNode().GetScalarVisibility())
 
 
-def test_a_robot_of_a_parameter_is_built_placed_and_coloured(
+def test_robot_from_a_parameter_is_built_posed_and_coloured(
     logic, node, peer, spin_until, describe, robots
 ):
     scene = logic.scene
@@ -98,7 +98,7 @@ def test_a_robot_of_a_parameter_is_built_placed_and_coloured(
 
 
 class ListenerDouble:
-    """TEST DOUBLE: described at once. A hundred real ones keep DDS busy for a minute."""
+    """TEST DOUBLE: described at once. A hundred real descriptions take DDS a minute."""
 
     problem = ""
 
@@ -109,7 +109,7 @@ class ListenerDouble:
         pass
 
 
-def test_a_robot_is_removed_without_leftovers_however_often(
+def test_robot_is_removed_without_leftovers_repeatedly(
     logic, node, peer, spin_until, describe, robots, monkeypatch
 ):
     before = names(logic.scene)
@@ -154,7 +154,7 @@ def test_two_robots_with_prefixes_and_a_fixed_frame(
     assert logic.scene.GetNodesByName("tip_model").GetNumberOfItems() == 1
 
 
-def test_a_lookup_of_the_user_stays_the_users(logic, node, spin_until, describe, robots):
+def test_lookup_of_the_user_survives_the_robot(logic, node, spin_until, describe, robots):
     mine = node.CreateAndAddTf2LookupNode("wrist", "tip")
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
@@ -165,7 +165,7 @@ def test_a_lookup_of_the_user_stays_the_users(logic, node, spin_until, describe,
     assert node.RemoveAndDeleteTf2LookupNode("wrist", "tip")
 
 
-def test_a_static_lookup_of_the_user_is_where_tf_has_it(logic, node, spin_until, describe, robots):
+def test_static_lookup_of_the_user_keeps_the_pose_of_tf(logic, node, spin_until, describe, robots):
     mine = node.CreateAndAddTf2LookupNode("wrist", "tip")
     node.buffer.insert("wrist", "tip", 0, (70.0, 0, 0, 0, 0, 0, 1), static=True)
     node.Spin()
@@ -181,7 +181,7 @@ def test_a_static_lookup_of_the_user_is_where_tf_has_it(logic, node, spin_until,
 
 
 @pytest.mark.parametrize("gone", ["tip_model", "ros2:tf2lookup:wristTotip"])
-def test_a_robot_with_a_link_that_was_taken_away_is_built_anew(
+def test_robot_with_a_removed_link_is_rebuilt(
     logic, node, peer, spin_until, describe, robots, gone
 ):
     scene, before = logic.scene, names(logic.scene)
@@ -205,7 +205,7 @@ def test_a_robot_with_a_link_that_was_taken_away_is_built_anew(
     assert names(scene) == before
 
 
-def test_links_that_a_user_hung_elsewhere_come_back_and_a_hardened_one_is_built_anew(
+def test_moved_links_are_restored_and_a_hardened_robot_is_rebuilt(
     logic, node, peer, spin_until, describe, robots
 ):
     scene = logic.scene
@@ -236,7 +236,7 @@ def test_links_that_a_user_hung_elsewhere_come_back_and_a_hardened_one_is_built_
     scene.RemoveNode(aside)
 
 
-def test_a_description_that_changes_is_built_anew(logic, spin_until, describe, robots):
+def test_changed_description_rebuilds_the_robot(logic, spin_until, describe, robots):
     before = names(logic.scene)
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
@@ -251,11 +251,11 @@ def test_a_description_that_changes_is_built_anew(logic, spin_until, describe, r
     assert names(logic.scene) == before
 
 
-def test_a_robot_that_cannot_be_built_is_not_built_by_halves(
+def test_failed_build_leaves_no_partial_robot(
     logic, spin_until, describe, robots, caplog, monkeypatch
 ):
     def model_double(*_):
-        """TEST DOUBLE: no robot that is loaded makes the real one fail."""
+        """TEST DOUBLE: no loadable robot makes the real one fail."""
         raise SceneError("no models today")
 
     before = names(logic.scene)
@@ -268,7 +268,7 @@ def test_a_robot_that_cannot_be_built_is_not_built_by_halves(
     assert names(logic.scene) == before
 
 
-def test_a_robot_that_nobody_describes_says_so(logic, node, robots):
+def test_robot_without_description_reports_it(logic, node, robots):
     robot = robots("robot1", "/not_there")
     logic.Spin()
     assert robot.GetProblem() == "no description yet"
@@ -278,9 +278,7 @@ def test_a_robot_that_nobody_describes_says_so(logic, node, robots):
     assert logic.RemoveRobot("robot1")
 
 
-def test_a_robot_that_is_taken_out_of_the_scene_takes_its_links_along(
-    logic, node, spin_until, describe, robots
-):
+def test_robot_removed_from_the_scene_removes_its_links(logic, node, spin_until, describe, robots):
     before = names(logic.scene)
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)

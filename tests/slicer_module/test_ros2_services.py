@@ -1,11 +1,11 @@
-"""Services of a process of rclpy's, asked by the ROS2 module."""
+"""Service clients of the ROS2 module against an rclpy process."""
 
 import pytest
 
 from app.geometry import MarginGuardError
 
 
-def test_a_request_is_answered_with_one_event(node, peer, spin_until):
+def test_request_is_answered_with_one_event(node, peer, spin_until):
     client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
     assert client.GetName() == "ros2:srv:client:/peer/echo"
     assert (client.GetService(), client.GetROSType()) == ("/peer/echo", "std_srvs/srv/SetBool")
@@ -28,7 +28,7 @@ def test_a_request_is_answered_with_one_event(node, peer, spin_until):
     assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
-def test_a_server_that_never_answers_ends_in_time_and_holds_up_nothing(logic, node, peer):
+def test_request_to_a_mute_server_times_out_without_blocking_others(logic, node, peer):
     mute = node.CreateAndAddServiceClientNode("Trigger", "/peer/mute")
     echo = node.CreateAndAddServiceClientNode("SetBoolString", "/peer/echo")
     mute.SetTimeoutSeconds(1.0)
@@ -50,7 +50,7 @@ def test_a_server_that_never_answers_ends_in_time_and_holds_up_nothing(logic, no
     peer("wait_until", call={"do": "clients_of", "name": "slicer"}, value=[])
 
 
-def test_a_reply_that_has_no_value_here_is_told_as_such(logic, node, peer):
+def test_reply_that_cannot_be_converted_is_reported(logic, node, peer):
     client = node.CreateAndAddServiceClientNode("nav_msgs/srv/GetPlan", "/peer/crooked")
     events = []
     client.AddObserver("ModifiedEvent", lambda *_: events.append(client.GetLastError()))
@@ -61,7 +61,7 @@ def test_a_reply_that_has_no_value_here_is_told_as_such(logic, node, peer):
     assert node.RemoveAndDeleteServiceClientNode("/peer/crooked")
 
 
-def test_a_service_that_nobody_serves_is_said(logic, node):
+def test_missing_server_is_reported(logic, node):
     client = node.CreateAndAddServiceClientNode("Trigger", "/nobody")
     client.SetTimeoutSeconds(0.1)
     client.SendAsyncRequest({})
@@ -70,7 +70,7 @@ def test_a_service_that_nobody_serves_is_said(logic, node):
     assert node.RemoveAndDeleteServiceClientNode("/nobody")
 
 
-def test_a_second_request_takes_the_place_of_the_first(logic, node, peer):
+def test_second_request_replaces_the_first(logic, node, peer):
     client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
     for asked in (False, False, True):
         client.SendAsyncRequest({"data": asked})
@@ -80,7 +80,7 @@ def test_a_second_request_takes_the_place_of_the_first(logic, node, peer):
     assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
-def test_what_is_no_request_is_not_sent(node):
+def test_invalid_request_is_not_sent(node):
     client = node.CreateAndAddServiceClientNode("vtkMRMLROS2ServiceClientSetBoolNode", "/x")
     assert client.GetClassName() == "vtkMRMLROS2ServiceClientSetBoolNode"
     other = node.CreateAndAddServiceClientNode("std_srvs/srv/Trigger", "/y").CreateBlankRequest()

@@ -1,4 +1,4 @@
-"""Broadcasts and lookups of tf by the ROS2 module, against a process of rclpy's."""
+"""tf broadcasters and lookups of the ROS2 module against an rclpy process."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ class Events:
         self.seen.append(x_mm(caller))
 
 
-def test_66_mm_are_broadcast_as_66_mm_and_looked_up_as_such(node, peer, spin_until):
+def test_66_mm_are_broadcast_and_looked_up_as_66_mm(node, peer, spin_until):
     broadcaster = node.CreateAndAddTf2BroadcasterNode("Parent", "Child")
     assert broadcaster.GetName() == "ros2:tf2broadcaster:ParentToChild"
     lookup = node.CreateAndAddTf2LookupNode("Parent", "Child")
@@ -58,7 +58,7 @@ def test_66_mm_are_broadcast_as_66_mm_and_looked_up_as_such(node, peer, spin_unt
     assert 0.0 <= lookup.GetAgeSeconds() < 15.0
 
 
-def test_a_new_sample_is_one_event_and_no_news_is_none(node, peer, spin_until):
+def test_each_new_sample_is_one_event(node, peer, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("hall", "door")
     events = Events(lookup)
     assert (lookup.GetState(), lookup.GetAgeSeconds()) == ("missing", None)
@@ -80,7 +80,7 @@ def test_a_new_sample_is_one_event_and_no_news_is_none(node, peer, spin_until):
     assert lookup.GetStampNanoseconds() == later_ns > stamp_ns
 
 
-def test_a_pose_that_is_old_is_stale_and_says_how_old(node, peer, spin_until):
+def test_old_pose_is_stale_and_shows_its_age(node, peer, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("shelf", "box")
     lookup.SetStaleAfterSeconds(2.0)
     peer("send_tf", edges=[["shelf", "box", [0.1, 0.0, 0.0]]], age_s=60.0)
@@ -97,7 +97,7 @@ def test_a_pose_that_is_old_is_stale_and_says_how_old(node, peer, spin_until):
             lookup.SetStaleAfterSeconds(wrong)
 
 
-def test_a_fresh_parent_does_not_hide_a_stale_child(node, peer, spin_until):
+def test_fresh_parent_does_not_hide_a_stale_child(node, peer, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("cart", "tip")
     edges = [["arm", "tip", [0.0, 0.0, 0.1]], ["cart", "arm", [0.1, 0.0, 0.0]]]
     peer("send_tf", edges=edges, age_s=5.0)
@@ -110,11 +110,11 @@ def test_a_fresh_parent_does_not_hide_a_stale_child(node, peer, spin_until):
 
 
 def insert(node, parent, child, stamp_ns, *, static=False):
-    """As the thread of ROS does with what it hears."""
+    """Insert a transform as the ROS thread does on reception."""
     node.buffer.insert(parent, child, stamp_ns, (5.0, 0, 0, 0, 0, 0, 1), static=static)
 
 
-def test_a_way_that_is_cut_is_stale_though_it_was_to_hold_always(node):
+def test_disconnected_static_path_is_stale(node):
     lookup = node.CreateAndAddTf2LookupNode("room", "desk")
     insert(node, "room", "desk", 0, static=True)
     node.Spin()
@@ -125,8 +125,8 @@ def test_a_way_that_is_cut_is_stale_though_it_was_to_hold_always(node):
     assert "no path between 'room'" in lookup.GetProblem()
 
 
-def test_a_pose_that_a_user_moved_comes_back_at_the_next_spin(node):
-    """One that holds always has no next sample, and valid it must be where tf has it."""
+def test_pose_moved_by_the_user_is_reset_by_the_next_spin(node):
+    """A static transform has no next sample, so the node must be reset without one."""
     lookup = node.CreateAndAddTf2LookupNode("yard", "gate")
     insert(node, "yard", "gate", 0, static=True)
     node.Spin()
@@ -139,7 +139,7 @@ def test_a_pose_that_a_user_moved_comes_back_at_the_next_spin(node):
     assert events.seen == [99.0, placed]
 
 
-def test_a_pose_turns_stale_by_itself_when_nobody_spins(node, monkeypatch):
+def test_pose_becomes_stale_without_spin(node, monkeypatch):
     lookup = node.CreateAndAddTf2LookupNode("loft", "trunk")
     stamp_ns = 10**18
     monkeypatch.setattr(node, "now_ns", lambda: stamp_ns + 500_000_000)  # a TEST DOUBLE of a clock
@@ -151,7 +151,7 @@ def test_a_pose_turns_stale_by_itself_when_nobody_spins(node, monkeypatch):
     assert lookup.GetState() == "stale"
 
 
-def test_a_looked_up_pose_is_broadcast_with_its_own_stamp(node, spin_until):
+def test_looked_up_pose_is_broadcast_with_its_own_stamp(node, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("yard", "bike")
     node.CreateAndAddTf2BroadcasterNode("copy", "of_bike").ObserveTransformNode(lookup)
     heard = node.CreateAndAddTf2LookupNode("copy", "of_bike")
@@ -166,14 +166,14 @@ def test_a_looked_up_pose_is_broadcast_with_its_own_stamp(node, spin_until):
     assert heard.GetState() == "stale"
 
 
-def test_frames_that_nobody_connects_are_missing_and_say_why(node):
+def test_disconnected_frames_are_missing_with_a_reason(node):
     lookup = node.CreateAndAddTf2LookupNode("nowhere", "never")
     node.Spin()
     assert lookup.GetState() == "missing"
     assert "'nowhere' is unknown" in lookup.GetProblem()
 
 
-def test_an_observed_transform_is_broadcast_whenever_it_moves(node, peer, spin_until):
+def test_observed_transform_is_broadcast_on_every_change(node, peer, spin_until):
     moved = node.GetScene().AddNewNodeByClass("vtkMRMLLinearTransformNode", "moved")
     broadcaster = node.CreateAndAddTf2BroadcasterNode("bench", "vice")
     lookup = node.CreateAndAddTf2LookupNode("bench", "vice")
@@ -197,7 +197,7 @@ def test_an_observed_transform_is_broadcast_whenever_it_moves(node, peer, spin_u
         broadcaster.Broadcast(sheared)
 
 
-def test_a_broadcast_may_tell_when_it_was_measured(node, spin_until):
+def test_broadcast_with_a_stamp_keeps_it(node, spin_until):
     broadcaster = node.CreateAndAddTf2BroadcasterNode("table", "pen")
     lookup = node.CreateAndAddTf2LookupNode("table", "pen")
     stamps = iter(range(1_000_000_007, 10**12))
@@ -231,7 +231,7 @@ def test_adding_and_removing_by_frames_and_by_id(node, role):
     assert node.GetScene().GetNumberOfNodes() == before
 
 
-def test_a_removed_lookup_is_nobodys_and_stale(node, peer, spin_until):
+def test_removed_lookup_is_stale_without_owner(node, peer, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("shed", "rake")
     peer("send_tf", edges=[["shed", "rake", [0.0, 0.5, 0.0]]])
     spin_until(lambda: lookup.GetStampNanoseconds() is not None)

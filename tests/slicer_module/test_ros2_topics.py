@@ -1,4 +1,4 @@
-"""Publishers and subscribers of the ROS2 module, each kind to and from a process of rclpy's."""
+"""Publishers and subscribers of the ROS2 module: each kind to and from an rclpy process."""
 
 import logging
 
@@ -207,18 +207,20 @@ KINDS = {
 }
 
 
-def holds(message, wanted):
-    """Whether ``message`` has all that ``wanted`` has, however deep."""
-    if isinstance(wanted, dict):
-        return all(holds(message[name], value) for name, value in wanted.items())
-    if isinstance(wanted, list):
-        return len(message) == len(wanted) and all(map(holds, message, wanted))
-    return message == pytest.approx(wanted) if isinstance(wanted, float) else message == wanted
+def contains(message, expected):
+    """True if ``message`` contains all fields of ``expected``, recursively."""
+    if isinstance(expected, dict):
+        return all(contains(message[name], value) for name, value in expected.items())
+    if isinstance(expected, list):
+        return len(message) == len(expected) and all(map(contains, message, expected))
+    return (
+        message == pytest.approx(expected) if isinstance(expected, float) else message == expected
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_kind_goes_out_and_comes_in(node, peer, spin_until, kind):
-    ros_type, value, wanted, is_right = KINDS[kind]
+def test_each_kind_is_published_and_received(node, peer, spin_until, kind):
+    ros_type, value, expected, is_right = KINDS[kind]
     publisher = node.CreateAndAddPublisherNode(kind, f"/out_{kind}")
     assert publisher.GetROSType() == ros_type
     assert publisher.GetName() == f"ros2:pub:/out_{kind}"
@@ -228,7 +230,7 @@ def test_each_kind_goes_out_and_comes_in(node, peer, spin_until, kind):
     assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
     assert publisher.Publish(value) == 1
     (message,) = peer("take", topic=ros_topic)
-    assert holds(message, wanted)
+    assert contains(message, expected)
 
     seen = []
     subscriber = node.CreateAndAddSubscriberNode(f"vtkMRMLROS2Subscriber{kind}Node", f"/in_{kind}")
@@ -238,12 +240,12 @@ def test_each_kind_goes_out_and_comes_in(node, peer, spin_until, kind):
     spin_until(lambda: seen)
     assert is_right(seen[0])
     assert subscriber.GetNumberOfMessages() == len(seen) == 1
-    assert holds(yaml.safe_load(subscriber.GetLastMessageYAML()), wanted)
+    assert contains(yaml.safe_load(subscriber.GetLastMessageYAML()), expected)
     assert node.RemoveAndDeletePublisherNode(f"/out_{kind}")
     assert node.RemoveAndDeleteSubscriberNode(f"/in_{kind}")
 
 
-def test_every_message_is_an_event_of_its_own_with_itself_the_last(node, peer, spin_until):
+def test_every_message_is_one_event_as_the_last_message(node, peer, spin_until):
     subscriber = node.CreateAndAddSubscriberNode("Int", "/numbers")
     assert (subscriber.GetTopic(), subscriber.GetName()) == ("/numbers", "ros2:sub:/numbers")
     seen = []
@@ -288,7 +290,7 @@ def test_messages_that_are_too_long_are_counted_as_lost(node, peer, wait_until, 
     assert subscriber.GetNumberOfMessagesLost() == 1
 
 
-def test_blank_messages_are_of_the_kind_and_can_be_published(node):
+def test_blank_messages_have_the_kind_and_can_be_published(node):
     classes = {
         "String": str,
         "Bool": bool,
@@ -303,10 +305,10 @@ def test_blank_messages_are_of_the_kind_and_can_be_published(node):
         "PointCloud": vtk.vtkPoints,
         "PolyData": vtk.vtkPolyData,
     }
-    for kind, wanted in classes.items():
+    for kind, expected in classes.items():
         publisher = node.CreateAndAddPublisherNode(kind, "/blank")
-        assert isinstance(publisher.GetBlankMessage(), wanted)
-        assert publisher.GetSlicerType() == wanted.__name__
+        assert isinstance(publisher.GetBlankMessage(), expected)
+        assert publisher.GetSlicerType() == expected.__name__
         assert node.RemoveAndDeletePublisherNode("/blank")
     for kind, name in {
         "PoseStamped": "vtkGeometryMsgsPoseStamped",
@@ -322,7 +324,7 @@ def test_blank_messages_are_of_the_kind_and_can_be_published(node):
         assert node.RemoveAndDeletePublisherNode("/blank")
 
 
-def test_a_pose_array_keeps_the_stamp_that_it_was_given(node, peer, spin_until):
+def test_pose_array_keeps_its_stamp(node, peer, spin_until):
     publisher = node.CreateAndAddPublisherNode("PoseArray", "/poses")
     subscriber = node.CreateAndAddSubscriberNode("PoseArray", "/poses")
     peer("listen", topic="/poses", type="geometry_msgs/msg/PoseArray")
@@ -349,10 +351,10 @@ def test_a_pose_array_keeps_the_stamp_that_it_was_given(node, peer, spin_until):
     collection.AddItem(turn)
     publisher.Publish(collection)
     (there,) = peer("take", topic="/poses")
-    assert holds(there["poses"], [POSE])
+    assert contains(there["poses"], [POSE])
 
 
-def test_a_stamp_that_was_left_out_is_when_it_was_sent(node, peer):
+def test_empty_stamp_is_filled_with_the_sending_time(node, peer):
     publisher = node.CreateAndAddPublisherNode("PoseStamped", "/stamped")
     peer("listen", topic="/stamped", type="geometry_msgs/msg/PoseStamped")
     assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
@@ -362,7 +364,7 @@ def test_a_stamp_that_was_left_out_is_when_it_was_sent(node, peer):
     assert before_ns <= stamp["sec"] * 10**9 + stamp["nanosec"] <= node.now_ns()
 
 
-def test_a_frame_is_put_where_the_value_has_none(node, peer):
+def test_empty_frame_is_filled_with_the_publishers_frame(node, peer):
     publisher = node.CreateAndAddPublisherNode("PolyData", "/framed")
     publisher.SetFrameId("world")
     assert publisher.GetFrameId() == "world"
@@ -379,7 +381,7 @@ def test_a_frame_is_put_where_the_value_has_none(node, peer):
     assert peer("take", topic="/framed_pose")[0]["header"]["frame_id"] == "needle"
 
 
-def test_what_nobody_hears_is_sent_all_the_same(logic, node, peer):
+def test_message_without_subscribers_is_published(logic, node, peer):
     # SlicerROS2 drops it; a late listener to a latched topic then never hears it.
     publisher = logic.AddNewNodeByClass("vtkMRMLROS2PublisherStringNode")
     publisher.SetQoSHistoryDepth(1)
@@ -392,7 +394,7 @@ def test_what_nobody_hears_is_sent_all_the_same(logic, node, peer):
     assert (publisher.GetNumberOfCalls(), publisher.GetNumberOfMessagesSent()) == (1, 1)
 
 
-def test_best_effort_is_heard_by_best_effort_alone(logic, node, peer, spin_until):
+def test_best_effort_is_received_by_best_effort_only(logic, node, peer, spin_until):
     deaf = node.CreateAndAddSubscriberNode("String", "/lossy")
     other = logic.AddNewNodeByClass("vtkMRMLROS2NodeNode")
     other.Create("lossy")
@@ -411,7 +413,7 @@ def test_best_effort_is_heard_by_best_effort_alone(logic, node, peer, spin_until
     other.Destroy()
 
 
-def test_a_second_one_on_a_topic_is_refused_however_it_is_spelt(node, caplog):
+def test_second_publisher_on_a_resolved_topic_is_rejected(node, caplog):
     assert node.CreateAndAddPublisherNode("String", "/twice") is not None
     before = node.GetScene().GetNumberOfNodes()
     for topic in ("/twice", "twice"):
@@ -422,7 +424,7 @@ def test_a_second_one_on_a_topic_is_refused_however_it_is_spelt(node, caplog):
     assert node.GetScene().GetNumberOfNodes() == before + 1
 
 
-def test_kinds_and_names_that_are_none_are_refused_and_leave_nothing(node, caplog):
+def test_invalid_kinds_and_names_are_rejected_and_leave_nothing(node, caplog):
     before = node.GetScene().GetNumberOfNodes()
     assert node.CreateAndAddPublisherNode("Nothing", "/x") is None
     assert node.CreateAndAddSubscriberNode("nowhere/msg/Nothing", "/x") is None
@@ -432,7 +434,7 @@ def test_kinds_and_names_that_are_none_are_refused_and_leave_nothing(node, caplo
     assert node.GetPublisherNodeByTopic("two words") is None
 
 
-def test_removing_says_whether_there_was_anything(node, peer):
+def test_removing_returns_whether_the_member_existed(node, peer):
     for create, get, remove in (
         (
             node.CreateAndAddPublisherNode,
@@ -458,7 +460,7 @@ def test_removing_says_whether_there_was_anything(node, peer):
     peer("wait_until", call={"do": "endpoints", "topic": "/there"}, value=[0, 0])
 
 
-def test_values_that_are_none_of_the_kind_are_not_sent(node):
+def test_values_of_another_kind_are_not_sent(node):
     pose = node.CreateAndAddPublisherNode("Pose", "/refused")
     sheared = np.eye(4)
     sheared[0, 1] = 0.5
@@ -498,7 +500,7 @@ def test_values_that_are_none_of_the_kind_are_not_sent(node):
         ("UInt8Image", "sensor_msgs/msg/Image", {"encoding": "rgb8"}, "0 x 0 has no pixels"),
     ],
 )
-def test_messages_that_have_no_value_here_are_refused_when_asked(
+def test_messages_that_cannot_be_converted_raise_on_access(
     node, peer, spin_until, kind, ros_type, message, words
 ):
     subscriber = node.CreateAndAddSubscriberNode(kind, f"/bad_{kind}")
@@ -510,7 +512,7 @@ def test_messages_that_have_no_value_here_are_refused_when_asked(
     assert node.RemoveAndDeleteSubscriberNode(f"/bad_{kind}")
 
 
-def test_an_image_and_a_cloud_are_shown_by_their_targets(logic, node, peer, spin_until):
+def test_image_and_cloud_are_shown_by_their_targets(logic, node, peer, spin_until):
     scene = logic.scene
     volume = scene.AddNewNodeByClass("vtkMRMLScalarVolumeNode", "LiveCamera")
     model = scene.AddNewNodeByClass("vtkMRMLModelNode", "LiveLidar")
@@ -538,7 +540,7 @@ def test_an_image_and_a_cloud_are_shown_by_their_targets(logic, node, peer, spin
     assert images.GetTargetNodeID() == ""
 
 
-def test_the_lists_of_kinds_name_what_can_be_made(logic, node):
+def test_lists_of_kinds_name_creatable_classes(logic, node):
     for role, registered in (
         ("Publisher", node.RegisteredROS2PublisherNodes()),
         ("Subscriber", node.RegisteredROS2SubscriberNodes()),
