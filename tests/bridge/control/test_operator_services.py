@@ -97,7 +97,7 @@ def commands(ros, session, shown, case, setup, stepping):
     return made
 
 
-def test_a_sound_tumor_is_taken_and_others_leave_what_was(
+def test_valid_tumor_is_used_and_invalid_ones_change_nothing(
     commands, session, setup, shown, start_receiver
 ):
     before = commands.content
@@ -123,7 +123,7 @@ def test_a_sound_tumor_is_taken_and_others_leave_what_was(
     assert session.setup.proximity is not setup.proximity
 
 
-def test_the_session_goes_on_while_all_of_a_new_tumor_is_made(commands, shown, case):
+def test_session_continues_while_a_new_tumor_is_prepared(commands, shown, case):
     other = case.tumor_mesh()
     other = SurfaceMesh(other.frame, other.vertices_mm * 0.9, other.faces)
     commands.set_tumor(commands.setup.frame_from_tumor, other)
@@ -132,7 +132,7 @@ def test_the_session_goes_on_while_all_of_a_new_tumor_is_made(commands, shown, c
     assert shown.revoked == 1
 
 
-def test_the_node_hears_others_while_a_change_waits_for_a_step(
+def test_node_stays_responsive_while_a_change_waits_for_a_step(
     ros, commands, stepping, start_receiver
 ):
     heard = threading.Event()
@@ -145,7 +145,7 @@ def test_the_node_hears_others_while_a_change_waits_for_a_step(
     assert caller.take(1)[0]["success"]
 
 
-def test_a_good_registration_is_used_and_a_bad_one_leaves_what_was(
+def test_accepted_registration_is_used_and_refused_one_changes_nothing(
     commands, session, setup, shown, start_receiver
 ):
     caller = start_receiver("register", "0.05", "0.00001", script=CALLER)

@@ -26,7 +26,7 @@ def all_joints_counted(answer: dict[str, Any]) -> bool:
     return bool(answer["good_joints"]) and len(kinds) >= 2
 
 
-def test_listeners_outlive_their_peers(start: Start) -> None:
+def test_listeners_survive_hostile_peers(start: Start) -> None:
     target = start("-m", "tests.bridge.faults.target")
     target.line(lambda line: line == "listening\n")
     hostile = start(str(HERE / "hostile.py"), *map("=".join, TOPICS.items()), "--flood", "0.3")

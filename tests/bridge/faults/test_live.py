@@ -146,7 +146,7 @@ def watch(
 
 
 @pytest.mark.parametrize("kind", ["tf", "tracked"])
-def test_a_live_session_outlives_its_peers(watch: Callable[[str], Watched], kind: str) -> None:
+def test_live_session_survives_hostile_peers(watch: Callable[[str], Watched], kind: str) -> None:
     watched = watch(kind)
     name = TOPICS[kind][0]
     at_rest_kb = watched.memory_kb
@@ -170,7 +170,7 @@ def test_a_live_session_outlives_its_peers(watch: Callable[[str], Watched], kind
     assert "Traceback" not in watched.live.log.read_text()
 
 
-def test_no_command_of_a_hostile_peer_moves_the_tool_and_no_clock_is_heard(
+def test_hostile_commands_give_no_motion_and_clock_is_ignored(
     watch: Callable[[str], Watched], start: Start, domain_id: int
 ) -> None:
     watched = watch("tf")

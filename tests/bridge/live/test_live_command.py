@@ -88,7 +88,7 @@ def test_poses_from_tf_give_the_distances_of_a_replay(
     assert "Traceback" not in live.log.read_text()
 
 
-def test_a_frame_that_is_misspelt_is_named_once_with_those_that_come(
+def test_missing_frame_is_logged_once_with_the_received_ones(
     start, start_receiver, live_yaml, frames_file
 ):
     config = live_yaml(TRACKED)
@@ -111,7 +111,7 @@ def test_a_frame_that_is_misspelt_is_named_once_with_those_that_come(
     assert live.log.read_text().count(words) == 1
 
 
-def test_a_tracker_that_dies_is_stale_and_stays_held_until_somebody_rearms(
+def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     start, start_receiver, live_yaml, frames_file, distances
 ):
     live = start(

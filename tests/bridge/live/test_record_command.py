@@ -104,7 +104,7 @@ def test_a_recording_is_a_case_and_a_bag(recorded, breach):
     assert by_topic == counts
 
 
-def test_what_was_recorded_outlives_a_kill(recorded, breach, tmp_path):
+def test_recording_survives_a_kill(recorded, breach, tmp_path):
     recorder, case, shift_ns = recorded
     recorder.end(signal.SIGKILL)
     assert not (case / "tracking" / "metadata.yaml").exists()
@@ -130,7 +130,7 @@ def test_what_was_recorded_outlives_a_kill(recorded, breach, tmp_path):
     assert topics["/tracked_transforms"] == len(found)
 
 
-def test_nothing_is_written_over(start, tmp_path):
+def test_existing_recording_is_not_overwritten(start, tmp_path):
     (tmp_path / "case").mkdir()
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "case"))
     assert recorder.process.wait() == 2
@@ -148,9 +148,7 @@ def messages_of(case, topic):
             yield types.deserialize_cdr(data, connection.msgtype)
 
 
-def test_publishers_that_promise_less_and_come_later_are_recorded_and_nothing_twice(
-    start, domain_id, tmp_path
-):
+def test_late_best_effort_publishers_are_recorded_without_duplicates(start, domain_id, tmp_path):
     news = Topic("/news", String, STREAM)
     weaker = Topic("/news", String, qos_profile(reliability="best_effort", depth=100))
     with RosNode("speaker", domain_id=domain_id) as ros:
@@ -177,9 +175,7 @@ def test_publishers_that_promise_less_and_come_later_are_recorded_and_nothing_tw
     assert weak == list(range(weak[0], 100))
 
 
-def test_two_sessions_that_speak_at_once_are_told_as_such_and_are_one_change(
-    start, domain_id, tmp_path
-):
+def test_two_sessions_at_once_are_reported_and_are_one_change(start, domain_id, tmp_path):
     name = "/marginguard/constraint"
     topic = Topic(name, FixtureConstraint, STREAM)
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "x"))
@@ -229,7 +225,7 @@ def has_surface_and_samples(case):
     return surface and "/tracked_transforms" in largest
 
 
-def test_another_tumour_in_a_session_is_in_its_recording(
+def test_replaced_tumour_is_noted_in_the_recording(
     start, live_yaml, frames_file, domain_id, tmp_path
 ):
     config = str(live_yaml(TRACKED))

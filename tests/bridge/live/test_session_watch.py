@@ -27,18 +27,18 @@ def test_one_session_changes_back_and_forth(watch):
     assert [(c.received_ns, c.model_id) for c in watch.changes] == [(2, "b"), (4, "a")]
 
 
-def test_two_sessions_that_take_turns_are_one_change(watch):
+def test_alternating_sessions_are_one_change(watch):
     watch.has_new_publisher(2)
     assert sum(shown(watch, *"ab" * 27)) == 1
     assert [change.model_id for change in watch.changes] == ["b"]
 
 
-def test_what_is_new_of_two_sessions_is_a_change(watch):
+def test_new_ids_of_two_sessions_are_a_change(watch):
     watch.has_new_publisher(2)
     assert shown(watch, *"abab", "c", *"acac") == [False, True, *[False] * 2, True, *[False] * 4]
 
 
-def test_the_one_that_stays_is_what_is_recorded_from_then_on(watch):
+def test_remaining_session_is_the_recorded_one(watch):
     watch.has_new_publisher(2)
     shown(watch, *"abab")
     watch.has_new_publisher(1)
@@ -46,14 +46,14 @@ def test_the_one_that_stays_is_what_is_recorded_from_then_on(watch):
     assert [change.model_id for change in watch.changes] == ["b", "a"]
 
 
-def test_company_is_told_when_it_comes(watch):
+def test_new_publisher_is_detected(watch):
     counts = [1, 2, 2, 3, 2, 1, 0, 1, 2]
     told = [watch.has_new_publisher(count) for count in counts]
     assert told == [False, True, False, True, False, False, False, False, True]
     assert SessionWatch().has_new_publisher(2)
 
 
-def test_bytes_of_a_stranger_are_no_change(watch):
+def test_invalid_bytes_are_no_change(watch):
     shown(watch, "a")
     assert not watch.has_changed((7, b"nothing of the kind"))
     assert not watch.has_changed(None)

@@ -79,7 +79,7 @@ def ended(samples):
     return any(sample.source == "end" for sample in samples)
 
 
-def test_bad_transforms_of_a_tf_message_do_not_take_the_good_ones_with_them(nodes):
+def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(nodes):
     guard, tracker = nodes
     inbox = Inbox()
     source = TfSource(guard, inbox.take)
@@ -115,7 +115,7 @@ def test_bad_transforms_of_a_tf_message_do_not_take_the_good_ones_with_them(node
     assert guard.failures == 0
 
 
-def test_a_lost_pose_comes_with_its_status_and_a_closed_source_is_silent(nodes):
+def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
     guard, tracker = nodes
     inbox = Inbox()
     source = TrackedTransformSource(guard, TRACKED.name, inbox.take)
@@ -130,7 +130,7 @@ def test_a_lost_pose_comes_with_its_status_and_a_closed_source_is_silent(nodes):
     source.close()
 
 
-def test_joints_that_are_not_numbers_are_left_out(nodes):
+def test_non_finite_joints_are_skipped(nodes):
     guard, tracker = nodes
     inbox = Inbox()
     joints = listen_to_joints(guard, "/joint_states", 5, lambda sample: inbox.take([sample]))
@@ -147,7 +147,7 @@ def test_joints_that_are_not_numbers_are_left_out(nodes):
 
 
 @pytest.mark.parametrize("kind", ["tf", "tracked"])
-def test_drivers_that_promise_nothing_are_heard(domain_id, start, frames_file, kind):
+def test_best_effort_drivers_are_received(domain_id, start, frames_file, kind):
     """Quality of service of sensor data, from rclpy in another process."""
     poses, joints = Inbox(), Inbox()
     with RosNode("guard", domain_id=domain_id) as guard:
@@ -171,7 +171,7 @@ def test_drivers_that_promise_nothing_are_heard(domain_id, start, frames_file, k
         assert guard.incompatible == {}
 
 
-def test_what_is_lost_is_not_waited_for_by_a_session_but_by_a_lookup(domain_id, start, monkeypatch):
+def test_lost_sample_delays_a_lookup_and_not_a_session(domain_id, start, monkeypatch):
     """A reliable writer of another DDS loses four packets of ten.
 
     The listener for lookups, which has to have each edge before the next is sent, gets all of them.

@@ -45,9 +45,7 @@ def test_the_states_have_the_numbers_of_the_message(content, make_step, state):
     assert message.state == getattr(message, state.name)
 
 
-def test_while_unknown_the_old_planes_keep_their_old_stamp_and_nothing_else_is_said(
-    content, make_step
-):
+def test_unknown_state_keeps_old_planes_with_their_stamp(content, make_step):
     builder = ConstraintBuilder(content)
     good = builder.message(make_step(0).decision)
     message = builder.message(make_step(1, lost=True).decision)
@@ -61,7 +59,7 @@ def test_while_unknown_the_old_planes_keep_their_old_stamp_and_nothing_else_is_s
         assert math.isnan(getattr(message, name)), name
 
 
-def test_planes_of_the_present_have_its_stamp_also_while_the_state_is_unknown(content, make_step):
+def test_current_planes_have_the_current_stamp_even_if_unknown(content, make_step):
     """As with a registration that has drifted: what the tracker measured is as good as ever."""
     builder = ConstraintBuilder(content)
     builder.message(make_step(0).decision)
@@ -70,7 +68,7 @@ def test_planes_of_the_present_have_its_stamp_also_while_the_state_is_unknown(co
     assert ns(message.header.stamp) == step.decision.stamp.ns
 
 
-def test_what_was_known_of_another_tumor_is_no_time_of_the_new_one(content, make_step):
+def test_stamp_of_another_tumor_is_not_used_for_the_new_one(content, make_step):
     builder = ConstraintBuilder(content)
     builder.message(make_step(0).decision)
     builder.use(content)
@@ -80,7 +78,7 @@ def test_what_was_known_of_another_tumor_is_no_time_of_the_new_one(content, make
     assert len(message.half_spaces) == 0
 
 
-def test_before_the_first_good_step_it_is_long_past_and_holds(content, make_step):
+def test_constraint_before_the_first_valid_step_is_expired_and_on_hold(content, make_step):
     starting = FixtureDecision(
         state=MarginState.UNKNOWN,
         reasons=(Reason.STARTING,),

@@ -131,7 +131,7 @@ def test_fault_after_a_stale_constraint_is_the_same_fault():
     assert stream.fault_seq == first
 
 
-def test_constraint_after_a_rest_is_held():
+def test_constraint_after_hold_is_held():
     sent = Sent()
     stream = ConstraintStream(sent, 100.0)
     stream.publish(constraint())
@@ -158,7 +158,7 @@ def test_without_rate_nothing_is_repeated_and_nothing_expires():
     assert [message.seq for message in sent.messages] == [0, 1]
 
 
-def test_rest_publishes_a_last_constraint_on_hold():
+def test_hold_publishes_a_last_constraint_on_hold():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     stream.publish(constraint())
@@ -171,7 +171,7 @@ def test_rest_publishes_a_last_constraint_on_hold():
     assert len(sent.messages) == count
 
 
-def test_rest_before_the_first_constraint_publishes_nothing():
+def test_hold_before_the_first_constraint_publishes_nothing():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     stream.hold("inactive")
@@ -199,7 +199,7 @@ def test_close_restores_the_switch_interval(hz):
     assert sys.getswitchinterval() == before
 
 
-def test_forget_replaces_the_planes_and_is_a_new_fault():
+def test_invalidate_replaces_the_planes_and_is_a_new_fault():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)
     unknown = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True)

@@ -19,13 +19,13 @@ def values(status):
     return {value.key: value.value for value in status.values}
 
 
-def test_a_second_passes_between_reports_of_the_same(make_step):
+def test_unchanged_report_is_repeated_after_a_second(make_step):
     diagnostics = Diagnostics()
     spoken = [index for index in range(120) if diagnostics.report(make_step(index), STALE_NS)]
     assert spoken == [0, 50, 100]
 
 
-def test_a_change_and_a_seek_back_are_said_at_once(make_step):
+def test_change_and_seek_back_are_reported_at_once(make_step):
     diagnostics = Diagnostics()
     assert diagnostics.report(make_step(10), STALE_NS)
     assert diagnostics.report(make_step(11, lost=True), STALE_NS)
@@ -43,12 +43,12 @@ def test_a_change_and_a_seek_back_are_said_at_once(make_step):
         (MarginState.UNKNOWN, b"\x03"),
     ],
 )
-def test_the_level_follows_the_state(make_step, state, level):
+def test_level_follows_the_state(make_step, state, level):
     report = Diagnostics().report(make_step(0, state=state), STALE_NS)
     assert parts(report)["margin"].level == level
 
 
-def test_ages_and_distances_are_said(make_step):
+def test_ages_and_distances_are_reported(make_step):
     report = parts(Diagnostics().report(make_step(0), STALE_NS))
     margin = values(report["margin"])
     assert margin["signed_distance_mm"] == "7.500"
@@ -71,7 +71,7 @@ def test_lost_poses_are_named_and_counted(make_step):
     assert values(tracking)["tracker -> cautery: status"] == "INVALID"
 
 
-def test_a_robot_whose_joints_cannot_be_used_is_said_at_once_and_why(make_step):
+def test_unusable_joint_states_are_reported_at_once_with_the_reason(make_step):
     diagnostics = Diagnostics()
     diagnostics.report(make_step(0), STALE_NS)
     silent = [
@@ -85,13 +85,13 @@ def test_a_robot_whose_joints_cannot_be_used_is_said_at_once_and_why(make_step):
     assert parts(diagnostics.report(make_step(3), STALE_NS))["joints"].level == b"\x00"
 
 
-def test_a_robot_that_never_spoke_is_said_too(make_step):
+def test_missing_joint_states_are_reported(make_step):
     never = replace(make_step(0), joints=None, robot_problem="no joint positions yet")
     joints = parts(Diagnostics().report(never, STALE_NS))["joints"]
     assert (joints.message, values(joints)) == ("no joint positions yet", {})
 
 
-def test_frames_that_are_not_in_order_are_said_at_once_and_why(make_step):
+def test_problem_of_the_frames_is_reported_at_once(make_step):
     diagnostics = Diagnostics()
     diagnostics.report(make_step(0), STALE_NS)
     wrong = replace(make_step(1, lost=True), frames_problem="tumor.frame is 'needel': not sent")
@@ -104,7 +104,7 @@ def test_frames_that_are_not_in_order_are_said_at_once_and_why(make_step):
     assert diagnostics.report(again, STALE_NS) is not None
 
 
-def test_a_tracker_that_fell_silent_is_not_all_tracked(make_step):
+def test_silent_tracker_is_reported_as_stale(make_step):
     """tf has no word for a lost pose: the last one was good, and it is all that there is."""
     diagnostics = Diagnostics()
     diagnostics.report(make_step(0), STALE_NS)
@@ -117,7 +117,7 @@ def test_a_tracker_that_fell_silent_is_not_all_tracked(make_step):
     assert (tracking.level, tracking.message) == (b"\x01", "lost: tracker -> cautery")
 
 
-def test_before_anything_came_nothing_is_tracked(make_step):
+def test_no_samples_are_reported_as_not_tracked(make_step):
     silent = replace(make_step(0, lost=True), frame=TrackingFrame(make_step(0).frame.stamp, ()))
     tracking = parts(Diagnostics().report(silent, STALE_NS))["tracking"]
     assert (tracking.level, tracking.message) == (b"\x03", "nothing was tracked so far")

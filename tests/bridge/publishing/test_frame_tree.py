@@ -18,7 +18,7 @@ def stamps(edges):
     return {(edge.target, edge.source): stamp.ns for edge, stamp in edges}
 
 
-def test_every_edge_has_the_stamp_of_its_own_sample(make_step):
+def test_every_edge_has_the_stamp_of_its_sample(make_step):
     step = make_step(0)
     now_ns = step.frame.stamp.ns
     assert stamps(moving_edges(step)) == {
@@ -29,23 +29,23 @@ def test_every_edge_has_the_stamp_of_its_own_sample(make_step):
     }
 
 
-def test_measured_edges_are_as_they_were_measured(make_step):
+def test_measured_edges_are_not_changed(make_step):
     step = make_step(4)
     (cautery,) = (edge for edge, _ in moving_edges(step) if edge.source == "cautery")
     assert np.array_equal(cautery.translation_mm, [104.0, -20.0, 30.0])
 
 
-def test_a_lost_pose_has_no_edge_and_an_old_plane_no_new_stamp(make_step):
+def test_lost_pose_has_no_edge_and_old_planes_keep_their_stamp(make_step):
     children = {edge.source for edge, _ in moving_edges(make_step(0, lost=True))}
     assert children == {"needle", "stylus"}
 
 
-def test_without_joints_no_link_is_placed(make_step):
+def test_without_joints_no_link_is_published(make_step):
     step = replace(make_step(0), joints=None)
     assert "stylus" not in {edge.source for edge, _ in moving_edges(step)}
 
 
-def test_a_sample_that_comes_twice_is_sent_once(make_step):
+def test_repeated_sample_is_published_once(make_step):
     tree = FrameTree()
     first, second = make_step(0), make_step(1)
     tree.new_edges(first)
@@ -54,13 +54,13 @@ def test_a_sample_that_comes_twice_is_sent_once(make_step):
     assert ("base_link", "stylus") in stamps(tree.new_edges(make_step(2)))
 
 
-def test_after_a_seek_back_everything_is_new(make_step):
+def test_seek_back_publishes_all_samples_again(make_step):
     tree = FrameTree()
     tree.new_edges(make_step(5))
     assert stamps(tree.new_edges(make_step(2))) == stamps(moving_edges(make_step(2)))
 
 
-def test_the_fixture_is_sent_in_every_known_state(make_step):
+def test_fixture_frame_is_published_in_every_known_state(make_step):
     for state in (MarginState.NEGATIVE, MarginState.WARNING, MarginState.POSITIVE):
         step = make_step(0, state=state)
         assert ("tumor", "virtual_fixture") in stamps(moving_edges(step))
@@ -86,7 +86,7 @@ def measured(now_ns, *edges):
     return StepResult(0, TrackingFrame(now, poses), unknown, None, None, {}, None)
 
 
-def test_a_second_parent_is_left_out_and_named():
+def test_second_parent_is_skipped_and_logged():
     tree = FrameTree()
     both = [("tracker", "stylus"), ("reference", "stylus")]
     for now_ns in (1, 2):
@@ -102,12 +102,12 @@ def test_a_second_parent_is_left_out_and_named():
         ((("a", "c"), ("b", "c")), "'c' already has the parent 'a'"),
     ],
 )
-def test_fixed_frames_that_are_no_tree_are_refused(edges, reason):
+def test_static_edges_that_form_no_tree_are_refused(edges, reason):
     with pytest.raises(FrameError, match=f"static transforms: .*{reason}"):
         FrameTree([Transform.identity(*edge) for edge in edges])
 
 
-def test_a_calibration_stays_before_a_measured_edge_of_the_same_frames():
+def test_calibration_has_priority_over_a_measured_edge():
     tree = FrameTree([Transform.identity("stylus", "stylus_tip")])
     assert tree.new_edges(measured(1, ("stylus", "stylus_tip"))) == []
     assert ("stylus", "stylus_tip") in tree.left_out
@@ -120,7 +120,7 @@ frames = st.sampled_from("abcdef")
     st.lists(st.tuples(frames, frames), max_size=3),
     st.lists(st.lists(st.tuples(frames, frames), max_size=8), max_size=5),
 )
-def test_whatever_a_tracker_says_tf_gets_a_tree(static, steps):
+def test_published_edges_always_form_a_tree(static, steps):
     fixed = {child: parent for parent, child in static if parent < child}
     tree = FrameTree([Transform.identity(parent, child) for child, parent in fixed.items()])
     parents = {child: {parent} for child, parent in fixed.items()}

@@ -9,7 +9,7 @@ from app.bridge.publishing.markers import Markers, margin_text
 from app.fixture import MarginState
 
 
-def test_the_triangles_are_those_of_the_mesh_in_metres(content):
+def test_marker_triangles_are_those_of_the_mesh_in_metres(content):
     tumor, tool = Markers(content).surfaces(MarginState.NEGATIVE).markers
     assert tumor.type == tumor.TRIANGLE_LIST
     assert (tumor.header.frame_id, tool.header.frame_id) == ("tumor", "cautery_tip")
@@ -35,25 +35,25 @@ def test_tumor_marker_has_the_color_of_the_state(content, state, rgb):
     assert 0.0 < color.a < 1.0
 
 
-def test_a_marker_is_drawn_at_the_newest_pose(content):
+def test_marker_is_locked_to_its_frame(content):
     for marker in Markers(content).surfaces(MarginState.NEGATIVE).markers:
         assert marker.frame_locked
         assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (0, 0)
 
 
-def test_without_a_tool_mesh_there_is_only_the_tumour(content):
+def test_without_tool_mesh_only_the_tumour_is_published(content):
     markers = Markers(replace(content, tool=None)).surfaces(MarginState.NEGATIVE).markers
     assert [marker.ns for marker in markers] == ["tumor"]
 
 
-def test_the_words_stand_above_the_tumour(content, make_step):
+def test_text_is_above_the_tumour(content, make_step):
     (marker,) = Markers(content).text(make_step(0).decision).markers
     assert marker.text == "CLEAR +7.5 mm"
     position = marker.pose.position
     assert (position.x, position.y, position.z) == pytest.approx((0.005, 0.005, 0.02))
 
 
-def test_a_breach_and_the_unknown_are_said(make_step):
+def test_text_of_breach_and_unknown(make_step):
     breach = make_step(0, state=MarginState.POSITIVE).decision
     witnesses = replace(breach.proximity.witnesses, signed_distance_mm=np.array([-1.44]))
     proximity = replace(breach.proximity, witnesses=witnesses, lower_bound_mm=-1.44)

@@ -165,7 +165,7 @@ def check_markers(messages):
         assert len(surface["tumor"]["points"]) == len(surface["tool"]["points"]) == 12
 
 
-def test_a_late_joiner_gets_all_that_is_latched(domain_id, content, make_step, start_receiver):
+def test_late_subscriber_gets_all_latched_messages(domain_id, content, make_step, start_receiver):
     with SessionPublisher(content, domain_id=domain_id) as ros:
         for index in range(3):
             ros.publish(make_step(index, state=MarginState.WARNING), StepTiming())
@@ -187,7 +187,7 @@ def test_a_late_joiner_gets_all_that_is_latched(domain_id, content, make_step, s
     assert color == pytest.approx(MarginState.WARNING.color, abs=1e-7)
 
 
-def test_the_constraint_beats_between_steps(domain_id, content, make_step, start_receiver):
+def test_constraint_is_repeated_between_steps(domain_id, content, make_step, start_receiver):
     with SessionPublisher(content, domain_id=domain_id, heartbeat_hz=200.0) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:20")
         wait_for_one_subscriber(ros, topics.CONSTRAINT)
@@ -199,9 +199,7 @@ def test_the_constraint_beats_between_steps(domain_id, content, make_step, start
     assert {ns(beat["header"]["stamp"]) for beat in beats} == {step.decision.stamp.ns}
 
 
-def test_a_step_that_is_old_when_it_is_published_is_stale_from_the_first(
-    domain_id, content, make_step, start_receiver
-):
+def test_step_published_too_late_is_stale(domain_id, content, make_step, start_receiver):
     policy = PublishPolicy(clock=False)
     with SessionPublisher(content, domain_id=domain_id, heartbeat_hz=10.0, policy=policy) as ros:
         receiver = start_receiver(f"{CONSTRAINT}:1")
@@ -241,7 +239,7 @@ def test_a_case_without_robot_has_no_description(domain_id, content, make_step):
     assert "/tf" in names
 
 
-def test_another_tumor_is_shown_by_the_shapes_that_were_made_of_it(
+def test_new_tumor_is_published_with_its_prepared_shapes(
     domain_id, content, make_step, start_receiver
 ):
     larger = SurfaceMesh("tumor", 2.0 * content.tumor.vertices_mm, content.tumor.faces)
@@ -265,7 +263,7 @@ def test_another_tumor_is_shown_by_the_shapes_that_were_made_of_it(
         assert max(point["x"] for point in marker["points"]) == 0.02
 
 
-def test_closing_twice_is_closing_once(domain_id, content):
+def test_close_is_idempotent(domain_id, content):
     ros = SessionPublisher(content, domain_id=domain_id, heartbeat_hz=100.0)
     ros.close()
     ros.close()
@@ -273,7 +271,7 @@ def test_closing_twice_is_closing_once(domain_id, content):
 
 
 @pytest.mark.parametrize("what", ["tumour", "registration"])
-def test_of_another_tumor_or_base_nothing_is_known_at_once(
+def test_new_tumor_or_registration_makes_the_margin_unknown_at_once(
     domain_id, content, make_step, start_receiver, what
 ):
     """Without a step in between, and while what was there before is still valid."""
