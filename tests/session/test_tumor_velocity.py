@@ -113,9 +113,9 @@ def test_new_pose_or_motion_parameters_reset_the_filter(what):
     run(session, 0, 1000)
     session.use(other)
     for ours, theirs in zip(run(session, 1000, 2000), run(fresh, 1000, 2000), strict=True):
-        found, wanted = ours.decision.constraint, theirs.decision.constraint
+        found, expected = ours.decision.constraint, theirs.decision.constraint
         np.testing.assert_array_equal(
-            found.tumor_velocities_mm_s[0], wanted.tumor_velocities_mm_s[0]
+            found.tumor_velocities_mm_s[0], expected.tumor_velocities_mm_s[0]
         )
 
 

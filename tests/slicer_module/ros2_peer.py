@@ -111,7 +111,7 @@ def listen(topic, type, latched=False):
         type_of(type), topic, take, QoSProfile(depth=100, durability=durability)
     )
     if not latched:
-        wait(lambda: node.count_publishers(topic) > 0, Limit(f"nobody publishes {topic}"))
+        wait(lambda: node.count_publishers(topic) > 0, Limit(f"no publisher of {topic}"))
 
 
 def take(topic, count=1):
@@ -127,13 +127,13 @@ def publish(topic, type, messages, best_effort=False):
             type_of(type), topic, QoSProfile(depth=100, reliability=reliability)
         )
     publisher = publishers[topic]
-    wait(lambda: publisher.get_subscription_count() > 0, Limit(f"nobody listens to {topic}"))
+    wait(lambda: publisher.get_subscription_count() > 0, Limit(f"no subscriber to {topic}"))
     for each in messages:
         publisher.publish(filled(type_of(type), each))
 
 
 def send_tf(edges, age_s=0.0):
-    wait(lambda: tf.get_subscription_count() > 0, Limit("nobody listens to /tf"))
+    wait(lambda: tf.get_subscription_count() > 0, Limit("no subscriber to /tf"))
     now = node.get_clock().now() - rclpy.duration.Duration(nanoseconds=int(age_s * 1e9))
     sent = []
     for parent, child, translation in edges:
@@ -192,7 +192,7 @@ def mute(_, __):
 
 def call_service(name, type, request):
     client = node.create_client(type_of(type), name)
-    wait(client.service_is_ready, Limit(f"nobody serves {name}"))
+    wait(client.service_is_ready, Limit(f"no server of {name}"))
     done = client.call_async(filled(type_of(type).Request, request))
     wait(done.done, Limit(f"{name} did not reply"))
     node.destroy_client(client)
