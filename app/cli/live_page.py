@@ -38,7 +38,7 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
             SceneView,
             Title,
             Viewer,
-            Watcher,
+            ViewStateBuilder,
             stop_surface,
         )
 
@@ -49,7 +49,7 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
             print(note, file=sys.stderr)
         content, setup = prepared.content, prepared.setup
         surface = stop_surface(content)
-        watcher = Watcher(setup, content, surface)
+        watcher = ViewStateBuilder(setup, content, surface)
         feed = LiveFeed(watcher, setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(content.name, live=True)
         viewer = Viewer(SceneView(content), feed, LiveTimeline(), title)

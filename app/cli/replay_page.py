@@ -51,11 +51,11 @@ def replay_parts(
     with received.ends_at_once():
         from app.report import ReplayLog, find_breaches
         from app.runtime import ReplayRun, prepare_case
-        from app.viewer import ReplayFeed, ReplayTimeline, Watcher, stop_surface
+        from app.viewer import ReplayFeed, ReplayTimeline, ViewStateBuilder, stop_surface
 
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)
     setup, log = prepared.setup, ReplayLog()
-    watcher = Watcher(setup, prepared.content, stop_surface(prepared.content))
+    watcher = ViewStateBuilder(setup, prepared.content, stop_surface(prepared.content))
     run = ReplayRun(
         prepared,
         clock_ns=time.monotonic_ns,

@@ -6,7 +6,7 @@ from .server import Title, Viewer
 from .steps.feeds import LiveFeed, ReplayFeed
 from .steps.live_output import LiveOutput
 from .steps.margin_surface import stop_surface
-from .steps.view_state import ViewState, Watcher
+from .steps.view_state import ViewState, ViewStateBuilder
 
 __all__ = [
     "Address",
@@ -18,9 +18,9 @@ __all__ = [
     "SceneView",
     "Title",
     "ViewState",
+    "ViewStateBuilder",
     "Viewer",
     "ViewerError",
-    "Watcher",
     "new_token",
     "stop_surface",
 ]

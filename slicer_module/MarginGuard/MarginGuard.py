@@ -1,7 +1,7 @@
 """MarginGuard in desktop 3D Slicer: the panel, and the wiring between it and `MarginGuardLib`.
 
-This file loads in any Slicer; what needs MarginGuard itself is imported when the panel is made,
-so that a Slicer that cannot have it says so in one line.
+This file loads in any Slicer. MarginGuard's own packages are imported when the panel is created, so
+that a Slicer without them shows one line instead.
 """
 
 from contextlib import contextmanager
@@ -19,13 +19,13 @@ from slicer.ScriptedLoadableModule import (
 )
 from slicer.util import VTKObservationMixin
 
-from MarginGuardLib.installation import why_not
+from MarginGuardLib.installation import missing_requirement
 
 SPIN_MS = 20
 
 
 class MarginGuard(ScriptedLoadableModule):
-    """What Slicer tells of the module."""
+    """Description of the module for Slicer."""
 
     def __init__(self, parent):
         ScriptedLoadableModule.__init__(self, parent)
@@ -34,21 +34,21 @@ class MarginGuard(ScriptedLoadableModule):
         parent.dependencies = ["Markups", "Segmentations", "Sequences"]
         parent.contributors = ["MarginGuard developers"]
         parent.helpText = (
-            "Guards the margin of a tumour: the tracked tool's signed distance, the state of the "
+            "Monitors the margin of a tumour: the tracked tool's signed distance, the state of the "
             "margin and the virtual fixture, live over ROS 2 or from a recorded case. Begin with "
             "<b>Replay</b> (a case folder) or <b>Connect</b> (a live.yaml). Grey means that the "
-            "margin is not known: the reasons stand below the banner. "
-            "docs/slicer.md of MarginGuard has a page on this panel.<br><br>"
+            "margin is not known: the reasons are below the banner. "
+            "docs/slicer.md of MarginGuard describes this panel.<br><br>"
             "<b>Not a medical device</b>: a research tool that must not guide a treatment."
         )
         parent.acknowledgementText = (
             "Part of MarginGuard, Apache-2.0. The frames and node names are those of LumpNav and "
-            "SlicerIGT; ROS 2, FCL and 3D Slicer do much of the work."
+            "SlicerIGT; it builds on ROS 2, FCL and 3D Slicer."
         )
 
 
 class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
-    """Hands the panel's buttons to the logic, and the logic's status to the panel."""
+    """Connects the panel's widgets to the logic, and shows the logic's status."""
 
     def __init__(self, parent=None):
         ScriptedLoadableModuleWidget.__init__(self, parent)
@@ -61,9 +61,9 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._timer = None
 
     def setup(self):
-        """Make the panel; without MarginGuard it is one line that says why."""
+        """Create the panel, or one line with the reason where MarginGuard is missing."""
         ScriptedLoadableModuleWidget.setup(self)
-        reason = why_not()
+        reason = missing_requirement()
         if reason:
             self.layout.addWidget(qt.QLabel(reason))
             return
@@ -84,7 +84,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.spin()
 
     def cleanup(self):
-        """End everything: the module is being unloaded."""
+        """Stop the timer and the session when the module is unloaded."""
         if self._timer is not None:
             self._timer.stop()
         if self.logic is None:
@@ -94,9 +94,9 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.logic.guard.close()
 
     def spin(self):
-        """Show the newest step, and tell of it: the timer calls this.
+        """Show the newest step and the status; called by the timer.
 
-        An error in here is a bug: PythonQt logs it, and the banner must not go on as it was.
+        An error in here is a bug: PythonQt logs it, and the banner must not stay as it was.
         """
         try:
             self._show(self.logic.guard.spin())
@@ -110,37 +110,37 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             raise
 
     def on_scene_closes(self, caller=None, event=None):
-        """The session ends before its nodes are gone, and the settings before they are reset."""
+        """End the session before its nodes are removed, and disconnect the settings."""
         self._leave_parameter_node()
         self.logic.guard.forget_scene()
 
     def on_scene_closed(self, caller=None, event=None):
-        """Settings anew: those of the scene that was closed are gone."""
+        """Use new settings, because those of the closed scene are gone."""
         self._use_parameter_node()
 
     def on_settings(self, caller=None, event=None):
-        """Settings that take effect at once."""
-        with self._told():
+        """Apply the settings that take effect at once."""
+        with self._errors_shown():
             self.logic.guard.set_opacity(self.settings.opacity)
             self.logic.guard.set_rate(self.settings.rate)
         patient_to_ras = self.settings.patient_to_ras
-        if patient_to_ras is not self._patient_to_ras:  # one that is refused is told once
+        if patient_to_ras is not self._patient_to_ras:  # report a refused one once
             self._patient_to_ras = patient_to_ras
-            with self._told():
+            with self._errors_shown():
                 self.logic.guard.set_patient_to_ras(patient_to_ras)
 
     def on_bullseye(self, checked=False):
-        """Bullseye: follow the tool, or stay."""
-        with self._told():
+        """Let the camera follow the tool, or stop following."""
+        with self._errors_shown():
             self.logic.guard.follow_tool(checked)
 
     def on_mute(self, checked=False):
-        """Mute the alarm, or not."""
+        """Mute or unmute the alarm."""
         self.logic.guard.alarm.muted = checked
 
     def on_seek(self, seconds):
-        """The seek slider was moved by the user."""
-        with self._told():
+        """Seek to the position of the slider."""
+        with self._errors_shown():
             self.logic.guard.seek(seconds)
 
     def _connect_widgets(self):
@@ -181,16 +181,16 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.seekSlider.valueChanged.connect(self.on_seek)
 
     def _on_click(self, button, command):
-        """Call ``command(guard)`` at each click."""
+        """Call ``command(guard)`` at each click and show its error in a window."""
 
         def clicked(checked=False):
-            with self._told():
+            with self._errors_shown():
                 command(self.logic.guard)
 
         button.clicked.connect(clicked)
 
     def _register(self, guard):
-        """Find a registration, from where the user chose."""
+        """Compute a registration from the source that the user selected."""
         from MarginGuardLib.settings import FROM_CASE
 
         if self.settings.registration_source == FROM_CASE:
@@ -200,7 +200,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def _use_parameter_node(self):
         self.settings = self.logic.getParameterNode()
-        # connectGui finds the same widgets, but does not tell the tag that disconnectGui wants.
+        # connectGui connects the same widgets, but does not return the tag for disconnectGui.
         named = ((each.property("SlicerParameterName"), each) for each in vars(self.ui).values())
         self._gui_tag = self.settings.connectParametersToGui(
             {name: widget for name, widget in named if name}
@@ -258,8 +258,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             ui.seekSlider.blockSignals(False)
 
     @contextmanager
-    def _told(self):
-        """What the user asked for and cannot have is told in a window; a bug goes its own way."""
+    def _errors_shown(self):
+        """Show an expected error in a window; let unexpected ones propagate."""
         from app.geometry import MarginGuardError
 
         try:
@@ -273,9 +273,9 @@ class MarginGuardLogic(ScriptedLoadableModuleLogic):
 
     def __init__(self):
         ScriptedLoadableModuleLogic.__init__(self)
-        from MarginGuardLib.logic import GuardLogic
+        from MarginGuardLib.logic import PanelLogic
 
-        self.guard = GuardLogic(slicer.mrmlScene, slicer.app.applicationLogic())
+        self.guard = PanelLogic(slicer.mrmlScene, slicer.app.applicationLogic())
 
     def getParameterNode(self):
         """The settings, typed."""
@@ -285,10 +285,10 @@ class MarginGuardLogic(ScriptedLoadableModuleLogic):
 
 
 class MarginGuardTest(ScriptedLoadableModuleTest):
-    """Run inside Slicer (Reload and Test, or ``slicer.util.runTests``): a case that is replayed."""
+    """Run inside Slicer (Reload and Test, or ``slicer.util.runTests``): replay a case."""
 
     def setUp(self):
-        """Begin with an empty scene."""
+        """Start with an empty scene."""
         slicer.mrmlScene.Clear()
 
     def runTest(self):
@@ -297,7 +297,7 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
         self.test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout()
 
     def test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout(self):
-        """The nodes of the recorded case, at three moments of it."""
+        """Colour of the tumour node at three times of the recorded case."""
         import app
         from app.fixture import MarginState
 
@@ -321,7 +321,7 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
         self.delayDisplay("Test passed")
 
     def _until(self, guard, seconds):
-        """Spin until the frame at ``seconds`` is shown; a minute at most."""
+        """Spin until the frame at ``seconds`` is shown, at most one minute."""
         import time
 
         end_s = time.monotonic() + 60.0

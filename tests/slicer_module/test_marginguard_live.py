@@ -17,12 +17,12 @@ from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.marginguard_module import CASE, spin_until
 from tests.slicer_module.marginguard_module import application as application
 
-from MarginGuardLib.logic import GuardLogic  # isort: skip
+from MarginGuardLib.logic import PanelLogic  # isort: skip
 
 
 @pytest.fixture
 def guard(application, domain_id):
-    logic = GuardLogic(application.scene)
+    logic = PanelLogic(application.scene)
     yield logic
     logic.close()
 
@@ -47,7 +47,7 @@ def test_a_tracker_that_dies_turns_the_tumour_grey_until_somebody_rearms(
     assert guard.spin().session == "connecting ..."
     with pytest.raises(MarginGuardError, match="no case is loaded"):
         guard.pause()
-    with pytest.raises(MarginGuardError, match="a live session is on: disconnect first"):
+    with pytest.raises(MarginGuardError, match="a live session is running: disconnect first"):
         guard.load_case(CASE)
     sender = start(str(SENDER), str(frames_file), "tracked", "again")
     status = spin_until(guard, lambda now: now.state is MarginState.POSITIVE)

@@ -170,7 +170,7 @@ def test_what_the_user_cannot_have_is_one_line_in_a_window(panel, errors):
     panel.ui.registrationSourceComboBox.setCurrentIndex(1)
     panel.ui.registerButton.click()
     assert errors == [
-        "/no/such/case is no case: no such folder",
+        "/no/such/case: no such folder; expected a case",
         "nothing is shown yet: connect or load a case first",
         "nothing is shown yet: connect or load a case first",
         "there is no session: connect or load a case first",
@@ -290,7 +290,9 @@ def test_the_settings_are_in_the_parameter_node_and_a_closed_scene_brings_new_on
 def test_a_slicer_without_marginguard_says_so_in_one_line(desktop, application, monkeypatch):
     from tests.slicer_module.slicer_double import panel_parent
 
-    monkeypatch.setattr(desktop, "why_not", lambda: "MarginGuard needs Python 3.11 or later")
+    monkeypatch.setattr(
+        desktop, "missing_requirement", lambda: "MarginGuard needs Python 3.11 or later"
+    )
     widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
     widget.setup()
     assert widget.layout.itemAt(0).widget().text() == "MarginGuard needs Python 3.11 or later"

@@ -56,7 +56,7 @@ def test_a_job_is_done_elsewhere_and_its_result_is_taken_here(jobs):
 
     taken = []
     jobs.begin("counting", work, lambda number: taken.append((number, threading.current_thread())))
-    assert jobs.at_work == "counting"
+    assert jobs.running == "counting"
     assert jobs.collect() == ""
     assert taken == []
     go_on.set()
@@ -64,7 +64,7 @@ def test_a_job_is_done_elsewhere_and_its_result_is_taken_here(jobs):
     assert jobs.collect() == ""
     assert taken == [(7, threading.current_thread())]
     assert threads != [threading.current_thread()]
-    assert jobs.at_work == ""
+    assert jobs.running == ""
 
 
 def test_a_job_that_fails_is_one_line_and_the_next_one_is_done(jobs):
@@ -76,7 +76,7 @@ def test_a_job_that_fails_is_one_line_and_the_next_one_is_done(jobs):
     jobs.begin("second", lambda: 2, taken.append)
     jobs.wait(60.0)
     said = jobs.collect()
-    while jobs.at_work:
+    while jobs.running:
         jobs.wait(60.0)
         said = jobs.collect() or said
     assert said == "first: this and that"
@@ -108,7 +108,7 @@ def test_segments_and_points_mark_a_tumour(monkeypatch):
 
 
 def test_this_installation_can_run_the_module():
-    assert installation.why_not() == ""
+    assert installation.missing_requirement() == ""
 
 
 @pytest.mark.parametrize("file", ["MarginGuard.py", "MarginGuardLib/installation.py"])
@@ -118,11 +118,16 @@ def test_what_says_that_a_python_is_too_old_can_be_read_by_it(file):
 
 def test_a_slicer_whose_python_is_too_old_says_so(monkeypatch):
     monkeypatch.setattr(sys, "version_info", (3, 9, 10, "final", 0))
-    assert installation.why_not() == "MarginGuard needs Python 3.11 or later, this Slicer has 3.9"
+    assert (
+        installation.missing_requirement()
+        == "MarginGuard needs Python 3.11 or later; this Slicer has 3.9"
+    )
 
 
 def test_a_slicer_that_was_started_without_the_environment_says_how():
-    code = "from MarginGuardLib.installation import why_not; print(why_not())"
+    code = (
+        "from MarginGuardLib.installation import missing_requirement; print(missing_requirement())"
+    )
     done = subprocess.run(
         [sys.executable, "-S", "-c", code],
         capture_output=True,
@@ -146,7 +151,7 @@ def test_packages_that_do_not_fit_are_one_line_whatever_they_raise(monkeypatch, 
             raise error
 
     monkeypatch.setattr(installation, "import_module", load)
-    said = installation.why_not()
+    said = installation.missing_requirement()
     assert "cannot be loaded" in said
     assert "\n" not in said
 

@@ -19,7 +19,7 @@ from app.session import Session
 from tests.slicer_module.marginguard_module import CASE, PATIENCE_SPINS, opened_case, spin_until
 from tests.slicer_module.marginguard_module import application as application
 
-from MarginGuardLib.logic import GuardLogic  # isort: skip
+from MarginGuardLib.logic import PanelLogic  # isort: skip
 from MarginGuardLib.jobs import one_line  # isort: skip
 
 GREY, RED = MarginState.UNKNOWN.color, MarginState.POSITIVE.color
@@ -77,7 +77,7 @@ def clock():
 def guard(application, opened, clock, monkeypatch):
     """The logic with the case loaded, paused at its beginning; nothing ages by itself."""
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened)
-    logic = GuardLogic(application.scene, application.logic, clock)
+    logic = PanelLogic(application.scene, application.logic, clock)
     logic.load_case(CASE)
     spin_until(logic, at(0.0))
     yield logic
@@ -306,7 +306,7 @@ def test_a_node_that_the_user_deletes_turns_the_panel_grey_until_all_is_shown_an
     application.scene.RemoveNode(node if of is None else of(node))
     status = guard.spin(0.0)
     assert status.state is MarginState.UNKNOWN
-    assert status.banner.startswith("UNKNOWN: nothing is shown, ")
+    assert status.banner.startswith("UNKNOWN: nothing is displayed, ")
     assert name in status.message
     for left in ("Tumor", "MarginStatus", "ClosestPoints"):
         assert application.scene.GetFirstNodeByName(left) is None
@@ -357,7 +357,7 @@ def test_registrations_from_the_case_and_from_landmarks_agree(guard, application
         for point in points_mm:
             node.AddControlPoint(point.tolist())
         nodes.append(node)
-    with pytest.raises(MarginGuardError, match="two lists of landmarks are wanted"):
+    with pytest.raises(MarginGuardError, match="landmarks: a list is missing"):
         guard.register_landmarks(nodes[0], None)
     guard.register_landmarks(*nodes)
     assert guard.candidate.accepted, guard.candidate.reason
@@ -436,7 +436,7 @@ def test_a_scene_that_was_saved_and_opened_again_is_gone_on_with(
     guard.close()
     load_scene(scene, tmp_path / "case.mrb")
     tumor = scene.GetFirstNodeByName("Tumor")
-    again = GuardLogic(scene, application.logic, clock)
+    again = PanelLogic(scene, application.logic, clock)
     again.load_case(CASE)
     spin_until(again, at(0.0))
     assert before["Tumor"] == before["CauteryToReference"] == 1

@@ -1,4 +1,4 @@
-"""When the alarm sounds: while the tool is in the tumour."""
+"""The alarm: it sounds while the tool is in the tumour."""
 
 from app.fixture import MarginState
 
@@ -13,7 +13,7 @@ class Alarm:
         self._last_ns: int | None = None
 
     def due(self, state: MarginState, now_ns: int) -> bool:
-        """Whether to sound now, ``now_ns`` on a clock that does not go back."""
+        """True if the alarm has to sound now; ``now_ns`` is on a steady clock."""
         if state is not MarginState.POSITIVE:
             self._last_ns = None
             return False

@@ -1,4 +1,4 @@
-"""Whether MarginGuard itself can be used from this Slicer's Python; this file runs on any."""
+"""Check that MarginGuard can be imported by this Slicer's Python. This file runs on any Python."""
 
 import sys
 from importlib import import_module
@@ -12,11 +12,11 @@ _NEEDED = {
 _START = "start Slicer with 'marginguard slicer --slicer PATH'"
 
 
-def why_not() -> str:
-    """One line that says what is missing; empty when the module can work."""
+def missing_requirement() -> str:
+    """One line with the missing requirement; empty if the module can work."""
     if sys.version_info < OLDEST:
-        found, wanted = (".".join(map(str, each[:2])) for each in (sys.version_info, OLDEST))
-        return f"MarginGuard needs Python {wanted} or later, this Slicer has {found}"
+        found, oldest = (".".join(map(str, each[:2])) for each in (sys.version_info, OLDEST))
+        return f"MarginGuard needs Python {oldest} or later; this Slicer has {found}"
     for name, what in _NEEDED.items():
         try:
             import_module(name)

@@ -1,4 +1,4 @@
-"""What takes long, done beside the scene's thread; its results come back to that thread."""
+"""Long work in a worker thread; its results are handled in the scene's thread."""
 
 import logging
 from collections.abc import Callable
@@ -17,51 +17,51 @@ class _Job:
 
 
 class Jobs:
-    """One job after the other in a thread; `collect` hands out what is done, where it is called."""
+    """Runs jobs one by one in a thread; `collect` handles results in the calling thread."""
 
     def __init__(self) -> None:
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="MarginGuard job")
         self._jobs: list[_Job] = []
 
     @property
-    def at_work(self) -> str:
-        """What is being done, for the panel; empty when nothing is."""
+    def running(self) -> str:
+        """Name of the present job for the panel; empty if there is none."""
         return self._jobs[0].name if self._jobs else ""
 
     def begin(self, name: str, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
-        """Do ``work()`` beside this thread; a later `collect` calls ``then(its result)``."""
+        """Run ``work()`` in the worker thread; a later `collect` calls ``then(result)``."""
         self._jobs.append(_Job(name, self._executor.submit(work), then))
 
     def collect(self) -> str:
-        """Call ``then`` of the jobs that are done; the line of the last that failed, or nothing."""
-        said = ""
+        """Call ``then`` of finished jobs; return the error of the last failed one, or an empty text."""
+        failure = ""
         while self._jobs and self._jobs[0].future.done():
             job = self._jobs.pop(0)
             try:
                 job.then(job.future.result())
             except Exception as error:
-                said = f"{job.name}: {one_line(error)}"
-        return said
+                failure = f"{job.name}: {one_line(error)}"
+        return failure
 
     def wait(self, seconds: float) -> None:
-        """Let the job that is at work go on for so long, or until it is done."""
+        """Wait until the present job is done, at most ``seconds``."""
         if self._jobs:
             wait([self._jobs[0].future], seconds)
 
     def forget(self) -> None:
-        """Do nothing with the results of the jobs that were begun, and no job that waits."""
+        """Drop the results of started jobs, and cancel jobs that wait."""
         for job in self._jobs:
             job.future.cancel()
         self._jobs.clear()
 
     def close(self) -> None:
-        """Forget all of them, and wait for the one that is at work."""
+        """Drop all jobs, and wait for the present one to end."""
         self.forget()
         self._executor.shutdown()
 
 
 def one_line(error: BaseException) -> str:
-    """The error for the panel; one that nobody foresaw goes to Slicer's log as a whole as well."""
+    """The error in one line for the panel; an unexpected one is logged with its traceback too."""
     text = " ".join(str(error).split())
     if isinstance(error, MarginGuardError | OSError) and text:
         return text

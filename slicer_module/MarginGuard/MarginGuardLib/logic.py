@@ -1,6 +1,6 @@
-"""What the panel's buttons do. No Qt, no maths: it joins a session, its display and jobs.
+"""The panel's commands. No Qt and no maths: it connects a session, its display and jobs.
 
-Everything here is for the scene's thread; `GuardLogic.spin` is called by its timer.
+Everything here is for the scene's thread; `PanelLogic.spin` is called by its timer.
 """
 
 import time
@@ -35,16 +35,16 @@ from .status import PanelStatus
 from .tumor_input import surface_of
 
 WAIT_S = 0.005
-"""How long a spin waits for a step, and lets other threads work meanwhile."""
+"""How long a spin waits for a step, so that other threads can run meanwhile."""
 
 
-class GuardLogic:
+class PanelLogic:
     """Commands for one session at a time, live or replayed, shown in ``mrml_scene``.
 
     With the application's ``logic`` its views draw once a step.
 
-    A command that cannot be done raises `MarginGuardError`, with one line for the user; what goes
-    wrong later stands in the status.
+    A command that cannot be executed raises `MarginGuardError` with one line for the user. Later
+    errors are in the status.
     """
 
     def __init__(
@@ -63,26 +63,26 @@ class GuardLogic:
         self._follow: vtkMRMLCameraNode | None = None
 
     def connect(self, config: Path) -> None:
-        """Guard live with this ``live.yaml``; what is wrong with it is said in the status.
+        """Start a live session with this ``live.yaml``; errors in it are in the status.
 
-        Ends a replay; refused while a live session is on, which only its user may end.
+        Ends a replay. Refused during a live session, which has to be disconnected first.
         """
         self._check_not_live()
         self.forget_scene()
         self.session.begin(LiveOpening(config))
 
     def disconnect(self) -> None:
-        """End the session, as soon as it can leave; what it showed turns grey."""
+        """End the session soon; what it displayed turns grey."""
         self.session.running().run.stop()
 
     def load_case(self, folder: Path) -> None:
-        """Open and register a recorded case beside this thread; it then waits at its beginning.
+        """Open and register a recorded case in a worker thread; it is then paused at its start.
 
-        Refused while a live session is on.
+        Refused during a live session.
         """
         self._check_not_live()
         if not folder.is_dir():
-            raise InputError(f"{folder} is no case: no such folder")
+            raise InputError(f"{folder}: no such folder; expected a case")
 
         def opened(case: PreparedCase) -> None:
             self._end()
@@ -91,7 +91,7 @@ class GuardLogic:
         self._jobs.begin("opening the case", lambda: prepare_recorded(folder), opened)
 
     def play(self) -> None:
-        """Go on with the replay; from the beginning when it has ended."""
+        """Resume the replay; restart it if it has ended."""
         replay = self.session.replay()
         if self.session.is_running:
             replay.player.resume()
@@ -99,7 +99,7 @@ class GuardLogic:
             self.session.seek(0.0, paused=False)
 
     def pause(self) -> None:
-        """Hold the replay at the frame that it shows."""
+        """Pause the replay at the displayed frame."""
         self.session.replay().player.pause()
 
     def step(self) -> None:
@@ -107,17 +107,17 @@ class GuardLogic:
         self.session.replay().player.step()
 
     def seek(self, seconds: float) -> None:
-        """Go on from there, with a session of its own; a paused replay stays paused."""
+        """Seek, with a new session; a paused replay stays paused."""
         self.session.seek(seconds, paused=self.session.replay().player.paused)
 
     def set_rate(self, rate: float) -> None:
-        """Recording seconds a second, for this replay and for the next ones."""
+        """Set the rate (recorded time over clock time) of this replay and the next ones."""
         if self.session.opened is not None:
             self.session.replay().set_rate(rate)
         self.session.rate = rate
 
     def rearm(self) -> None:
-        """End the hold of an earlier fault, for an operator who sees what is shown now."""
+        """End the hold of an earlier fault; the operator sees the present display."""
         self.session.rearm()
 
     def margins(self) -> MarginParameters | None:
@@ -127,24 +127,24 @@ class GuardLogic:
         return None if commands is None else commands.content.margins
 
     def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Use these from the next step on; refused whole when one of them cannot be."""
+        """Use these margins from the next step on; if one is invalid, both are refused."""
         self.session.running().run.set_margins(stop_mm, warn_mm)
 
     def set_tumor(self, node: vtkMRMLNode | None, segment: str = "") -> None:
-        """Guard what ``node`` marks now; its field is built beside this thread."""
+        """Use the present surface of ``node`` as tumour; its field is built in a worker thread."""
         commands = self.session.commands()
         edge = commands.setup.frame_from_tumor
         mesh = surface_of(node, segment, edge.source, self.session.shown().tumor_node())
 
         def done(model_id: str) -> None:
             if commands is not self.session.commands():
-                raise InputError("another session has begun meanwhile: set it again")
+                raise InputError("another session has started meanwhile: set the tumour again")
             self._message = f"the tumour is now {model_id}"
 
         self._jobs.begin("setting the tumour", lambda: commands.set_tumor(edge, mesh), done)
 
     def register_case(self, folder: Path) -> None:
-        """Find the registration of a recorded case beside this thread, to be accepted."""
+        """Compute the registration of a recorded case in a worker thread, for acceptance."""
         self._jobs.begin("registering", lambda: registration_of_case(folder), self._propose)
 
     def register_landmarks(
@@ -152,20 +152,22 @@ class GuardLogic:
     ) -> None:
         """Register by points marked in the scene and the same points in the robot's base.
 
-        ``in_reference`` is taken where the scene has it, relative to the reference's node;
-        ``in_base`` by its own coordinates.
+        ``in_reference`` is used relative to the reference's node, ``in_base`` in its own
+        coordinates.
         """
         robot = self.session.commands().setup.robot
         if in_reference is None or in_base is None:
-            raise InputError("two lists of landmarks are wanted: in the reference, in the base")
+            raise InputError(
+                "landmarks: a list is missing; expected one in the reference, one in the base"
+            )
         if robot is None:
-            raise InputError("the session has no robot whose base could be registered")
+            raise InputError("registration: the session has no robot; expected one")
         fixed_mm = points_of_markups(in_reference, self.session.shown().reference_node())
         moving_mm = points_of_markups(in_base, in_base.GetParentTransformNode())
         self._propose(registration_of_landmarks(fixed_mm, moving_mm, robot.base_frame))
 
     def accept_registration(self) -> None:
-        """Use the registration that was found, from the next step on."""
+        """Use the proposed registration from the next step on."""
         commands = self.session.commands()
         if self.candidate is None:
             raise InputError("there is no registration to accept: register first")
@@ -174,27 +176,27 @@ class GuardLogic:
         self._message = "the registration is in use"
 
     def set_opacity(self, opacity: float) -> None:
-        """Of the tumour, 0 to 1, for this display and the next ones."""
+        """Set the tumour's opacity, 0 to 1, of this display and the next ones."""
         self.session.opacity = opacity
         if self.session.display is not None:
             self.session.display.set_opacity(opacity)
 
     def set_patient_to_ras(self, node: vtkMRMLTransformNode | None) -> None:
-        """Where the reference is drawn; None: at the world's origin.
+        """Place the reference below ``node``; None places it at the world's origin.
 
-        Raises `SceneError` for a node of the session's own.
+        Raises `SceneError` for a node of the session itself.
         """
         if self.session.display is not None:
             self.session.display.set_patient_to_ras(node)
         self.session.patient_to_ras = node
 
     def look(self, preset: Preset) -> None:
-        """Look at the tumour from one side, and stay there."""
+        """Point the camera at the tumour from one side, and stop following the tool."""
         self._follow = None
         self.session.shown().look(self._camera(), preset)
 
     def follow_tool(self, follow: bool) -> None:
-        """Look along the tool from now on, or stay where the view is."""
+        """Let the camera follow the tool, or stop following."""
         self._follow = None
         if follow:
             self.session.shown().look_along_tool(self._camera())
@@ -202,11 +204,11 @@ class GuardLogic:
 
     @property
     def is_following(self) -> bool:
-        """Whether the view follows the tool."""
+        """True while the camera follows the tool."""
         return self._follow is not None
 
     def spin(self, wait_s: float = WAIT_S) -> PanelStatus:
-        """Show the newest step, grey what has become old, and tell how everything is."""
+        """Show the newest step, grey out stale data, and return the status."""
         failed = self._jobs.collect()
         if failed:
             self._message = failed
@@ -221,11 +223,11 @@ class GuardLogic:
         return self._status()
 
     def wants_alarm(self) -> bool:
-        """Whether the alarm is to sound now."""
+        """True if the alarm has to sound now."""
         return self.alarm.due(self.session.readout()[0], self._clock_ns())
 
     def forget_scene(self) -> None:
-        """End the session and what was still to be done; its nodes leave the scene."""
+        """End the session, drop its jobs, and remove its nodes from the scene."""
         self._jobs.forget()
         self._end()
 
@@ -235,7 +237,7 @@ class GuardLogic:
         self._jobs.close()
 
     def _look_along_tool(self) -> None:
-        """Where it cannot be done any more, as without the camera, the view stays."""
+        """Update the following camera; stop following when that fails, as without a camera."""
         if self._follow is None or self.session.display is None:
             return
         try:
@@ -251,7 +253,7 @@ class GuardLogic:
 
     def _check_not_live(self) -> None:
         if self._is_live:
-            raise InputError("a live session is on: disconnect first")
+            raise InputError("a live session is running: disconnect first")
 
     @property
     def _is_live(self) -> bool:
@@ -271,7 +273,7 @@ class GuardLogic:
             trackers="\n".join(health.text for health in session.health),
             session=session.text(),
             registration="" if self.candidate is None else registration_text(self.candidate),
-            message=f"{self._jobs.at_work} ..." if self._jobs.at_work else self._message,
+            message=f"{self._jobs.running} ..." if self._jobs.running else self._message,
             position_s=session.position_s,
             duration_s=0.0 if session.opened is None else session.opened.extent.duration_s,
             is_live=self._is_live,
@@ -285,7 +287,7 @@ class GuardLogic:
     def _camera(self) -> vtkMRMLCameraNode:
         camera = self._mrml_scene.GetFirstNodeByClass("vtkMRMLCameraNode")
         if camera is None:
-            raise InputError("the scene has no 3D view to look through")
+            raise InputError("the scene has no 3D view; expected one")
         return camera
 
 

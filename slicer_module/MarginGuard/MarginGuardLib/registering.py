@@ -1,4 +1,4 @@
-"""Where a new registration of the robot's base comes from, and how the panel tells of it."""
+"""Sources of a new registration of the robot's base, and its text for the panel."""
 
 from pathlib import Path
 
@@ -9,17 +9,17 @@ from app.session import REFERENCE
 
 
 def registration_of_case(folder: Path) -> RegistrationResult:
-    """What ``marginguard register`` finds in the case; takes seconds."""
+    """The registration that ``marginguard register`` finds in the case; takes seconds."""
     robot = register_case(folder).robot
     if robot is None or robot.registration is None:
-        raise InputError(f"{folder} has no robot: there is nothing to register")
+        raise InputError(f"{folder} has no robot; expected a case with a robot to register")
     return robot.registration
 
 
 def registration_of_landmarks(
     in_reference_mm: FloatArray, in_base_mm: FloatArray, base_frame: str
 ) -> RegistrationResult:
-    """What the service ``~/register`` finds for these points (n, 3), in the same order."""
+    """The registration that ``~/register`` finds for these points, (n, 3) in mm, in order."""
     return register_points(
         in_reference_mm, in_base_mm, fixed_frame=REFERENCE, moving_frame=base_frame
     )

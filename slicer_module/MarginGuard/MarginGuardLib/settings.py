@@ -1,4 +1,4 @@
-"""What the user chose, in the module's parameter node, so that it is saved with the scene."""
+"""The user's settings in the module's parameter node, which is saved with the scene."""
 
 import pathlib
 from typing import Annotated, Union
@@ -18,7 +18,7 @@ FROM_LANDMARKS = "landmarks in the scene"
 
 @parameterNodeWrapper
 class Settings:
-    """Each is bound to the widget with its name as ``SlicerParameterName``; lengths in mm.
+    """Each setting is bound to the widget whose ``SlicerParameterName`` is its name; lengths in mm.
 
     ``fixed_points``: landmarks in the reference, where the scene has them; ``moving_points``: the
     same ones in coordinates of the robot's base. ``rate``: recording seconds a second.

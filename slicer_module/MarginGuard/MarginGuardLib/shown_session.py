@@ -1,4 +1,4 @@
-"""One session at a time in the scene: what runs, what was shown last, how old that is."""
+"""One session at a time in the scene: its run, its display, the age of what is displayed."""
 
 import time
 from collections.abc import Callable
@@ -22,9 +22,9 @@ from .jobs import one_line
 
 
 class ShownSession:
-    """A live session or a replay, shown in ``mrml_scene``; for the scene's thread alone.
+    """A live session or a replay, shown in ``mrml_scene``. For the scene's thread only.
 
-    ``opacity`` and ``patient_to_ras`` are those of every display to come.
+    ``opacity`` and ``patient_to_ras`` apply to every later display.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class ShownSession:
         self.begin(run, opened)
 
     def end(self) -> None:
-        """Stop the run, and take the display out of the scene."""
+        """Stop the run, and remove the display from the scene."""
         if self.thread is not None:
             self.thread.stop()
         if self.display is not None:
@@ -68,7 +68,7 @@ class ShownSession:
         self.failure = ""
 
     def seek(self, seconds: float, *, paused: bool) -> None:
-        """Replay the case from there, as it was changed since it was opened."""
+        """Replay the case from ``seconds``, with the changes since it was opened."""
         case, commands = self.case(), self.commands()
         duration_s = case.extent.duration_s
         if not 0.0 <= seconds <= duration_s:
@@ -88,17 +88,17 @@ class ShownSession:
         )
 
     def take(self, wait_s: float) -> None:
-        """Show the newest step, waited for at most ``wait_s``, and grey what has become old.
+        """Show the newest step, waiting at most ``wait_s`` for one, and grey out stale data.
 
-        What cannot be brought up to date, as when the user has deleted a node, is taken out of the
-        scene: ``failure`` says why, and the next step shows all of it anew.
+        If the display cannot be updated, as when the user has deleted a node, it is removed from
+        the scene, ``failure`` has the reason, and the next step creates it again.
         """
         if self.thread is None:
             return
         delivered = self.thread.newest(wait_s)
         try:
             self._show(self.thread, delivered)
-        except Exception as error:  # whatever it is, nothing may stay as it was
+        except Exception as error:  # any error: nothing may stay as it was
             self.failure = one_line(error)
             display, self.display, self.health = self.display, None, ()
             if display is not None:
@@ -129,10 +129,10 @@ class ShownSession:
             self.health = self.display.check(thread.present_ns(self._last))
 
     def rearm(self) -> None:
-        """End the hold of an earlier fault, for an operator who sees what is shown now.
+        """End the hold of an earlier fault, on behalf of an operator who sees the display.
 
-        Refused while that is UNKNOWN, and when a fault or another tumour, tool, registration or
-        margin came after it: nobody can have looked at them.
+        Refused while the displayed state is UNKNOWN, and after a fault or another tumour, tool,
+        registration or margin that is not displayed yet: the operator cannot have seen it.
         """
         thread, shown, commands = self.running(), self._last, self.commands()
         if shown is None or self.display is None or self.readout()[0] is MarginState.UNKNOWN:
@@ -151,30 +151,30 @@ class ShownSession:
 
     @property
     def is_running(self) -> bool:
-        """Whether steps may come."""
+        """True while steps may follow."""
         return self.thread is not None and not self.thread.is_over
 
     @property
     def is_playing(self) -> bool:
-        """Whether a replay goes on by itself."""
+        """True while a replay plays."""
         return self.is_running and self.opened is not None and not self.replay().player.paused
 
     @property
     def position_s(self) -> float | None:
-        """Seconds from the first frame of the case to the frame that was shown last."""
+        """Time of the displayed frame from the first one of the case, in s."""
         if self.opened is None or self._last is None:
             return None
         return (self._last.step.frame.stamp.ns - self.opened.extent.first_ns) / NS_PER_S
 
     def readout(self) -> tuple[MarginState, str]:
-        """The state and the banner, as the scene shows them."""
+        """State and banner as the scene shows them."""
         if self.display is None:
-            why = f"UNKNOWN: nothing is shown, {self.failure}" if self.failure else NOTHING_YET
+            why = f"UNKNOWN: nothing is displayed, {self.failure}" if self.failure else NOTHING_YET
             return MarginState.UNKNOWN, why
         return self.display.readout()
 
     def reasons(self) -> str:
-        """Those of the last decision, or the one for which it is not shown any more."""
+        """Reasons of the last decision, or the reason why it is not displayed any more."""
         if self._last is None or self.display is None:
             return ""
         decision = self._last.step.decision
@@ -183,7 +183,7 @@ class ShownSession:
         return ", ".join(map(str, decision.reasons))
 
     def text(self) -> str:
-        """What the session is, and what it does."""
+        """Name and activity of the session."""
         if self.thread is None:
             return "no session"
         if self.opened is not None:

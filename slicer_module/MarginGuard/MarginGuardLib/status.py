@@ -1,4 +1,4 @@
-"""All that the panel shows, as one value: made by the logic, written into the widgets."""
+"""Everything that the panel shows, as one value that the logic makes and the widgets display."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from app.fixture import MarginState
 class PanelStatus:
     """``position_s`` is None without a case; ``message`` is the last line about an error or a job.
 
-    ``banner``: state, words and distance as the scene shows them. ``trackers``: a line a transform.
+    ``banner``: text of state and distance as in the scene. ``trackers``: one line a transform.
     """
 
     state: MarginState

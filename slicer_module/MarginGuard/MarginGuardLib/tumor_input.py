@@ -1,4 +1,4 @@
-"""A tumour that the user chose among the nodes of the scene, as a surface in the tumour's frame."""
+"""The surface, in the tumour's frame, of a node that the user selected as tumour."""
 
 from slicer import (
     vtkMRMLMarkupsNode,
@@ -16,10 +16,10 @@ from app.scene import SceneError, mesh_of_model, mesh_of_segment, points_of_mark
 def surface_of(
     node: vtkMRMLNode | None, segment: str, frame: str, frame_node: vtkMRMLTransformNode
 ) -> SurfaceMesh:
-    """The surface that ``node`` marks now, in ``frame``, which is that of ``frame_node``.
+    """The present surface of ``node`` in ``frame``, the frame of ``frame_node``.
 
-    A model is taken as it is, of a segmentation the segment called ``segment`` (empty: the only
-    one), around markups a surface is made. Raises `SceneError` for no node or another kind.
+    A model is used as it is, of a segmentation the segment named ``segment`` (empty: the only
+    one); around markups a surface is computed. Raises `SceneError` for no node or another kind.
     """
     if isinstance(node, vtkMRMLModelNode):
         return mesh_of_model(node, frame, frame_node)
@@ -27,13 +27,13 @@ def surface_of(
         return mesh_of_segment(node, segment or _only_segment(node), frame, frame_node)
     if isinstance(node, vtkMRMLMarkupsNode):
         return surface_around(points_of_markups(node, frame_node), frame)
-    chosen = "no node" if node is None else f"{node.GetName()!r}, a {node.GetClassName()}, "
-    raise SceneError(f"{chosen} is chosen as tumour: a model, segmentation or markups wanted")
+    chosen = "no node" if node is None else f"{node.GetName()!r}, a {node.GetClassName()}"
+    raise SceneError(f"tumour: {chosen} is selected; expected a model, segmentation or markups")
 
 
 def _only_segment(node: vtkMRMLSegmentationNode) -> str:
     segments = node.GetSegmentation()
     count = segments.GetNumberOfSegments()
     if count != 1:
-        raise SceneError(f"{node.GetName()!r} has {count} segments: the name of one wanted")
+        raise SceneError(f"{node.GetName()!r} has {count} segments; expected the name of one")
     return str(segments.GetNthSegment(0).GetName())
