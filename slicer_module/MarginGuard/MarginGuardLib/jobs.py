@@ -33,7 +33,7 @@ class Jobs:
         self._jobs.append(_Job(name, self._executor.submit(work), then))
 
     def collect(self) -> str:
-        """Call ``then`` of finished jobs; return the error of the last failed one, or an empty text."""
+        """Call ``then`` of finished jobs; return the error of the last failed one, or empty."""
         failure = ""
         while self._jobs and self._jobs[0].future.done():
             job = self._jobs.pop(0)
