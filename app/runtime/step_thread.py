@@ -7,6 +7,7 @@ from typing import Protocol
 
 from app.fixture import FixtureDecision, MarginState
 from app.runtime.commands import OperatorCommands
+from app.runtime.content import SessionContent
 from app.runtime.latest_value import LatestValue
 from app.session import StepResult
 
@@ -35,10 +36,14 @@ class StepRun(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeliveredStep:
-    """A step of ``thread``, and when it was ready on the host's steady clock."""
+    """A step of ``thread``, the content it was taken with, and when it was ready.
+
+    ``at_ns`` is a time of the host's steady clock. ``content`` is None while the run has none.
+    """
 
     thread: "StepThread"
     step: StepResult
+    content: SessionContent | None
     at_ns: int
 
 
@@ -98,7 +103,10 @@ class StepThread:
         try:
             for step in self.run.steps():
                 self._note_fault(step.decision)
-                self._latest.put(DeliveredStep(self, step, self._clock_ns()))
+                # No command can replace the content while the step is being taken.
+                commands = self.run.commands
+                content = None if commands is None else commands.content
+                self._latest.put(DeliveredStep(self, step, content, self._clock_ns()))
         except Exception as error:  # any error: the display reports it and turns grey
             self.failure = self._describe(error)
 

@@ -225,7 +225,7 @@ def test_a_model_becomes_the_tumour(guard, application):
     ball.Update()
     model = application.scene.AddNewNodeByClass("vtkMRMLModelNode", "Ball")
     model.SetAndObservePolyData(ball.GetOutput())
-    with pytest.raises(MarginGuardError, match="no node is chosen as tumour"):
+    with pytest.raises(MarginGuardError, match="tumour: no node is selected"):
         guard.set_tumor(None)
     guard.set_tumor(model)
     guard.step()
@@ -333,7 +333,7 @@ def test_a_tumour_for_a_session_that_is_gone_is_not_told_as_set(guard, applicati
     guard.set_tumor(points)
     guard.seek(5.0)
     status = spin_until(guard, lambda now: now.message and "..." not in now.message)
-    assert "another session has begun meanwhile: set it again" in status.message
+    assert "another session has started meanwhile" in status.message
 
 
 def test_registrations_from_the_case_and_from_landmarks_agree(guard, application, opened):
@@ -408,7 +408,7 @@ def test_views_opacity_and_the_patients_place(guard, application):
 def test_what_cannot_be_is_refused_and_what_fails_later_is_one_line(guard, application, tmp_path):
     for command, message in (
         (lambda: guard.seek(76.0), "expected 0 to 75.4 s"),
-        (lambda: guard.set_rate(-1.0), "rate -1.0"),
+        (lambda: guard.set_rate(-1.0), "rate of a replay is -1.0"),
         (lambda: guard.load_case(tmp_path / "none"), "no such folder"),
     ):
         with pytest.raises(MarginGuardError, match=message):

@@ -17,7 +17,7 @@ from app.geometry import (
 from app.runtime import SessionContent
 from app.session import StepResult
 from app.viewer.steps.replay import ReplayControl
-from app.viewer.steps.view_state import ViewState, Watcher
+from app.viewer.steps.view_state import ViewState, ViewStateBuilder
 
 _QUIET_NS = NS_PER_S
 """A session without samples steps every tenth of a second: after this silence it has ended."""
@@ -52,7 +52,9 @@ class LiveFeed:
     stale, the last step is shown as UNKNOWN. ``clock_ns`` is a steady clock of this machine.
     """
 
-    def __init__(self, watcher: Watcher, stale_after_ns: int, clock_ns: Callable[[], int]) -> None:
+    def __init__(
+        self, watcher: ViewStateBuilder, stale_after_ns: int, clock_ns: Callable[[], int]
+    ) -> None:
         self._watcher = watcher
         self._stale_after_ns = stale_after_ns
         self._clock_ns = clock_ns

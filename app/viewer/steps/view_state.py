@@ -62,7 +62,7 @@ def known_distance_mm(step: StepResult) -> float | None:
     return float(proximity.signed_distance_mm)
 
 
-class Watcher:
+class ViewStateBuilder:
     """Turns each step of a session into a `ViewState`, in order.
 
     Call `use` before the first step of a changed session.

@@ -108,12 +108,11 @@ class ShownSession:
         self.thread = StepThread(run, self._clock_ns, one_line)
 
     def _show(self, thread: StepThread, delivered: DeliveredStep | None) -> None:
-        commands = thread.run.commands
-        if delivered is not None and commands is not None:
+        if delivered is not None and delivered.content is not None:
             if self.display is None:
                 self.display = SessionDisplay(
                     self._mrml_scene,
-                    commands.content,
+                    delivered.content,
                     opacity=self.opacity,
                     patient_to_ras=self.patient_to_ras,
                     logic=self._logic,
@@ -122,7 +121,7 @@ class ShownSession:
                 self.display.restart()
             self._last = delivered
             self.health = self.display.show(
-                delivered.step, commands.content, thread.present_ns(delivered)
+                delivered.step, delivered.content, thread.present_ns(delivered)
             )
             self.failure = ""
         elif self._last is not None and self.display is not None:

@@ -7,7 +7,7 @@ import pytest
 
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
-from app.viewer import LiveFeed, ReplayFeed, Watcher
+from app.viewer import LiveFeed, ReplayFeed, ViewStateBuilder
 from tests.viewer.hand_clock import HandClock
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
@@ -23,7 +23,7 @@ def clock():
 @pytest.fixture
 def live(parts, clock):
     prepared = parts.run.prepared
-    return LiveFeed(Watcher(prepared.setup, prepared.content), STALE_NS, clock)
+    return LiveFeed(ViewStateBuilder(prepared.setup, prepared.content), STALE_NS, clock)
 
 
 def steps(parts):
