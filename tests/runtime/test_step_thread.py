@@ -1,0 +1,199 @@
+"""A step thread delivers the newest step, ages it after its run, and keeps the last fault."""
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from app.fixture import MarginState
+from app.runtime import StepThread
+
+DEADLINE_S = 60.0
+STAMP_NS = 5_000
+NEGATIVE, UNKNOWN = MarginState.NEGATIVE, MarginState.UNKNOWN
+
+
+class ClockDouble:
+    """Test double of a steady clock: changes only when the test sets ``ns``."""
+
+    ns = 100
+
+    def __call__(self):
+        return self.ns
+
+
+class RunDouble:
+    """Test double of a run: yields ``steps`` and then waits for `stop`, or raises ``error``."""
+
+    def __init__(self, *steps, pace=1.0, error=None, commands=None):
+        self.commands = commands
+        self._steps, self._pace, self._error = steps, pace, error
+        self._stopped = threading.Event()
+
+    def steps(self):
+        yield from self._steps
+        if self._error is not None:
+            raise self._error
+        self._stopped.wait()
+
+    def stop(self):
+        self._stopped.set()
+
+    def set_margins(self, stop_mm, warn_mm):
+        raise AssertionError("a step thread sets no margins")
+
+    def pace(self):
+        return self._pace
+
+
+def step_double(seq=1, state=NEGATIVE, hold=False, stamp_ns=STAMP_NS):
+    """Test double of a step: the values that a step thread reads."""
+    return SimpleNamespace(
+        decision=SimpleNamespace(seq=seq, state=state, hold=hold),
+        frame=SimpleNamespace(stamp=SimpleNamespace(ns=stamp_ns)),
+    )
+
+
+@pytest.fixture
+def clock():
+    return ClockDouble()
+
+
+@pytest.fixture
+def start(clock):
+    """``start(run)`` starts a thread that is stopped after the test."""
+    threads = []
+
+    def start(run, **options):
+        threads.append(StepThread(run, clock, **options))
+        return threads[-1]
+
+    yield start
+    for thread in threads:
+        thread.stop()
+
+
+def test_step_is_delivered_once_with_time_of_its_arrival(start, clock):
+    step = step_double()
+    thread = start(RunDouble(step))
+    delivered = thread.newest(DEADLINE_S)
+    assert delivered.step is step
+    assert delivered.thread is thread
+    assert delivered.at_ns == clock.ns
+    assert thread.newest(0.0) is None
+
+
+def test_step_is_delivered_with_content_of_its_time(start):
+    before, after = object(), object()
+    commands = SimpleNamespace(content=before)
+    delivered = start(RunDouble(step_double(), commands=commands)).newest(DEADLINE_S)
+    commands.content = after
+    assert delivered.content is before
+
+
+def test_step_of_run_without_commands_has_no_content(start):
+    assert start(RunDouble(step_double())).newest(DEADLINE_S).content is None
+
+
+def test_only_newest_of_several_steps_is_delivered(start):
+    thread = start(RunDouble(*(step_double(seq) for seq in range(1, 6))))
+    thread.stop()
+    assert thread.newest(0.0).step.decision.seq == 5
+    assert thread.newest(0.0) is None
+
+
+def test_stop_ends_thread_without_failure(start):
+    thread = start(RunDouble())
+    assert not thread.is_over
+    thread.stop()
+    assert thread.is_over
+    assert thread.failure == ""
+
+
+def test_error_of_run_is_described_and_keeps_last_step(start):
+    step = step_double()
+    run = RunDouble(step, error=ValueError("broken\ninside"))
+    thread = start(run, describe=lambda error: f"{type(error).__name__} of the run")
+    thread.stop()
+    assert thread.is_over
+    assert thread.failure == "ValueError of the run"
+    assert thread.newest(0.0).step is step
+
+
+def test_error_is_described_by_its_text_unless_stated_otherwise(start):
+    thread = start(RunDouble(error=OSError("the wire is cut")))
+    thread.stop()
+    assert thread.failure == "the wire is cut"
+
+
+@pytest.mark.parametrize(("pace", "elapsed_ns"), [(1.0, 40), (0.5, 20), (0.0, 0)])
+def test_present_advances_with_pace_while_running(start, clock, pace, elapsed_ns):
+    thread = start(RunDouble(step_double(), pace=pace))
+    delivered = thread.newest(DEADLINE_S)
+    assert thread.present_ns(delivered) == STAMP_NS
+    clock.ns += 40
+    assert not thread.is_over
+    assert thread.present_ns(delivered) == STAMP_NS + elapsed_ns
+
+
+def test_present_advances_with_clock_after_paused_run_is_over(start, clock):
+    thread = start(RunDouble(step_double(), pace=0.0))
+    delivered = thread.newest(DEADLINE_S)
+    thread.stop()
+    clock.ns += 40
+    assert thread.present_ns(delivered) == STAMP_NS + 40
+
+
+def test_present_advances_with_clock_after_failure(start, clock):
+    thread = start(RunDouble(step_double(), pace=0.0, error=ValueError("broken")))
+    delivered = thread.newest(DEADLINE_S)
+    thread.stop()
+    clock.ns += 40
+    assert thread.present_ns(delivered) == STAMP_NS + 40
+
+
+def test_step_of_replaced_run_ages_although_new_run_is_paused(start, clock):
+    before = start(RunDouble(step_double(), pace=0.0))
+    delivered = before.newest(DEADLINE_S)
+    before.stop()
+    replacement = start(RunDouble(pace=0.0))
+    clock.ns += 40
+    assert not replacement.is_over
+    assert replacement.present_ns(delivered) == STAMP_NS + 40
+
+
+@pytest.mark.parametrize(
+    ("decisions", "fault_seq"),
+    [
+        ([], 0),
+        ([(NEGATIVE, False), (NEGATIVE, False)], 0),
+        ([(UNKNOWN, True)], 1),
+        ([(UNKNOWN, True), (UNKNOWN, True)], 2),
+        ([(UNKNOWN, True), (NEGATIVE, True), (NEGATIVE, True)], 1),
+        ([(NEGATIVE, True), (NEGATIVE, True)], 0),
+        ([(NEGATIVE, False), (NEGATIVE, True), (NEGATIVE, True)], 2),
+        ([(NEGATIVE, True), (NEGATIVE, False), (NEGATIVE, True)], 3),
+        ([(NEGATIVE, False), (UNKNOWN, True), (NEGATIVE, False)], 2),
+    ],
+    ids=[
+        "no step",
+        "no fault",
+        "unknown",
+        "lasting unknown",
+        "latched after unknown",
+        "on hold from the start",
+        "hold begins",
+        "hold begins again",
+        "fault ends",
+    ],
+)
+def test_fault_seq_is_that_of_last_unknown_or_beginning_hold(start, decisions, fault_seq):
+    steps = [step_double(seq, state, hold) for seq, (state, hold) in enumerate(decisions, start=1)]
+    thread = start(RunDouble(*steps))
+    thread.stop()
+    assert thread.fault_seq == fault_seq
+
+
+def test_fault_is_known_before_its_step_is_delivered(start):
+    thread = start(RunDouble(step_double(7, UNKNOWN, True)))
+    assert thread.newest(DEADLINE_S).step.decision.seq == thread.fault_seq == 7
