@@ -50,7 +50,7 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
         content, setup = prepared.content, prepared.setup
         surface = stop_surface(content)
         watcher = ViewStateBuilder(setup, content, surface)
-        feed = LiveFeed(watcher, time.monotonic_ns)
+        feed = LiveFeed(watcher, setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(content.name, live=True)
         viewer = Viewer(SceneView(content), feed, LiveTimeline(), title)
         feed.call_on_change(viewer.wake)

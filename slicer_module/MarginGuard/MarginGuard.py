@@ -1,7 +1,7 @@
 """MarginGuard in desktop 3D Slicer: the panel, and the wiring between it and `MarginGuardLib`.
 
-This file loads in any Slicer. MarginGuard's own packages are imported when the panel is created, so
-that a Slicer without them shows one line instead.
+This file loads in any Slicer. It imports MarginGuard itself when the panel is created, and the
+panel shows one line if that fails.
 """
 
 from contextlib import contextmanager
@@ -22,6 +22,7 @@ from slicer.util import VTKObservationMixin
 from MarginGuardLib.installation import missing_requirement
 
 SPIN_MS = 20
+"""Interval of the timer that updates scene and panel."""
 
 
 class MarginGuard(ScriptedLoadableModule):
@@ -37,18 +38,18 @@ class MarginGuard(ScriptedLoadableModule):
             "Monitors the margin of a tumour: the tracked tool's signed distance, the state of the "
             "margin and the virtual fixture, live over ROS 2 or from a recorded case. Begin with "
             "<b>Replay</b> (a case folder) or <b>Connect</b> (a live.yaml). Grey means that the "
-            "margin is not known: the reasons are below the banner. "
+            "margin is not known; the reasons are below the banner. "
             "docs/slicer.md of MarginGuard describes this panel.<br><br>"
             "<b>Not a medical device</b>: a research tool that must not guide a treatment."
         )
         parent.acknowledgementText = (
             "Part of MarginGuard, Apache-2.0. The frames and node names are those of LumpNav and "
-            "SlicerIGT; it builds on ROS 2, FCL and 3D Slicer."
+            "SlicerIGT; It is built on ROS 2, FCL and 3D Slicer."
         )
 
 
 class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
-    """Connects the panel's widgets to the logic, and shows the logic's status."""
+    """Connects the panel's buttons with `PanelLogic`, and shows its status in the panel."""
 
     def __init__(self, parent=None):
         ScriptedLoadableModuleWidget.__init__(self, parent)
@@ -61,16 +62,16 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._timer = None
 
     def setup(self):
-        """Create the panel, or one line with the reason where MarginGuard is missing."""
+        """Create the panel; without MarginGuard it is one line with the cause."""
         ScriptedLoadableModuleWidget.setup(self)
         reason = missing_requirement()
         if reason:
             self.layout.addWidget(qt.QLabel(reason))
             return
-        panel = slicer.util.loadUI(self.resourcePath("UI/MarginGuard.ui"))
-        self.layout.addWidget(panel)
-        self.ui = slicer.util.childWidgetVariables(panel)
-        panel.setMRMLScene(slicer.mrmlScene)
+        ui_widget = slicer.util.loadUI(self.resourcePath("UI/MarginGuard.ui"))
+        self.layout.addWidget(ui_widget)
+        self.ui = slicer.util.childWidgetVariables(ui_widget)
+        ui_widget.setMRMLScene(slicer.mrmlScene)
         self.logic = MarginGuardLogic()
         self._connect_widgets()
         self._use_parameter_node()
@@ -84,25 +85,25 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.spin()
 
     def cleanup(self):
-        """Stop the timer and the session when the module is unloaded."""
+        """End timer, session and jobs before the module is unloaded."""
         if self._timer is not None:
             self._timer.stop()
         if self.logic is None:
             return
-        self._leave_parameter_node()
+        self._disconnect_parameter_node()
         self.removeObservers()
-        self.logic.guard.close()
+        self.logic.panel_logic.close()
 
     def spin(self):
-        """Show the newest step and the status; called by the timer.
+        """Show the newest step and the status. The timer calls this.
 
-        An error in here is a bug: PythonQt logs it, and the banner must not stay as it was.
+        An error here is a bug: PythonQt logs it, and the banner turns to UNKNOWN.
         """
         try:
-            self._show(self.logic.guard.spin())
-            if self.logic.guard.wants_alarm():
+            self._show(self.logic.panel_logic.spin())
+            if self.logic.panel_logic.alarm_due():
                 qt.QApplication.beep()
-            self._take_margins()
+            self._update_margin_settings()
         except Exception:
             from app.fixture import MarginState
 
@@ -111,37 +112,37 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def on_scene_closes(self, caller=None, event=None):
         """End the session before its nodes are removed, and disconnect the settings."""
-        self._leave_parameter_node()
-        self.logic.guard.forget_scene()
+        self._disconnect_parameter_node()
+        self.logic.panel_logic.end_session()
 
     def on_scene_closed(self, caller=None, event=None):
-        """Use new settings, because those of the closed scene are gone."""
+        """Connect the settings of the new scene."""
         self._use_parameter_node()
 
     def on_settings(self, caller=None, event=None):
         """Apply the settings that take effect at once."""
-        with self._errors_shown():
-            self.logic.guard.set_opacity(self.settings.opacity)
-            self.logic.guard.set_rate(self.settings.rate)
+        with self._errors_displayed():
+            self.logic.panel_logic.set_opacity(self.settings.opacity)
+            self.logic.panel_logic.set_rate(self.settings.rate)
         patient_to_ras = self.settings.patient_to_ras
-        if patient_to_ras is not self._patient_to_ras:  # report a refused one once
+        if patient_to_ras is not self._patient_to_ras:  # a refused one is reported once
             self._patient_to_ras = patient_to_ras
-            with self._errors_shown():
-                self.logic.guard.set_patient_to_ras(patient_to_ras)
+            with self._errors_displayed():
+                self.logic.panel_logic.set_patient_to_ras(patient_to_ras)
 
     def on_bullseye(self, checked=False):
-        """Let the camera follow the tool, or stop following."""
-        with self._errors_shown():
-            self.logic.guard.follow_tool(checked)
+        """Start or end following the tool."""
+        with self._errors_displayed():
+            self.logic.panel_logic.follow_tool(checked)
 
     def on_mute(self, checked=False):
         """Mute or unmute the alarm."""
-        self.logic.guard.alarm.muted = checked
+        self.logic.panel_logic.alarm.muted = checked
 
     def on_seek(self, seconds):
-        """Seek to the position of the slider."""
-        with self._errors_shown():
-            self.logic.guard.seek(seconds)
+        """Seek to the slider's position."""
+        with self._errors_displayed():
+            self.logic.panel_logic.seek(seconds)
 
     def _connect_widgets(self):
         from app.scene import Preset
@@ -153,27 +154,27 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         for button, command in (
             (
                 ui.connectButton,
-                lambda guard: guard.connect(Path(ui.configPathLineEdit.currentPath)),
+                lambda logic: logic.connect(Path(ui.configPathLineEdit.currentPath)),
             ),
-            (ui.disconnectButton, lambda guard: guard.disconnect()),
+            (ui.disconnectButton, lambda logic: logic.disconnect()),
             (ui.registerButton, self._register),
-            (ui.acceptButton, lambda guard: guard.accept_registration()),
+            (ui.acceptButton, lambda logic: logic.accept_registration()),
             (
                 ui.setTumorButton,
-                lambda guard: guard.set_tumor(self.settings.tumor, self.settings.segment),
+                lambda logic: logic.set_tumor(self.settings.tumor, self.settings.segment),
             ),
             (
                 ui.applyMarginsButton,
-                lambda guard: guard.set_margins(self.settings.stop_mm, self.settings.warn_mm),
+                lambda logic: logic.set_margins(self.settings.stop_mm, self.settings.warn_mm),
             ),
-            (ui.rearmButton, lambda guard: guard.rearm()),
-            (ui.anteriorViewButton, lambda guard: guard.look(Preset.ANTERIOR)),
-            (ui.leftViewButton, lambda guard: guard.look(Preset.LEFT)),
-            (ui.superiorViewButton, lambda guard: guard.look(Preset.SUPERIOR)),
-            (ui.loadButton, lambda guard: guard.load_case(Path(ui.casePathLineEdit.currentPath))),
-            (ui.playButton, lambda guard: guard.play()),
-            (ui.pauseButton, lambda guard: guard.pause()),
-            (ui.stepButton, lambda guard: guard.step()),
+            (ui.rearmButton, lambda logic: logic.rearm()),
+            (ui.anteriorViewButton, lambda logic: logic.view_from(Preset.ANTERIOR)),
+            (ui.leftViewButton, lambda logic: logic.view_from(Preset.LEFT)),
+            (ui.superiorViewButton, lambda logic: logic.view_from(Preset.SUPERIOR)),
+            (ui.loadButton, lambda logic: logic.load_case(Path(ui.casePathLineEdit.currentPath))),
+            (ui.playButton, lambda logic: logic.play()),
+            (ui.pauseButton, lambda logic: logic.pause()),
+            (ui.stepButton, lambda logic: logic.step()),
         ):
             self._on_click(button, command)
         ui.bullseyeButton.clicked.connect(self.on_bullseye)
@@ -181,26 +182,26 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.seekSlider.valueChanged.connect(self.on_seek)
 
     def _on_click(self, button, command):
-        """Call ``command(guard)`` at each click and show its error in a window."""
+        """Call ``command(logic)`` at each click."""
 
         def clicked(checked=False):
-            with self._errors_shown():
-                command(self.logic.guard)
+            with self._errors_displayed():
+                command(self.logic.panel_logic)
 
         button.clicked.connect(clicked)
 
-    def _register(self, guard):
-        """Compute a registration from the source that the user selected."""
+    def _register(self, logic):
+        """Compute a registration from the selected source."""
         from MarginGuardLib.settings import FROM_CASE
 
         if self.settings.registration_source == FROM_CASE:
-            guard.register_case(Path(self.ui.registrationPathLineEdit.currentPath))
+            logic.register_case(Path(self.ui.registrationPathLineEdit.currentPath))
         else:
-            guard.register_landmarks(self.settings.fixed_points, self.settings.moving_points)
+            logic.register_landmarks(self.settings.fixed_points, self.settings.moving_points)
 
     def _use_parameter_node(self):
         self.settings = self.logic.getParameterNode()
-        # connectGui connects the same widgets, but does not return the tag for disconnectGui.
+        # connectGui finds the same widgets, but does not return the tag for disconnectGui.
         named = ((each.property("SlicerParameterName"), each) for each in vars(self.ui).values())
         self._gui_tag = self.settings.connectParametersToGui(
             {name: widget for name, widget in named if name}
@@ -210,14 +211,15 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._margins = None
         self.on_settings()
 
-    def _leave_parameter_node(self):
+    def _disconnect_parameter_node(self):
         if self.settings is not None:
             self.settings.disconnectGui(self._gui_tag)
             self.removeObservers(self.on_settings)
         self.settings = None
 
-    def _take_margins(self):
-        margins = self.logic.guard.margins()
+    def _update_margin_settings(self):
+        """Show margins that changed elsewhere, as by a ROS parameter."""
+        margins = self.logic.panel_logic.margins()
         if margins is not None and margins != self._margins:
             self.settings.stop_mm, self.settings.warn_mm = margins.stop_mm, margins.warn_mm
         self._margins = margins
@@ -249,7 +251,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ui.playButton.setEnabled(has_case and not status.is_playing)
         ui.pauseButton.setEnabled(status.is_playing)
         ui.stepButton.setEnabled(has_case and status.has_session)
-        ui.bullseyeButton.setChecked(self.logic.guard.is_following)
+        ui.bullseyeButton.setChecked(self.logic.panel_logic.is_following)
         ui.seekSlider.setEnabled(has_case)
         if has_case and not ui.seekSlider.underMouse():
             ui.seekSlider.blockSignals(True)
@@ -258,8 +260,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             ui.seekSlider.blockSignals(False)
 
     @contextmanager
-    def _errors_shown(self):
-        """Show an expected error in a window; let unexpected ones propagate."""
+    def _errors_displayed(self):
+        """Within the context expected errors open a window; others propagate."""
         from app.geometry import MarginGuardError
 
         try:
@@ -269,64 +271,64 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
 
 class MarginGuardLogic(ScriptedLoadableModuleLogic):
-    """The logic for scripts: ``guard`` does the work, the parameter node holds the settings."""
+    """The logic for scripts: `panel_logic` has the commands, the parameter node the settings."""
 
     def __init__(self):
         ScriptedLoadableModuleLogic.__init__(self)
         from MarginGuardLib.logic import PanelLogic
 
-        self.guard = PanelLogic(slicer.mrmlScene, slicer.app.applicationLogic())
+        self.panel_logic = PanelLogic(slicer.mrmlScene, slicer.app.applicationLogic())
 
     def getParameterNode(self):
-        """The settings, typed."""
+        """Return the typed settings."""
         from MarginGuardLib.settings import Settings
 
         return Settings(super().getParameterNode())
 
 
 class MarginGuardTest(ScriptedLoadableModuleTest):
-    """Run inside Slicer (Reload and Test, or ``slicer.util.runTests``): replay a case."""
+    """Replays a case; run inside Slicer (Reload and Test, or ``slicer.util.runTests``)."""
 
     def setUp(self):
-        """Start with an empty scene."""
+        """Clear the scene."""
         slicer.mrmlScene.Clear()
 
     def runTest(self):
         """Run every test."""
         self.setUp()
-        self.test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout()
+        self.test_tumour_is_red_in_breach_and_grey_in_dropout()
 
-    def test_the_tumour_is_red_in_a_breach_and_grey_in_a_dropout(self):
-        """Colour of the tumour node at three times of the recorded case."""
+    def test_tumour_is_red_in_breach_and_grey_in_dropout(self):
+        """Check the tumour's colour at three times of the recorded case."""
         import app
         from app.fixture import MarginState
 
         self.delayDisplay("Replaying the recorded case")
-        guard = MarginGuardLogic().guard
+        logic = MarginGuardLogic().panel_logic
         try:
-            guard.load_case(Path(app.__file__).parents[1] / "data" / "recorded_case")
-            self._until(guard, 0.0)
+            logic.load_case(Path(app.__file__).parents[1] / "data" / "recorded_case")
+            self._until(logic, 0.0)
             for seconds, state in (
                 (45.9, MarginState.POSITIVE),
                 (22.3, MarginState.UNKNOWN),
                 (5.0, MarginState.NEGATIVE),
             ):
-                guard.seek(seconds)
-                self._until(guard, seconds)
+                logic.seek(seconds)
+                self._until(logic, seconds)
                 tumor = slicer.mrmlScene.GetFirstNodeByName("Tumor")
                 self.assertEqual(tumor.GetDisplayNode().GetColor(), state.color)
         finally:
-            guard.close()
+            logic.close()
         self.assertIsNone(slicer.mrmlScene.GetFirstNodeByName("Tumor"))
         self.delayDisplay("Test passed")
 
-    def _until(self, guard, seconds):
-        """Spin until the frame at ``seconds`` is shown, at most one minute."""
+    def _until(self, logic, seconds):
+        """Spin until the frame at ``seconds`` is shown, at most a minute."""
         import time
 
         end_s = time.monotonic() + 60.0
         while time.monotonic() < end_s:
-            status = guard.spin()
+            status = logic.spin()
             shown_s = status.position_s
             if shown_s is not None and 0.0 <= shown_s - seconds < 0.1:
                 return

@@ -2,7 +2,7 @@
 
     python -m tests.slicer_module.draw_panel docs/images/slicer_panel.png
 
-The picture of docs/slicer.md; to be looked at and made anew when the .ui changes.
+The picture of docs/slicer.md. Draw it again and inspect it when the .ui changes.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Slicer's module MarginGuard in a test: its folder on the path, and desktop Slicer's stand-ins."""
+"""Fixtures for Slicer's module MarginGuard: its folder on the path, doubles of desktop Slicer."""
 
 import functools
 import sys
@@ -23,28 +23,28 @@ from app.runtime import PreparedCase, prepare_case  # noqa: E402
 from app.scene import SceneApplication  # noqa: E402
 
 PATIENCE_SPINS = 6000
-"""Of 20 ms each: a first run compiles for a minute."""
+"""20 ms each: a first run compiles for a minute."""
 
 
 @pytest.fixture
 def application() -> SceneApplication:
-    """The scene with what markups need of Slicer's application."""
+    """Scene with the part of Slicer's application that markups need."""
     return SceneApplication(slicer.vtkMRMLScene())
 
 
 @functools.cache
 def opened_case() -> PreparedCase:
-    """The recorded case, opened once; nothing in it changes."""
+    """The recorded case, opened once because it does not change."""
     return prepare_case(CASE)
 
 
-def spin_until(guard: Any, wanted: Callable[[Any], bool]) -> Any:
-    """Spin the logic, which waits for its steps, until a status is wanted."""
+def spin_until(panel_logic: Any, is_expected: Callable[[Any], bool]) -> Any:
+    """Spin the logic until ``is_expected(status)`` is true; return that status."""
     for _ in range(PATIENCE_SPINS):
-        status = guard.spin(0.02)
-        if wanted(status):
+        status = panel_logic.spin(0.02)
+        if is_expected(status):
             return status
-    raise AssertionError(f"in vain: {status}")
+    raise AssertionError(f"status {status}; expected another one within the spins")
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The module's live session in this process, with a tracker in another one."""
+"""Live session of the module in this process, with a tracker in another one."""
 
 import signal
 import threading
@@ -21,7 +21,7 @@ from MarginGuardLib.logic import PanelLogic  # isort: skip
 
 
 @pytest.fixture
-def guard(application, domain_id):
+def panel_logic(application, domain_id):
     logic = PanelLogic(application.scene)
     yield logic
     logic.close()
@@ -31,83 +31,86 @@ def tumor_color(application):
     return application.scene.GetFirstNodeByName("Tumor").GetDisplayNode().GetColor()
 
 
-def is_rearmed(guard):
-    """Refused where the machine paused, and with it the tracker, after what is shown."""
+def is_rearmed(panel_logic):
+    """Re-arm; False if refused, as after a pause of the machine that stopped the tracker."""
     try:
-        guard.rearm()
+        panel_logic.rearm()
     except MarginGuardError:
         return False
     return True
 
 
-def test_a_tracker_that_dies_turns_the_tumour_grey_until_somebody_rearms(
-    guard, application, start, frames_file, live_yaml
+def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
+    panel_logic, application, start, frames_file, live_yaml
 ):
-    guard.connect(live_yaml(TRACKED))
-    assert guard.spin().session == "connecting ..."
+    panel_logic.connect(live_yaml(TRACKED))
+    assert panel_logic.spin().session == "connecting ..."
     with pytest.raises(MarginGuardError, match="no case is loaded"):
-        guard.pause()
-    with pytest.raises(MarginGuardError, match="a live session is running: disconnect first"):
-        guard.load_case(CASE)
+        panel_logic.pause()
+    with pytest.raises(
+        MarginGuardError, match="a live session is running; expected none: disconnect first"
+    ):
+        panel_logic.load_case(CASE)
     sender = start(str(SENDER), str(frames_file), "tracked", "again")
-    status = spin_until(guard, lambda now: now.state is MarginState.POSITIVE)
+    status = spin_until(panel_logic, lambda now: now.state is MarginState.POSITIVE)
     assert status.is_live
     assert tumor_color(application) == MarginState.POSITIVE.color
     assert "CauteryToTracker: valid" in status.trackers
 
     with pytest.raises(MarginGuardError, match="warn_mm is 5; expected more than stop_mm 9"):
-        guard.set_margins(9.0, 5.0)
-    guard.set_margins(1.5, 6.0)
-    assert (guard.margins().stop_mm, guard.margins().warn_mm) == (1.5, 6.0)
+        panel_logic.set_margins(9.0, 5.0)
+    panel_logic.set_margins(1.5, 6.0)
+    assert (panel_logic.margins().stop_mm, panel_logic.margins().warn_mm) == (1.5, 6.0)
 
     sender.end(signal.SIGKILL)
-    status = spin_until(guard, lambda now: now.state is MarginState.UNKNOWN)
+    status = spin_until(panel_logic, lambda now: now.state is MarginState.UNKNOWN)
     assert tumor_color(application) == MarginState.UNKNOWN.color
     assert "stale" in status.reasons
     with pytest.raises(MarginGuardError, match="UNKNOWN"):
-        guard.rearm()
+        panel_logic.rearm()
 
     start(str(SENDER), str(frames_file), "tracked", "again")
     status = spin_until(
-        guard, lambda now: now.state is not MarginState.UNKNOWN and "latched" in now.reasons
+        panel_logic, lambda now: now.state is not MarginState.UNKNOWN and "latched" in now.reasons
     )
-    spin_until(guard, lambda now: is_rearmed(guard))
+    spin_until(panel_logic, lambda now: is_rearmed(panel_logic))
     spin_until(
-        guard, lambda now: now.state is not MarginState.UNKNOWN and "latched" not in now.reasons
+        panel_logic,
+        lambda now: now.state is not MarginState.UNKNOWN and "latched" not in now.reasons,
     )
 
-    guard.disconnect()
-    status = spin_until(guard, lambda now: not now.has_session)
-    status = spin_until(guard, lambda now: now.state is MarginState.UNKNOWN)
+    panel_logic.disconnect()
+    status = spin_until(panel_logic, lambda now: not now.has_session)
+    status = spin_until(panel_logic, lambda now: now.state is MarginState.UNKNOWN)
     assert status.session == "live session has ended"
     assert tumor_color(application) == MarginState.UNKNOWN.color
 
 
-def test_a_configuration_that_is_wrong_is_one_line(guard, tmp_path):
-    guard.connect(tmp_path / "live.yaml")
-    status = spin_until(guard, lambda now: now.message)
+def test_missing_configuration_is_reported_in_one_line(panel_logic, tmp_path):
+    panel_logic.connect(tmp_path / "live.yaml")
+    status = spin_until(panel_logic, lambda now: now.message)
     assert status.message == f"{tmp_path / 'live.yaml'} is no live configuration: no such file"
-    with pytest.raises(MarginGuardError, match="there is no session"):
-        guard.set_margins(1.0, 5.0)
+    with pytest.raises(MarginGuardError, match="there is no session; expected one"):
+        panel_logic.set_margins(1.0, 5.0)
 
 
 class WaitingRun:
-    """TEST DOUBLE: a live session whose tracker says nothing."""
+    """TEST DOUBLE: a live run without samples."""
 
     commands = None
 
     def __init__(self, config):
-        self._halted = threading.Event()
+        self._stopped = threading.Event()
 
     def steps(self):
-        self._halted.wait()
+        self._stopped.wait()
         yield from ()
 
     def stop(self):
-        self._halted.set()
+        self._stopped.set()
 
 
-def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(guard, monkeypatch):
+def test_case_that_is_still_being_opened_does_not_end_live_session(panel_logic, monkeypatch):
     go_on, opened = threading.Event(), threading.Event()
 
     def open_slowly(folder):
@@ -115,13 +118,13 @@ def test_a_case_that_is_still_being_opened_does_not_end_a_live_session(guard, mo
         opened.set()
 
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", open_slowly)
-    monkeypatch.setattr("MarginGuardLib.logic.LiveOpening", WaitingRun)
-    guard.load_case(CASE)
-    assert guard.spin().message == "opening the case ..."
-    guard.connect(CASE)
+    monkeypatch.setattr("MarginGuardLib.logic.LiveStepRun", WaitingRun)
+    panel_logic.load_case(CASE)
+    assert panel_logic.spin().message == "opening the case ..."
+    panel_logic.connect(CASE)
     go_on.set()
     opened.wait()
     for _ in range(5):
-        status = guard.spin()
+        status = panel_logic.spin()
         assert status.is_live
         assert status.message == ""

@@ -1,4 +1,4 @@
-"""The panel, made from the real .ui, under TEST DOUBLES of Qt's and Slicer's desktop side."""
+"""The panel from its real .ui, with TEST DOUBLES of Slicer's desktop widgets."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -21,29 +21,29 @@ BUTTONS = sorted(
 )
 
 BUDDY = ("EditLabel", "BoxLabel", "SelectorLabel", "SliderLabel")
-"""How the labels of other widgets are named."""
+"""Name endings of labels that belong to other widgets."""
 
 
 class CommandsDouble:
-    """TEST DOUBLE: takes the place of the logic's commands, and notes which one came."""
+    """TEST DOUBLE of `PanelLogic` that records the commands."""
 
-    def __init__(self, guard):
-        self.guard = guard
+    def __init__(self, panel_logic):
+        self.panel_logic = panel_logic
         self.calls = []
-        self.alarm = guard.alarm
+        self.alarm = panel_logic.alarm
         self.is_following = False
 
     def spin(self):
-        return self.guard.spin(0.0)
+        return self.panel_logic.spin(0.0)
 
     def margins(self):
-        return self.guard.margins()
+        return self.panel_logic.margins()
 
-    def wants_alarm(self):
+    def alarm_due(self):
         return False
 
     def close(self):
-        self.guard.close()
+        self.panel_logic.close()
 
     def __getattr__(self, name):
         return lambda *arguments: self.calls.append((name, *arguments))
@@ -51,14 +51,14 @@ class CommandsDouble:
 
 @pytest.fixture
 def errors(monkeypatch):
-    """What would have been told in windows."""
-    told = []
-    monkeypatch.setattr(slicer.util, "errorDisplay", lambda text, **_: told.append(text))
-    return told
+    """Texts of the error windows."""
+    texts = []
+    monkeypatch.setattr(slicer.util, "errorDisplay", lambda text, **_: texts.append(text))
+    return texts
 
 
 def in_slicer(monkeypatch, application):
-    """``slicer.mrmlScene``, and of ``slicer.app`` a TEST DOUBLE."""
+    """Set ``slicer.mrmlScene``, and ``slicer.app`` to a TEST DOUBLE."""
     monkeypatch.setattr(slicer, "mrmlScene", application.scene, raising=False)
     app = SimpleNamespace(applicationLogic=lambda: application.logic)
     monkeypatch.setattr(slicer, "app", app, raising=False)
@@ -71,16 +71,16 @@ def panel(desktop, application, monkeypatch, errors):
     in_slicer(monkeypatch, application)
     widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
     widget.setup()
-    widget._timer.stop()  # the tests spin themselves
+    widget._timer.stop()  # the tests call spin
     yield widget
     widget.cleanup()
 
 
 @pytest.fixture
 def pressed(panel):
-    """``pressed(name)``: the commands that a click on the button gives."""
-    commands = CommandsDouble(panel.logic.guard)
-    panel.logic.guard = commands
+    """``pressed(name)`` clicks the button and returns the commands that it caused."""
+    commands = CommandsDouble(panel.logic.panel_logic)
+    panel.logic.panel_logic = commands
 
     def press(name):
         commands.calls.clear()
@@ -90,10 +90,10 @@ def pressed(panel):
         return list(commands.calls)
 
     yield press
-    panel.logic.guard = commands.guard
+    panel.logic.panel_logic = commands.panel_logic
 
 
-WANTED = {
+EXPECTED_CALLS = {
     "connectButton": [("connect", Path("live.yaml"))],
     "disconnectButton": [("disconnect",)],
     "registerButton": [("register_case", Path("some_case"))],
@@ -101,9 +101,9 @@ WANTED = {
     "setTumorButton": [("set_tumor", None, "Tumor")],
     "applyMarginsButton": [("set_margins", 1.5, 6.5)],
     "rearmButton": [("rearm",)],
-    "anteriorViewButton": [("look", Preset.ANTERIOR)],
-    "leftViewButton": [("look", Preset.LEFT)],
-    "superiorViewButton": [("look", Preset.SUPERIOR)],
+    "anteriorViewButton": [("view_from", Preset.ANTERIOR)],
+    "leftViewButton": [("view_from", Preset.LEFT)],
+    "superiorViewButton": [("view_from", Preset.SUPERIOR)],
     "bullseyeButton": [("follow_tool", True)],
     "muteButton": [],  # a state of the alarm, tested below
     "loadButton": [("load_case", Path("replayed"))],
@@ -113,23 +113,23 @@ WANTED = {
 }
 
 
-def test_every_button_of_the_ui_is_pressed_below():
-    assert sorted(WANTED) == BUTTONS
+def test_expected_calls_cover_every_button_of_ui():
+    assert sorted(EXPECTED_CALLS) == BUTTONS
 
 
 @pytest.mark.parametrize("name", BUTTONS)
-def test_a_button_does_what_it_says(panel, pressed, name):
+def test_button_calls_its_command(panel, pressed, name):
     panel.ui.segmentLineEdit.setText("Tumor")
     panel.ui.stopSpinBox.setValue(1.5)
     panel.ui.warnSpinBox.setValue(6.5)
-    # Paths that do not exist: Slicer's parameter node does not hear of them.
+    # Slicer's parameter node does not store paths that do not exist.
     panel.ui.configPathLineEdit.setText("live.yaml")
     panel.ui.registrationPathLineEdit.setText("some_case")
     panel.ui.casePathLineEdit.setText("replayed")
-    assert pressed(name) == WANTED[name]
+    assert pressed(name) == EXPECTED_CALLS[name]
 
 
-def test_landmarks_are_registered_where_the_user_chose_them(panel, pressed, application):
+def test_landmarks_are_registered_from_chosen_lists(panel, pressed, application):
     lists = [
         application.scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", name)
         for name in ("fixed", "moving")
@@ -140,9 +140,9 @@ def test_landmarks_are_registered_where_the_user_chose_them(panel, pressed, appl
     assert pressed("registerButton") == [("register_landmarks", *lists)]
 
 
-def test_the_slider_seeks_and_the_settings_take_effect_at_once(panel, pressed, application):
+def test_slider_seeks_and_settings_take_effect_at_once(panel, pressed, application):
     pressed("playButton")
-    calls = panel.logic.guard.calls
+    calls = panel.logic.panel_logic.calls
     calls.clear()
     panel.ui.seekSlider.setProperty("maximum", 75.0)
     panel.ui.seekSlider.setValue(45.5)
@@ -155,14 +155,14 @@ def test_the_slider_seeks_and_the_settings_take_effect_at_once(panel, pressed, a
     assert calls[-3:] == [("set_opacity", 0.7), ("set_rate", 2.0), ("set_patient_to_ras", node)]
 
 
-def test_mute_is_a_state_of_the_button(panel):
+def test_mute_button_toggles_alarm(panel):
     panel.ui.muteButton.click()
-    assert panel.logic.guard.alarm.muted is True
+    assert panel.logic.panel_logic.alarm.muted is True
     panel.ui.muteButton.click()
-    assert panel.logic.guard.alarm.muted is False
+    assert panel.logic.panel_logic.alarm.muted is False
 
 
-def test_what_the_user_cannot_have_is_one_line_in_a_window(panel, errors):
+def test_refused_command_opens_window_with_one_line(panel, errors):
     panel.ui.casePathLineEdit.setText("/no/such/case")
     panel.ui.loadButton.click()
     panel.ui.bullseyeButton.click()
@@ -170,16 +170,16 @@ def test_what_the_user_cannot_have_is_one_line_in_a_window(panel, errors):
     panel.ui.registrationSourceComboBox.setCurrentIndex(1)
     panel.ui.registerButton.click()
     assert errors == [
-        "/no/such/case: no such folder; expected a case",
-        "nothing is shown yet: connect or load a case first",
-        "nothing is shown yet: connect or load a case first",
-        "there is no session: connect or load a case first",
+        "/no/such/case: no such folder; expected the folder of a case",
+        "nothing is shown yet; expected a session: connect or load a case first",
+        "nothing is shown yet; expected a session: connect or load a case first",
+        "there is no session; expected one: connect or load a case first",
     ]
     panel.spin()
     assert panel.ui.bullseyeButton.isChecked() is False
 
 
-def test_a_panel_without_a_session_is_grey_and_offers_what_can_be_done(panel):
+def test_panel_without_session_is_grey_and_enables_possible_commands(panel):
     panel.spin()
     assert panel.ui.bannerLabel.text() == "? UNKNOWN: nothing was tracked yet"
     assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
@@ -191,33 +191,33 @@ def test_a_panel_without_a_session_is_grey_and_offers_what_can_be_done(panel):
 @pytest.mark.parametrize(
     "kind", ["vtkMRMLMarkupsFiducialNode", "vtkMRMLMarkupsClosedCurveNode", "vtkMRMLModelNode"]
 )
-def test_what_can_become_the_tumour_is_in_the_list(panel, pressed, application, kind):
+def test_tumour_selector_lists_supported_nodes(panel, pressed, application, kind):
     node = application.scene.AddNewNodeByClass(kind)
     panel.ui.tumorSelector.setCurrentNode(node)
     assert pressed("setTumorButton") == [("set_tumor", node, "")]
 
 
-@pytest.mark.parametrize("broken", ["spin", "wants_alarm"])
-def test_a_timer_that_fails_leaves_no_banner_as_it_was(panel, monkeypatch, broken):
+@pytest.mark.parametrize("broken", ["spin", "alarm_due"])
+def test_failing_timer_makes_banner_unknown(panel, monkeypatch, broken):
     panel._show_banner(MarginState.NEGATIVE, "NEGATIVE: clear, 9.9 mm")
 
     def fail():
         raise ValueError("a bug")
 
-    monkeypatch.setattr(panel.logic.guard, broken, fail)
+    monkeypatch.setattr(panel.logic.panel_logic, broken, fail)
     with pytest.raises(ValueError, match="a bug"):
         panel.spin()
     assert panel.ui.bannerLabel.text().startswith("? UNKNOWN")
     assert "background-color: #808080" in panel.ui.bannerLabel.styleSheet()
 
 
-def test_a_replayed_case_is_shown(panel, desktop, monkeypatch):
+def test_replayed_case_is_shown(panel, desktop, monkeypatch):
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
 
-    def until(wanted):
+    def until(is_reached):
         for _ in range(PATIENCE_SPINS):
             panel.spin()
-            if wanted():
+            if is_reached():
                 return
         raise AssertionError(panel.ui.messageLabel.text())
 
@@ -249,7 +249,7 @@ def test_a_replayed_case_is_shown(panel, desktop, monkeypatch):
     until(lambda: not ui.pauseButton.isEnabled())
 
 
-def test_the_banner_is_drawn_in_the_colour_of_the_state(panel):
+def test_banner_is_drawn_in_colour_of_state(panel):
     panel.spin()
     panel.parent.resize(430, 1000)
     banner = panel.ui.bannerLabel
@@ -257,19 +257,17 @@ def test_the_banner_is_drawn_in_the_colour_of_the_state(panel):
     assert (drawn.red(), drawn.green(), drawn.blue()) == (128, 128, 128)
 
 
-def test_what_is_told_is_no_markup(panel):
-    """The name of a node or a file may look like it: the rest of the line would be swallowed."""
+def test_labels_show_plain_text(panel):
+    """A node or file name may look like markup, and the rest of the line would be hidden."""
     from PySide6.QtCore import Qt
 
-    written = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
-    told = [label for label in written if not label.objectName().endswith(BUDDY)]
-    assert len(told) == 6
-    assert {label.textFormat() for label in told} == {Qt.TextFormat.PlainText}
+    labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
+    messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
+    assert len(messages) == 6
+    assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 
-def test_the_settings_are_in_the_parameter_node_and_a_closed_scene_brings_new_ones(
-    panel, application
-):
+def test_settings_are_in_parameter_node_and_reset_by_closed_scene(panel, application):
     panel.ui.segmentLineEdit.setText("Tumor")
     node = panel.settings.parameterNode
     assert node.GetParameter("segment") == "Tumor"
@@ -284,10 +282,10 @@ def test_the_settings_are_in_the_parameter_node_and_a_closed_scene_brings_new_on
     panel.ui.segmentLineEdit.setText("Other")
     assert panel.settings.segment == "Other"
     assert panel.settings is not before
-    assert before._bindings == {}  # the widgets have left the settings of before
+    assert before._bindings == {}  # the widgets are disconnected from the settings of before
 
 
-def test_a_slicer_without_marginguard_says_so_in_one_line(desktop, application, monkeypatch):
+def test_panel_without_marginguard_shows_one_line(desktop, application, monkeypatch):
     from tests.slicer_module.slicer_double import panel_parent
 
     monkeypatch.setattr(
@@ -299,9 +297,9 @@ def test_a_slicer_without_marginguard_says_so_in_one_line(desktop, application, 
     widget.cleanup()
 
 
-def test_the_module_tells_slicer_what_it_is(desktop):
+def test_module_sets_title_help_and_acknowledgement(desktop):
     class Parent:
-        """TEST DOUBLE of what Slicer hands to a module."""
+        """TEST DOUBLE of the module description that Slicer passes."""
 
     parent = Parent()
     desktop.MarginGuard(parent)
@@ -310,7 +308,7 @@ def test_the_module_tells_slicer_what_it_is(desktop):
     assert parent.acknowledgementText
 
 
-def test_the_test_for_slicer_runs_here_too(desktop, application, monkeypatch):
+def test_module_test_for_slicer_passes_here(desktop, application, monkeypatch):
     in_slicer(monkeypatch, application)
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
     desktop.MarginGuardTest().runTest()
@@ -325,9 +323,7 @@ def test_the_test_for_slicer_runs_here_too(desktop, application, monkeypatch):
         ("setMRMLScene(vtkMRMLScene*)", "setScene()", "setScene\\(\\) is not known"),
     ],
 )
-def test_the_double_refuses_what_the_real_widgets_do_not_have(
-    desktop, tmp_path, was, becomes, message
-):
+def test_double_refuses_unknown_widgets_and_slots(desktop, tmp_path, was, becomes, message):
     from tests.slicer_module.qt_double import UnknownInUiError
 
     text = UI.read_text()

@@ -1,4 +1,4 @@
-"""The small pieces of the module's logic."""
+"""Alarm, jobs, tumour input and installation check of the module."""
 
 import ast
 import subprocess
@@ -19,7 +19,7 @@ from MarginGuardLib.tumor_input import surface_of  # isort: skip
 POSITIVE, WARNING = MarginState.POSITIVE, MarginState.WARNING
 
 
-def test_the_alarm_sounds_at_once_and_then_now_and_then():
+def test_alarm_sounds_at_once_and_repeats():
     alarm = Alarm()
     assert not alarm.due(WARNING, 0)
     assert not alarm.due(MarginState.UNKNOWN, 0)
@@ -30,7 +30,7 @@ def test_the_alarm_sounds_at_once_and_then_now_and_then():
     assert alarm.due(POSITIVE, 7 + REPEAT_NS)  # another breach
 
 
-def test_a_muted_alarm_sounds_as_soon_as_it_is_not_muted_any_more():
+def test_muted_alarm_sounds_when_unmuted():
     alarm = Alarm()
     alarm.muted = True
     assert not alarm.due(POSITIVE, 0)
@@ -45,45 +45,45 @@ def jobs():
     jobs.close()
 
 
-def test_a_job_is_done_elsewhere_and_its_result_is_taken_here(jobs):
+def test_job_runs_in_other_thread_and_result_is_collected_here(jobs):
     threads = []
-    go_on = threading.Event()
+    proceed = threading.Event()
 
     def work():
-        go_on.wait()
+        proceed.wait()
         threads.append(threading.current_thread())
         return 7
 
     taken = []
-    jobs.begin("counting", work, lambda number: taken.append((number, threading.current_thread())))
-    assert jobs.running == "counting"
+    jobs.submit("counting", work, lambda number: taken.append((number, threading.current_thread())))
+    assert jobs.current == "counting"
     assert jobs.collect() == ""
     assert taken == []
-    go_on.set()
+    proceed.set()
     jobs.wait(60.0)
     assert jobs.collect() == ""
     assert taken == [(7, threading.current_thread())]
     assert threads != [threading.current_thread()]
-    assert jobs.running == ""
+    assert jobs.current == ""
 
 
-def test_a_job_that_fails_is_one_line_and_the_next_one_is_done(jobs):
+def test_failing_job_is_one_line_and_next_job_runs(jobs):
     def refuse():
         raise InputError("this\nand that")
 
     taken = []
-    jobs.begin("first", refuse, taken.append)
-    jobs.begin("second", lambda: 2, taken.append)
+    jobs.submit("first", refuse, taken.append)
+    jobs.submit("second", lambda: 2, taken.append)
     jobs.wait(60.0)
-    said = jobs.collect()
-    while jobs.running:
+    failure = jobs.collect()
+    while jobs.current:
         jobs.wait(60.0)
-        said = jobs.collect() or said
-    assert said == "first: this and that"
+        failure = jobs.collect() or failure
+    assert failure == "first: this and that"
     assert taken == [2]
 
 
-def test_segments_and_points_mark_a_tumour(monkeypatch):
+def test_tumour_surface_from_points_and_segments(monkeypatch):
     import numpy as np
     import slicer
 
@@ -101,22 +101,22 @@ def test_segments_and_points_mark_a_tumour(monkeypatch):
     assert np.linalg.norm(around.vertices_mm, axis=1) == pytest.approx(10.0, abs=0.1)
 
     segmentation = scene.AddNewNodeByClass("vtkMRMLSegmentationNode", "Parts")
-    with pytest.raises(SceneError, match="'Parts' has 0 segments: the name of one wanted"):
+    with pytest.raises(SceneError, match="'Parts' has 0 segments and none is named; expected"):
         surface_of(segmentation, "", "tumor", frame)
     with pytest.raises(SceneError, match="vtkMRMLLinearTransformNode"):
         surface_of(frame, "", "tumor", frame)
 
 
-def test_this_installation_can_run_the_module():
+def test_this_installation_has_no_problem():
     assert installation.missing_requirement() == ""
 
 
 @pytest.mark.parametrize("file", ["MarginGuard.py", "MarginGuardLib/installation.py"])
-def test_what_says_that_a_python_is_too_old_can_be_read_by_it(file):
+def test_version_check_parses_under_old_python(file):
     ast.parse((FOLDER / file).read_text(), feature_version=(3, 9))
 
 
-def test_a_slicer_whose_python_is_too_old_says_so(monkeypatch):
+def test_old_python_is_reported(monkeypatch):
     monkeypatch.setattr(sys, "version_info", (3, 9, 10, "final", 0))
     assert (
         installation.missing_requirement()
@@ -124,7 +124,7 @@ def test_a_slicer_whose_python_is_too_old_says_so(monkeypatch):
     )
 
 
-def test_a_slicer_that_was_started_without_the_environment_says_how():
+def test_missing_environment_is_reported_with_remedy():
     code = (
         "from MarginGuardLib.installation import missing_requirement; print(missing_requirement())"
     )
@@ -145,19 +145,19 @@ def test_a_slicer_that_was_started_without_the_environment_says_how():
 @pytest.mark.parametrize(
     "error", [OSError("libsomething.so: no such file"), RuntimeError("other\nABI"), KeyError()]
 )
-def test_packages_that_do_not_fit_are_one_line_whatever_they_raise(monkeypatch, name, error):
-    def load(wanted):
-        if wanted == name:
+def test_import_error_of_any_type_is_one_line(monkeypatch, name, error):
+    def load(module):
+        if module == name:
             raise error
 
     monkeypatch.setattr(installation, "import_module", load)
-    said = installation.missing_requirement()
-    assert "cannot be loaded" in said
-    assert "\n" not in said
+    problem = installation.missing_requirement()
+    assert "cannot be loaded" in problem
+    assert "\n" not in problem
 
 
-def test_the_logic_needs_nothing_that_desktop_slicer_has_not():
-    """Neither trame-slicer, the wheels' own way to views, nor Qt; matplotlib stays unloaded."""
+def test_logic_imports_nothing_that_desktop_slicer_lacks():
+    """The logic imports neither trame nor Qt; matplotlib stays unloaded."""
     code = (
         "import sys\n"
         "sys.modules |= dict.fromkeys(('trame', 'trame_slicer', 'PySide6'))\n"

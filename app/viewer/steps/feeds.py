@@ -52,8 +52,11 @@ class LiveFeed:
     stale, the last step is shown as UNKNOWN. ``clock_ns`` is a steady clock of this machine.
     """
 
-    def __init__(self, watcher: ViewStateBuilder, clock_ns: Callable[[], int]) -> None:
+    def __init__(
+        self, watcher: ViewStateBuilder, stale_after_ns: int, clock_ns: Callable[[], int]
+    ) -> None:
         self._watcher = watcher
+        self._stale_after_ns = stale_after_ns
         self._clock_ns = clock_ns
         self._lock = threading.Lock()
         self._newest: ViewState | None = None
@@ -89,7 +92,7 @@ class LiveFeed:
             return None
         if ended:
             return newest.as_unknown(ended)
-        timeout_ns = _timeout_ns(newest)
+        timeout_ns = self._timeout_ns(newest.step)
         limits = FreshnessLimits(timeout_ns)
         if freshness_of(came_ns, self._clock_ns(), limits) is not Freshness.VALID:
             return newest.as_unknown(
@@ -97,15 +100,14 @@ class LiveFeed:
             )
         return newest
 
+    def _timeout_ns(self, step: StepResult) -> int:
+        """Time in ns until the poses of ``step``, which had an age at its arrival, are stale."""
+        decision = step.decision
+        if decision.state is MarginState.UNKNOWN or decision.stamp is None:
+            return _QUIET_NS
+        limits = FreshnessLimits(self._stale_after_ns)
+        return max(0, stale_in_ns(decision.stamp.ns, step.frame.stamp.ns, limits))
+
     def _notify(self) -> None:
         if self._callback is not None:
             self._callback()
-
-
-def _timeout_ns(shown: ViewState) -> int:
-    """Time in ns until the poses of a step, which had an age at its arrival, are stale."""
-    decision = shown.step.decision
-    if decision.state is MarginState.UNKNOWN or decision.stamp is None:
-        return _QUIET_NS
-    limits = shown.content.margins.freshness_limits
-    return max(0, stale_in_ns(decision.stamp.ns, shown.step.frame.stamp.ns, limits))

@@ -1,1 +1,1 @@
-"""The pieces of the MarginGuard module: one concept a file, none of them knows Qt."""
+"""Logic of the MarginGuard module, without Qt: one concept in each file."""

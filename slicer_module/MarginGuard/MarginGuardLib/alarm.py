@@ -1,8 +1,9 @@
-"""The alarm: it sounds while the tool is in the tumour."""
+"""Timing of the alarm: it sounds while the tool is in the tumour."""
 
 from app.fixture import MarginState
 
 REPEAT_NS = 1_000_000_000
+"""Time between two sounds of one breach."""
 
 
 class Alarm:
@@ -13,7 +14,7 @@ class Alarm:
         self._last_ns: int | None = None
 
     def due(self, state: MarginState, now_ns: int) -> bool:
-        """True if the alarm has to sound now; ``now_ns`` is on a steady clock."""
+        """Return True if the alarm has to sound now; ``now_ns`` is of a steady clock."""
         if state is not MarginState.POSITIVE:
             self._last_ns = None
             return False

@@ -25,17 +25,16 @@ from app.scene.nodes.convert import world_matrix, world_points
 from app.scene.pictures.cameras import VIEW_ANGLE_DEG
 from app.session import StepResult
 
-NOTHING_YET = "UNKNOWN: nothing was tracked yet"
-CHANGED = "UNKNOWN: the display was changed by a user or another module"
+NOT_TRACKED_YET = "UNKNOWN: nothing was tracked yet"
+DISPLAY_CHANGED = "UNKNOWN: the display was changed by a user or another module"
 _BULLSEYE_MM = 120.0
 
 
 class SessionDisplay:
     """Shows the steps of a session in ``mrml_scene``. Call it in the thread that owns the scene.
 
-    ``opacity`` is the tumour's, 0 to 1. ``patient_to_ras`` is the node that the reference hangs
-    from, None for the world's origin. With the application's ``logic`` its views draw once per
-    step.
+    ``opacity`` is the tumour's, 0 to 1. ``patient_to_ras`` is the parent node of the reference,
+    None for the world's origin. With the application's ``logic`` its views draw once per step.
     """
 
     def __init__(
@@ -81,15 +80,15 @@ class SessionDisplay:
         return self._presenter.check(now_ns)
 
     def readout(self) -> tuple[MarginState, str]:
-        """The state of the tumour's colour and the banner's text, as both are in the scene."""
+        """Read the state from the tumour's colour, and the banner's text, from the scene."""
         if self.scene is None or self.scene.margin is None:
-            return MarginState.UNKNOWN, NOTHING_YET
+            return MarginState.UNKNOWN, NOT_TRACKED_YET
         display = self.scene.tumor.GetDisplayNode()
         color = None if display is None else display.GetColor()
         for state in MarginState:
             if state.color == color:
                 return state, self.scene.margin.status.GetText()
-        return MarginState.UNKNOWN, CHANGED
+        return MarginState.UNKNOWN, DISPLAY_CHANGED
 
     def restart(self) -> None:
         """Accept a next step from an earlier time, as after a seek. Breach marks are removed."""
@@ -102,10 +101,10 @@ class SessionDisplay:
             self.scene.tumor.GetDisplayNode().SetOpacity(opacity)
 
     def set_patient_to_ras(self, patient_to_ras: vtkMRMLTransformNode | None) -> None:
-        """Put the reference under ``patient_to_ras``; None: at the world's origin.
+        """Make ``patient_to_ras`` the parent of the reference; None for the world's origin.
 
-        For display only: no measured transform changes. Raises `SceneError` for a node below the
-        reference itself.
+        For display only: no measured transform changes. Raises `SceneError` for the reference or a
+        node below it.
         """
         if self.scene is not None:
             root = self.reference_node()
@@ -118,8 +117,8 @@ class SessionDisplay:
             root.SetAndObserveTransformNodeID(patient_to_ras.GetID() if patient_to_ras else None)
         self._patient_to_ras = patient_to_ras
 
-    def look(self, camera: vtkMRMLCameraNode, preset: Preset) -> None:
-        """Place ``camera`` at one side of the patient, towards the tumour."""
+    def view_from(self, camera: vtkMRMLCameraNode, preset: Preset) -> None:
+        """Place ``camera`` at the side ``preset`` of the patient, facing the tumour."""
         rotation = world_matrix(self._scene().tree.node(self._scene().reference))[:3, :3]
         points = world_points(self._scene().tumor)
         look_through(
@@ -128,8 +127,8 @@ class SessionDisplay:
             VIEW_ANGLE_DEG,
         )
 
-    def look_along_tool(self, camera: vtkMRMLCameraNode) -> None:
-        """Place ``camera`` behind the tool, towards its tip (the bullseye view)."""
+    def view_along_tool(self, camera: vtkMRMLCameraNode) -> None:
+        """Place ``camera`` behind the tool, facing its tip (the bullseye view)."""
         if self._scene().tool is None or self.content.tool is None:
             raise SceneError("view along the tool: no tool mesh in the scene; expected one")
         tip = self._scene().tree.node(self.content.tool.frame)

@@ -1,6 +1,6 @@
-"""The panel's commands. No Qt and no maths: it connects a session, its display and jobs.
+"""Commands of the panel's buttons. Without Qt: connects a session, its display and jobs.
 
-Everything here is for the scene's thread; `PanelLogic.spin` is called by its timer.
+Call everything in the scene's thread; its timer calls `PanelLogic.spin`.
 """
 
 import time
@@ -24,8 +24,8 @@ from app.scene import Preset, points_of_markups
 
 from .alarm import Alarm
 from .jobs import Jobs, one_line
-from .live_opening import LiveOpening
-from .registering import (
+from .live_step_run import LiveStepRun
+from .registration_input import (
     registration_of_case,
     registration_of_landmarks,
     registration_text,
@@ -35,16 +35,16 @@ from .status import PanelStatus
 from .tumor_input import surface_of
 
 WAIT_S = 0.005
-"""How long a spin waits for a step, so that other threads can run meanwhile."""
+"""How long a spin waits for a step; other threads run during this time."""
 
 
 class PanelLogic:
     """Commands for one session at a time, live or replayed, shown in ``mrml_scene``.
 
-    With the application's ``logic`` its views draw once a step.
+    With the application's ``logic`` its views draw once per step.
 
-    A command that cannot be executed raises `MarginGuardError` with one line for the user. Later
-    errors are in the status.
+    A command that is refused raises `MarginGuardError` with one line for the user. The status
+    contains errors that occur later.
     """
 
     def __init__(
@@ -63,35 +63,35 @@ class PanelLogic:
         self._follow: vtkMRMLCameraNode | None = None
 
     def connect(self, config: Path) -> None:
-        """Start a live session with this ``live.yaml``; errors in it are in the status.
+        """Start a live session with this ``live.yaml``; the status reports an invalid file.
 
-        Ends a replay. Refused during a live session, which has to be disconnected first.
+        Ends a replay. Raises `InputError` during a live session, which only `disconnect` ends.
         """
         self._check_not_live()
-        self.forget_scene()
-        self.session.begin(LiveOpening(config))
+        self.end_session()
+        self.session.begin(LiveStepRun(config))
 
     def disconnect(self) -> None:
-        """End the session soon; what it displayed turns grey."""
+        """Stop the session without waiting for its end; its display becomes grey."""
         self.session.running().run.stop()
 
     def load_case(self, folder: Path) -> None:
-        """Open and register a recorded case in a worker thread; it is then paused at its start.
+        """Open and register a recorded case in the background; then pause at its first frame.
 
-        Refused during a live session.
+        Raises `InputError` during a live session and for a folder that does not exist.
         """
         self._check_not_live()
         if not folder.is_dir():
-            raise InputError(f"{folder}: no such folder; expected a case")
+            raise InputError(f"{folder}: no such folder; expected the folder of a case")
 
         def opened(case: PreparedCase) -> None:
             self._end()
             self.session.begin_replay(case)
 
-        self._jobs.begin("opening the case", lambda: prepare_recorded(folder), opened)
+        self._jobs.submit("opening the case", lambda: prepare_recorded(folder), opened)
 
     def play(self) -> None:
-        """Resume the replay; restart it if it has ended."""
+        """Resume the replay; start from the beginning if it has ended."""
         replay = self.session.replay()
         if self.session.is_running:
             replay.player.resume()
@@ -103,21 +103,21 @@ class PanelLogic:
         self.session.replay().player.pause()
 
     def step(self) -> None:
-        """Show the next frame, and stay paused."""
+        """Show the next frame and stay paused."""
         self.session.replay().player.step()
 
     def seek(self, seconds: float) -> None:
-        """Seek, with a new session; a paused replay stays paused."""
+        """Continue at ``seconds`` with a new session; a paused replay stays paused."""
         self.session.seek(seconds, paused=self.session.replay().player.paused)
 
     def set_rate(self, rate: float) -> None:
-        """Set the rate (recorded time over clock time) of this replay and the next ones."""
+        """Set recorded time over clock time, for this replay and later ones."""
         if self.session.opened is not None:
             self.session.replay().set_rate(rate)
         self.session.rate = rate
 
     def rearm(self) -> None:
-        """End the hold of an earlier fault; the operator sees the present display."""
+        """End the hold of an earlier fault, based on the displayed step."""
         self.session.rearm()
 
     def margins(self) -> MarginParameters | None:
@@ -127,38 +127,38 @@ class PanelLogic:
         return None if commands is None else commands.content.margins
 
     def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Use these margins from the next step on; if one is invalid, both are refused."""
+        """Use both from the next step on; an invalid one raises and changes neither."""
         self.session.running().run.set_margins(stop_mm, warn_mm)
 
     def set_tumor(self, node: vtkMRMLNode | None, segment: str = "") -> None:
-        """Use the present surface of ``node`` as tumour; its field is built in a worker thread."""
+        """Use the surface of ``node`` as tumour; its distance field is built in the background."""
         commands = self.session.commands()
         edge = commands.setup.frame_from_tumor
         mesh = surface_of(node, segment, edge.source, self.session.shown().tumor_node())
 
         def done(model_id: str) -> None:
             if commands is not self.session.commands():
-                raise InputError("another session has started meanwhile: set the tumour again")
+                raise InputError("another session has started; expected the same one: set it again")
             self._message = f"the tumour is now {model_id}"
 
-        self._jobs.begin("setting the tumour", lambda: commands.set_tumor(edge, mesh), done)
+        self._jobs.submit("setting the tumour", lambda: commands.set_tumor(edge, mesh), done)
 
     def register_case(self, folder: Path) -> None:
-        """Compute the registration of a recorded case in a worker thread, for acceptance."""
-        self._jobs.begin("registering", lambda: registration_of_case(folder), self._propose)
+        """Compute the registration of a recorded case in the background, as `candidate`."""
+        self._jobs.submit("registering", lambda: registration_of_case(folder), self._propose)
 
     def register_landmarks(
         self, in_reference: vtkMRMLMarkupsNode | None, in_base: vtkMRMLMarkupsNode | None
     ) -> None:
-        """Register by points marked in the scene and the same points in the robot's base.
+        """Register points marked in the scene with the same points in the robot's base.
 
-        ``in_reference`` is used relative to the reference's node, ``in_base`` in its own
-        coordinates.
+        The points of ``in_reference`` are converted to the reference's node, those of ``in_base``
+        are used as they are.
         """
         robot = self.session.commands().setup.robot
         if in_reference is None or in_base is None:
             raise InputError(
-                "landmarks: a list is missing; expected one in the reference, one in the base"
+                "landmarks: a list is not chosen; expected two, in the reference and in the base"
             )
         if robot is None:
             raise InputError("registration: the session has no robot; expected one")
@@ -167,22 +167,22 @@ class PanelLogic:
         self._propose(registration_of_landmarks(fixed_mm, moving_mm, robot.base_frame))
 
     def accept_registration(self) -> None:
-        """Use the proposed registration from the next step on."""
+        """Use `candidate` from the next step on."""
         commands = self.session.commands()
         if self.candidate is None:
-            raise InputError("there is no registration to accept: register first")
+            raise InputError("there is no registration to accept; expected one: register first")
         commands.set_registration(self.candidate)
         self.candidate = None
         self._message = "the registration is in use"
 
     def set_opacity(self, opacity: float) -> None:
-        """Set the tumour's opacity, 0 to 1, of this display and the next ones."""
+        """Set the tumour's opacity, 0 to 1, for this display and later ones."""
         self.session.opacity = opacity
         if self.session.display is not None:
             self.session.display.set_opacity(opacity)
 
     def set_patient_to_ras(self, node: vtkMRMLTransformNode | None) -> None:
-        """Place the reference below ``node``; None places it at the world's origin.
+        """Make ``node`` the parent of the reference; None for the world's origin.
 
         Raises `SceneError` for a node of the session itself.
         """
@@ -190,16 +190,16 @@ class PanelLogic:
             self.session.display.set_patient_to_ras(node)
         self.session.patient_to_ras = node
 
-    def look(self, preset: Preset) -> None:
-        """Point the camera at the tumour from one side, and stop following the tool."""
+    def view_from(self, preset: Preset) -> None:
+        """View the tumour from one side, and end following the tool."""
         self._follow = None
-        self.session.shown().look(self._camera(), preset)
+        self.session.shown().view_from(self._camera(), preset)
 
     def follow_tool(self, follow: bool) -> None:
-        """Let the camera follow the tool, or stop following."""
+        """Start or end following the tool with the camera."""
         self._follow = None
         if follow:
-            self.session.shown().look_along_tool(self._camera())
+            self.session.shown().view_along_tool(self._camera())
             self._follow = self._camera()
 
     @property
@@ -208,40 +208,40 @@ class PanelLogic:
         return self._follow is not None
 
     def spin(self, wait_s: float = WAIT_S) -> PanelStatus:
-        """Show the newest step, grey out stale data, and return the status."""
-        failed = self._jobs.collect()
-        if failed:
-            self._message = failed
+        """Show the newest step, show stale data as unknown, and return the status."""
+        failure = self._jobs.collect()
+        if failure:
+            self._message = failure
         session = self.session
-        session.take(wait_s)
+        session.update(wait_s)
         if session.thread is not None and session.thread.failure:
             self._message = session.thread.failure
         if session.failure:
             self._message = session.failure
-        self._look_along_tool()
+        self._update_camera()
         self._jobs.wait(wait_s)
         return self._status()
 
-    def wants_alarm(self) -> bool:
-        """True if the alarm has to sound now."""
+    def alarm_due(self) -> bool:
+        """Return True if the alarm has to sound now."""
         return self.alarm.due(self.session.readout()[0], self._clock_ns())
 
-    def forget_scene(self) -> None:
-        """End the session, drop its jobs, and remove its nodes from the scene."""
-        self._jobs.forget()
+    def end_session(self) -> None:
+        """End the session, cancel the jobs and remove the session's nodes from the scene."""
+        self._jobs.cancel()
         self._end()
 
     def close(self) -> None:
         """End the session and the jobs."""
-        self.forget_scene()
+        self.end_session()
         self._jobs.close()
 
-    def _look_along_tool(self) -> None:
-        """Update the following camera; stop following when that fails, as without a camera."""
+    def _update_camera(self) -> None:
+        """Follow the tool; after an error, as for a deleted camera, the view stays."""
         if self._follow is None or self.session.display is None:
             return
         try:
-            self.session.display.look_along_tool(self._follow)
+            self.session.display.view_along_tool(self._follow)
         except MarginGuardError as error:
             self._follow = None
             self._message = one_line(error)
@@ -253,7 +253,7 @@ class PanelLogic:
 
     def _check_not_live(self) -> None:
         if self._is_live:
-            raise InputError("a live session is running: disconnect first")
+            raise InputError("a live session is running; expected none: disconnect first")
 
     @property
     def _is_live(self) -> bool:
@@ -273,7 +273,7 @@ class PanelLogic:
             trackers="\n".join(health.text for health in session.health),
             session=session.text(),
             registration="" if self.candidate is None else registration_text(self.candidate),
-            message=f"{self._jobs.running} ..." if self._jobs.running else self._message,
+            message=f"{self._jobs.current} ..." if self._jobs.current else self._message,
             position_s=session.position_s,
             duration_s=0.0 if session.opened is None else session.opened.extent.duration_s,
             is_live=self._is_live,
@@ -287,12 +287,12 @@ class PanelLogic:
     def _camera(self) -> vtkMRMLCameraNode:
         camera = self._mrml_scene.GetFirstNodeByClass("vtkMRMLCameraNode")
         if camera is None:
-            raise InputError("the scene has no 3D view; expected one")
+            raise InputError("the scene has no 3D view; expected one with a camera")
         return camera
 
 
 def prepare_recorded(folder: Path) -> PreparedCase:
-    """Open and register the case; reads its extent, so that an empty recording is refused here."""
+    """Open and register the case; read its extent, so that an empty recording is refused here."""
     prepared = prepare_case(folder)
     _ = prepared.extent
     return prepared

@@ -1,4 +1,4 @@
-"""The user's settings in the module's parameter node, which is saved with the scene."""
+"""Settings of the panel in the module's parameter node, saved with the scene."""
 
 import pathlib
 from typing import Annotated, Union
@@ -18,10 +18,10 @@ FROM_LANDMARKS = "landmarks in the scene"
 
 @parameterNodeWrapper
 class Settings:
-    """Each setting is bound to the widget whose ``SlicerParameterName`` is its name; lengths in mm.
+    """Each is bound to the widget whose ``SlicerParameterName`` is its name; lengths in mm.
 
-    ``fixed_points``: landmarks in the reference, where the scene has them; ``moving_points``: the
-    same ones in coordinates of the robot's base. ``rate``: recording seconds a second.
+    ``fixed_points``: landmarks in the scene, in the reference; ``moving_points``: the same ones in
+    coordinates of the robot's base. ``rate``: recorded time over clock time.
     """
 
     live_config: pathlib.Path
@@ -30,7 +30,7 @@ class Settings:
     registration_case: pathlib.Path
     fixed_points: vtkMRMLMarkupsFiducialNode
     moving_points: vtkMRMLMarkupsFiducialNode
-    # Slicer's wrapper reads typing.Union, wants None in it, and makes a node of each class.
+    # Slicer's wrapper supports typing.Union only, with None among its types.
     tumor: Union[  # noqa: UP007
         vtkMRMLModelNode,
         vtkMRMLSegmentationNode,

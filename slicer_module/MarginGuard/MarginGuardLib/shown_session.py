@@ -1,4 +1,4 @@
-"""One session at a time in the scene: its run, its display, the age of what is displayed."""
+"""The session in the scene: its run, the step that was shown last, and the age of that step."""
 
 import time
 from collections.abc import Callable
@@ -17,14 +17,14 @@ from app.runtime import (
 )
 from app.scene import TransformHealth
 
-from .display import NOTHING_YET, SessionDisplay
+from .display import NOT_TRACKED_YET, SessionDisplay
 from .jobs import one_line
 
 
 class ShownSession:
-    """A live session or a replay, shown in ``mrml_scene``. For the scene's thread only.
+    """A live session or a replay in ``mrml_scene``. Call it in the scene's thread only.
 
-    ``opacity`` and ``patient_to_ras`` apply to every later display.
+    ``opacity``, ``patient_to_ras`` and ``rate`` apply to each later display or replay.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class ShownSession:
         self._last: DeliveredStep | None = None
 
     def begin(self, run: StepRun, opened: PreparedCase | None = None) -> None:
-        """End the present run and start ``run``, of the case ``opened`` when it is a replay."""
+        """End the present run and start ``run``; ``opened`` is the case of a replay."""
         self.end()
         self.opened = opened
         self._start(run)
@@ -58,7 +58,7 @@ class ShownSession:
         self.begin(run, opened)
 
     def end(self) -> None:
-        """Stop the run, and remove the display from the scene."""
+        """Stop the run and remove the display from the scene."""
         if self.thread is not None:
             self.thread.stop()
         if self.display is not None:
@@ -68,7 +68,7 @@ class ShownSession:
         self.failure = ""
 
     def seek(self, seconds: float, *, paused: bool) -> None:
-        """Replay the case from ``seconds``, with the changes since it was opened."""
+        """Replay from ``seconds`` with the present setup and content of the session."""
         case, commands = self.case(), self.commands()
         duration_s = case.extent.duration_s
         if not 0.0 <= seconds <= duration_s:
@@ -87,18 +87,18 @@ class ShownSession:
             )
         )
 
-    def take(self, wait_s: float) -> None:
-        """Show the newest step, waiting at most ``wait_s`` for one, and grey out stale data.
+    def update(self, wait_s: float) -> None:
+        """Wait for the newest step at most ``wait_s`` and show it; show stale data as unknown.
 
-        If the display cannot be updated, as when the user has deleted a node, it is removed from
-        the scene, ``failure`` has the reason, and the next step creates it again.
+        If the display cannot be updated, for example because the user has deleted a node, it is
+        removed from the scene and ``failure`` is the cause. The next step creates it again.
         """
         if self.thread is None:
             return
         delivered = self.thread.newest(wait_s)
         try:
             self._show(self.thread, delivered)
-        except Exception as error:  # any error: nothing may stay as it was
+        except Exception as error:  # after any error an outdated display must not remain
             self.failure = one_line(error)
             display, self.display, self.health = self.display, None, ()
             if display is not None:
@@ -128,22 +128,28 @@ class ShownSession:
             self.health = self.display.check(thread.present_ns(self._last))
 
     def rearm(self) -> None:
-        """End the hold of an earlier fault, on behalf of an operator who sees the display.
+        """End the hold of an earlier fault, based on the displayed step.
 
-        Refused while the displayed state is UNKNOWN, and after a fault or another tumour, tool,
-        registration or margin that is not displayed yet: the operator cannot have seen it.
+        Raises `InputError` while the displayed state is UNKNOWN, and if a fault or another tumour,
+        tool, registration or margin followed the displayed step, because the operator has not seen
+        it.
         """
         thread, shown, commands = self.running(), self._last, self.commands()
         if shown is None or self.display is None or self.readout()[0] is MarginState.UNKNOWN:
-            raise InputError("the displayed margin is UNKNOWN: its cause must end first")
+            raise InputError(
+                "the displayed margin is UNKNOWN; expected a known state: its cause must end first"
+            )
         seq, displayed = shown.step.decision.seq, self.display.content
 
         def check() -> None:
             if shown.thread is not thread or displayed is not commands.content:
-                raise InputError("the last change is not displayed yet: look at the margin again")
+                raise InputError(
+                    "the last change is not displayed yet; expected a re-arm after it is displayed"
+                )
             if seq < thread.fault_seq:
                 raise InputError(
-                    f"a fault came after the displayed step {seq}: look at the margin again"
+                    f"a fault came after the displayed step {seq}; "
+                    "expected a re-arm after the fault is displayed"
                 )
 
         commands.rearm(check)
@@ -155,25 +161,25 @@ class ShownSession:
 
     @property
     def is_playing(self) -> bool:
-        """True while a replay plays."""
+        """True while a replay runs and is not paused."""
         return self.is_running and self.opened is not None and not self.replay().player.paused
 
     @property
     def position_s(self) -> float | None:
-        """Time of the displayed frame from the first one of the case, in s."""
+        """Seconds from the first frame of the case to the displayed one; None without one."""
         if self.opened is None or self._last is None:
             return None
         return (self._last.step.frame.stamp.ns - self.opened.extent.first_ns) / NS_PER_S
 
     def readout(self) -> tuple[MarginState, str]:
-        """State and banner as the scene shows them."""
+        """The state and the banner, as the scene shows them."""
         if self.display is None:
-            why = f"UNKNOWN: nothing is displayed, {self.failure}" if self.failure else NOTHING_YET
+            why = f"UNKNOWN: nothing is shown, {self.failure}" if self.failure else NOT_TRACKED_YET
             return MarginState.UNKNOWN, why
         return self.display.readout()
 
     def reasons(self) -> str:
-        """Reasons of the last decision, or the reason why it is not displayed any more."""
+        """Reasons of the displayed decision; "stale" when the scene shows it as unknown."""
         if self._last is None or self.display is None:
             return ""
         decision = self._last.step.decision
@@ -187,40 +193,42 @@ class ShownSession:
             return "no session"
         if self.opened is not None:
             manifest = self.opened.case.manifest
-            does = "playing" if self.is_playing else "paused" if self.is_running else "ended"
-            return f"{manifest.name} ({manifest.provenance.kind}): {does}"
+            activity = "playing" if self.is_playing else "paused" if self.is_running else "ended"
+            return f"{manifest.name} ({manifest.provenance.kind}): {activity}"
         if not self.is_running:
             return "live session has ended"
         return "connecting ..." if self._last is None else "live"
 
     def running(self) -> StepThread:
-        """The thread of the run; `InputError` when none takes steps."""
+        """The thread of the run; raises `InputError` if none runs."""
         if self.thread is None or self.thread.is_over:
-            raise InputError("there is no session: connect or load a case first")
+            raise InputError("there is no session; expected one: connect or load a case first")
         return self.thread
 
     def commands(self) -> OperatorCommands:
-        """The commands of the session; `InputError` before it has started."""
+        """The commands of the session; raises `InputError` before it has started."""
         commands = None if self.thread is None else self.thread.run.commands
         if commands is None:
-            raise InputError("there is no session: connect or load a case first")
+            raise InputError("there is no session; expected one: connect or load a case first")
         return commands
 
     def case(self) -> PreparedCase:
-        """The case that is replayed; `InputError` without one."""
+        """The replayed case; raises `InputError` without one."""
         if self.opened is None:
-            raise InputError("no case is loaded: load one first")
+            raise InputError("no case is loaded; expected one: load a case first")
         return self.opened
 
     def replay(self) -> ReplayRun:
-        """The replay; `InputError` when the session is none."""
+        """The replay; raises `InputError` if the session is not a replay."""
         run = None if self.thread is None else self.thread.run
         if not isinstance(run, ReplayRun):
-            raise InputError("no case is loaded: load one first")
+            raise InputError("no case is loaded; expected one: load a case first")
         return run
 
     def shown(self) -> SessionDisplay:
-        """The display; `InputError` before there is one."""
+        """The display; raises `InputError` before it exists."""
         if self.display is None:
-            raise InputError("nothing is shown yet: connect or load a case first")
+            raise InputError(
+                "nothing is shown yet; expected a session: connect or load a case first"
+            )
         return self.display

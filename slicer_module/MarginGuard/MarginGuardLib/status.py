@@ -1,4 +1,4 @@
-"""Everything that the panel shows, as one value that the logic makes and the widgets display."""
+"""The displayed values of the panel: the logic computes them, the widgets show them."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,8 @@ from app.fixture import MarginState
 class PanelStatus:
     """``position_s`` is None without a case; ``message`` is the last line about an error or a job.
 
-    ``banner``: text of state and distance as in the scene. ``trackers``: one line a transform.
+    ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
+    transform.
     """
 
     state: MarginState

@@ -21,14 +21,9 @@ def clock():
 
 
 @pytest.fixture
-def content(parts):
-    margins = parts.content.margins.replaced(stale_after_ns=STALE_NS)
-    return replace(parts.content, margins=margins)
-
-
-@pytest.fixture
-def live(parts, content, clock):
-    return LiveFeed(ViewStateBuilder(parts.run.prepared.setup, content), clock)
+def live(parts, clock):
+    prepared = parts.run.prepared
+    return LiveFeed(ViewStateBuilder(prepared.setup, prepared.content), STALE_NS, clock)
 
 
 def steps(parts):
@@ -46,14 +41,14 @@ def test_live_feed_is_none_before_the_first_step(live):
     assert live.now() is None
 
 
-def test_live_feed_returns_the_newest_step(parts, live, content):
+def test_live_feed_returns_the_newest_step(parts, live):
     for step in steps(parts)[:3]:
-        live.put(step, content, None)
+        live.put(step, parts.content, None)
     assert live.now().step is steps(parts)[2]
 
 
-def test_step_with_stale_poses_is_unknown(parts, live, clock, content):
-    live.put(steps(parts)[0], content, None)
+def test_step_with_stale_poses_is_unknown(parts, live, clock):
+    live.put(steps(parts)[0], parts.content, None)
     assert live.now().step.decision.state is MarginState.NEGATIVE
     clock.ns = STALE_NS
     assert live.now().step.decision.state is MarginState.NEGATIVE
@@ -62,69 +57,58 @@ def test_step_with_stale_poses_is_unknown(parts, live, clock, content):
     assert late.step.decision.state is MarginState.UNKNOWN
     assert late.distance_mm is None
     assert late.silent == "the session has sent nothing for more than 200 ms"
-    live.put(steps(parts)[1], content, None)
+    live.put(steps(parts)[1], parts.content, None)
     assert live.now().silent == ""
 
 
-def test_margins_that_an_operator_sets_apply_to_the_age_of_the_next_step(
-    parts, live, clock, content
-):
-    stricter = content.margins.replaced(stale_after_ns=STALE_NS // 2)
-    live.put(steps(parts)[0], replace(content, margins=stricter), None)
-    clock.ns = STALE_NS // 2
-    assert live.now().silent == ""
-    clock.ns = STALE_NS // 2 + 1
-    assert live.now().silent == "the session has sent nothing for more than 100 ms"
-
-
-def test_silent_session_has_no_robot_links(parts, live, clock, content):
+def test_silent_session_has_no_robot_links(parts, live, clock):
     arm = {"arm": Transform.identity("base", "arm")}
-    live.put(replace(steps(parts)[0], links=arm), content, None)
+    live.put(replace(steps(parts)[0], links=arm), parts.content, None)
     assert live.now().step.links == arm
     clock.ns = STALE_NS + 1
     assert live.now().step.links == {}
 
 
-def test_age_of_poses_at_arrival_counts(parts, live, clock, content):
+def test_age_of_poses_at_arrival_counts(parts, live, clock):
     step = steps(parts)[0]
     stamp = Stamp(step.frame.stamp.ns - 150 * MS, step.frame.stamp.clock)
-    live.put(replace(step, decision=replace(step.decision, stamp=stamp)), content, None)
+    live.put(replace(step, decision=replace(step.decision, stamp=stamp)), parts.content, None)
     clock.ns = 50 * MS
     assert live.now().step.decision.state is MarginState.NEGATIVE
     clock.ns = 50 * MS + 1
     assert live.now().step.decision.state is MarginState.UNKNOWN
 
 
-def test_unknown_step_keeps_its_reason_while_the_session_steps(parts, live, clock, content):
-    live.put(steps(parts)[0], content, None)
-    live.put(steps(parts)[LOST[0]], content, None)
+def test_unknown_step_keeps_its_reason_while_the_session_steps(parts, live, clock):
+    live.put(steps(parts)[0], parts.content, None)
+    live.put(steps(parts)[LOST[0]], parts.content, None)
     clock.ns = 900 * MS
     assert live.now().silent == ""
     clock.ns = 1001 * MS
     assert live.now().silent
 
 
-def test_ended_session_is_unknown_at_once(parts, live, content):
-    live.put(steps(parts)[0], content, None)
+def test_ended_session_is_unknown_at_once(parts, live):
+    live.put(steps(parts)[0], parts.content, None)
     live.end("the session has failed: no more tracker")
     assert live.now().step.decision.state is MarginState.UNKNOWN
     assert "no more tracker" in live.now().silent
 
 
-def test_breach_in_a_skipped_step_is_counted(parts, live, content):
+def test_breach_in_a_skipped_step_is_counted(parts, live):
     counts = []
     for step in steps(parts):
-        live.put(step, content, None)
+        live.put(step, parts.content, None)
         counts.append(live.now().breaches)
     assert (counts[BREACH_FRAME - 5], counts[-1]) == (0, 1)
     assert sorted(counts) == counts
 
 
-def test_callback_runs_in_the_thread_of_the_session(parts, live, content):
+def test_callback_runs_in_the_thread_of_the_session(parts, live):
     callers = []
     live.call_on_change(lambda: callers.append(threading.current_thread().name))
     thread = threading.Thread(
-        target=lambda: live.put(steps(parts)[0], content, None), name="the session's"
+        target=lambda: live.put(steps(parts)[0], parts.content, None), name="the session's"
     )
     thread.start()
     thread.join()

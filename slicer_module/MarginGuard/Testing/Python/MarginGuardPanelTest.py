@@ -1,4 +1,4 @@
-"""To be run inside desktop Slicer: the panel is made, and its timer shows a status."""
+"""Runs inside desktop Slicer: creates the panel and checks the status that its timer shows."""
 
 import unittest
 
@@ -6,10 +6,10 @@ import slicer
 
 
 class MarginGuardPanelTest(unittest.TestCase):
-    """Slicer's own widgets, which the tests outside of Slicer stand in for."""
+    """Uses Slicer's own widgets, which tests outside of Slicer replace by doubles."""
 
-    def test_the_panel_is_made_and_says_that_nothing_is_known(self):
-        """Every handler is connected in ``setup``: a name that is wrong would raise there."""
+    def test_new_panel_shows_unknown(self):
+        """``setup`` connects every handler, and raises for a wrong name."""
         widget = slicer.util.getNewModuleWidget("MarginGuard")
         try:
             widget.spin()

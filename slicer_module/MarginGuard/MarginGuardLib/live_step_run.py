@@ -1,4 +1,4 @@
-"""The live run of the panel: opened and joined to the ROS graph in the thread that steps."""
+"""Live run of the panel: opens the file and starts the ROS node in the thread that steps."""
 
 import logging
 import threading
@@ -13,7 +13,7 @@ from app.session import StepResult
 CONSTRAINT_HZ = 1000.0
 
 
-class LiveOpening:
+class LiveStepRun:
     """`app.runtime.StepRun` of the ``live.yaml`` at ``config``."""
 
     def __init__(self, config: Path) -> None:
@@ -24,11 +24,11 @@ class LiveOpening:
 
     @property
     def commands(self) -> OperatorCommands | None:
-        """Changes the session; None until it exists."""
+        """Commands of the session; None until it exists."""
         return None if self._node is None else self._node.commands
 
     def steps(self) -> Iterator[StepResult]:
-        """Open the file, join the ROS graph, and yield the steps as they happen."""
+        """Open the file, start the ROS node, and yield the steps as they happen."""
         logging.info(prepare_environment())
         prepared = prepare_live(self._config)
         with live_node(prepared, namespace="", constraint_hz=CONSTRAINT_HZ) as node:
@@ -39,18 +39,20 @@ class LiveOpening:
             yield from node.steps()
 
     def stop(self) -> None:
-        """Leave the graph; while it is still being joined, as soon as that is done."""
+        """End `steps`; while the node is being started, as soon as it has started."""
         with self._lock:
             self._stopped = True
             if self._node is not None:
                 self._node.stop()
 
     def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Set the node's parameters, so that ROS sees them too; `BridgeError` before it exists."""
+        """Set the parameters of the node; raises `BridgeError` before it exists."""
         if self._node is None:
-            raise BridgeError(f"{self._config.name}: the session has not started yet")
+            raise BridgeError(
+                f"{self._config.name}: the session has not started yet; expected a started one"
+            )
         self._node.set_margins(stop_mm, warn_mm)
 
     def pace(self) -> float:
-        """The time of live stamps passes as every clock's does."""
+        """Live stamps advance in real time."""
         return 1.0

@@ -1,4 +1,4 @@
-"""Sources of a new registration of the robot's base, and its text for the panel."""
+"""New registrations of the robot's base, from a case or landmarks, and their text."""
 
 from pathlib import Path
 
@@ -9,24 +9,24 @@ from app.session import REFERENCE
 
 
 def registration_of_case(folder: Path) -> RegistrationResult:
-    """The registration that ``marginguard register`` finds in the case; takes seconds."""
+    """Register the case as ``marginguard register`` does; takes seconds. Raises `InputError`."""
     robot = register_case(folder).robot
     if robot is None or robot.registration is None:
-        raise InputError(f"{folder} has no robot; expected a case with a robot to register")
+        raise InputError(f"{folder} has no robot; expected a case with a registered robot")
     return robot.registration
 
 
 def registration_of_landmarks(
     in_reference_mm: FloatArray, in_base_mm: FloatArray, base_frame: str
 ) -> RegistrationResult:
-    """The registration that ``~/register`` finds for these points, (n, 3) in mm, in order."""
+    """Register corresponding points (n, 3) in mm as the service ``~/register`` does."""
     return register_points(
         in_reference_mm, in_base_mm, fixed_frame=REFERENCE, moving_frame=base_frame
     )
 
 
 def registration_text(result: RegistrationResult) -> str:
-    """One line: the method, its residual, and the verdict with its reason."""
+    """Format method, residual and verdict with its reason in one line."""
     fre = "" if result.fre_mm is None else f", FRE {result.fre_mm:.2f} mm"
     points = f", {len(result.used)} points" if len(result.residuals_mm) else ""
     verdict = "accepted" if result.accepted else "refused"
