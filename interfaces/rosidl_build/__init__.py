@@ -1,5 +1,5 @@
-"""Compile ROS 2 interface packages with pip: the part of colcon that PyPI has no wheel for.
+"""Build ROS 2 interface packages with pip, without colcon, which has no wheel for this step.
 
 `package` reads a folder of interface files, `generate` runs the official generators on it, `link`
-compiles their output, and `command` ties the three to setuptools.
+compiles and links their output, and `command` is the setuptools command that calls the three.
 """

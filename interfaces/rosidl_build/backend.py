@@ -1,4 +1,4 @@
-"""The build backend: setuptools' own, loaded from here so that it can import this package."""
+"""Build backend of setuptools, re-exported so that this package can be imported in the build."""
 
 from setuptools.build_meta import build_sdist as build_sdist
 from setuptools.build_meta import build_wheel as build_wheel

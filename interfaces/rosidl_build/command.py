@@ -1,4 +1,4 @@
-"""The setuptools command that builds the interface packages."""
+"""Setuptools command that builds the interface packages."""
 
 import os
 import shutil
@@ -16,17 +16,17 @@ HERE = Path(__file__).resolve().parent.parent
 
 
 class BuildInterfaces(build_ext):
-    """Generate, compile and lay out every package that an extension is declared for.
+    """Generate, compile and install every package that has an extension.
 
     An extension is named ``<package>.<package>_s__<type support>``; the package's interface files
     are in the folder of the same name beside ``pyproject.toml``.
     """
 
     def build_extensions(self) -> None:
-        """Called by setuptools when the compiler is set up."""
+        """Build all packages; setuptools calls this after it has set up the compiler."""
         self._require_compilers()
         work = Path(self.build_temp).resolve()
-        shutil.rmtree(work, ignore_errors=True)  # what a deleted message left must not be packed
+        shutil.rmtree(work, ignore_errors=True)  # files of deleted messages must not be packed
         linker = Linker(
             self.compiler,
             ros_root(),
@@ -34,7 +34,7 @@ class BuildInterfaces(build_ext):
             (*self.include_dirs, numpy.get_include()),
             self.parallel or os.cpu_count() or 1,
         )
-        # Known only now; the command that installs them is set up after this one.
+        # The files are known only now; setuptools configures the install command after this one.
         self.distribution.data_files = shared = []
         for name in dict.fromkeys(extension.name.split(".")[0] for extension in self.extensions):
             package = InterfacePackage.read(HERE / name)

@@ -1,4 +1,4 @@
-"""From interface files to C, C++ and Python source, by the official rosidl generators."""
+"""Generate C, C++ and Python sources from interface files with the official rosidl generators."""
 
 import os
 from dataclasses import dataclass
@@ -23,9 +23,10 @@ TYPE_SUPPORTS = (
 
 
 def ros_root() -> Path:
-    """The folder with the ``include``, ``lib`` and ``share`` of the ROS wheels that build us.
+    """Folder with the ``include``, ``lib`` and ``share`` of the installed ROS wheels.
 
-    In pip's build isolation this is not ``sys.prefix``, so it is found from a module's place.
+    In pip's build isolation this is not ``sys.prefix``, so it is found from a module's path.
+    Raises FileNotFoundError.
     """
     module = Path(rosidl_generator_c.__file__)
     for folder in module.parents:
@@ -36,17 +37,20 @@ def ros_root() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class GeneratedPackage:
-    """The generators' output for ``package``: ``folder/<generator>/<package>/...``."""
+    """Output of the generators for ``package``, in ``folder/<generator>/<package>/...``."""
 
     package: InterfacePackage
     folder: Path
 
     def of(self, generator: str) -> Path:
-        """The folder that ``generator`` filled for this package."""
+        """Folder of the output of ``generator`` for this package."""
         return self.folder / generator / self.package.name
 
     def sources(self, generator: str, pattern: str) -> list[str]:
-        """The files of ``generator`` that match ``pattern``, sorted; at least one."""
+        """Sorted output files of ``generator`` that match ``pattern``.
+
+        Raises FileNotFoundError if there is none.
+        """
         files = sorted(str(path) for path in self.of(generator).rglob(pattern))
         if not files:
             raise FileNotFoundError(f"{generator} wrote no {pattern} for {self.package.name}")
@@ -54,18 +58,17 @@ class GeneratedPackage:
 
     @property
     def include_dirs(self) -> list[str]:
-        """Where the generated headers are, as ``<package>/msg/...`` below each."""
+        """Folders that contain the generated headers as ``<package>/msg/...``."""
         return [str(path) for path in sorted(self.folder.iterdir()) if path.is_dir()]
 
 
 def generate(package: InterfacePackage, folder: Path, root: Path) -> GeneratedPackage:
-    """Run every generator on ``package``; output goes below ``folder``, which must be empty.
+    """Run all generators on ``package``; they write below ``folder``, which must be empty.
 
-    ``root`` holds the interface packages that this one refers to (see `ros_root`).
+    ``root`` contains the interface packages that this one refers to (see `ros_root`).
     """
-    os.environ["AMENT_PREFIX_PATH"] = str(
-        root
-    )  # the generators find templates and each other there
+    # The generators find their templates and each other below this path.
+    os.environ["AMENT_PREFIX_PATH"] = str(root)
     include_paths = [str(root / "share" / name) for name in package.others_in(root)]
     generated = GeneratedPackage(package, folder)
 
@@ -83,7 +86,7 @@ def generate(package: InterfacePackage, folder: Path, root: Path) -> GeneratedPa
         output_path=definitions,
     )
 
-    # Each into a folder of its own: two of them write a file of the same name.
+    # One folder per generator, because two of them write a file of the same name.
     GenerateC("c").generate(
         package.name, idl_files, include_paths, generated.of("rosidl_generator_c"), hashes
     )
@@ -107,10 +110,10 @@ def generate(package: InterfacePackage, folder: Path, root: Path) -> GeneratedPa
 
 
 def shared_files(generated: GeneratedPackage) -> dict[str, list[str]]:
-    """What a ROS installation keeps in ``share``: folder below the prefix -> files to put there.
+    """Files of the package in ``share``, by folder relative to the installation prefix.
 
-    The definitions (as written, as IDL, and as JSON with their hashes), the manifest, and the
-    marker files by which ament finds the package.
+    These are the definitions (as written, as IDL, and as JSON with their hashes), the manifest, and
+    the marker files by which ament finds the package.
     """
     package = generated.package
     share = f"share/{package.name}"

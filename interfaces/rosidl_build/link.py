@@ -1,4 +1,4 @@
-"""From generated source to the libraries and the extension modules of one interface package."""
+"""Compile and link the libraries and extension modules of one interface package."""
 
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -11,9 +11,9 @@ from rosidl_build.generate import GeneratedPackage
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """A shared library ``lib<package>__<generator>.so`` and what it is made of.
+    """Shared library ``lib<package>__<generator>.so`` made from the sources that match ``pattern``.
 
-    ``own`` names the libraries of the same package that it needs. ``runtime`` those of ROS itself.
+    ``own`` names the libraries of the same package that it needs, ``runtime`` those of ROS.
     """
 
     generator: str
@@ -75,8 +75,10 @@ class Linker:
     jobs: int
 
     def compile(self, sources: Iterable[str], generated: GeneratedPackage) -> list[str]:
-        """Compile ``sources``, several at a time; the object files in the same order."""
-        headers = self.root / "include"  # of most packages one level deeper, of fastcdr not
+        """Compile ``sources`` in parallel; return the object files in the same order."""
+        headers = (
+            self.root / "include"
+        )  # most packages have their headers one level deeper, fastcdr has not
         includes = [
             *generated.include_dirs,
             str(headers),
@@ -114,10 +116,10 @@ class Linker:
             )
 
     def link_module(self, generated: GeneratedPackage, type_support: str, output: Path) -> None:
-        """Build the extension module of one type support, beside the libraries.
+        """Build the extension module of one type support as the file ``output``.
 
-        It is linked with every library of the package, needed or not: the dispatcher in
-        ``rosidl_typesupport_c`` opens them by name, and finds those that are already loaded.
+        It is linked with all libraries of the package, because the dispatcher in
+        ``rosidl_typesupport_c`` opens them by name and finds the ones that are already loaded.
         """
         name = generated.package.name
         source = generated.of("rosidl_generator_py") / f"_{name}_s.ep.{type_support}.c"

@@ -1,4 +1,4 @@
-"""A ROS interface package: its name, its interface files, and the packages that it may refer to."""
+"""ROS interface package: name, interface files, and packages that it may refer to."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ class InterfacePackage:
 
     @classmethod
     def read(cls, folder: Path) -> "InterfacePackage":
-        """Read the package in ``folder``; ValueError when it holds no interface file."""
+        """Read the package in ``folder``; raises ValueError if it has no interface file."""
         files = tuple(
             file.relative_to(folder)
             for kind in KINDS
@@ -30,10 +30,10 @@ class InterfacePackage:
         return cls(folder.name, folder, files)
 
     def others_in(self, root: Path) -> list[str]:
-        """The interface packages installed under the prefix ``root``, this one left out.
+        """Other interface packages installed under the prefix ``root``.
 
-        All of them count as dependencies: the ones that a type really rests on are found by the
-        generators, the ones that a library rests on by the linker (``--as-needed``).
+        All of them are passed as dependencies. The generators select the ones that a type needs,
+        and the linker (``--as-needed``) the ones that a library needs.
         """
         index = root / "share" / "ament_index" / "resource_index" / "rosidl_interfaces"
         return sorted(marker.name for marker in index.iterdir() if marker.name != self.name)

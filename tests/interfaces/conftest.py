@@ -1,4 +1,4 @@
-"""A peer process that speaks every kind of interface back, and a node of ours beside it."""
+"""A peer process that returns messages and serves requests, and an rclpy node in this process."""
 
 import subprocess
 import sys

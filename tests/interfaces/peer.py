@@ -1,6 +1,6 @@
-"""The other process of the round trips: sends messages back, serves a service and an action.
+"""ROS process that returns messages and serves a service and an action.
 
-Says "ready" when everything is up, and ends when its standard input is closed.
+Prints ``ready`` when everything is created, and ends when its standard input is closed.
 """
 
 import sys
@@ -23,7 +23,7 @@ ending = threading.Event()
 
 
 def register(request: Register.Request, response: Register.Response) -> Register.Response:
-    """Answer with a translation: the sum of the moving points."""
+    """Reply with a translation whose x is the sum of the moving points' x."""
     response.success = len(request.fixed_points) == len(request.moving_points)
     response.message = f"{request.fixed_frame} from {request.moving_frame}"
     response.transform = Transform()
@@ -32,9 +32,9 @@ def register(request: Register.Request, response: Register.Response) -> Register
 
 
 def replay(goal: ServerGoalHandle) -> Replay.Result:
-    """Give feedback, over and over, until the goal is cancelled or its time is up.
+    """Publish feedback until the goal is cancelled or ``goal.request.end`` s have passed.
 
-    Feedback that is given before both sides have met is lost; the client cancels when it has some.
+    Feedback published before discovery is complete is lost, so the client cancels when it has some.
     """
     for frames in range(int(goal.request.end / FEEDBACK_PERIOD_S)):
         if goal.is_cancel_requested:
@@ -72,7 +72,7 @@ def main() -> None:
         callback_group=ReentrantCallbackGroup(),
     )
 
-    executor = MultiThreadedExecutor(6)  # goals whose acceptance was lost go on, one in a thread
+    executor = MultiThreadedExecutor(6)  # a goal whose acceptance was lost keeps its thread
     executor.add_node(node)
     ended = Future()
 
@@ -85,7 +85,7 @@ def main() -> None:
     threading.Thread(target=end_with_input, daemon=True).start()
     print("ready", flush=True)
     executor.spin_until_future_complete(ended)
-    # What is being sent back is sent before the context goes.
+    # Finish the pending replies before the context is shut down.
     executor.shutdown()
     action.destroy()
     node.destroy_node()

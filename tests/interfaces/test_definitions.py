@@ -1,4 +1,4 @@
-"""The compiled types against rosbags, which reads definitions and hashes them on its own."""
+"""Compiled interface types compared with rosbags, which parses and hashes definitions itself."""
 
 import json
 import sys
@@ -25,13 +25,13 @@ def type_name(path: Path) -> str:
 
 @pytest.fixture(scope="module")
 def jazzy() -> Typestore:
-    """What rosbags knows of Jazzy by itself: tf2_msgs included, marginguard_msgs not."""
+    """Types of Jazzy in rosbags: with tf2_msgs, without marginguard_msgs."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 @pytest.fixture(scope="module")
 def ours() -> Typestore:
-    """The same, with our definition files read by rosbags' own parser."""
+    """Types of Jazzy and of our definition files, read by the parser of rosbags."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in MESSAGES:
         if path.parts[-3] == "marginguard_msgs":
@@ -45,7 +45,7 @@ def compiled(name: str) -> Any:
 
 
 def installed_hashes(name: str) -> Iterator[str]:
-    """The hashes beside the installed definitions, as ROS keeps them."""
+    """Yield the type hashes in the JSON files beside the installed definitions."""
     module = sys.modules[compiled(name).__module__]
     for prefix in Path(str(module.__file__)).parents:
         path = prefix / "share" / f"{name}.json"
@@ -67,7 +67,7 @@ def test_tf2_msgs_are_those_of_jazzy(jazzy: Typestore, name: str) -> None:
 
 
 @pytest.mark.parametrize("path", MESSAGES, ids=type_name)
-def test_the_hash_is_the_one_that_rosbags_computes(ours: Typestore, path: Path) -> None:
+def test_type_hash_equals_that_of_rosbags(ours: Typestore, path: Path) -> None:
     assert list(installed_hashes(type_name(path))) == [ours.hash_rihs01(type_name(path))]
 
 
@@ -83,7 +83,7 @@ def test_bytes_of_ros_are_read_by_rosbags(ours: Typestore) -> None:
     assert read.half_spaces[0].offset == 0.25
 
 
-def test_a_status_has_the_number_that_the_core_gives_it() -> None:
+def test_tracking_status_has_the_constants_of_the_message() -> None:
     from marginguard_msgs.msg import TrackedTransform
 
     assert {status.name: getattr(TrackedTransform, status.name) for status in TrackingStatus} == {
@@ -91,12 +91,12 @@ def test_a_status_has_the_number_that_the_core_gives_it() -> None:
     }
 
 
-def test_the_wire_carries_the_same_hash(jazzy: Typestore, node: Any) -> None:
+def test_discovered_publisher_has_the_same_hash(jazzy: Typestore, node: Any) -> None:
     from tf2_msgs.msg import TFMessage
 
     node.create_publisher(TFMessage, "edges", 1)
     (info,) = node.get_publishers_info_by_topic("/edges")
-    said = info.topic_type_hash
-    assert f"RIHS{said.version:02}_{bytes(said.value).hex()}" == jazzy.hash_rihs01(
+    found = info.topic_type_hash
+    assert f"RIHS{found.version:02}_{bytes(found.value).hex()}" == jazzy.hash_rihs01(
         "tf2_msgs/msg/TFMessage"
     )

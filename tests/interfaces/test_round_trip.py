@@ -1,4 +1,4 @@
-"""Every kind of interface, there and back through another process."""
+"""Messages, a service and an action exchanged with another process."""
 
 import queue
 import subprocess
@@ -25,7 +25,7 @@ DEADLINE_S = 30.0
 
 
 def wait(future: Future) -> Any:
-    """The result of ``future``, which the node's own thread completes."""
+    """Wait for the result of ``future``, which the thread of the node completes."""
     return wait_up_to(DEADLINE_S, future)
 
 
@@ -35,16 +35,18 @@ def wait_up_to(seconds: float, future: Future) -> Any:
     return done.get(timeout=seconds).result()
 
 
-def answer_to(ask: Callable[[], Future]) -> Any:
-    """What ``ask()`` is answered; asked again, for a server drops what it says to whom it has not
-    discovered yet, and the client is not told when it has.
+def reply_to(send: Callable[[], Future]) -> Any:
+    """Wait for the reply to the request that ``send`` sends.
+
+    Repeats the request, because a server drops the reply to a client that it has not discovered yet
+    and the client cannot detect when it has.
     """
     for _ in range(3):
         try:
-            return wait_up_to(DEADLINE_S / 3, ask())
+            return wait_up_to(DEADLINE_S / 3, send())
         except queue.Empty:
             continue
-    pytest.fail(f"no answer in {DEADLINE_S} s")
+    pytest.fail(f"no reply in {DEADLINE_S} s")
 
 
 def transforms() -> TFMessage:
@@ -85,24 +87,24 @@ def constraint() -> FixtureConstraint:
 
 
 @pytest.mark.parametrize(("name", "message"), [("tf", transforms()), ("constraint", constraint())])
-def test_a_message_comes_back_as_it_was_sent(
+def test_returned_message_equals_the_sent_one(
     node: Any, peer: subprocess.Popen[str], name: str, message: Any
 ) -> None:
-    came: queue.Queue[Any] = queue.Queue()
-    node.create_subscription(type(message), f"{name}_back", came.put, 10)
+    returned: queue.Queue[Any] = queue.Queue()
+    node.create_subscription(type(message), f"{name}_back", returned.put, 10)
     publisher = node.create_publisher(type(message), f"{name}_out", 10)
-    for _ in range(300):  # what is sent before both sides have met is lost
+    for _ in range(300):  # a message sent before discovery is complete is lost
         publisher.publish(message)
         try:
-            back = came.get(timeout=0.1)
+            back = returned.get(timeout=0.1)
         except queue.Empty:
             continue
         assert back == message
         return
-    pytest.fail(f"nothing came back on {name}_back")
+    pytest.fail(f"no message on {name}_back")
 
 
-def test_a_service_answers(node: Any, peer: subprocess.Popen[str]) -> None:
+def test_service_replies(node: Any, peer: subprocess.Popen[str]) -> None:
     client = node.create_client(Register, "register")
     assert client.wait_for_service(timeout_sec=DEADLINE_S)
     request = Register.Request(
@@ -111,37 +113,37 @@ def test_a_service_answers(node: Any, peer: subprocess.Popen[str]) -> None:
         fixed_points=[Point(), Point()],
         moving_points=[Point(x=0.25), Point(x=0.5)],
     )
-    response = answer_to(lambda: client.call_async(request))
+    response = reply_to(lambda: client.call_async(request))
     assert response.success
     assert response.message == "reference from robot_base"
     assert response.transform.translation.x == 0.75
 
 
-def test_an_action_gives_feedback_and_is_cancelled(node: Any, peer: subprocess.Popen[str]) -> None:
+def test_action_publishes_feedback_and_is_cancelled(node: Any, peer: subprocess.Popen[str]) -> None:
     client = ActionClient(node, Replay, "replay")
     assert client.wait_for_server(timeout_sec=DEADLINE_S)
     goal = Replay.Goal(case_folder="a case", rate=1.0, start=2.0, end=DEADLINE_S)
     feedback: list[queue.Queue[Any]] = []
 
-    def ask() -> Future:
+    def send() -> Future:
         feedback.append(queue.Queue())
         return client.send_goal_async(goal, feedback_callback=feedback[-1].put)
 
-    handle = answer_to(ask)
+    handle = reply_to(send)
     assert handle.accepted
-    heard = [feedback[-1].get(timeout=DEADLINE_S).feedback for _ in range(3)]
+    received = [feedback[-1].get(timeout=DEADLINE_S).feedback for _ in range(3)]
     assert wait(handle.cancel_goal_async()).goals_canceling
-    answer = wait(handle.get_result_async())
-    assert answer.status == GoalStatus.STATUS_CANCELED
-    assert answer.result.message == "a case"
-    assert answer.result.frames >= 3
-    frames = [said.frames for said in heard]
+    reply = wait(handle.get_result_async())
+    assert reply.status == GoalStatus.STATUS_CANCELED
+    assert reply.result.message == "a case"
+    assert reply.result.frames >= 3
+    frames = [each.frames for each in received]
     assert frames == list(range(frames[0], frames[0] + 3))
-    assert all(said.time == 2.0 and np.isnan(said.signed_distance) for said in heard)
+    assert all(each.time == 2.0 and np.isnan(each.signed_distance) for each in received)
     client.destroy()
 
 
-def test_a_lost_pose_keeps_its_nan() -> None:
+def test_serialised_lost_pose_keeps_its_nan() -> None:
     lost = TrackedTransform(child_frame_id="cautery", status=TrackedTransform.OUT_OF_VIEW)
     lost.transform.rotation.w = float("nan")
     back = deserialize_message(serialize_message(lost), TrackedTransform)

@@ -4,7 +4,7 @@ import pytest
 
 from app.fixture import Reason
 from app.runtime import LiveRun, PassiveOutput
-from tests.session.test_live import World, track
+from tests.session.test_live import SimulatedHost, track
 from tests.session_content import one_link_content
 
 CONTENT = one_link_content()
@@ -43,14 +43,14 @@ class Permissions(PassiveOutput):
 
 
 def test_late_step_holds_what_follows_until_rearmed():
-    world, permissions = World(), Permissions()
-    track(world, 0, 400)
-    world.at(300, world.rearm)
-    world.at(390, world.live.stop)
+    host, permissions = SimulatedHost(), Permissions()
+    track(host, 0, 400)
+    host.at(300, host.rearm)
+    host.at(390, host.live.stop)
     publisher = Publisher(late=8)
-    run = LiveRun(world.live, CONTENT, (publisher, permissions))
+    run = LiveRun(host.live, CONTENT, (publisher, permissions))
     steps = list(run.steps())
-    # Revoked at once, then told that the late step permits nothing, and revoked at the end.
+    # The late step revokes the permission and is then published as late; the end revokes it again.
     assert permissions.permitted == [*steps[:7], None, None, *steps[8:], None]
     assert publisher.ended == 1
     assert not any(step.decision.hold for step in steps[4:8])
@@ -62,39 +62,39 @@ def test_late_step_holds_what_follows_until_rearmed():
 
 
 def test_permission_does_not_last_longer_because_publishing_took_long():
-    world, permissions = World(), Permissions()
-    track(world, 0, 100)
-    world.at(90, world.live.stop)
+    host, permissions = SimulatedHost(), Permissions()
+    track(host, 0, 100)
+    host.at(90, host.live.stop)
 
     class Slow(Publisher):
         def publish(self, step, timing):
-            world.ns += 7
+            host.ns += 7
             return super().publish(step, timing)
 
-    assert list(LiveRun(world.live, CONTENT, (Slow(late=0), permissions)).steps())
+    assert list(LiveRun(host.live, CONTENT, (Slow(late=0), permissions)).steps())
     assert set(permissions.spent_ns) == {7}
 
 
 def test_error_revokes_permissions_ends_outputs_and_unlocks_the_session():
-    world, permissions = World(), Permissions()
-    track(world, 0, 400)
+    host, permissions = SimulatedHost(), Permissions()
+    track(host, 0, 400)
 
     class Failing(Publisher):
         def publish(self, step, timing):
             if self.count == 5:
-                raise OSError("the wire is cut")
+                raise OSError("connection lost")
             return super().publish(step, timing)
 
         def end(self):
             super().end()
-            raise OSError("the wire is still cut")
+            raise OSError("connection still lost")
 
     publisher, last = Failing(late=0), Publisher(late=0)
-    run = LiveRun(world.live, CONTENT, (publisher, permissions, last))
-    with pytest.raises(OSError, match="still cut") as raised:
+    run = LiveRun(host.live, CONTENT, (publisher, permissions, last))
+    with pytest.raises(OSError, match="still lost") as raised:
         list(run.steps())
-    assert "the wire is cut" in str(raised.value.__context__)
+    assert "connection lost" in str(raised.value.__context__)
     assert permissions.permitted[-1] is None
     assert (publisher.ended, last.ended) == (1, 1)
-    with world.live.between_steps() as session:
+    with host.live.between_steps() as session:
         assert session is not None

@@ -1,4 +1,4 @@
-"""Live session in simulated time: when it steps, and that it is never green on old poses."""
+"""Live session in simulated time: times of the steps; old poses make the margin unknown."""
 
 from functools import partial
 
@@ -20,8 +20,12 @@ HOST_MS = 5_000_000
 """Time of the host's clock when the tracker's is 0."""
 
 
-class World:
-    """Simulated host: a clock and events at its times (ms); `wait` advances the clock."""
+class SimulatedHost:
+    """Live session with a simulated clock of the host (``ns``) and scheduled events.
+
+    Times are in ms after the start, which is `HOST_MS`. The session calls `wait`, which advances the
+    clock to the next event or by the given time.
+    """
 
     def __init__(self, stamps_of_host: bool = False, robot=None, edges=()) -> None:
         self.ns = HOST_MS * NS_PER_MS
@@ -42,13 +46,16 @@ class World:
             wait=self.wait,
         )
 
-    def at(self, ms, act):
-        self.events.append((round((HOST_MS + ms) * NS_PER_MS), len(self.events), act))
+    def at(self, ms, action):
+        """Schedule a call of ``action``."""
+        self.events.append((round((HOST_MS + ms) * NS_PER_MS), len(self.events), action))
 
     def arrive(self, ms, *samples):
+        """Schedule the arrival of ``samples`` at the session."""
         self.at(ms, lambda: self.live.add(samples))
 
     def wait(self, _, seconds):
+        """Run the next event if it is due within ``seconds``; otherwise advance the clock."""
         until_ns = self.ns + max(1, round(seconds * 1e9))
         if self.events and min(self.events)[0] <= until_ns:
             due = min(self.events)
@@ -63,7 +70,7 @@ class World:
             session.rearm()
 
     def run(self, until_ms):
-        """Host time in ms and result of each step."""
+        """Step until ``until_ms``; return the time in ms and the result of each step."""
         self.at(until_ms, self.live.stop)
         return [(self.ns / NS_PER_MS - HOST_MS, step) for step in self.live.steps()]
 
@@ -76,15 +83,15 @@ def cautery(at_ms, distance_mm=20.0):
     return sample("tracker", "cautery", (10.0 + distance_mm, 0.0, 0.001 * at_ms), at_ms)
 
 
-def track(world, start_ms, end_ms, period_ms=20, delay_ms=3.0):
-    """Needle and cautery in separate messages, as on a topic of single transforms."""
+def track(host, start_ms, end_ms, period_ms=20, delay_ms=3.0):
+    """Schedule a needle and a cautery sample per period, each in its own message."""
     for at_ms in range(start_ms, end_ms, period_ms):
-        world.arrive(at_ms + delay_ms, needle(at_ms))
-        world.arrive(at_ms + delay_ms + 0.2, cautery(at_ms))
+        host.arrive(at_ms + delay_ms, needle(at_ms))
+        host.arrive(at_ms + delay_ms + 0.2, cautery(at_ms))
 
 
 def test_state_is_unknown_before_the_first_sample():
-    steps = World().run(350)
+    steps = SimulatedHost().run(350)
     assert [at for at, _ in steps] == pytest.approx([0.0, 100.0, 200.0, 300.0])
     for _, step in steps:
         assert step.decision.state is MarginState.UNKNOWN
@@ -93,9 +100,9 @@ def test_state_is_unknown_before_the_first_sample():
 
 
 def test_frame_is_stepped_on_arrival_of_its_last_sample():
-    world = World()
-    track(world, 0, 200)
-    frames = [(at, step) for at, step in world.run(195) if step.frame.poses]
+    host = SimulatedHost()
+    track(host, 0, 200)
+    frames = [(at, step) for at, step in host.run(195) if step.frame.poses]
     # The first frames determine which samples form a group; later ones do not wait.
     grouped = [(at, step) for at, step in frames if at > 60]
     assert [at for at, _ in grouped] == pytest.approx([63.2 + 20 * index for index in range(7)])
@@ -106,10 +113,10 @@ def test_frame_is_stepped_on_arrival_of_its_last_sample():
 
 
 def test_silent_source_is_stale_at_once_and_stays_held():
-    world = World()
-    track(world, 0, 200)
-    track(world, 800, 1200)
-    steps = world.run(1100)
+    host = SimulatedHost()
+    track(host, 0, 200)
+    track(host, 800, 1200)
+    steps = host.run(1100)
     last_ms = 180
     known = [(at, step) for at, step in steps if step.decision.state is not MarginState.UNKNOWN]
     silent = [(at, step) for at, step in steps if last_ms + 10 < at < 800]
@@ -126,39 +133,39 @@ def test_silent_source_is_stale_at_once_and_stays_held():
 
 
 def test_silent_source_with_host_clock_is_stale_to_the_nanosecond():
-    world = World(stamps_of_host=True)
+    host = SimulatedHost(stamps_of_host=True)
     for at_ms in range(0, 200, 20):
-        world.arrive(at_ms + 3, needle(HOST_MS + at_ms), cautery(HOST_MS + at_ms))
-    known, stale = [step for at, step in world.run(450) if at > 180][:2]
+        host.arrive(at_ms + 3, needle(HOST_MS + at_ms), cautery(HOST_MS + at_ms))
+    known, stale = [step for at, step in host.run(450) if at > 180][:2]
     assert known.decision.state is MarginState.NEGATIVE
     assert Reason.STALE in stale.decision.reasons
     assert stale.decision.stamp.age_ns(stale.frame.stamp) == PARAMETERS.stale_after_ns + 1
 
 
 def test_own_published_edges_are_not_used():
-    """Our own edge of the tumour, returned on /tf, and a node that measures the tool in it."""
-    world = World()
-    world.arrive(0, sample("needle", "tumor", (9.0, 9.0, 9.0), 0))
-    world.arrive(0, sample("tumor", "cautery", (9.0, 9.0, 9.0), 0))
-    track(world, 0, 100)
-    assert world.run(95)[-1][1].decision.proximity.signed_distance_mm == pytest.approx(20.0)
-    assert world.live.edges == (("tracker", "cautery"), ("tracker", "needle"))
+    """The tumour's edge, which we publish on /tf, and the tool measured relative to it."""
+    host = SimulatedHost()
+    host.arrive(0, sample("needle", "tumor", (9.0, 9.0, 9.0), 0))
+    host.arrive(0, sample("tumor", "cautery", (9.0, 9.0, 9.0), 0))
+    track(host, 0, 100)
+    assert host.run(95)[-1][1].decision.proximity.signed_distance_mm == pytest.approx(20.0)
+    assert host.live.edges == (("tracker", "cautery"), ("tracker", "needle"))
 
 
 def test_rearm_is_refused_while_unknown_and_releases_hold_afterwards():
-    world = World()
-    track(world, 0, 200)
-    track(world, 800, 1400)
+    host = SimulatedHost()
+    track(host, 0, 200)
+    track(host, 800, 1400)
     refusals = []
 
-    def try_while_silent():
+    def rearm_during_silence():
         with pytest.raises(NotRearmableError):
-            world.rearm()
+            host.rearm()
         refusals.append(True)
 
-    world.at(600, try_while_silent)
-    world.at(1000, world.rearm)
-    steps = world.run(1300)
+    host.at(600, rearm_during_silence)
+    host.at(1000, host.rearm)
+    steps = host.run(1300)
     assert refusals
     held = {at: step.decision.hold for at, step in steps if at > 850}
     assert {hold for at, hold in held.items() if at < 1000} == {True}
@@ -166,29 +173,29 @@ def test_rearm_is_refused_while_unknown_and_releases_hold_afterwards():
 
 
 def test_session_slower_than_its_source_steps_the_newest_samples():
-    world = World()
-    track(world, 0, 1000, period_ms=1)  # 1 kHz
-    world.at(1005, world.live.stop)
+    host = SimulatedHost()
+    track(host, 0, 1000, period_ms=1)  # 1 kHz
+    host.at(1005, host.live.stop)
     ages, poses = [], 0
-    for step in world.live.steps():
+    for step in host.live.steps():
         poses += len(step.frame.poses)
         if step.decision.stamp is not None:
             ages.append(step.decision.stamp.age_ns(step.frame.stamp) / NS_PER_MS)
         # A step takes 30 ms, in which 30 frames arrive.
-        until_ns = world.ns + 30 * NS_PER_MS
-        while world.events and min(world.events)[0] <= until_ns:
-            world.wait(None, 0.03)
-        world.ns = max(world.ns, until_ns)
+        until_ns = host.ns + 30 * NS_PER_MS
+        while host.events and min(host.events)[0] <= until_ns:
+            host.wait(None, 0.03)
+        host.ns = max(host.ns, until_ns)
     assert poses < 100
     assert max(ages[2:]) < 10.0
-    assert world.live.left_out()["samples that a newer one replaced"] > 1000
+    assert host.live.left_out()["samples that a newer one replaced"] > 1000
 
 
 def test_lost_tool_is_unknown_with_the_trackers_reason():
-    world = World()
-    track(world, 0, 100)
-    world.arrive(103, needle(100), lost("tracker", "cautery", 100, TrackingStatus.OUT_OF_VIEW))
-    step = next(step for at, step in world.run(115) if at > 102)
+    host = SimulatedHost()
+    track(host, 0, 100)
+    host.arrive(103, needle(100), lost("tracker", "cautery", 100, TrackingStatus.OUT_OF_VIEW))
+    step = next(step for at, step in host.run(115) if at > 102)
     assert step.decision.state is MarginState.UNKNOWN
     assert Reason.MISSING in step.decision.reasons
 
@@ -196,23 +203,23 @@ def test_lost_tool_is_unknown_with_the_trackers_reason():
 class SlowLock:
     """Test double of a lock that others hold for ``wait_ms`` at its ``entry``-th use."""
 
-    def __init__(self, world, wait_ms, entry):
-        self.world, self.wait_ms, self.left = world, wait_ms, entry
+    def __init__(self, host, wait_ms, entry):
+        self.host, self.wait_ms, self.left = host, wait_ms, entry
 
     def __enter__(self):
         self.left -= 1
         if self.left == 0:
-            self.world.ns += self.wait_ms * NS_PER_MS
+            self.host.ns += self.wait_ms * NS_PER_MS
 
     def __exit__(self, *_):
         pass
 
 
 def test_frame_delayed_by_a_change_of_the_session_keeps_its_true_age():
-    world = World()
-    track(world, 0, 400)
-    world.live._stepping = SlowLock(world, wait_ms=1500, entry=9)
-    steps = world.live.steps()
+    host = SimulatedHost()
+    track(host, 0, 400)
+    host.live._stepping = SlowLock(host, wait_ms=1500, entry=9)
+    steps = host.live.steps()
     before = [next(steps) for _ in range(8)]
     assert before[-1].decision.state is MarginState.NEGATIVE
     late = next(steps).decision
@@ -221,11 +228,11 @@ def test_frame_delayed_by_a_change_of_the_session_keeps_its_true_age():
 
 
 def test_restarted_source_clock_is_detected_and_followed():
-    world = World()
+    host = SimulatedHost()
     for start_ms, tracker_ms in ((0, 50_000), (1000, 100)):
         for at_ms in range(0, 600, 20):
-            world.arrive(start_ms + at_ms, needle(tracker_ms + at_ms), cautery(tracker_ms + at_ms))
-    steps = world.run(1500)
+            host.arrive(start_ms + at_ms, needle(tracker_ms + at_ms), cautery(tracker_ms + at_ms))
+    steps = host.run(1500)
     jumped = [at for at, s in steps if Reason.CLOCK_JUMPED_BACK in s.decision.reasons]
     assert len(jumped) == 1
     assert jumped[0] == pytest.approx(1000.0, abs=6.0)
@@ -236,62 +243,60 @@ def test_restarted_source_clock_is_detected_and_followed():
 @pytest.mark.parametrize("stamps_of_host", [True, False])
 @pytest.mark.parametrize("ahead_ms", [300, 3_600_000])
 def test_one_future_stamp_is_one_fault(stamps_of_host, ahead_ms):
-    world = World(stamps_of_host)
+    host = SimulatedHost(stamps_of_host)
     zero_ms = HOST_MS if stamps_of_host else 0
     for at_ms in range(0, 2000, 20):
         wrong_ms = ahead_ms if at_ms == 1000 else 0
-        world.arrive(
-            at_ms + 3.0, needle(zero_ms + at_ms), cautery(zero_ms + at_ms + wrong_ms, 30.0)
-        )
-    steps = world.run(1990)
+        host.arrive(at_ms + 3.0, needle(zero_ms + at_ms), cautery(zero_ms + at_ms + wrong_ms, 30.0))
+    steps = host.run(1990)
     faulty = [(at, s.decision) for at, s in steps if at > 100 and s.decision.hold]
     assert faulty[0][0] == pytest.approx(1003.0, abs=6.0)
     faults = [{r for r in d.reasons if r.is_fault} - {Reason.RECOVERING} for _, d in faulty]
-    of_its_inputs = [found for found in faults if found]
-    assert set().union(*of_its_inputs) == {Reason.FUTURE_STAMP}
-    assert len(of_its_inputs) <= 5
+    nonempty = [reasons for reasons in faults if reasons]
+    assert set().union(*nonempty) == {Reason.FUTURE_STAMP}
+    assert len(nonempty) <= 5
     last = steps[-1][1]
     assert last.decision.state is MarginState.NEGATIVE
     assert last.decision.stamp.age_ns(last.frame.stamp) < 30 * NS_PER_MS
 
 
 def test_live_session_can_be_stopped_and_resumed():
-    world = World()
-    track(world, 0, 600)
-    assert world.run(290)
-    world.live.resume()
-    again = world.run(590)
+    host = SimulatedHost()
+    track(host, 0, 600)
+    assert host.run(290)
+    host.live.resume()
+    again = host.run(590)
     assert again[0][0] >= 290
     assert len(again) >= 14
 
 
 def test_host_clock_set_back_does_not_delay_the_watchdog_step():
-    world = World()
-    track(world, 0, 200)
+    host = SimulatedHost()
+    track(host, 0, 200)
 
     def set_back():
-        world.ns -= 3_600_000 * NS_PER_MS
+        host.ns -= 3_600_000 * NS_PER_MS
 
-    world.at(190, set_back)
-    world.at(190.1, lambda: None)
-    seen = []
-    for step in world.live.steps():
-        seen.append(step)
-        if world.ns < (HOST_MS - 1000) * NS_PER_MS and len(seen) > 13:
-            world.live.stop()
-    assert seen[-1].decision.state is MarginState.UNKNOWN
+    host.at(190, set_back)
+    host.at(190.1, lambda: None)
+    steps = []
+    for step in host.live.steps():
+        steps.append(step)
+        if host.ns < (HOST_MS - 1000) * NS_PER_MS and len(steps) > 13:
+            host.live.stop()
+    assert steps[-1].decision.state is MarginState.UNKNOWN
 
 
 def test_number_of_kept_edges_is_bounded():
-    world = World()
+    host = SimulatedHost()
     for index in range(400):
-        world.arrive(index, sample(f"frame{index}", f"child{index}", (1.0, 2.0, 3.0), index))
-    world.arrive(401, sample("tracker", "x" * 1000, (1.0, 2.0, 3.0), 401))
-    world.run(410)
-    left_out = world.live.left_out()
+        host.arrive(index, sample(f"frame{index}", f"child{index}", (1.0, 2.0, 3.0), index))
+    host.arrive(401, sample("tracker", "x" * 1000, (1.0, 2.0, 3.0), 401))
+    host.run(410)
+    left_out = host.live.left_out()
     assert left_out["edges beyond 256"] == 400 - 256
     assert left_out["frame names of more than 256 letters"] == 1
-    assert world.live.edges == ()
+    assert host.live.edges == ()
 
 
 def problems_of(steps):
@@ -323,21 +328,21 @@ def problems_of(steps):
     ],
 )
 def test_missing_frame_is_reported_with_the_received_ones(sent, message):
-    world = World()
+    host = SimulatedHost()
     for at_ms in range(0, 4000, 20):
         poses = [sample(*edge, (1.0, 2.0, 0.001 * at_ms), at_ms) for edge in sent]
-        world.arrive(at_ms, *poses)
-    steps = world.run(3500)
+        host.arrive(at_ms, *poses)
+    steps = host.run(3500)
     assert problems_of(steps) == {"": 0.0, message: pytest.approx(2000.0, abs=100.0)}
     assert {step.decision.state for _, step in steps} == {MarginState.UNKNOWN}
 
 
 def test_late_frame_is_reported_missing_until_it_arrives():
-    world = World()
+    host = SimulatedHost()
     for at_ms in range(0, 5000, 20):
         tool = [cautery(at_ms)] if at_ms >= 3000 else []
-        world.arrive(at_ms, needle(at_ms), *tool)
-    steps = world.run(4900)
+        host.arrive(at_ms, needle(at_ms), *tool)
+    steps = host.run(4900)
     assert [at for at, step in steps if step.frames_problem] == pytest.approx(
         [at for at, _ in steps if 2000 <= at < 3000]
     )
@@ -345,37 +350,37 @@ def test_late_frame_is_reported_missing_until_it_arrives():
 
 
 def test_silent_or_complete_source_has_no_missing_frames():
-    world = World()
-    track(world, 3000, 6000)
-    assert set(problems_of(world.run(5900))) == {""}
+    host = SimulatedHost()
+    track(host, 3000, 6000)
+    assert set(problems_of(host.run(5900))) == {""}
 
 
 def test_named_edge_that_never_arrives_is_reported():
-    world = World(edges=[("tracker", "needle"), ("tracker", "cautary")])
-    track(world, 0, 3000)
+    host = SimulatedHost(edges=[("tracker", "needle"), ("tracker", "cautary")])
+    track(host, 0, 3000)
     message = (
         "source.tf.edges has tracker -> cautary: not sent by the tracker so far; it sends "
         "tracker -> needle, tracker -> cautery"
     )
-    assert list(problems_of(world.run(2900))) == ["", message]
-    assert world.live.edges == (("tracker", "needle"),)
+    assert list(problems_of(host.run(2900))) == ["", message]
+    assert host.live.edges == (("tracker", "needle"),)
 
 
 def test_named_edges_that_do_not_connect_the_tool_are_reported():
-    world = World(edges=[("tracker", "needle")])
-    track(world, 0, 3000)
+    host = SimulatedHost(edges=[("tracker", "needle")])
+    track(host, 0, 3000)
     message = "tool.frame is 'cautery': not among what source.tf.edges has, needle, tracker"
-    assert list(problems_of(world.run(2900))) == ["", message]
+    assert list(problems_of(host.run(2900))) == ["", message]
 
 
 def test_report_on_received_frame_names_has_bounded_length():
-    world = World()
+    host = SimulatedHost()
     for index in range(400):
         name = f"{index:03}" + "x" * 250
-        world.arrive(index, sample(f"a{name}", f"b{name}", (1.0, 2.0, 3.0), index))
-    world.at(2500, lambda: None)
+        host.arrive(index, sample(f"a{name}", f"b{name}", (1.0, 2.0, 3.0), index))
+    host.at(2500, lambda: None)
     ((_, message),) = [
-        problems for problems in [list(problems_of(world.run(2600)))] if len(problems) == 2
+        problems for problems in [list(problems_of(host.run(2600)))] if len(problems) == 2
     ]
     assert message.startswith("tool.frame is 'cautery' and tumor.frame is 'needle': not among")
     assert message.endswith(", 492 more")
@@ -387,15 +392,15 @@ def test_measured_robot_base_makes_margin_unknown_and_is_reported(measured):
     """The registration would place the base a second time, and tf would alternate."""
     given = given_registration(Transform.identity("reference", "robot_base"))
     robot = RobotSetup(load_robot(TOUCH_URDF), "robot_base", "stylus", given, DriftBound(5.0, 0.05))
-    world = World(robot=robot)
-    track(world, 0, 1000)
+    host = SimulatedHost(robot=robot)
+    track(host, 0, 1000)
     for at_ms in range(0, 1000, 20):
-        world.arrive(at_ms + 3.1, sample("tracker", "reference", (0.0, 0.0, 1e-3 * at_ms), at_ms))
-        ours = sample("reference", "robot_base", (0.0, 0.0, 0.0), at_ms)  # our own edge, returned
-        world.arrive(at_ms + 3.1, ours, sample("robot_base", "link", (0.0, 0.0, 9.0), at_ms))
+        host.arrive(at_ms + 3.1, sample("tracker", "reference", (0.0, 0.0, 1e-3 * at_ms), at_ms))
+        own = sample("reference", "robot_base", (0.0, 0.0, 0.0), at_ms)  # our own edge, returned
+        host.arrive(at_ms + 3.1, own, sample("robot_base", "link", (0.0, 0.0, 9.0), at_ms))
         if at_ms >= 500:
-            world.arrive(at_ms + 3.2, sample(*measured, (9.0, 0.0, 1e-3 * at_ms), at_ms))
-    steps = world.run(990)
+            host.arrive(at_ms + 3.2, sample(*measured, (9.0, 0.0, 1e-3 * at_ms), at_ms))
+    steps = host.run(990)
     before = [step for at, step in steps if 100 < at < 503]
     after = [step for at, step in steps if at > 510]
     assert {step.decision.state for step in before} == {MarginState.NEGATIVE}
@@ -411,12 +416,12 @@ def test_measured_robot_base_makes_margin_unknown_and_is_reported(measured):
 
 @pytest.mark.parametrize(("of_host", "robot_ms"), [(True, HOST_MS), (False, 0)])
 def test_joints_are_converted_to_the_source_clock_once(of_host, robot_ms):
-    world = World()
-    track(world, 0, 200, delay_ms=0.0)
+    host = SimulatedHost()
+    track(host, 0, 200, delay_ms=0.0)
     for at_ms in range(1, 200, 10):
         joints = joint_sample({"waist": 0.1}, robot_ms + at_ms)
-        world.at(at_ms, partial(world.live.add_joints, joints, of_host=of_host))
-    last = world.run(199)[-1][1]
+        host.at(at_ms, partial(host.live.add_joints, joints, of_host=of_host))
+    last = host.run(199)[-1][1]
     assert 0.0 <= last.joints.stamp.age_ns(last.frame.stamp) / NS_PER_MS <= 11.0
 
 
@@ -425,7 +430,7 @@ def test_joints_are_converted_to_the_source_clock_once(of_host, robot_ms):
     st.lists(
         st.tuples(
             st.floats(0.0, 60.0),  # ms until the next sample
-            st.sampled_from(["needle", "cautery", "lost", "robot", "ours"]),
+            st.sampled_from(["needle", "cautery", "lost", "robot", "own"]),
             st.floats(-2000.0, 2000.0) | st.just(0.0) | st.just(0.0),  # stamp error, ms
         ),
         max_size=60,
@@ -433,7 +438,7 @@ def test_joints_are_converted_to_the_source_clock_once(of_host, robot_ms):
     st.booleans(),
 )
 def test_known_state_always_rests_on_fresh_poses(arrivals, stamps_of_host):
-    world = World(stamps_of_host)
+    host = SimulatedHost(stamps_of_host)
     zero_ms = HOST_MS if stamps_of_host else 10_000
     at_ms = 0.0
     for wait_ms, what, error_ms in arrivals:
@@ -444,11 +449,11 @@ def test_known_state_always_rests_on_fresh_poses(arrivals, stamps_of_host):
             "cautery": cautery,
             "lost": lambda at: lost("tracker", "cautery", at, TrackingStatus.MISSING),
             "robot": lambda at: sample("base", "link", (1.0, 2.0, 3.0), at),
-            "ours": lambda at: sample("needle", "tumor", (9.0, 9.0, 9.0), at),
+            "own": lambda at: sample("needle", "tumor", (9.0, 9.0, 9.0), at),
         }[what](stamp_ms)
-        world.arrive(at_ms, made)
+        host.arrive(at_ms, made)
     end_ms = at_ms + 1000
-    steps = world.run(end_ms)
+    steps = host.run(end_ms)
     for _, step in steps:
         if step.decision.state is not MarginState.UNKNOWN:
             age_ns = step.decision.stamp.age_ns(step.frame.stamp)
@@ -457,16 +462,16 @@ def test_known_state_always_rests_on_fresh_poses(arrivals, stamps_of_host):
     assert steps[-1][1].decision.state is MarginState.UNKNOWN
     gaps = np.diff([at for at, _ in steps])
     assert gaps.max(initial=0.0) <= STALE_MS + 1.0
-    assert set(world.live.edges) <= {("tracker", "needle"), ("tracker", "cautery")}
+    assert set(host.live.edges) <= {("tracker", "needle"), ("tracker", "cautery")}
 
 
 def test_spent_ns_is_the_age_of_the_last_step():
-    world = World()
-    track(world, 0, 100)
-    world.at(90, world.live.stop)
-    for _ in world.live.steps():
-        assert world.live.spent_ns() == 0
-        world.ns += 3
-        assert world.live.spent_ns() == 3
-        world.ns -= 5  # the host's clock was set back
-        assert world.live.spent_ns() == 0
+    host = SimulatedHost()
+    track(host, 0, 100)
+    host.at(90, host.live.stop)
+    for _ in host.live.steps():
+        assert host.live.spent_ns() == 0
+        host.ns += 3
+        assert host.live.spent_ns() == 3
+        host.ns -= 5  # the host's clock was set back
+        assert host.live.spent_ns() == 0

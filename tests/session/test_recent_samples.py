@@ -8,7 +8,7 @@ from app.fixture import MarginState, Reason
 from app.session.live_frames import SET_BACK
 from app.session.recent_samples import MAX_REMEMBERED, REMEMBERED_NS, RecentSamples
 from tests.doubles import sample
-from tests.session.test_live import HOST_MS, STALE_MS, World
+from tests.session.test_live import HOST_MS, STALE_MS, SimulatedHost
 
 LATENCY_MS = 3.0
 LATER_MS = 300
@@ -16,10 +16,10 @@ FOUND_MS = 40
 """By then the path from tumour to tool is known; earlier samples are not remembered."""
 
 
-def bring(world, sent_ms, latency_ms=LATENCY_MS, *, stamp_error_ms=0.0):
+def bring(host, sent_ms, latency_ms=LATENCY_MS, *, stamp_error_ms=0.0):
     """Both poses of one time in ms, which the position of the tool over the tumour encodes."""
     stamp_ms = sent_ms + stamp_error_ms
-    world.arrive(
+    host.arrive(
         sent_ms + latency_ms,
         sample("tracker", "needle", (0.0, 0.0, 0.001 * sent_ms), stamp_ms),
         sample("tracker", "cautery", (30.0, 0.0, 0.002 * sent_ms), stamp_ms),
@@ -33,67 +33,67 @@ def known(steps):
     return [(at, at - 1000.0 * step.tumor_from_tip.translation_mm[2]) for at, step in found]
 
 
-def longer_latency(world, at_ms):
-    bring(world, at_ms, LATENCY_MS if at_ms < 1000 else LATENCY_MS + LATER_MS)
+def longer_latency(host, at_ms):
+    bring(host, at_ms, LATENCY_MS if at_ms < 1000 else LATENCY_MS + LATER_MS)
 
 
-def clock_set_back_a_little(world, at_ms):
-    bring(world, at_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
+def clock_set_back_a_little(host, at_ms):
+    bring(host, at_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
 
 
-def clock_set_back_a_little_and_longer_latency(world, at_ms):
+def clock_set_back_a_little_and_longer_latency(host, at_ms):
     latency_ms = LATENCY_MS + 1000 if at_ms >= 3000 else LATENCY_MS
-    bring(world, at_ms, latency_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
+    bring(host, at_ms, latency_ms, stamp_error_ms=0 if at_ms < 1000 else -LATER_MS)
 
 
-def queue_that_fills_while_a_pose_is_overtaken(world, at_ms):
+def queue_that_fills_while_a_pose_is_overtaken(host, at_ms):
     if at_ms == 1000:
-        bring(world, at_ms, 330)
+        bring(host, at_ms, 330)
     else:
-        bring(world, at_ms, LATENCY_MS if at_ms < 1200 else 320)
+        bring(host, at_ms, LATENCY_MS if at_ms < 1200 else 320)
 
 
-def relay_that_remains(world, at_ms):
+def relay_that_remains(host, at_ms):
     """All samples arrive twice at first, later only by the relay."""
     if at_ms < 1000:
-        bring(world, at_ms)
-    bring(world, at_ms, LATENCY_MS + LATER_MS)
+        bring(host, at_ms)
+    bring(host, at_ms, LATENCY_MS + LATER_MS)
 
 
-def slow_relay_that_remains(world, at_ms):
+def slow_relay_that_remains(host, at_ms):
     if at_ms < 1000:
-        bring(world, at_ms)
+        bring(host, at_ms)
     if at_ms >= FOUND_MS:
-        bring(world, at_ms, 900)
+        bring(host, at_ms, 900)
 
 
-def relay_of_samples_lost_before(world, at_ms):
+def relay_of_samples_lost_before(host, at_ms):
     if at_ms < 1000 and not 820 <= at_ms < 880:
-        bring(world, at_ms)
-    bring(world, at_ms, LATENCY_MS + LATER_MS)
+        bring(host, at_ms)
+    bring(host, at_ms, LATENCY_MS + LATER_MS)
 
 
-def standby_source_with_own_samples(world, at_ms):
+def standby_source_with_own_samples(host, at_ms):
     if at_ms < 1000:
-        bring(world, at_ms)
+        bring(host, at_ms)
     if at_ms >= 700:
-        bring(world, at_ms + 7, LATENCY_MS + LATER_MS)
+        bring(host, at_ms + 7, LATENCY_MS + LATER_MS)
 
 
-def one_future_stamp_and_longer_latency(world, at_ms):
+def one_future_stamp_and_longer_latency(host, at_ms):
     if at_ms == 980:
-        bring(world, at_ms, stamp_error_ms=10_000)
+        bring(host, at_ms, stamp_error_ms=10_000)
     else:
-        longer_latency(world, at_ms)
+        longer_latency(host, at_ms)
 
 
-def past_samples_replayed_for_ever(world, at_ms):
+def past_samples_replayed_for_ever(host, at_ms):
     """An attacker repeats the last second of a source for ever, at its rate."""
     if at_ms < 1000:
-        bring(world, at_ms)
+        bring(host, at_ms)
     else:
         again_ms = FOUND_MS + at_ms % (1000 - FOUND_MS)
-        bring(world, again_ms, at_ms - again_ms)
+        bring(host, again_ms, at_ms - again_ms)
 
 
 @pytest.mark.parametrize(
@@ -112,35 +112,35 @@ def past_samples_replayed_for_ever(world, at_ms):
     ],
 )
 def test_late_source_is_unknown_however_steady(source):
-    world = World()
+    host = SimulatedHost()
     for at_ms in range(0, 12_000, 20):
-        source(world, at_ms)
-    found = known(world.run(11_900))
+        source(host, at_ms)
+    found = known(host.run(11_900))
     assert 900 < found[-1][0] < 1300 + STALE_MS
     assert max(age_ms for _, age_ms in found) <= STALE_MS + LATENCY_MS + 20
-    assert SET_BACK not in world.live.left_out()
+    assert SET_BACK not in host.live.left_out()
 
 
 @pytest.mark.parametrize("stamps_of_host", [False, True])
 def test_slow_repetition_is_no_fault(stamps_of_host):
-    world = World(stamps_of_host)
+    host = SimulatedHost(stamps_of_host)
     for at_ms in range(0, 3000, 20):
-        bring(world, at_ms, stamp_error_ms=HOST_MS if stamps_of_host else 0)
+        bring(host, at_ms, stamp_error_ms=HOST_MS if stamps_of_host else 0)
         if at_ms >= FOUND_MS:
-            bring(world, at_ms, 900, stamp_error_ms=HOST_MS if stamps_of_host else 0)
-    steps = world.run(2900)
+            bring(host, at_ms, 900, stamp_error_ms=HOST_MS if stamps_of_host else 0)
+    steps = host.run(2900)
     assert not any(step.decision.hold for at, step in steps if at > 200)
-    assert SET_BACK not in world.live.left_out()
+    assert SET_BACK not in host.live.left_out()
 
 
 def test_clock_set_back_by_more_than_half_a_second_is_counted_and_followed():
-    world = World()
+    host = SimulatedHost()
     for at_ms in range(0, 3000, 20):
-        bring(world, at_ms, stamp_error_ms=0 if at_ms < 1000 else -610)
-    steps = world.run(2900)
+        bring(host, at_ms, stamp_error_ms=0 if at_ms < 1000 else -610)
+    steps = host.run(2900)
     jumped = [at for at, step in steps if Reason.CLOCK_JUMPED_BACK in step.decision.reasons]
     assert jumped == [pytest.approx(1000 + LATENCY_MS, abs=1.0)]
-    assert world.live.left_out()[SET_BACK] == 1
+    assert host.live.left_out()[SET_BACK] == 1
     assert known(steps)[-1][0] > 2800
     assert steps[-1][1].decision.hold
 
@@ -154,16 +154,16 @@ def test_clock_set_back_by_more_than_half_a_second_is_counted_and_followed():
 )
 def test_delay_that_keeps_order_never_makes_old_poses_known(latencies, relay_ms):
     """Each interval has its latency (ms); the order of arrival is the order of sending."""
-    world, sent_ms, there_ms = World(), 0, 0.0
+    host, sent_ms, there_ms = SimulatedHost(), 0, 0.0
     for lasts_ms, latency_ms in [(400, LATENCY_MS), *latencies]:
         end_ms = sent_ms + lasts_ms
         while sent_ms < end_ms:
             there_ms = max(there_ms, sent_ms + latency_ms)
-            bring(world, sent_ms, there_ms - sent_ms)
+            bring(host, sent_ms, there_ms - sent_ms)
             if relay_ms and sent_ms >= FOUND_MS:
-                bring(world, sent_ms, there_ms - sent_ms + relay_ms)
+                bring(host, sent_ms, there_ms - sent_ms + relay_ms)
             sent_ms += 20
-    for at, age_ms in known(world.run(sent_ms + 5000)):
+    for at, age_ms in known(host.run(sent_ms + 5000)):
         assert age_ms <= STALE_MS + LATENCY_MS + 0.0002 * at + 20.0
 
 

@@ -1,4 +1,4 @@
-"""A node of ours for the control topics."""
+"""A node that serves the control topics."""
 
 import pytest
 

@@ -1,9 +1,10 @@
-"""An independent ROS process: sends a tetrahedron and pairs of points to a node's services.
+"""Independent ROS process that calls an operator's services, with plain rclpy.
 
-    operator_caller.py SIZE_M FRAME OPEN ...   three words a request for ~/set_tumor
-    operator_caller.py register NOISE_M
+    operator_caller.py SIZE_M FRAME open|closed ...   three arguments per request of ~/set_tumor
+    operator_caller.py register NOISE_M ...
 
-Prints ``ready``, then each reply as a line of JSON. It imports nothing of the project.
+Sends a tetrahedron, or pairs of points. Prints ``ready``, then each reply as a line of JSON. It
+does not import the project.
 """
 
 import json
@@ -19,6 +20,7 @@ FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
 
 
 def tumor(size, frame, is_open):
+    """Request with a tetrahedron of ``size`` m; ``is_open`` omits one of its faces."""
     request = SetTumor.Request()
     request.header.frame_id = frame
     request.pose.orientation.w = 1.0
@@ -30,7 +32,7 @@ def tumor(size, frame, is_open):
 
 
 def pairs(noise):
-    """Points of the base, and the same 0.5 m further along x, each off by ``noise`` in turn."""
+    """Request with points of the base and their images 0.5 m along x, off by +-``noise`` m in y."""
     moving = [(0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1), (0.1, 0.1, 0.1), (0.05, 0.0, 0.1)]
     request = Register.Request(fixed_frame="reference", moving_frame="robot_base")
     request.moving_points = [Point(x=x, y=y, z=z) for x, y, z in moving]
@@ -43,14 +45,14 @@ def pairs(noise):
 def main() -> int:
     rclpy.init()
     node = rclpy.create_node("operator")
-    words = sys.argv[1:]
-    if words[0] == "register":
-        requests = [(Register, "register", pairs(float(word))) for word in words[1:]]
+    arguments = sys.argv[1:]
+    if arguments[0] == "register":
+        requests = [(Register, "register", pairs(float(noise))) for noise in arguments[1:]]
     else:
-        asked = zip(words[::3], words[1::3], words[2::3], strict=True)
+        tumors = zip(arguments[::3], arguments[1::3], arguments[2::3], strict=True)
         requests = [
-            (SetTumor, "set_tumor", tumor(float(size), frame, word == "open"))
-            for size, frame, word in asked
+            (SetTumor, "set_tumor", tumor(float(size), frame, surface == "open"))
+            for size, frame, surface in tumors
         ]
     print("ready", flush=True)
     for kind, name, request in requests:
@@ -60,11 +62,11 @@ def main() -> int:
         future = client.call_async(request)
         rclpy.spin_until_future_complete(node, future, timeout_sec=60.0)
         reply = future.result()
-        said = {"success": reply.success, "message": reply.message}
-        said["id"] = reply.registration_id if kind is Register else reply.model_id
+        result = {"success": reply.success, "message": reply.message}
+        result["id"] = reply.registration_id if kind is Register else reply.model_id
         if kind is Register:
-            said["x"], said["fre"] = reply.transform.translation.x, reply.fre
-        print(json.dumps(said), flush=True)
+            result["x"], result["fre"] = reply.transform.translation.x, reply.fre
+        print(json.dumps(result), flush=True)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Another process gives a new tumour, a new registration: whole, or not at all and said why."""
+"""A tumour or registration set by another process is applied as a whole or refused."""
 
 import threading
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ from tests.bridge.conftest import DEADLINE_S
 CALLER = Path(__file__).resolve().parent / "operator_caller.py"
 
 
-class Watched(PassiveOutput):
+class RecordingOutput(PassiveOutput):
     """Test double of a publisher: the contents that it prepared and the ones it switched to."""
 
     def __init__(self, stepping):
@@ -55,14 +55,14 @@ def session(setup):
 
 
 class StepLock:
-    """Test double of the lock that is held while a step is taken; tells when somebody wants it."""
+    """Test double of the lock that is held during a step; sets ``requested`` before it waits."""
 
     def __init__(self):
         self._lock = threading.Lock()
-        self.wanted = threading.Event()
+        self.requested = threading.Event()
 
     def __enter__(self):
-        self.wanted.set()
+        self.requested.set()
         self._lock.acquire()
 
     def __exit__(self, *_):
@@ -78,13 +78,13 @@ def stepping():
 
 
 @pytest.fixture
-def shown(stepping):
-    return Watched(stepping)
+def output(stepping):
+    return RecordingOutput(stepping)
 
 
 @pytest.fixture
-def commands(ros, session, shown, case, setup, stepping):
-    """On a session of the recorded case, with the node serving."""
+def commands(ros, session, output, case, setup, stepping):
+    """Operator commands of a session of the recorded case, served by the node."""
 
     @contextmanager
     def between_steps():
@@ -92,17 +92,17 @@ def commands(ros, session, shown, case, setup, stepping):
             yield session
 
     content = replace(content_of(case, setup, tip_only=True), tool=case.tool_mesh())
-    made = OperatorCommands(between_steps, content, (shown,))
+    made = OperatorCommands(between_steps, content, (output,))
     OperatorServices(ros, made)
     return made
 
 
 def test_valid_tumor_is_used_and_invalid_ones_change_nothing(
-    commands, session, setup, shown, start_receiver
+    commands, session, setup, output, start_receiver
 ):
     before = commands.content
-    elsewhere, is_open = ("0.03", "nowhere", "sound"), ("0.03", "needle", "open")
-    nan, good = ("nan", "needle", "sound"), ("0.03", "needle", "sound")
+    elsewhere, is_open = ("0.03", "nowhere", "closed"), ("0.03", "needle", "open")
+    nan, good = ("nan", "needle", "closed"), ("0.03", "needle", "closed")
     caller = start_receiver(*elsewhere, *is_open, *nan, *good, script=CALLER)
     elsewhere, is_open, nan = caller.take(3)
     for reply in (elsewhere, is_open, nan):
@@ -110,43 +110,43 @@ def test_valid_tumor_is_used_and_invalid_ones_change_nothing(
     assert "'nowhere'" in elsewhere["message"]
     assert "finite" in nan["message"]
     assert is_open["message"]
-    (taken,) = caller.take(1)
-    assert (taken["success"], taken["message"]) == (True, "")
-    assert taken["id"] == commands.content.model_id != before.model_id
-    assert len(shown.contents) == 1
-    scene = shown.contents[0]
-    assert scene.tumor.vertices_mm.max() == pytest.approx(30.0)
+    (applied,) = caller.take(1)
+    assert (applied["success"], applied["message"]) == (True, "")
+    assert applied["id"] == commands.content.model_id != before.model_id
+    assert len(output.contents) == 1
+    content = output.contents[0]
+    assert content.tumor.vertices_mm.max() == pytest.approx(30.0)
     assert session.setup.frame_from_tumor.translation_mm.tolist() == [1.0, 0.0, 0.0]
-    edges = {(edge.target, edge.source): edge for edge in scene.static_edges}
+    edges = {(edge.target, edge.source): edge for edge in content.static_edges}
     assert edges["needle", "tumor"] is session.setup.frame_from_tumor
     assert len(edges) == len(setup.static_edges)
     assert session.setup.proximity is not setup.proximity
 
 
-def test_session_continues_while_a_new_tumor_is_prepared(commands, shown, case):
+def test_session_continues_while_a_new_tumor_is_prepared(commands, output, case):
     other = case.tumor_mesh()
     other = SurfaceMesh(other.frame, other.vertices_mm * 0.9, other.faces)
     commands.set_tumor(commands.setup.frame_from_tumor, other)
-    assert shown.locked_while_preparing == [False]
-    assert shown.prepared[0].tumor is shown.contents[0].tumor is other
-    assert shown.revoked == 1
+    assert output.locked_while_preparing == [False]
+    assert output.prepared[0].tumor is output.contents[0].tumor is other
+    assert output.revoked == 1
 
 
 def test_node_stays_responsive_while_a_change_waits_for_a_step(
     ros, commands, stepping, start_receiver
 ):
-    heard = threading.Event()
+    called = threading.Event()
     with stepping:
-        stepping.wanted.clear()
+        stepping.requested.clear()
         caller = start_receiver("register", "0.00001", script=CALLER)
-        assert stepping.wanted.wait(DEADLINE_S)
-        ros.call_soon(heard.set)
-        assert heard.wait(DEADLINE_S)
+        assert stepping.requested.wait(DEADLINE_S)
+        ros.call_soon(called.set)
+        assert called.wait(DEADLINE_S)
     assert caller.take(1)[0]["success"]
 
 
 def test_accepted_registration_is_used_and_refused_one_changes_nothing(
-    commands, session, setup, shown, start_receiver
+    commands, session, setup, output, start_receiver
 ):
     caller = start_receiver("register", "0.05", "0.00001", script=CALLER)
     bad, good = caller.take(2)
@@ -156,9 +156,9 @@ def test_accepted_registration_is_used_and_refused_one_changes_nothing(
     assert good["x"] == pytest.approx(0.5, abs=1e-3)
     assert 0.0 < good["fre"] < 2e-5
     assert good["id"] == commands.content.registration_id
-    assert len(shown.contents) == 1
+    assert len(output.contents) == 1
     registration = session.setup.robot.registration
     assert registration.transform.translation_mm[0] == pytest.approx(500.0, abs=1.0)
-    assert shown.contents[0].registration is registration
-    assert registration.transform in shown.contents[0].static_edges
-    assert len(shown.contents[0].static_edges) == len(setup.static_edges)
+    assert output.contents[0].registration is registration
+    assert registration.transform in output.contents[0].static_edges
+    assert len(output.contents[0].static_edges) == len(setup.static_edges)

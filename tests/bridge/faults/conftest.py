@@ -1,4 +1,4 @@
-"""A live session, a tracker and a receiver, as the live session's own tests have them."""
+"""The fixtures of the live session's tests."""
 
 from tests.bridge.conftest import start_receiver as start_receiver
 from tests.bridge.live.conftest import breach as breach

@@ -1,10 +1,10 @@
-"""A peer that means harm, in a process of its own. It imports nothing of the project.
+"""Independent ROS process that sends harmful messages, with plain rclpy.
 
     hostile.py TOPIC=TYPE ... [--flood SECONDS]
 
-Prints ``ready`` when somebody listens to every topic, then reads attacks from standard input, one a
-line, and prints ``done ATTACK COUNT SECONDS`` after each: ``NAME`` or ``NAME PARENT CHILD``, where
-the edge is the one that is attacked.
+Prints ``ready`` when every topic has a subscriber. Then it reads an attack per line of standard
+input, ``ATTACK TOPIC`` or ``ATTACK TOPIC PARENT CHILD`` to attack that edge, and prints
+``done ATTACK COUNT SECONDS`` after each. It does not import the project.
 """
 
 import math
@@ -35,8 +35,8 @@ class Peer:
         self.flood_s = flood_s
         self.types = {}
         self.publishers = {}
-        self.unheard = set(topics)
-        self.heard = threading.Event()
+        self.unmatched = set(topics)
+        self.matched = threading.Event()
         for name, kind in topics.items():
             package, folder, type_name = kind.split("/")
             self.types[name] = getattr(import_module(f"{package}.{folder}"), type_name)
@@ -48,21 +48,21 @@ class Peer:
                 name,
                 qos,
                 event_callbacks=PublisherEventCallbacks(
-                    matched=lambda _, name=name: self.found(name)
+                    matched=lambda _, name=name: self.on_matched(name)
                 ),
             )
 
-    def found(self, name):
-        self.unheard.discard(name)
-        if not self.unheard:
-            self.heard.set()
+    def on_matched(self, name):
+        self.unmatched.discard(name)
+        if not self.unmatched:
+            self.matched.set()
 
-    def wait_until_heard(self):
-        while not self.heard.is_set():
+    def wait_until_matched(self):
+        while not self.matched.is_set():
             rclpy.spin_once(self.node)
 
     def pose(self, name, parent, child, stamp=None, move=(0.0, 0.0, 0.0), turn=(0, 0, 0, 1)):
-        """One transform as whatever type the topic has."""
+        """One transform in a message of the topic's type."""
         kind = self.types[name]
         message = TransformStamped() if hasattr(kind, "transforms") else kind()
         sec, nanosec = divmod(time.time_ns(), 10**9) if stamp is None else stamp
@@ -76,17 +76,17 @@ class Peer:
     def send(self, name, *messages):
         for message in messages:
             self.publishers[name].publish(message)
-            time.sleep(0.002)  # of a burst the listener may keep the last alone
+            time.sleep(0.002)  # the listener may keep only the last message of a burst
         return len(messages)
 
-    def bytes_of(self, name):
-        """What is left of a good message after various accidents.
+    def damaged_bytes(self, name):
+        """Yield truncated and overwritten copies of a valid message.
 
-        Empty ones are left out: the middleware hands over nothing of a burst that has one.
+        None is empty, because the middleware then delivers nothing of a burst.
         """
         good = serialize_message(self.pose(name, "evil", "worse"))
         yield from (good[:end] for end in range(4, len(good) - 1, 3))
-        # Lengths and counts that are not there.
+        # Lengths and counts beyond the end of the message.
         yield from (
             good[:at] + struct.pack("<I", 2**32 - 1) + good[at + 4 :]
             for at in range(4, min(40, len(good) - 4), 4)
@@ -94,7 +94,7 @@ class Peer:
         yield b"\x00\x01\x00\x00" + b"\xff" * 2000
 
     def twist(self, frame, linear=(0.0, 0.0, 0.05), angular=(0.0, 0.0, 0.0), late_s=0.0):
-        """A command: metres and radians a second, along the axes of ``frame``."""
+        """Velocity command in m/s and rad/s along the axes of ``frame``."""
         message = TwistStamped()
         message.header.frame_id = frame
         sec, nanosec = divmod(time.time_ns() - round(late_s * 1e9), 10**9)
@@ -133,12 +133,12 @@ class Peer:
                 pose(name, parent, child, turn=[*HUGE, 1.0]),
             )
         if what == "lost":
-            return self.again_and_again(name, lambda: pose(name, parent, child, move=NAN))
+            return self.repeat(name, lambda: pose(name, parent, child, move=NAN))
         if what == "skew":
-            return self.again_and_again(name, lambda: pose(name, parent, child, turn=(0, 0, 0, 2)))
+            return self.repeat(name, lambda: pose(name, parent, child, turn=(0, 0, 0, 2)))
         if what == "future":
             later = (time.time_ns() // 10**9 + 3600, 0)
-            return self.again_and_again(name, lambda: pose(name, parent, child, later))
+            return self.repeat(name, lambda: pose(name, parent, child, later))
         if what == "huge":
             return self.send(name, pose(name, parent, child, move=HUGE))
         if what == "names":
@@ -167,9 +167,11 @@ class Peer:
             ]
             return self.send(name, *(pose(name, parent, child, stamp) for stamp in stamps))
         if what == "bytes":
-            return self.send(name, *self.bytes_of(name))
+            return self.send(name, *self.damaged_bytes(name))
         if what == "long":
-            raw = serialize_message(pose(name, parent, "x" * TEN_MEGABYTES))  # slow: once for all
+            raw = serialize_message(
+                pose(name, parent, "x" * TEN_MEGABYTES)
+            )  # serialised once, because it is slow
             return self.send(name, *(raw for _ in range(60)))
         if what == "flood":
             return self.flood(name, [pose(name, parent, child)])
@@ -206,15 +208,15 @@ class Peer:
         for sec in (100, 0, LAST_SECOND, -LAST_SECOND, 5):
             yield {"clock": Time(sec=sec, nanosec=2**32 - 1)}
 
-    def again_and_again(self, name, make):
-        """For half a second, each stamped anew: a good sample may replace one of them."""
+    def repeat(self, name, make):
+        """Send for half a second with current stamps, since a valid sample may replace one."""
         for _ in range(100):
             self.send(name, make())
             time.sleep(0.005)
         return 100
 
     def flood(self, name, messages):
-        """As fast as 10 kHz, of serialised messages: what a compiled peer does with ease."""
+        """Send serialised messages at up to 10 kHz, as a compiled peer could."""
         raw = [serialize_message(message) for message in messages]
         publisher = self.publishers[name]
         begin = time.perf_counter()
@@ -236,7 +238,7 @@ def main() -> None:
         flood_s = float(arguments[at + 1])
         del arguments[at : at + 2]
     peer = Peer(dict(argument.split("=") for argument in arguments), flood_s)
-    peer.wait_until_heard()
+    peer.wait_until_matched()
     print("ready", flush=True)
     for line in sys.stdin:
         what, name, *edge = line.split()

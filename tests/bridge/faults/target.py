@@ -1,6 +1,7 @@
-"""A process with everything of ours that listens besides a live session's source.
+"""Process with all our listeners other than a live session's source.
 
-Answers each line of standard input with a line of JSON: what came, what was refused, its memory.
+Prints a line of JSON for each line of standard input: counts of received and refused messages,
+failures, and the peak memory in kB.
 """
 
 import json

@@ -1,6 +1,6 @@
-"""``marginguard live`` beside a good tracker and a peer that sends whatever does harm.
+"""``marginguard live`` with a valid tracker and a peer that sends harmful messages.
 
-``MARGINGUARD_FLOOD_S`` makes the floods longer than the half second of the suite.
+``MARGINGUARD_FLOOD_S`` sets the duration of the floods, 0.5 s by default.
 """
 
 import math
@@ -29,15 +29,15 @@ HOSTILE = Path(__file__).resolve().parent / "hostile.py"
 FLOOD_S = os.environ.get("MARGINGUARD_FLOOD_S", "0.5")
 USED = "tracker cautery"
 MAX_GROWTH_KB = 50_000
-"""For everything but messages of megabytes, of which the middleware itself keeps some."""
+"""For all attacks other than "long", whose messages the middleware keeps."""
 
 LONG_KB = 10_000
 MAX_GROWTH_WITH_LONG_KB = {"tracked": 30 * LONG_KB, "tf": 50 * LONG_KB}
-"""For 60 messages of 10 MB: Fast DDS keeps the room of so many as a subscription is deep (20, and
-on /tf there are two), and some copies are on their way."""
+"""For 60 messages of 10 MB: Fast DDS keeps the memory of as many messages as the depth of a
+subscription (20; /tf has two), and some copies are in transit."""
 
 REASONS = {"lost": "not_finite", "skew": "not_rigid", "future": "future_stamp"}
-"""What an attack on the edge of the tool makes of the margin."""
+"""Reason of the margin by attack on the edge of the tool."""
 
 COUNTED = (
     ("bytes", "{}: refused (InputError)"),
@@ -45,7 +45,7 @@ COUNTED = (
     ("names", "frame names of more than 256 letters"),
     ("frames", "edges beyond 256"),
 )
-"""What diagnostics count of an attack; ``{}`` is the topic."""
+"""Attacks and the counts of them in the diagnostics; ``{}`` is the topic."""
 
 REFUSED = {
     "nan": "a command is not finite",
@@ -53,7 +53,7 @@ REFUSED = {
     "stamps": "a command is too old",
     "huge": "a command is not finite",
 }
-"""What diagnostics say of an attack with commands."""
+"""Count in the diagnostics by attack with commands."""
 
 TOPICS = {
     "tf": ("/tf", "tf2_msgs/msg/TFMessage", {"tf": {}, "clock": "host"}),
@@ -66,8 +66,8 @@ TOPICS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Watched:
-    """The live session, seen from outside; ``topic`` is what ``hostile`` attacks."""
+class SessionUnderAttack:
+    """A live session, a receiver of its diagnostics, and ``hostile``, which attacks ``topic``."""
 
     live: Child
     receiver: Receiver
@@ -75,50 +75,55 @@ class Watched:
     topic: str
 
     def attack(self, what: str, edge: str = "") -> int:
-        """How many messages the attack had."""
-        self.hostile.say(f"{what} {self.topic} {edge}")
+        """Perform the attack; return its number of messages."""
+        self.hostile.send(f"{what} {self.topic} {edge}")
         return int(self.hostile.line(lambda line: line.startswith(f"done {what}")).split()[2])
 
     def attack_until_counted(self, what: str, key: str) -> None:
-        """Attack until diagnostics have ``key``: of a burst a busy process keeps the last."""
+        """Attack until the diagnostics have ``key``: a busy process drops parts of a burst."""
         self.attack(what)
-        while key not in self.until(lambda said: True, time.time_ns()):
+        while key not in self.until(lambda values: True, time.time_ns()):
             self.attack(what)
 
-    def until(self, wanted: Callable[[dict[str, str]], bool], begun_ns: int = 0) -> dict[str, str]:
-        """All that diagnostics say (``part: key``) from now on, as soon as it is as wanted."""
+    def until(self, accept: Callable[[dict[str, str]], bool], begun_ns: int = 0) -> dict[str, str]:
+        """Wait for diagnostics (values by ``part: key``) that ``accept`` accepts.
+
+        Diagnostics older than ``begun_ns``, by default now, are skipped.
+        """
         begun_ns = begun_ns or time.time_ns()
         while True:
             message = self.receiver.take(1)[0]["message"]
             stamp = message["header"]["stamp"]
             if stamp["sec"] * 10**9 + stamp["nanosec"] < begun_ns:
                 continue
-            said = {
+            values = {
                 f"{part['name'].removeprefix('marginguard: ')}: {value['key']}": value["value"]
                 for part in message["status"]
                 for value in part["values"]
             }
-            if wanted(said):
-                return said
+            if accept(values):
+                return values
 
-    def works(self) -> dict[str, str]:
-        """What is said when the margin is next known."""
-        return self.until(lambda said: said["margin: state"] in ("NEGATIVE", "WARNING", "POSITIVE"))
+    def wait_until_known(self) -> dict[str, str]:
+        """Wait until the margin is known; return the diagnostics."""
+        known = ("NEGATIVE", "WARNING", "POSITIVE")
+        return self.until(lambda values: values["margin: state"] in known)
 
-    def unknown(self, reason: str, what: str) -> None:
-        """Attack the used edge; return when the margin has been UNKNOWN for this reason."""
+    def attack_until_unknown(self, reason: str, what: str) -> None:
+        """Attack the tool's edge; wait until the margin is UNKNOWN for ``reason``."""
         begun_ns = time.time_ns()
         self.attack(what, USED)
         self.until(
-            lambda said: (
-                said["margin: state"] == "UNKNOWN" and reason in said["margin: reasons"].split(", ")
+            lambda values: (
+                values["margin: state"] == "UNKNOWN"
+                and reason in values["margin: reasons"].split(", ")
             ),
             begun_ns,
         )
 
     @property
     def memory_kb(self) -> int:
-        """The most that the process has held so far."""
+        """Peak memory of the process in kB."""
         text = Path(f"/proc/{self.live.process.pid}/status").read_text()
         found = re.search(r"VmHWM:\s+(\d+) kB", text)
         assert found is not None
@@ -126,82 +131,85 @@ class Watched:
 
 
 @pytest.fixture
-def watch(
+def start_session(
     start: Start, start_receiver: StartReceiver, live_yaml: Any, frames_file: Path
-) -> Callable[[str], Watched]:
-    def begin(kind: str) -> Watched:
+) -> Callable[[str], SessionUnderAttack]:
+    def begin(kind: str) -> SessionUnderAttack:
         topic, message_type, source = TOPICS[kind]
-        words = ("live", "--constraint-hz", "100", "--config", str(live_yaml(source)))
-        live = start("-m", "app.cli", *words)
-        live.line(lambda line: line.startswith("UNKNOWN"))  # before others take their turns
+        command = ("live", "--constraint-hz", "100", "--config", str(live_yaml(source)))
+        live = start("-m", "app.cli", *command)
+        # Wait before the other processes load the machine.
+        live.line(lambda line: line.startswith("UNKNOWN"))
         hostile = start(str(HOSTILE), f"{topic}={message_type}", "--flood", FLOOD_S)
         start(str(SENDER), str(frames_file), kind, "again")
         receiver = start_receiver("/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000")
         hostile.line(lambda line: line == "ready\n")
-        watched = Watched(live, receiver, hostile, topic)
-        watched.works()
-        return watched
+        session = SessionUnderAttack(live, receiver, hostile, topic)
+        session.wait_until_known()
+        return session
 
     return begin
 
 
 @pytest.mark.parametrize("kind", ["tf", "tracked"])
-def test_live_session_survives_hostile_peers(watch: Callable[[str], Watched], kind: str) -> None:
-    watched = watch(kind)
+def test_live_session_works_after_all_attacks(
+    start_session: Callable[[str], SessionUnderAttack], kind: str
+) -> None:
+    session = start_session(kind)
     name = TOPICS[kind][0]
-    at_rest_kb = watched.memory_kb
+    at_rest_kb = session.memory_kb
 
     for what in ("nan", "huge", "loops", "stamps", "flood"):
-        watched.attack(what)
+        session.attack(what)
     for what, count in COUNTED:
-        watched.attack_until_counted(what, "source: " + count.format(name))
-    watched.works()
+        session.attack_until_counted(what, "source: " + count.format(name))
+    session.wait_until_known()
     for what, reason in REASONS.items():
-        watched.unknown(reason, what)
-        watched.works()
-    assert watched.memory_kb - at_rest_kb < MAX_GROWTH_KB
+        session.attack_until_unknown(reason, what)
+        session.wait_until_known()
+    assert session.memory_kb - at_rest_kb < MAX_GROWTH_KB
 
-    watched.attack_until_counted("long", f"source: {name}: refused (longer than 1048576 bytes)")
-    said = watched.works()
-    assert int(said[f"source: {name}: messages"]) >= 1_000
-    assert int(said["tracking: tracker -> cautery: lost samples"]) >= 10
-    assert watched.memory_kb - at_rest_kb < MAX_GROWTH_WITH_LONG_KB[kind]
-    assert watched.live.end(signal.SIGINT) == 130
-    assert "Traceback" not in watched.live.log.read_text()
+    session.attack_until_counted("long", f"source: {name}: refused (longer than 1048576 bytes)")
+    values = session.wait_until_known()
+    assert int(values[f"source: {name}: messages"]) >= 1_000
+    assert int(values["tracking: tracker -> cautery: lost samples"]) >= 10
+    assert session.memory_kb - at_rest_kb < MAX_GROWTH_WITH_LONG_KB[kind]
+    assert session.live.end(signal.SIGINT) == 130
+    assert "Traceback" not in session.live.log.read_text()
 
 
 def test_hostile_commands_give_no_motion_and_clock_is_ignored(
-    watch: Callable[[str], Watched], start: Start, domain_id: int
+    start_session: Callable[[str], SessionUnderAttack], start: Start, domain_id: int
 ) -> None:
-    watched = watch("tf")
+    session = start_session("tf")
     topic = "/marginguard/desired_twist"
     hostile = start(str(HOSTILE), f"{topic}=geometry_msgs/msg/TwistStamped", "--flood", FLOOD_S)
     hostile.line(lambda line: line == "ready\n")
-    watched = replace(watched, hostile=hostile, topic=topic)
+    session = replace(session, hostile=hostile, topic=topic)
     answers: list[TwistStamped] = []
     with RosNode("controller", domain_id=domain_id) as ros:
         allowed = Topic("/marginguard/allowed_twist", TwistStamped, STREAM)
         ros.subscribe(allowed, answers.append)
         for what, reason in REFUSED.items():
             key = f"source: twists refused: {reason}"
-            while key not in watched.until(lambda said: True) or not answers:
-                watched.attack(what, "tumor -")
-        assert all(motion(answer) == 0.0 for answer in answers)
-        # A clock from elsewhere, forward and back: the session is on the system's own.
+            while key not in session.until(lambda values: True) or not answers:
+                session.attack(what, "tumor -")
+        assert all(speed(answer) == 0.0 for answer in answers)
+        # Another node's clock, forward and back: the session uses the system's clock.
         clock = ros.publisher(topics.CLOCK)
         for sec in (10**9, 0, 2**31 - 1):
             clock.publish(Clock(clock=Time(sec=sec)))
-        watched.attack("flood", "tumor -")
-        watched.works()
+        session.attack("flood", "tumor -")
+        session.wait_until_known()
         assert clock.get_subscription_count() == 0
-    # What is allowed of a flood of good and bad ones is never faster than the limit.
-    assert max(map(motion, answers)) <= 0.25 + 1e-9
-    assert watched.live.end(signal.SIGINT) == 130
-    assert "Traceback" not in watched.live.log.read_text()
+    # During a flood of valid and invalid commands the speed stays within the limit.
+    assert max(map(speed, answers)) <= 0.25 + 1e-9
+    assert session.live.end(signal.SIGINT) == 130
+    assert "Traceback" not in session.live.log.read_text()
 
 
-def motion(answer: TwistStamped) -> float:
-    """How fast it is, m/s; NaN for what is not finite, which is not less than anything."""
+def speed(answer: TwistStamped) -> float:
+    """Speed in m/s; NaN if any component is not finite, so that every comparison fails."""
     linear, angular = answer.twist.linear, answer.twist.angular
-    turns = math.hypot(angular.x, angular.y, angular.z)
-    return math.hypot(linear.x, linear.y, linear.z) + 0.0 * turns
+    rotation = math.hypot(angular.x, angular.y, angular.z)
+    return math.hypot(linear.x, linear.y, linear.z) + 0.0 * rotation

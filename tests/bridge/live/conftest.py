@@ -1,4 +1,4 @@
-"""A live session in a process of its own, and a tracker in another that sends recorded frames."""
+"""A live session in one process and a tracker that sends recorded frames in another."""
 
 import json
 import math
@@ -24,7 +24,7 @@ DEADLINE_S = 90.0
 
 
 class Child:
-    """A process whose lines are read as they come; killed when a test waits too long for one."""
+    """Process that is controlled by lines; killed if it prints none within `DEADLINE_S`."""
 
     def __init__(self, arguments: list[str], log: Path) -> None:
         self.log = log
@@ -40,33 +40,32 @@ class Child:
         self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
         self._deadline.start()
 
-    def _wait_anew(self) -> None:
-        """The time for one wait, however many there were before."""
+    def _restart_deadline(self) -> None:
         self._deadline.cancel()
         self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
         self._deadline.start()
 
-    def line(self, wanted: Callable[[str], bool] = lambda line: True) -> str:
-        """The next line that is wanted; those before it are passed over."""
+    def line(self, accept: Callable[[str], bool] = lambda line: True) -> str:
+        """Wait for the next line that ``accept`` accepts; skip the lines before it."""
         assert self.process.stdout is not None
-        self._wait_anew()
-        passed = []
+        self._restart_deadline()
+        skipped = []
         for line in iter(self.process.stdout.readline, ""):
-            if wanted(line):
+            if accept(line):
                 return line.strip()
-            passed.append(line)
+            skipped.append(line)
         status = self.process.wait()
-        pytest.fail(f"status {status}, {''.join(passed)!r}, {self.log.read_text()!r}")
+        pytest.fail(f"status {status}, {''.join(skipped)!r}, {self.log.read_text()!r}")
 
-    def say(self, line: str) -> None:
-        """Hand the process a line."""
+    def send(self, line: str) -> None:
+        """Write a line to the standard input of the process."""
         assert self.process.stdin is not None
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
 
     def end(self, number: int) -> int:
-        """Send a signal and wait; the exit status."""
-        self._wait_anew()
+        """Send the signal ``number``, wait for the exit and return the exit status."""
+        self._restart_deadline()
         self.process.send_signal(number)
         return self.process.wait()
 
@@ -85,7 +84,7 @@ Start = Callable[..., Child]
 
 @pytest.fixture
 def start(domain_id: int, tmp_path: Path) -> Iterator[Start]:
-    """``start("-m", "app.cli", ...)``; killed at the end of the test."""
+    """``start("-m", "app.cli", ...)``; killed after the test."""
     started: list[Child] = []
 
     def start_child(*arguments: str) -> Child:
@@ -100,17 +99,17 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Start]:
 
 @pytest.fixture(scope="session")
 def breach(project_root: Path) -> list[TrackingFrame]:
-    """1.6 s of the recorded case around its first breach, all of it tracked."""
+    """1.6 s of the recorded case around its first breach; every pose is tracked."""
     frames = open_case(project_root / "data" / "recorded_case").recorded_frames()
     first = next(frames).stamp.ns
-    wanted = [f for f in islice(frames, 2340) if f.stamp.ns - first >= 45.2 * NS_PER_S]
-    assert all(sample.transform is not None for f in wanted for sample in f.poses)
-    return wanted
+    found = [f for f in islice(frames, 2340) if f.stamp.ns - first >= 45.2 * NS_PER_S]
+    assert all(sample.transform is not None for f in found for sample in f.poses)
+    return found
 
 
 @pytest.fixture
 def frames_file(breach: list[TrackingFrame], tmp_path: Path) -> Path:
-    """The frames for ``sender.py``; joints on the robot's own clock."""
+    """The frames as a file for ``sender.py``; joint states have the stamps of another clock."""
     path = tmp_path / "frames.json"
     path.write_text(json.dumps([_plain(frame) for frame in breach]))
     return path
@@ -118,7 +117,7 @@ def frames_file(breach: list[TrackingFrame], tmp_path: Path) -> Path:
 
 @pytest.fixture
 def live_yaml(project_root: Path, tmp_path: Path) -> Callable[..., Path]:
-    """``live_yaml(source)``: the example's configuration with another source and patience."""
+    """``live_yaml(source)`` writes the example's configuration with another source."""
 
     def write(source: dict[str, Any], stale_after_ms: float = 400.0) -> Path:
         values = yaml.safe_load((project_root / "data/live_example/live.yaml").read_text())

@@ -1,11 +1,11 @@
-"""A tracker and a robot in a process of their own. It imports nothing of the project.
+"""Independent ROS process that sends a tracker's poses and a robot's joints, with plain rclpy.
 
     sender.py FRAMES.json tf|tracked [again] [best_effort]
 
-Waits until somebody listens, then sends the frames at the pace of their stamps, moved to the
-present; with ``again`` from the first on when they end, with ``best_effort`` by the quality of
-service of sensor data, as most drivers do. Prints ``shift NANOSECONDS`` (present less recorded
-time) when it begins and ``sent`` at the end, and stays until standard input ends.
+Waits for a subscriber, then sends the frames at the rate of their stamps, which are shifted to the
+present. ``again`` repeats the frames; ``best_effort`` uses the QoS of sensor data, like most
+drivers. Prints ``shift NANOSECONDS`` (present minus recorded time) before the first frame and
+``sent`` after the last, and runs until standard input ends. It does not import the project.
 """
 
 import json
@@ -36,23 +36,22 @@ def main() -> None:
     frames = json.loads(Path(sys.argv[1]).read_text())
     kind = sys.argv[2]
     again = "again" in sys.argv[3:]
-    promise = qos_profile_sensor_data if "best_effort" in sys.argv[3:] else QoSProfile(depth=100)
+    qos = qos_profile_sensor_data if "best_effort" in sys.argv[3:] else QoSProfile(depth=100)
     rclpy.init()
     node = rclpy.create_node("sender")
-    heard = threading.Event()
+    matched = threading.Event()
     topic, message_type = {
         "tf": ("/tf", TFMessage),
         "tracked": ("/tracked_transforms", TrackedTransform),
     }[kind]
-    # On /tf the session speaks too, but it does not listen to itself here.
     poses = node.create_publisher(
         message_type,
         topic,
-        promise,
-        event_callbacks=PublisherEventCallbacks(matched=lambda _: heard.set()),
+        qos,
+        event_callbacks=PublisherEventCallbacks(matched=lambda _: matched.set()),
     )
-    joints = node.create_publisher(JointState, "/joint_states", promise)
-    while not heard.is_set():
+    joints = node.create_publisher(JointState, "/joint_states", qos)
+    while not matched.is_set():
         rclpy.spin_once(node)
     shift_ns = time.time_ns() - frames[0]["ns"]
     print(f"shift {shift_ns}", flush=True)

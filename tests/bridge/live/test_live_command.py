@@ -1,4 +1,4 @@
-"""``marginguard live`` as a child process, with a tracker in another, heard by a third."""
+"""``marginguard live`` with a tracker and a receiver, each in a separate process."""
 
 import json
 import signal
@@ -26,7 +26,7 @@ def ns(time):
 
 @pytest.fixture(scope="session")
 def distances(breach, project_root):
-    """Acquisition stamp to signed distance in m, as a replay of the same frames finds them."""
+    """Signed distance in m by acquisition stamp, computed by a replay of the same frames."""
     live = open_live(project_root / "data" / "live_example" / "live.yaml")
     session = Session(setup_from_case(live.case))
     steps = [session.step(frame) for frame in breach]
@@ -36,28 +36,28 @@ def distances(breach, project_root):
     }
 
 
-def constraints_until(receiver, wanted):
-    """What is received up to the first constraint that is wanted, that one as the last."""
+def constraints_until(receiver, accept):
+    """Constraints received up to and including the first that ``accept`` accepts."""
     messages = []
-    while not messages or not wanted(messages[-1]):
+    while not messages or not accept(messages[-1]):
         messages += [line["message"] for line in receiver.take(1)]
     return messages
 
 
 def check_distances(messages, shift_ns, distances):
-    """Constraints have the distance that the replay has at their stamp.
+    """Check that each known constraint has the replay's distance at its stamp.
 
-    Where a sample was late by more than a frame waits, the pair that is measured is another one
-    than in the replay: rarely, and then the tool has moved by a step at the most.
+    A sample that arrives after its frame was stepped makes another pair than in the replay. This is
+    rare, and the tool has then moved by one step at most.
     """
     known = {}
     for message in messages:
         if message["state"] != UNKNOWN:
             stamp_ns = ns(message["header"]["stamp"]) - shift_ns
             known.setdefault(stamp_ns, message["signed_distance"])
-    assert len(known) > 5  # of some 25: a busy machine takes several frames as one
+    assert len(known) > 5  # of about 25: on a busy machine one step skips several frames
     assert min(known.values()) < 0.0 < max(known.values())
-    # Distances are good to 0.005 mm and 0.2 % of themselves, whatever was asked before.
+    # The tolerance of a distance is 0.005 mm + 0.2 %, which depends on the queries before it.
     agree = [
         found == pytest.approx(distances[stamp_ns], abs=1e-5, rel=2e-3)
         for stamp_ns, found in known.items()
@@ -79,7 +79,7 @@ def test_poses_from_tf_give_the_distances_of_a_replay(
     start, start_receiver, live_yaml, frames_file, distances
 ):
     live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(live_yaml(TF)))
-    live.line(lambda line: line.startswith("UNKNOWN"))  # said before anything is tracked
+    live.line(lambda line: line.startswith("UNKNOWN"))  # printed before anything is tracked
     receiver = start_receiver(f"{CONSTRAINT}:1000000")
     sender = start(str(SENDER), str(frames_file), "tf")
     check_distances(constraints_until(receiver, inside), shift_of(sender), distances)
@@ -99,16 +99,16 @@ def test_missing_frame_is_logged_once_with_the_received_ones(
     live.line(lambda line: line.startswith("UNKNOWN"))
     receiver = start_receiver("/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000")
     start(str(SENDER), str(frames_file), "tracked", "again")
-    words = "tool.frame is 'cautary': not among what the tracker sends so far, cautery, needle"
-    said = ""
-    while words not in said:
+    problem = "tool.frame is 'cautary': not among what the tracker sends so far, cautery, needle"
+    message = ""
+    while problem not in message:
         parts = {part["name"]: part for part in receiver.take(1)[0]["message"]["status"]}
-        said = parts["marginguard: tracking"]["message"]
+        message = parts["marginguard: tracking"]["message"]
         margin = {each["key"]: each["value"] for each in parts["marginguard: margin"]["values"]}
         assert margin["state"] == "UNKNOWN"
-    receiver.take(3)  # and nothing is said again meanwhile
+    receiver.take(3)  # time in which the problem could be logged again
     assert live.end(signal.SIGINT) == 130
-    assert live.log.read_text().count(words) == 1
+    assert live.log.read_text().count(problem) == 1
 
 
 def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
@@ -122,7 +122,7 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     sender = start(str(SENDER), str(frames_file), "tracked")
     received = constraints_until(receiver, inside)
     check_distances(received, shift_of(sender), distances)
-    seen = received[-1]
+    before = received[-1]
     sender.end(signal.SIGKILL)
 
     stale = constraints_until(receiver, lambda message: message["state"] == UNKNOWN)[-1]
@@ -131,14 +131,16 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     beats = [message["message"] for message in receiver.take(30)]
     assert [beat["seq"] for beat in beats] == [*range(beats[0]["seq"], beats[0]["seq"] + 30)]
     assert all("stale" in beat["reasons"] for beat in beats)
-    # Its planes do not look newer than they are.
+    # The stamp is that of the planes' samples.
     assert {ns(beat["header"]["stamp"]) for beat in beats} == {ns(stale["header"]["stamp"])}
 
     start(str(SENDER), str(frames_file), "tracked", "again")
     held = constraints_until(receiver, lambda message: message["state"] != UNKNOWN)[-1]
     assert held["hold"] is True
     assert "latched" in held["reasons"]
-    caller = start(str(CALLER), *(f"{REARM}:{json.dumps({'seq': m['seq']})}" for m in (seen, held)))
+    caller = start(
+        str(CALLER), *(f"{REARM}:{json.dumps({'seq': m['seq']})}" for m in (before, held))
+    )
     caller.line()
     refused = json.loads(caller.line())
     assert refused["success"] is False
@@ -147,6 +149,6 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     free = constraints_until(receiver, lambda message: not message["hold"])[-1]
     assert "latched" not in free["reasons"]
 
-    # In the middle of it all, with messages in flight both ways.
+    # End while messages are being sent in both directions.
     assert live.end(signal.SIGTERM) == 143
     assert "Traceback" not in live.log.read_text()

@@ -8,38 +8,38 @@ from app.bridge.live import LiveNode, LiveNodeLifecycle
 from app.bridge.live.outputs import TwistOutput
 from app.runtime import LiveRun, PassiveOutput, StepTiming
 from tests.doubles import PARAMETERS
-from tests.session.test_live import World, track
+from tests.session.test_live import SimulatedHost, track
 from tests.session_content import one_link_content
 
 
 class Failing(PassiveOutput):
-    """Test double of a publisher whose connection is cut; counts how often it was ended."""
+    """Test double of a publisher that raises; counts the calls of `end`."""
 
     def __init__(self):
         self.ended = 0
 
     def publish(self, step, timing):
-        raise OSError("the wire is cut")
+        raise OSError("connection lost")
 
     def end(self):
         self.ended += 1
 
 
-def test_error_of_the_steps_is_handed_to_the_thread_that_can_end_the_process():
-    world, failed, errors = World(), threading.Event(), []
-    track(world, 0, 400)
+def test_error_of_a_step_ends_the_outputs_and_is_passed_to_the_error_callback():
+    host, failed, errors = SimulatedHost(), threading.Event(), []
+    track(host, 0, 400)
     publisher = Failing()
-    node = LiveNode(LiveRun(world.live, one_link_content(), (publisher,)), None)
+    node = LiveNode(LiveRun(host.live, one_link_content(), (publisher,)), None)
 
-    def note(error):
+    def on_error(error):
         errors.append((str(error), publisher.ended))
         failed.set()
 
-    managed = LiveNodeLifecycle(lambda ros: nullcontext(node), list, note)
+    managed = LiveNodeLifecycle(lambda ros: nullcontext(node), list, on_error)
     managed.configure(None)
     managed.activate()
     assert failed.wait(30.0)
-    assert errors == [("the wire is cut", 1)]
+    assert errors == [("connection lost", 1)]
     managed.deactivate()
     managed.clean_up()
 

@@ -39,7 +39,7 @@ class NoPublisher:
         pass
 
 
-@pytest.mark.parametrize("what", ["another tumour", "a fault that is over", "nothing"])
+@pytest.mark.parametrize("what", ["new tumour", "past fault", "no fault"])
 def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(domain_id, start, what):
     stepping = threading.Lock()
     commands, stream = CommandsDouble(stepping), ConstraintStream(NoPublisher(), None)
@@ -52,14 +52,14 @@ def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(domain_id, sta
             caller = start(str(CALLER), f"/marginguard/rearm:marginguard_msgs/srv/Rearm:{seq}")
             assert commands.requested.wait(DEADLINE_S)
             stream.publish(KNOWN)
-            if what == "another tumour":
+            if what == "new tumour":
                 stream.invalidate(UNKNOWN)
-            elif what == "a fault that is over":
+            elif what == "past fault":
                 stream.publish(UNKNOWN)
                 stream.publish(KNOWN)
         caller.line()
         reply = json.loads(caller.line())
     stream.close()
-    assert reply["success"] is (what == "nothing")
-    assert commands.rearmed == (1 if what == "nothing" else 0)
-    assert ("a fault began" in reply["message"]) is (what != "nothing")
+    assert reply["success"] is (what == "no fault")
+    assert commands.rearmed == (1 if what == "no fault" else 0)
+    assert ("a fault began" in reply["message"]) is (what != "no fault")

@@ -1,4 +1,4 @@
-"""``marginguard record`` as a child process, with a tracker and a robot in another."""
+"""``marginguard record`` in one process, a tracker and a robot in another."""
 
 import json
 import signal
@@ -35,7 +35,7 @@ TRACKED = {"tracked_transforms": {}, "clock": "host"}
 
 @pytest.fixture
 def recorded(start, live_yaml, frames_file, tmp_path):
-    """The recorder when the tracker has sent all it had; the case; present less recorded time."""
+    """Recorder after the tracker has sent all frames, its case, and the shift of the stamps."""
     case = tmp_path / "case"
     config = live_yaml(TRACKED)
     recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", str(config))
@@ -55,7 +55,7 @@ def samples_of(frames, shift_ns=0):
 
 
 def replay(case):
-    """What ``marginguard replay`` says of the case."""
+    """Summary of the case by ``marginguard replay --json``."""
     done = subprocess.run(
         [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros", "--json"],
         capture_output=True,
@@ -65,14 +65,14 @@ def replay(case):
     return json.loads(done.stdout)
 
 
-def test_a_recording_is_a_case_and_a_bag(recorded, breach):
+def test_recording_is_a_case_and_a_bag(recorded, breach):
     recorder, case, shift_ns = recorded
     assert recorder.end(signal.SIGINT) == 130
     assert "Traceback" not in recorder.log.read_text()
 
     sent = samples_of(breach)
     found = samples_of(open_case(case).recorded_frames(), shift_ns)
-    assert len(found) >= 0.9 * len(sent)  # the recorder may have joined a moment late
+    assert len(found) >= 0.9 * len(sent)  # the recorder may have discovered the tracker late
     for key, sample in found.items():
         expected = sent[key].transform
         assert sample.transform.rotation == pytest.approx(expected.rotation, abs=1e-12)
@@ -115,17 +115,18 @@ def test_recording_survives_a_kill(recorded, breach, tmp_path):
             for record in StreamReader(file).records:
                 messages += isinstance(record, Message)
         except McapError:
-            pass  # it has no end
+            pass  # the file is incomplete
     sent = samples_of(breach)
     found = samples_of(open_case(case).recorded_frames(), shift_ns)
     assert found.keys() <= sent.keys()
     assert messages >= len(found) >= 0.5 * len(sent)
     assert replay(case)["valid_frames"] > 0
-    # A whole file again, for players that want one.
+    # Conversion makes a complete file, which some players require.
     subprocess.run(
-        [sys.executable, "-m", "app.cli", "convert", str(case), str(tmp_path / "whole")], check=True
+        [sys.executable, "-m", "app.cli", "convert", str(case), str(tmp_path / "complete")],
+        check=True,
     )
-    with (tmp_path / "whole" / "tracking.mcap").open("rb") as file:
+    with (tmp_path / "complete" / "tracking.mcap").open("rb") as file:
         topics = Counter(channel.topic for _, channel, _ in make_reader(file).iter_messages())
     assert topics["/tracked_transforms"] == len(found)
 
@@ -139,7 +140,7 @@ def test_existing_recording_is_not_overwritten(start, tmp_path):
 
 
 def messages_of(case, topic):
-    """All that was recorded of a topic, by a reader of its own."""
+    """Recorded messages of a topic, read by rosbags."""
     types = get_typestore(Stores.EMPTY)
     with Reader(case / "tracking") as bag:
         (connection,) = bag.topics[topic].connections
@@ -149,25 +150,27 @@ def messages_of(case, topic):
 
 
 def test_late_best_effort_publishers_are_recorded_without_duplicates(start, domain_id, tmp_path):
-    news = Topic("/news", String, STREAM)
-    weaker = Topic("/news", String, qos_profile(reliability="best_effort", depth=100))
-    with RosNode("speaker", domain_id=domain_id) as ros:
-        reliable = ros.publisher(news)
-        recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "x"), "--topics", "/news")
-        recorder.line(lambda line: line == "recording /news\n")
-        assert ros.wait_for_subscribers(news, 1, timeout_s=30.0)
+    reliable_topic = Topic("/changes", String, STREAM)
+    best_effort_topic = Topic("/changes", String, qos_profile(reliability="best_effort", depth=100))
+    with RosNode("sender", domain_id=domain_id) as ros:
+        reliable = ros.publisher(reliable_topic)
+        recorder = start(
+            "-m", "app.cli", "record", "-o", str(tmp_path / "x"), "--topics", "/changes"
+        )
+        recorder.line(lambda line: line == "recording /changes\n")
+        assert ros.wait_for_subscribers(reliable_topic, 1, timeout_s=30.0)
         for number in range(100):
             reliable.publish(String(data=f"first {number}"))
-        best_effort = ros.publisher(weaker)
-        assert ros.wait_for_subscribers(weaker, 1, timeout_s=30.0)
-        assert ros.wait_for_subscribers(news, 2, timeout_s=30.0)
+        best_effort = ros.publisher(best_effort_topic)
+        assert ros.wait_for_subscribers(best_effort_topic, 1, timeout_s=30.0)
+        assert ros.wait_for_subscribers(reliable_topic, 2, timeout_s=30.0)
         pause = threading.Event()
         for number in range(100):
             reliable.publish(String(data=f"second {number}"))
             best_effort.publish(String(data=f"weak {number}"))
-            pause.wait(0.005)  # nothing is sent again to whoever was not ready
+            pause.wait(0.005)  # best effort repeats nothing that a full buffer dropped
     assert recorder.end(signal.SIGINT) == 130
-    counts = Counter(message.data for message in messages_of(tmp_path / "x", "/news"))
+    counts = Counter(message.data for message in messages_of(tmp_path / "x", "/changes"))
     assert set(counts.values()) == {1}
     for kind in ("first", "second"):
         assert sum(text.startswith(kind) for text in counts) == 100
@@ -175,7 +178,7 @@ def test_late_best_effort_publishers_are_recorded_without_duplicates(start, doma
     assert weak == list(range(weak[0], 100))
 
 
-def test_two_sessions_at_once_are_reported_and_are_one_change(start, domain_id, tmp_path):
+def test_two_simultaneous_sessions_are_reported_and_are_one_change(start, domain_id, tmp_path):
     name = "/marginguard/constraint"
     topic = Topic(name, FixtureConstraint, STREAM)
     recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "x"))
@@ -185,14 +188,14 @@ def test_two_sessions_at_once_are_reported_and_are_one_change(start, domain_id, 
         assert one.wait_for_subscribers(topic, 1, timeout_s=30.0)
         first.publish(FixtureConstraint(model_id="one"))
         pause = threading.Event()
-        while not any(recorded == name for recorded, _ in so_far(tmp_path / "x")):
-            pause.wait(0.1)  # what it has not got it cannot have known before the other came
+        while not any(recorded == name for recorded, _ in recorded_sizes(tmp_path / "x")):
+            pause.wait(0.1)  # the first session must be recorded before the second starts
         second = two.publisher(topic)
         recorder.line(lambda line: line.startswith(f"{name} has 2 publishers; several sessions"))
         assert two.wait_for_subscribers(topic, 1, timeout_s=30.0)
         for _ in range(10):
             second.publish(FixtureConstraint(model_id="two"))
-            pause.wait(0.12)  # the recorder looks every 0.1 s
+            pause.wait(0.12)  # the recorder checks every 0.1 s
             first.publish(FixtureConstraint(model_id="one"))
             pause.wait(0.12)
     assert recorder.end(signal.SIGINT) == 130
@@ -203,8 +206,8 @@ def test_two_sessions_at_once_are_reported_and_are_one_change(start, domain_id, 
     assert change["model_id"] == "two"
 
 
-def so_far(case):
-    """Topic and size of each message that can be read by now, in a file still written."""
+def recorded_sizes(case):
+    """Topic and size in bytes of each message in a file that is still being written."""
     topics = {}
     with (case / "tracking" / "tracking_0.mcap").open("rb") as file:
         try:
@@ -214,14 +217,14 @@ def so_far(case):
                 elif isinstance(record, Message):
                     yield topics[record.channel_id], len(record.data)
         except McapError:
-            pass  # it has no end
+            pass  # the file is incomplete
 
 
 def has_surface_and_samples(case):
     largest = {}
-    for topic, size in so_far(case):
+    for topic, size in recorded_sizes(case):
         largest[topic] = max(size, largest.get(topic, 0))
-    surface = largest.get("/theatre/marginguard/markers", 0) > 2_000
+    surface = largest.get("/site_1/marginguard/markers", 0) > 2_000
     return surface and "/tracked_transforms" in largest
 
 
@@ -230,20 +233,20 @@ def test_replaced_tumour_is_noted_in_the_recording(
 ):
     config = str(live_yaml(TRACKED))
     case = tmp_path / "case"
-    of_session = ("--config", config, "--namespace", "theatre")
-    recorder = start("-m", "app.cli", "record", "-o", str(case), *of_session)
-    start("-m", "app.cli", "live", "--constraint-hz", "100", *of_session)
+    session_options = ("--config", config, "--namespace", "site_1")
+    recorder = start("-m", "app.cli", "record", "-o", str(case), *session_options)
+    start("-m", "app.cli", "live", "--constraint-hz", "100", *session_options)
     start(str(SENDER), str(frames_file), "tracked", "again")
-    recorder.line(lambda line: line == "recording /theatre/marginguard/constraint\n")
+    recorder.line(lambda line: line == "recording /site_1/marginguard/constraint\n")
     with RosNode("operator", domain_id=domain_id) as ros:
-        client = ServiceClient(ros, SetTumor, "/theatre/marginguard/set_tumor")
+        client = ServiceClient(ros, SetTumor, "/site_1/marginguard/set_tumor")
         reply = client.call(tumor(0.02, "needle", is_open=False), 60.0)
     assert reply.success, reply.message
     recorder.line(lambda line: line == "tumour or registration of the session were replaced\n")
-    recorder.line(lambda line: line == "recording /theatre/marginguard/markers\n")
+    recorder.line(lambda line: line == "recording /site_1/marginguard/markers\n")
     pause = threading.Event()
     while not has_surface_and_samples(case):
-        assert recorder.process.poll() is None  # its deadline is that of this loop
+        assert recorder.process.poll() is None  # killed at its deadline, which bounds this loop
         pause.wait(0.1)
     assert recorder.end(signal.SIGINT) == 130
 
@@ -251,7 +254,7 @@ def test_replaced_tumour_is_noted_in_the_recording(
     assert change["model_id"] == reply.model_id
     surfaces = [
         marker
-        for message in messages_of(case, "/theatre/marginguard/markers")
+        for message in messages_of(case, "/site_1/marginguard/markers")
         for marker in message.markers
         if marker.type == Marker.TRIANGLE_LIST and marker.ns == "tumor"
     ]

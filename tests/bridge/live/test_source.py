@@ -1,4 +1,4 @@
-"""Live sources against strangers: hostile messages are counted, good ones are delivered."""
+"""Live sources: invalid messages are counted, valid ones are delivered."""
 
 import json
 import threading
@@ -25,12 +25,14 @@ from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE
 TRACKED = Topic("/tracked_transforms", TrackedTransform, STREAM)
 WAIT_S = 30.0
 HELLO = "hello"
-LOOKED_UP = 30
+LOOKUPS = 30
 SENDER = Path(__file__).with_name("sender.py")
 CYCLONE_TRACKER = Path(__file__).resolve().parents[1] / "cyclone_tracker.py"
 
 
 class Inbox:
+    """Collects delivered samples. ``HELLO`` samples only establish the connection."""
+
     def __init__(self):
         self.changed = threading.Condition()
         self.samples = []
@@ -40,23 +42,23 @@ class Inbox:
             self.samples += samples
             self.changed.notify_all()
 
-    def wait_until(self, wanted):
-        """All samples but the greetings, as soon as they are as wanted."""
+    def wait_until(self, accept):
+        """Wait until ``accept`` accepts the list of samples without ``HELLO``; return the list."""
         with self.changed:
-            assert self.changed.wait_for(lambda: wanted(self._told()), WAIT_S)
-            return self._told()
+            assert self.changed.wait_for(lambda: accept(self._without_hello()), WAIT_S)
+            return self._without_hello()
 
-    def _told(self):
+    def _without_hello(self):
         return [sample for sample in self.samples if getattr(sample, "source", "") != HELLO]
 
 
 @pytest.fixture
 def nodes(domain_id):
     with (
-        RosNode("guard", domain_id=domain_id) as guard,
+        RosNode("session", domain_id=domain_id) as session,
         RosNode("tracker", domain_id=domain_id) as tracker,
     ):
-        yield guard, tracker
+        yield session, tracker
 
 
 def edge(child, x=0.1, parent="tracker", w=1.0, kind=TransformStamped, **values):
@@ -67,24 +69,24 @@ def edge(child, x=0.1, parent="tracker", w=1.0, kind=TransformStamped, **values)
     return message
 
 
-def say_until_heard(publisher, message, inbox):
-    """To best effort nothing is said again that was said before the reader knew of the writer."""
+def publish_until_received(publisher, message, inbox):
+    """Repeat ``message``: best effort drops what is sent before the reader has discovered us."""
     with inbox.changed:
         while not inbox.samples:
             publisher.publish(message)
             inbox.changed.wait(0.1)
 
 
-def ended(samples):
+def has_ended(samples):
     return any(sample.source == "end" for sample in samples)
 
 
 def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(nodes):
-    guard, tracker = nodes
+    session, tracker = nodes
     inbox = Inbox()
-    source = TfSource(guard, inbox.take)
+    source = TfSource(session, inbox.take)
     publisher = tracker.publisher(topics.TF)
-    say_until_heard(publisher, TFMessage(transforms=[edge(HELLO)]), inbox)
+    publish_until_received(publisher, TFMessage(transforms=[edge(HELLO)]), inbox)
     publisher.publish(
         TFMessage(
             transforms=[
@@ -99,28 +101,28 @@ def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(nodes):
     )
     publisher.publish(TFMessage(transforms=[edge("y" * 2_000_000)]))
     publisher.publish(TFMessage(transforms=[edge("end")]))
-    found = {sample.source: sample for sample in inbox.wait_until(ended)}
+    found = {sample.source: sample for sample in inbox.wait_until(has_ended)}
     assert found["cautery"].transform.translation_mm == pytest.approx([100.0, 0.0, 0.0])
     assert found["needle"].transform.translation_mm == pytest.approx([-200.0, 0.0, 0.0])
     assert found["needle"].stamp.ns == 7_000_000_000
     assert found["nan"].status is TrackingStatus.NOT_FINITE
     assert found["none"].status is TrackingStatus.NOT_RIGID
     assert "end" in found
-    assert len(found) == 6  # the loop too: a session finds no way through it
+    assert len(found) == 6  # includes the loop, which the session cannot use
     counts = source.counts()
     hellos = sum(sample.source == HELLO for sample in inbox.samples)
     assert counts["/tf: messages"] == hellos + 3
     assert counts["/tf: refused (longer than 1048576 bytes)"] == 1
     assert sum(n for name, n in counts.items() if "refused" in name) >= 2
-    assert guard.failures == 0
+    assert session.failures == 0
 
 
 def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
-    guard, tracker = nodes
+    session, tracker = nodes
     inbox = Inbox()
-    source = TrackedTransformSource(guard, TRACKED.name, inbox.take)
+    source = TrackedTransformSource(session, TRACKED.name, inbox.take)
     publisher = tracker.publisher(TRACKED)
-    say_until_heard(publisher, edge(HELLO, kind=TrackedTransform), inbox)
+    publish_until_received(publisher, edge(HELLO, kind=TrackedTransform), inbox)
     publisher.publish(edge("cautery", kind=TrackedTransform, status=3))
     publisher.publish(edge("cautery", kind=TrackedTransform, status=250))
     publisher.publish(edge("cautery", kind=TrackedTransform, status=0))
@@ -131,11 +133,11 @@ def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
 
 
 def test_non_finite_joints_are_skipped(nodes):
-    guard, tracker = nodes
+    session, tracker = nodes
     inbox = Inbox()
-    joints = listen_to_joints(guard, "/joint_states", 5, lambda sample: inbox.take([sample]))
+    joints = listen_to_joints(session, "/joint_states", 5, lambda sample: inbox.take([sample]))
     publisher = tracker.publisher(topics.JOINT_STATES)
-    say_until_heard(publisher, JointState(name=["a"], position=[0.25]), inbox)
+    publish_until_received(publisher, JointState(name=["a"], position=[0.25]), inbox)
     publisher.publish(JointState(name=["a", "b"], position=[1.0]))
     publisher.publish(JointState(name=["a"], position=[float("inf")]))
     publisher.publish(JointState(name=["a"], position=[0.5]))
@@ -143,19 +145,19 @@ def test_non_finite_joints_are_skipped(nodes):
     assert all(sample.as_mapping() == {"a": 0.25} for sample in samples[:-1])
     assert samples[-1].stamp.ns == 5
     assert joints.counts()["/joint_states: refused (InputError)"] == 2
-    assert guard.failures == 0
+    assert session.failures == 0
 
 
 @pytest.mark.parametrize("kind", ["tf", "tracked"])
 def test_best_effort_drivers_are_received(domain_id, start, frames_file, kind):
-    """Quality of service of sensor data, from rclpy in another process."""
+    """Messages of another process with the QoS of sensor data arrive."""
     poses, joints = Inbox(), Inbox()
-    with RosNode("guard", domain_id=domain_id) as guard:
+    with RosNode("session", domain_id=domain_id) as session:
         if kind == "tf":
-            TfSource(guard, poses.take)
+            TfSource(session, poses.take)
         else:
-            TrackedTransformSource(guard, TRACKED.name, poses.take)
-        listen_to_joints(guard, "/joint_states", 0, lambda sample: joints.take([sample]))
+            TrackedTransformSource(session, TRACKED.name, poses.take)
+        listen_to_joints(session, "/joint_states", 0, lambda sample: joints.take([sample]))
         sender = start(str(SENDER), str(frames_file), kind, "again", "best_effort")
         sender.line(lambda line: line.startswith("shift"))
         sample = poses.wait_until(bool)[0]
@@ -168,26 +170,27 @@ def test_best_effort_drivers_are_received(domain_id, start, frames_file, kind):
         off_m = np.abs(np.array(sent_m) - sample.transform.translation_mm / 1000.0)
         assert off_m.max(axis=1).min() < 1e-9
         assert joints.wait_until(bool)
-        assert guard.incompatible == {}
+        assert session.incompatible == {}
 
 
 def test_lost_sample_delays_a_lookup_and_not_a_session(domain_id, start, monkeypatch):
-    """A reliable writer of another DDS loses four packets of ten.
+    """Cyclone DDS drops 40 % of the packets of a reliable writer.
 
-    The listener for lookups, which has to have each edge before the next is sent, gets all of them.
+    The listener for lookups receives every edge, because the next one is sent only after the lookup
+    of the one before. The best-effort source of the session receives some of them, in order.
     """
     uri = CYCLONE_ON_THIS_MACHINE["CYCLONEDDS_URI"]
     lossy = "<Internal><Test><XmitLossiness>400</XmitLossiness></Test></Internal></Domain>"
     monkeypatch.setenv("CYCLONEDDS_URI", uri.replace("</Domain>", lossy))
     inbox, buffer = Inbox(), TransformBuffer()
-    with RosNode("guard", domain_id=domain_id) as guard:
-        TfSource(guard, inbox.take)
-        TfListener(guard, buffer)
+    with RosNode("session", domain_id=domain_id) as session:
+        TfSource(session, inbox.take)
+        TfListener(session, buffer)
         tracker = start(str(CYCLONE_TRACKER))
         assert tracker.line() == "ready"
-        for number in range(LOOKED_UP):
-            tracker.say("next")
+        for number in range(LOOKUPS):
+            tracker.send("next")
             assert buffer.wait("tracker", f"sent_{number}", timeout_s=WAIT_S).stamp_ns == number
-    heard = [sample.stamp.ns for sample in inbox.samples]
-    assert 0 < len(heard) < LOOKED_UP
-    assert all(earlier < later for earlier, later in pairwise(heard))
+    received_ns = [sample.stamp.ns for sample in inbox.samples]
+    assert 0 < len(received_ns) < LOOKUPS
+    assert all(earlier < later for earlier, later in pairwise(received_ns))

@@ -1,4 +1,4 @@
-"""The constraint in SI units, never newer than the samples under it."""
+"""Constraint message: SI units, and stamps of the samples behind the planes."""
 
 import math
 from dataclasses import replace
@@ -40,7 +40,7 @@ def test_every_field_is_in_metres(content, make_step):
 
 
 @pytest.mark.parametrize("state", MarginState)
-def test_the_states_have_the_numbers_of_the_message(content, make_step, state):
+def test_states_have_the_constants_of_the_message(content, make_step, state):
     message = ConstraintBuilder(content).message(make_step(0, state=state).decision)
     assert message.state == getattr(message, state.name)
 
@@ -60,7 +60,7 @@ def test_unknown_state_keeps_old_planes_with_their_stamp(content, make_step):
 
 
 def test_current_planes_have_the_current_stamp_even_if_unknown(content, make_step):
-    """As with a registration that has drifted: what the tracker measured is as good as ever."""
+    """For example after a registration has drifted: the tracker's samples are still valid."""
     builder = ConstraintBuilder(content)
     builder.message(make_step(0).decision)
     step = make_step(1, state=MarginState.UNKNOWN)

@@ -1,4 +1,4 @@
-"""Said once a second of the player's time and at every change; lost poses are counted."""
+"""Diagnostics: published every second of the player's time and at every change."""
 
 from dataclasses import replace
 
@@ -21,8 +21,8 @@ def values(status):
 
 def test_unchanged_report_is_repeated_after_a_second(make_step):
     diagnostics = Diagnostics()
-    spoken = [index for index in range(120) if diagnostics.report(make_step(index), STALE_NS)]
-    assert spoken == [0, 50, 100]
+    reported = [index for index in range(120) if diagnostics.report(make_step(index), STALE_NS)]
+    assert reported == [0, 50, 100]
 
 
 def test_change_and_seek_back_are_reported_at_once(make_step):
@@ -105,7 +105,7 @@ def test_problem_of_the_frames_is_reported_at_once(make_step):
 
 
 def test_silent_tracker_is_reported_as_stale(make_step):
-    """tf has no word for a lost pose: the last one was good, and it is all that there is."""
+    """tf cannot represent a lost pose, so the last sample stays OK and becomes old."""
     diagnostics = Diagnostics()
     diagnostics.report(make_step(0), STALE_NS)
     silent = replace(make_step(60, lost=True), frame=TrackingFrame(make_step(60).frame.stamp, ()))

@@ -1,4 +1,4 @@
-"""Which edges a step moves, and with which stamps."""
+"""Edges that a step publishes, and their stamps."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ def test_fixture_frame_is_published_in_every_known_state(make_step):
 
 
 def measured(now_ns, *edges):
-    """A step that only has these measured edges (parent, child)."""
+    """Step with these measured edges (parent, child) and nothing else."""
     now = Stamp(now_ns)
     poses = tuple(
         TrackedTransform(Transform.identity(parent, child), now, TrackingStatus.OK)
@@ -130,8 +130,8 @@ def test_published_edges_always_form_a_tree(static, steps):
             parents.setdefault(child, set()).add(parent)
     assert all(len(found) == 1 for found in parents.values())
     for frame in parents:
-        seen = {frame}
+        visited = {frame}
         while frame in parents:
             (frame,) = parents[frame]
-            assert frame not in seen, "a loop"
-            seen.add(frame)
+            assert frame not in visited, "a loop"
+            visited.add(frame)

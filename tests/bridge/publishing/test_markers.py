@@ -1,4 +1,4 @@
-"""Surfaces as triangles in metres, colours of the state, words for people."""
+"""Markers: surfaces as triangles in metres, colours of the state, text."""
 
 from dataclasses import replace
 

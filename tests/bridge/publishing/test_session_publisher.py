@@ -1,4 +1,4 @@
-"""A replay as an independent process hears it: every topic, in SI units, with source stamps."""
+"""Topics of a replay received by another process: SI units and source stamps."""
 
 import math
 from dataclasses import replace
@@ -45,29 +45,29 @@ def ns(time):
     return time["sec"] * 10**9 + time["nanosec"]
 
 
-def wait_for_one_subscriber(ros, *listened):
-    for topic in listened:
+def wait_for_one_subscriber(ros, *subscribed):
+    for topic in subscribed:
         assert ros.ros.wait_for_subscribers(topic, 1, timeout_s=30.0)
 
 
 MESSAGES_AT_START = 3  # static frames, description, surfaces
-MESSAGES_A_STEP = 7  # clock, tf, joints, constraint, distance, colour, words
-MESSAGES_A_CHANGE = 2  # surfaces, diagnostics
+MESSAGES_PER_STEP = 7  # clock, tf, joints, constraint, distance, colour, text
+MESSAGES_PER_CHANGE = 2  # surfaces, diagnostics
 
 
 @pytest.fixture
-def heard(domain_id, content, make_step, start_receiver):
-    """Messages by topic: five steps, of which the third has lost the tool."""
+def received(domain_id, content, make_step, start_receiver):
+    """Messages by topic of five steps; the tool is lost in the third."""
     with SessionPublisher(content, domain_id=domain_id) as ros:
         receiver = start_receiver(*EVERYTHING)
         wait_for_one_subscriber(ros, *topics.EVERY_STEP)
         lines = receiver.take(MESSAGES_AT_START)
         for index in range(5):
             ros.publish(make_step(index, lost=index == 2), StepTiming())
-            # All of a step before the next: topics that promise the newest only may drop what a
-            # faster publisher overwrites.
+            # Take all messages of a step before the next one: a topic of depth 1 may drop messages
+            # that a faster publisher overwrites.
             changed = index in {0, 2, 3}
-            lines += receiver.take(MESSAGES_A_STEP + (MESSAGES_A_CHANGE if changed else 0))
+            lines += receiver.take(MESSAGES_PER_STEP + (MESSAGES_PER_CHANGE if changed else 0))
         assert receiver.messages() == []
     by_topic = {}
     for line in lines:
@@ -75,23 +75,25 @@ def heard(domain_id, content, make_step, start_receiver):
     return by_topic
 
 
-def test_every_topic_carries_its_values(heard, content, make_step):
+def test_every_topic_carries_its_values(received, content, make_step):
     now_ns = [make_step(index).frame.stamp.ns for index in range(5)]
-    check_tf(heard["/tf"], now_ns)
-    check_static(heard["/tf_static"])
-    check_joints(heard["/joint_states"], now_ns)
-    check_constraints(heard["/marginguard/constraint"], now_ns)
-    assert heard["/robot_description"] == [{"data": content.robot_description()}]
-    distances = [message["data"] for message in heard["/marginguard/margin_mm"]]
+    check_tf(received["/tf"], now_ns)
+    check_static(received["/tf_static"])
+    check_joints(received["/joint_states"], now_ns)
+    check_constraints(received["/marginguard/constraint"], now_ns)
+    assert received["/robot_description"] == [{"data": content.robot_description()}]
+    distances = [message["data"] for message in received["/marginguard/margin_mm"]]
     assert distances == pytest.approx([7.5, 7.5, float("nan"), 7.5, 7.5], nan_ok=True)
-    colors = [(color["r"], color["g"], color["b"]) for color in heard["/marginguard/margin_color"]]
+    colors = [
+        (color["r"], color["g"], color["b"]) for color in received["/marginguard/margin_color"]
+    ]
     clear, unknown = MarginState.NEGATIVE.color, MarginState.UNKNOWN.color
     for color, expected in zip(colors, [clear, clear, unknown, clear, clear], strict=True):
         assert color == pytest.approx(expected, abs=1e-7)  # the message has 32 bits
-    assert [ns(message["clock"]) for message in heard["/clock"]] == now_ns
-    levels = [message["status"][0]["level"] for message in heard["/diagnostics"]]
+    assert [ns(message["clock"]) for message in received["/clock"]] == now_ns
+    levels = [message["status"][0]["level"] for message in received["/diagnostics"]]
     assert levels == [0, 3, 0]
-    check_markers(heard["/marginguard/markers"])
+    check_markers(received["/marginguard/markers"])
 
 
 def check_tf(messages, now_ns):
@@ -219,18 +221,18 @@ def test_step_published_too_late_is_stale(domain_id, content, make_step, start_r
         (topics.CONSTRAINT, DurabilityPolicy.VOLATILE, 1),
     ],
 )
-def test_graph_sees_the_quality_of_service(domain_id, content, topic, durability, depth):
+def test_publishers_have_the_declared_qos(domain_id, content, topic, durability, depth):
     with SessionPublisher(content, domain_id=domain_id) as ros:
         name = topic.name.replace("~", "/marginguard")
-        seen = ros.ros.node.get_publishers_info_by_topic(name)
-        assert seen
-        for info in seen:
+        publishers = ros.ros.node.get_publishers_info_by_topic(name)
+        assert publishers
+        for info in publishers:
             assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
             assert info.qos_profile.durability == durability
     assert topic.qos.depth == depth
 
 
-def test_a_case_without_robot_has_no_description(domain_id, content, make_step):
+def test_case_without_robot_publishes_no_description(domain_id, content, make_step):
     freehand = replace(content, robot=None, robot_file=None)
     with SessionPublisher(freehand, domain_id=domain_id) as ros:
         ros.publish(replace(make_step(0), joints=None, links={}), StepTiming())
@@ -274,7 +276,7 @@ def test_close_is_idempotent(domain_id, content):
 def test_new_tumor_or_registration_makes_the_margin_unknown_at_once(
     domain_id, content, make_step, start_receiver, what
 ):
-    """Without a step in between, and while what was there before is still valid."""
+    """No step lies in between, and the constraint before the change has not expired."""
     if what == "tumour":
         larger = SurfaceMesh("tumor", 2.0 * content.tumor.vertices_mm, content.tumor.faces)
         after = replace(content, tumor=larger)
