@@ -23,8 +23,8 @@ HOST_MS = 5_000_000
 class SimulatedHost:
     """Live session with a simulated clock of the host (``ns``) and scheduled events.
 
-    Times are in ms after the start, which is `HOST_MS`. The session calls `wait`, which advances the
-    clock to the next event or by the given time.
+    Times are in ms after the start, which is `HOST_MS`. The session calls `wait`, which advances
+    the clock to the next event or by the given time.
     """
 
     def __init__(self, stamps_of_host: bool = False, robot=None, edges=()) -> None:
