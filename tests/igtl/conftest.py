@@ -21,6 +21,8 @@ DEADLINE_S = 60.0
 
 
 class PyigtlServer:
+    """pyigtl server in another process; ``send`` makes it send a message."""
+
     def __init__(self, port: int = 0) -> None:
         self._process = subprocess.Popen(
             [sys.executable, str(PEER), str(port)],

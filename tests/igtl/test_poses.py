@@ -14,7 +14,7 @@ from tests.oracles.pyigtl_peer import message
 POSE = pose(10.5, -20.25, 30.0)
 
 
-class Reading:
+class ReadingPipeline:
     """Message stream and pose reader in sequence."""
 
     def __init__(self) -> None:
@@ -22,18 +22,18 @@ class Reading:
         self.poses = PoseReader(self.refusals)
         self._stream = MessageStream(TYPES, self.refusals)
 
-    def of(self, **kept: object) -> list[TrackedTransform]:
-        messages = self._stream.feed(message(**kept).pack())
+    def read(self, **fields: object) -> list[TrackedTransform]:
+        messages = self._stream.feed(message(**fields).pack())
         return [sample for each in messages for sample in self.poses.read(each)]
 
 
 @pytest.fixture
-def reading() -> Reading:
-    return Reading()
+def reading() -> ReadingPipeline:
+    return ReadingPipeline()
 
 
-def test_transform_has_frames_pose_and_the_servers_time(reading: Reading) -> None:
-    [sample] = reading.of(name="StylusTipToReference", matrix=POSE, time_s=1_700_000_000.125)
+def test_transform_has_frames_pose_and_the_servers_time(reading: ReadingPipeline) -> None:
+    [sample] = reading.read(name="StylusTipToReference", matrix=POSE, time_s=1_700_000_000.125)
     assert (sample.target, sample.source) == ("reference", "stylus_tip")
     assert sample.stamp.ns == 1_700_000_000_125_000_000
     assert sample.status is TrackingStatus.OK
@@ -60,9 +60,9 @@ def test_transform_has_frames_pose_and_the_servers_time(reading: Reading) -> Non
     ],
 )
 def test_status_is_read_from_the_metadata(
-    reading: Reading, metadata: dict[str, str], status: TrackingStatus
+    reading: ReadingPipeline, metadata: dict[str, str], status: TrackingStatus
 ) -> None:
-    [sample] = reading.of(matrix=POSE, metadata=metadata)
+    [sample] = reading.read(matrix=POSE, metadata=metadata)
     assert sample.status is status
     assert (sample.transform is not None) == (status is TrackingStatus.OK)
     assert reading.poses.without_status == (not metadata or "TransformStatus" not in metadata) * (
@@ -70,14 +70,14 @@ def test_status_is_read_from_the_metadata(
     )
 
 
-def test_version_1_header_counts_as_without_status(reading: Reading) -> None:
-    [sample] = reading.of(matrix=POSE, version=1)
+def test_version_1_header_counts_as_without_status(reading: ReadingPipeline) -> None:
+    [sample] = reading.read(matrix=POSE, version=1)
     assert sample.status is TrackingStatus.OK
     assert reading.poses.without_status == 1
 
 
-def test_tdata_elements_have_their_own_name_type_and_status(reading: Reading) -> None:
-    samples = reading.of(
+def test_tdata_elements_have_their_own_name_type_and_status(reading: ReadingPipeline) -> None:
+    samples = reading.read(
         type="TDATA",
         name="Tracker",
         time_s=7.5,
@@ -127,26 +127,26 @@ def changed(row: int, column: int, value: float) -> list[list[float]]:
     ],
 )
 def test_invalid_matrix_is_lost_even_with_status_ok(
-    reading: Reading, matrix: list[list[float]], status: TrackingStatus
+    reading: ReadingPipeline, matrix: list[list[float]], status: TrackingStatus
 ) -> None:
-    [sample] = reading.of(matrix=matrix, metadata={"TransformStatus": "OK"})
+    [sample] = reading.read(matrix=matrix, metadata={"TransformStatus": "OK"})
     assert (sample.status, sample.transform) == (status, None)
 
 
 @pytest.mark.parametrize("time_s", [0.0, 3e9])
-def test_invalid_time_is_refused(reading: Reading, time_s: float) -> None:
-    assert reading.of(matrix=POSE, time_s=time_s) == []
+def test_invalid_time_is_refused(reading: ReadingPipeline, time_s: float) -> None:
+    assert reading.read(matrix=POSE, time_s=time_s) == []
     assert reading.refusals.counts == {"IgtlStampError": 1}
     assert f"time {round(time_s * 1e9)} ns" in reading.refusals.last
 
 
 @pytest.mark.parametrize("name", ["", "Probe", "AToBToC", "Stylus Tip ToTracker", "../ToTracker"])
-def test_name_without_frames_is_refused(reading: Reading, name: str) -> None:
-    assert reading.of(name=name, matrix=POSE) == []
+def test_name_without_frames_is_refused(reading: ReadingPipeline, name: str) -> None:
+    assert reading.read(name=name, matrix=POSE) == []
     assert reading.refusals.counts == {"FrameError": 1}
 
 
-def test_body_of_wrong_length_is_refused(reading: Reading) -> None:
+def test_body_of_wrong_length_is_refused(reading: ReadingPipeline) -> None:
     short = message("STRING", "AToB", string="x")
     short._message_type = "TDATA"
     stream = MessageStream(TYPES, reading.refusals)
@@ -155,9 +155,9 @@ def test_body_of_wrong_length_is_refused(reading: Reading) -> None:
     assert reading.refusals.counts == {"IgtlContentError": 1}
 
 
-def test_number_of_transforms_is_limited(reading: Reading) -> None:
+def test_number_of_transforms_is_limited(reading: ReadingPipeline) -> None:
     for index in range(MAX_EDGES + 10):
-        reading.of(name=f"S{index}ToTracker", matrix=POSE)
+        reading.read(name=f"S{index}ToTracker", matrix=POSE)
     assert reading.refusals.counts == {"IgtlLimitError": 10}
-    [sample] = reading.of(name="S0ToTracker", matrix=POSE)
+    [sample] = reading.read(name="S0ToTracker", matrix=POSE)
     assert sample.source == "s0"

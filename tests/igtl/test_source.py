@@ -20,7 +20,7 @@ WAIT_S = 30.0
 StartPyigtl = Callable[..., PyigtlServer]
 
 
-class Listening:
+class SourceListener:
     """A source with queues of its samples and status texts."""
 
     def __init__(self, port: int, **options: Any) -> None:
@@ -48,15 +48,15 @@ class Listening:
         return self._samples.empty()
 
 
-Listen = Callable[..., Listening]
+Listen = Callable[..., SourceListener]
 
 
 @pytest.fixture
 def listen() -> Iterator[Listen]:
-    started: list[Listening] = []
+    started: list[SourceListener] = []
 
-    def start(port: int, **options: Any) -> Listening:
-        started.append(Listening(port, **options))
+    def start(port: int, **options: Any) -> SourceListener:
+        started.append(SourceListener(port, **options))
         return started[-1]
 
     yield start
@@ -150,8 +150,8 @@ def test_partial_message_is_discarded_on_reconnection(
             server.sendall(old[:cut])
         source.status("lost")
     with accepted(listening) as server:
-        for place in range(0, len(new), 7):
-            server.sendall(new[place : place + 7])
+        for begin in range(0, len(new), 7):
+            server.sendall(new[begin : begin + 7])
         assert source.sample().stamp.ns == 2_000_000_000
         assert source.is_empty
 

@@ -28,9 +28,9 @@ def started() -> tuple[MessageStream, Refusals]:
 def test_messages_do_not_depend_on_chunk_boundaries(cuts: list[int]) -> None:
     stream, _ = started()
     sent = FIRST + TEXT + LAST
-    places = [0, *sorted(cuts), len(sent)]
+    boundaries = [0, *sorted(cuts), len(sent)]
     read = []
-    for begin, end in pairwise(places):
+    for begin, end in pairwise(boundaries):
         read += stream.feed(sent[begin:end])
     assert [each.stamp_ns for each in read] == [1_000_000_000, 2_000_000_000]
     assert (stream.complete, stream.ignored) == (3, 1)
@@ -51,10 +51,10 @@ def test_large_body_is_skipped_without_being_stored(kind: bytes) -> None:
     piece = bytes(1 << 16)
     stream.feed(huge)
     tracemalloc.start()
-    left = TEN_MEGABYTES
-    while left:
-        stream.feed(piece[: min(left, len(piece))])
-        left -= min(left, len(piece))
+    remaining = TEN_MEGABYTES
+    while remaining:
+        stream.feed(piece[: min(remaining, len(piece))])
+        remaining -= min(remaining, len(piece))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 500_000

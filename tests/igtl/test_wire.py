@@ -69,9 +69,9 @@ def test_invalid_header_is_refused(damage: bytes) -> None:
 
 
 @given(st.integers(58, len(GOOD) - 1), st.integers(1, 255))
-def test_changed_body_is_refused(place: int, change: int) -> None:
+def test_changed_body_is_refused(position: int, change: int) -> None:
     damaged = bytearray(GOOD)
-    damaged[place] ^= change
+    damaged[position] ^= change
     with pytest.raises(IgtlError, match="checksum"):
         read_message(read_header(GOOD[:58]), bytes(damaged[58:]))
 

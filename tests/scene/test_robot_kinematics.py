@@ -1,4 +1,4 @@
-"""Every link's world position in the scene beside Pinocchio's, which reads the same URDF itself."""
+"""World poses of links in the scene, compared with Pinocchio, which reads the same URDF."""
 
 import math
 from pathlib import Path
@@ -31,7 +31,7 @@ RAS_FROM_REFERENCE = Transform.from_rotation_vector(
 )
 
 
-class Peer:
+class PinocchioRobot:
     """A robot at random configurations within its limits, posed by Pinocchio."""
 
     def __init__(self, urdf: Path, robot: Robot, seed: int) -> None:
@@ -41,43 +41,45 @@ class Peer:
         self.rng = np.random.default_rng(seed)
 
     def configure(self) -> dict[str, float]:
-        """Go somewhere; the positions of the joints that lead."""
+        """Move to a random configuration; return the positions of the joints without mimic."""
         low, high = (
             np.nan_to_num(
                 [getattr(joint, side) for joint in self.robot.joints], posinf=3, neginf=-3
             )
             for side in ("lower", "upper")
         )
-        places = dict(zip(self.robot.joints, self.rng.uniform(low, high), strict=True))
-        given = {j.name: float(x) for j, x in places.items() if j.moves and j.mimic is None}
+        positions = dict(zip(self.robot.joints, self.rng.uniform(low, high), strict=True))
+        given = {j.name: float(x) for j, x in positions.items() if j.moves and j.mimic is None}
         configuration = pin.neutral(self.model)
         for joint in self.robot.joints:
             if joint.moves:
                 leader = joint.mimic
-                at = (
+                position = (
                     given[joint.name]
                     if leader is None
                     else given[leader.leader] * leader.multiplier + leader.offset
                 )
-                theirs = self.model.joints[self.model.getJointId(joint.name)]
-                value = [at] if theirs.nq == 1 else [math.cos(at), math.sin(at)]
-                configuration[theirs.idx_q : theirs.idx_q + theirs.nq] = value
+                pin_joint = self.model.joints[self.model.getJointId(joint.name)]
+                value = (
+                    [position] if pin_joint.nq == 1 else [math.cos(position), math.sin(position)]
+                )
+                configuration[pin_joint.idx_q : pin_joint.idx_q + pin_joint.nq] = value
         pin.framesForwardKinematics(self.model, self.data, configuration)
         return given
 
     def root_from(self, link: str) -> np.ndarray:
-        """The link's pose (4, 4) in the root link, in mm."""
-        root, at = (
+        """Pose (4, 4) of the link in the root link, in mm."""
+        root, pose = (
             self.data.oMf[self.model.getFrameId(name, pin.FrameType.BODY)]
             for name in (self.robot.root_link, link)
         )
-        matrix = np.array(root.actInv(at).homogeneous)
+        matrix = np.array(root.actInv(pose).homogeneous)
         matrix[:3, 3] *= 1000.0
         return matrix
 
 
-def assert_where_the_peer_has_them(
-    model: RobotModel, peer: Peer, ras_from_base: np.ndarray
+def assert_poses_of_pinocchio(
+    model: RobotModel, peer: PinocchioRobot, ras_from_base: np.ndarray
 ) -> None:
     assert set(model.transforms) == {link.name for link in peer.robot.links}
     for link, node in model.transforms.items():
@@ -85,9 +87,9 @@ def assert_where_the_peer_has_them(
         found = world_matrix(node)
         np.testing.assert_allclose(found[:3, 3], expected[:3, 3], rtol=0, atol=WORLD_MM)
         np.testing.assert_allclose(found[:3, :3], expected[:3, :3], rtol=0, atol=1e-9)
-    for link, shown in model.models.items():
-        assert shown.GetParentTransformNode() is model.transforms[link]
-        assert shown.GetName() == f"{link}_model"
+    for link, visual in model.models.items():
+        assert visual.GetParentTransformNode() is model.transforms[link]
+        assert visual.GetName() == f"{link}_model"
 
 
 def new_scene() -> MarginGuardScene:
@@ -108,7 +110,7 @@ def test_two_robots_have_the_poses_of_pinocchio(
     for seed, (side, urdf) in enumerate(zip(BASES, example_urdfs, strict=True)):
         robot = load_robot(urdf)
         assert robot.warnings == ()
-        peers[side] = Peer(urdf, robot, seed)
+        peers[side] = PinocchioRobot(urdf, robot, seed)
         scene.add_robot(side, robot, f"{side}_base")
     for _ in range(CONFIGURATIONS):
         with scene.update():
@@ -116,16 +118,16 @@ def test_two_robots_have_the_poses_of_pinocchio(
                 links = peer.robot.forward_kinematics(peer.configure())
                 scene.robots[side].set_links(links)
         for side, peer in peers.items():
-            assert_where_the_peer_has_them(scene.robots[side], peer, ras_from(side))
+            assert_poses_of_pinocchio(scene.robots[side], peer, ras_from(side))
 
 
 def assert_one_robot_agrees(urdf: Path, robot: Robot) -> None:
     scene = new_scene()
     model = scene.add_robot("one", robot, "left_base")
-    peer = Peer(urdf, robot, 3)
+    peer = PinocchioRobot(urdf, robot, 3)
     for _ in range(CONFIGURATIONS):
         model.set_links(robot.forward_kinematics(peer.configure()))
-        assert_where_the_peer_has_them(model, peer, ras_from("left"))
+        assert_poses_of_pinocchio(model, peer, ras_from("left"))
 
 
 def test_arm_has_the_poses_of_pinocchio(project_root: Path) -> None:
@@ -133,7 +135,7 @@ def test_arm_has_the_poses_of_pinocchio(project_root: Path) -> None:
     assert_one_robot_agrees(urdf, load_robot(urdf))
 
 
-def test_omni(shared_data: Path) -> None:
+def test_omni_has_the_poses_of_pinocchio(shared_data: Path) -> None:
     folder = shared_data / "omni"
     urdf = folder / "urdf" / "omni.urdf"
     assert_one_robot_agrees(urdf, load_robot(urdf, package_dirs=(folder,)))
@@ -144,23 +146,23 @@ def test_comparison_detects_a_moved_link(project_root: Path) -> None:
     robot = load_robot(urdf)
     scene = new_scene()
     model = scene.add_robot("one", robot, "left_base")
-    peer = Peer(urdf, robot, 3)
+    peer = PinocchioRobot(urdf, robot, 3)
     model.set_links(robot.forward_kinematics(peer.configure()))
     moved = ras_from("left")
     moved[0, 3] += 2.0 * WORLD_MM
     with pytest.raises(AssertionError):
-        assert_where_the_peer_has_them(model, peer, moved)
+        assert_poses_of_pinocchio(model, peer, moved)
 
 
-def test_every_visual_of_a_collada_robot_is_where_pinocchio_and_trimesh_put_it(
+def test_visuals_of_a_collada_robot_have_the_bounds_of_pinocchio_and_trimesh(
     example_urdfs: tuple[Path, Path],
 ) -> None:
-    """Boxes around each link's surfaces: placed by Pinocchio's parser, read by trimesh."""
+    """Compares bounding boxes per link: meshes read by trimesh, poses by Pinocchio's parser."""
     urdf = example_urdfs[0]
     robot = load_robot(urdf)
     scene = new_scene()
     model = scene.add_robot("one", robot, "left_base")
-    peer = Peer(urdf, robot, 4)
+    peer = PinocchioRobot(urdf, robot, 4)
     model.set_links(robot.forward_kinematics(peer.configure()))
     packages = [str(urdf.parents[4])]
     visuals = pin.buildGeomFromUrdf(
@@ -169,7 +171,7 @@ def test_every_visual_of_a_collada_robot_is_where_pinocchio_and_trimesh_put_it(
     placed: dict[str, list[np.ndarray]] = {}
     for visual in visuals.geometryObjects:
         frame = peer.model.frames[visual.parentFrame]
-        # Pinocchio places visuals in the joint above; the link's frame stands in it too.
+        # Pinocchio gives the poses of visuals and of link frames in the parent joint's frame.
         link_from_visual = frame.placement.actInv(visual.placement)
         points = (
             vertices_m(Path(visual.meshPath)) * visual.meshScale

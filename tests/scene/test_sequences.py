@@ -1,4 +1,4 @@
-"""Sequences written by MRML, played by MRML, and read by the reader of cases."""
+"""Sequences: written and replayed by MRML, read by the reader of cases."""
 
 from pathlib import Path
 
@@ -34,17 +34,17 @@ def stamp(index: int) -> Stamp:
 
 @pytest.fixture
 def frames(edges: tuple[Transform, ...]) -> Frames:
-    """The cautery turns and sinks; the needle is lost in two ways."""
+    """The cautery rotates and moves; the needle is lost twice, with different statuses."""
     reference, needle, cautery = edges
     found: Frames = []
     for index in range(COUNT):
-        turn = Transform.from_rotation_vector(
+        motion = Transform.from_rotation_vector(
             [0.0, 0.02 * index, 0.0], [0.0, 0.1 * index, 1.0 / 3.0],
             target="cautery", source="cautery",
         )  # fmt: skip
         samples = [
             TrackedTransform(pose, stamp(index), TrackingStatus.OK)
-            for pose in (reference, needle, cautery @ turn)
+            for pose in (reference, needle, cautery @ motion)
         ]
         if index in (10, 11):
             status = TrackingStatus.INVALID if index == 10 else TrackingStatus.OUT_OF_VIEW
@@ -67,7 +67,7 @@ def states() -> list[tuple[int, MarginState, tuple[Reason, ...]]]:
 
 
 @pytest.fixture
-def shown(
+def recorded_scene(
     frames: Frames,
     fixed: tuple[Transform, ...],
     tumor: SurfaceMesh,
@@ -84,14 +84,14 @@ def shown(
 
 @pytest.fixture
 def saved(
-    shown: MarginGuardScene,
+    recorded_scene: MarginGuardScene,
     frames: Frames,
     states: list[tuple[int, MarginState, tuple[Reason, ...]]],
     tmp_path: Path,
 ) -> Path:
-    add_sequences(shown, frames, states, stamp(NOW).ns)
+    add_sequences(recorded_scene, frames, states, stamp(NOW).ns)
     path = tmp_path / "recording.mrb"
-    save_scene(shown.scene, path)
+    save_scene(recorded_scene.scene, path)
     return path
 
 
@@ -127,7 +127,7 @@ def test_case_reads_measured_sequences_and_ignores_derived_ones(
 
 
 def test_loaded_scene_shows_the_saved_step_and_can_be_played(
-    saved: Path, shown: MarginGuardScene, frames: Frames
+    saved: Path, recorded_scene: MarginGuardScene, frames: Frames
 ) -> None:
     application = SceneApplication(vtkMRMLScene())
     loaded = application.scene
@@ -138,7 +138,7 @@ def test_loaded_scene_shows_the_saved_step_and_can_be_played(
 
     cautery = node("CauteryToReference")
     np.testing.assert_allclose(
-        world_matrix(cautery), world_matrix(shown.tree.node("cautery")), atol=1e-9
+        world_matrix(cautery), world_matrix(recorded_scene.tree.node("cautery")), atol=1e-9
     )
     assert node("MarginStatus").GetText() == "POSITIVE: in the tumour, -3.2 mm"
     browser = node("MarginGuard")
@@ -166,7 +166,9 @@ def test_loaded_scene_shows_the_saved_step_and_can_be_played(
         np.testing.assert_allclose(world_matrix(cautery), expected, atol=2 * SIX_DIGITS_MM)
 
 
-def test_sequence_names_are_those_of_slicer_igt(saved: Path, shown: MarginGuardScene) -> None:
+def test_sequence_names_are_those_of_slicer_igt(
+    saved: Path, recorded_scene: MarginGuardScene
+) -> None:
     names = {
         f"MarginGuard-{edge}-Seq"
         for edge in (
@@ -176,22 +178,22 @@ def test_sequence_names_are_those_of_slicer_igt(saved: Path, shown: MarginGuardS
     }  # fmt: skip
     loaded = SceneApplication(vtkMRMLScene())
     load_scene(loaded.scene, saved)
-    for scene in (shown.scene, loaded.scene):
+    for scene in (recorded_scene.scene, loaded.scene):
         found = {
             scene.GetNthNodeByClass(n, "vtkMRMLSequenceNode").GetName()
             for n in range(scene.GetNumberOfNodesByClass("vtkMRMLSequenceNode"))
         }
         assert names <= found
-    measured = shown.scene.GetFirstNodeByName("MarginGuard-NeedleToTracker-Seq")
+    measured = recorded_scene.scene.GetFirstNodeByName("MarginGuard-NeedleToTracker-Seq")
     assert (measured.GetIndexName(), measured.GetIndexUnit()) == ("time", "s")
     assert measured.GetNumberOfDataNodes() == COUNT - 2
     assert measured.GetNthIndexValue(1) == "1700000000.143456790"
 
 
 def test_edge_that_is_measured_late_is_not_marked_as_derived(
-    shown: MarginGuardScene, frames: Frames, edges: tuple[Transform, ...], tmp_path: Path
+    recorded_scene: MarginGuardScene, frames: Frames, edges: tuple[Transform, ...], tmp_path: Path
 ) -> None:
-    """At first it can only be computed; then it is measured, too; at last it is lost."""
+    """The edge is computed in frame 0, measured in frame 1 and lost in frame 2."""
     direct = edges[0].inverse() @ edges[1]
     late = [
         (*frames[0],),
@@ -201,21 +203,21 @@ def test_edge_that_is_measured_late_is_not_marked_as_derived(
             TrackedTransform.lost("reference", "needle", stamp(2), TrackingStatus.MISSING),
         ),
     ]
-    add_sequences(shown, late, [], stamp(0).ns)
-    save_scene(shown.scene, tmp_path / "late.mrb")
+    add_sequences(recorded_scene, late, [], stamp(0).ns)
+    save_scene(recorded_scene.scene, tmp_path / "late.mrb")
     assert_read(tmp_path / "late.mrb", late)
 
 
 def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
-    shown: MarginGuardScene,
+    recorded_scene: MarginGuardScene,
     frames: Frames,
     states: list[tuple[int, MarginState, tuple[Reason, ...]]],
     arm: Robot,
     tmp_path: Path,
 ) -> None:
-    shown.add_robot("arm", arm, "robot_base")
-    add_sequences(shown, frames, states[5:], stamp(NOW).ns)
-    save_scene(shown.scene, tmp_path / "late.mrb")
+    recorded_scene.add_robot("arm", arm, "robot_base")
+    add_sequences(recorded_scene, frames, states[5:], stamp(NOW).ns)
+    save_scene(recorded_scene.scene, tmp_path / "late.mrb")
     loaded = SceneApplication(vtkMRMLScene())
     load_scene(loaded.scene, tmp_path / "late.mrb")
     found = {name: loaded.scene.GetFirstNodeByName(name) for name in ("Tumor", "upper_model")}
@@ -236,9 +238,9 @@ def test_unknown_margin_and_robots_at_other_times_are_not_shown_as_known(
 def test_recordings_of_slicer_are_read(
     frames: Frames, tmp_path: Path, storage: str | None, named: bool
 ) -> None:
-    """Made by MRML's calls alone, as Slicer's sequence browser makes them, in both its storages."""
+    """The recording is made by MRML alone, like Slicer's sequence browser, in both storages."""
     scene = SceneApplication(vtkMRMLScene()).scene
-    for place, (source, target) in enumerate(
+    for column, (source, target) in enumerate(
         (("Reference", "Tracker"), ("Needle", "Tracker"), ("Cautery", "Tracker"))
     ):
         sequence: vtkMRMLSequenceNode = scene.AddNewNodeByClass(
@@ -252,30 +254,30 @@ def test_recordings_of_slicer_are_read(
             node = scene.AddNewNodeByClass(storage)
             sequence.SetAndObserveStorageNodeID(node.GetID())
         for samples in frames:
-            if samples[place].transform is not None:
+            if samples[column].transform is not None:
                 item = vtkMRMLLinearTransformNode()
                 item.SetName(f"{source}To{target}")
-                item.SetMatrixTransformToParent(vtk_matrix(samples[place].transform))
-                ns = samples[place].stamp.ns
+                item.SetMatrixTransformToParent(vtk_matrix(samples[column].transform))
+                ns = samples[column].stamp.ns
                 sequence.SetDataNodeAtValue(item, f"{ns // 10**9}.{ns % 10**9:09d}")
-    path = tmp_path / "theirs.mrb"
+    path = tmp_path / "recorded.mrb"
     save_scene(scene, path)
-    # It has no lost samples, and no attribute for them.
+    # Slicer records no lost samples.
     assert_read(path, [tuple(s for s in samples if s.transform) for samples in frames])
 
 
 def test_refused_recording_adds_nothing(
-    shown: MarginGuardScene, frames: Frames, monkeypatch: pytest.MonkeyPatch
+    recorded_scene: MarginGuardScene, frames: Frames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = shown.scene.GetNumberOfNodes()
+    before = recorded_scene.scene.GetNumberOfNodes()
     with pytest.raises(SceneError, match=r"a frame at 1700000000\.\d+ s comes after one at .* s"):
-        add_sequences(shown, [frames[1], frames[0]], [], stamp(0).ns)
+        add_sequences(recorded_scene, [frames[1], frames[0]], [], stamp(0).ns)
     with pytest.raises(SceneError, match="0 good samples"):
-        add_sequences(shown, [], [], stamp(0).ns)
-    # Three edges, and the three poses in the reference that come of them.
+        add_sequences(recorded_scene, [], [], stamp(0).ns)
+    # Each frame has three edges and three poses in the reference computed from them.
     monkeypatch.setattr("app.scene.tracks.MAX_POSES", 18)
     with pytest.raises(
         SceneError, match=r"more than 18 poses after 0\.060000003 s; expected at most 18"
     ):
-        add_sequences(shown, frames, [], stamp(0).ns)
-    assert shown.scene.GetNumberOfNodes() == before
+        add_sequences(recorded_scene, frames, [], stamp(0).ns)
+    assert recorded_scene.scene.GetNumberOfNodes() == before

@@ -1,4 +1,4 @@
-"""The ROS2 module in a scene of its own, beside one process that uses rclpy alone."""
+"""The ROS2 module in a scene, and a peer process with plain rclpy."""
 
 import json
 import os
@@ -15,13 +15,13 @@ from tests.ros_domain import environment_of, held_domain
 
 PEER = Path(__file__).resolve().parent / "ros2_peer.py"
 DEADLINE_S = 30.0
-"""After this an answer of the other process will not come; it takes less than a second."""
+"""Timeout of a reply of the peer process, which takes less than a second."""
 WAIT_S = 15.0
 TICK_S = 0.005
 
 
 class Peer:
-    """``peer("publish", topic=..., ...)`` gives what the other process answers."""
+    """Peer process; ``peer("publish", topic=..., ...)`` runs a command and returns its result."""
 
     def __init__(self, domain: int, log: Path) -> None:
         self._log = log
@@ -35,25 +35,27 @@ class Peer:
                 env={**os.environ, **environment_of(domain)},
             )
 
-    def __call__(self, do: str, **told: Any) -> Any:
-        self.tell(do, **told)
-        return self.answer()
+    def __call__(self, do: str, **arguments: Any) -> Any:
+        self.send(do, **arguments)
+        return self.result()
 
-    def tell(self, do: str, **told: Any) -> None:
+    def send(self, do: str, **arguments: Any) -> None:
+        """Send the command ``do`` without waiting for its result."""
         assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps({"do": do, **told}) + "\n")
+        self._process.stdin.write(json.dumps({"do": do, **arguments}) + "\n")
         self._process.stdin.flush()
 
-    def answer(self) -> Any:
+    def result(self) -> Any:
+        """Wait for the result of the last command; fail the test if the command failed."""
         assert self._process.stdout is not None
         deadline = threading.Timer(DEADLINE_S, self._process.kill)
         deadline.start()
         line = self._process.stdout.readline()
         deadline.cancel()
-        answer = json.loads(line) if line else {"failed": self._log.read_text()}
-        if "failed" in answer:
-            pytest.fail(f"the other process: {answer['failed']}")
-        return answer["done"]
+        reply = json.loads(line) if line else {"failed": self._log.read_text()}
+        if "failed" in reply:
+            pytest.fail(f"the peer process: {reply['failed']}")
+        return reply["done"]
 
     def close(self) -> None:
         self._process.kill()
@@ -91,7 +93,7 @@ def session_logic() -> Iterator[Any]:
 
 @pytest.fixture
 def logic(session_logic: Any, ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The module's logic; nodes that it makes are in the domain of `peer`."""
+    """Logic of the module; its nodes are in the ROS domain of `peer`."""
     for name, value in environment_of(ros_domain).items():
         monkeypatch.setenv(name, value)
     return session_logic
@@ -103,7 +105,7 @@ def node(logic: Any) -> Any:
 
 
 def wait_until(ready: Callable[[], Any], meanwhile: Callable[[], Any] = lambda: None) -> None:
-    """Return when ``ready()``, and call ``meanwhile()`` until then as the module's timer would."""
+    """Call ``meanwhile()`` repeatedly, like the module's timer, until ``ready()``."""
     pause = threading.Event()
     for _ in range(int(WAIT_S / TICK_S)):
         meanwhile()

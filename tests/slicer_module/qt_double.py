@@ -1,7 +1,7 @@
 """TEST DOUBLE for `qt`, `ctk` and the qMRML widgets of desktop Slicer, based on PySide6.
 
-Desktop Slicer reaches Qt by PythonQt, which does not exist outside of it. What MarginGuard.py uses
-of PythonQt, and what this double therefore has to offer in the same way:
+Desktop Slicer uses Qt through PythonQt, which is not available elsewhere. This double supports the
+parts of PythonQt that MarginGuard.py uses:
 
 =================================================  =============================================
 ``button.clicked.connect(f)``                      signals as attributes
@@ -11,14 +11,14 @@ of PythonQt, and what this double therefore has to offer in the same way:
 ``widget.setProperty("maximum", x)``               properties by name, for CTK's widgets
 ``path.filters = ctk.ctkPathLineEdit.Dirs``,       properties and enums as attributes
 ``path.currentPath``
-``widget.name``                                    the object's name: slicer.util looks for it
+``widget.name``                                    the object's name, for slicer.util
 ``panel.setMRMLScene(scene)``                      slots of qMRML's widgets
 ``qt.QTimer()``, ``qt.QLabel(s)``,                 classes of Qt without their modules
 ``qt.QApplication.beep()``
 =================================================  =============================================
 
-The ``.ui`` file is the real one. A widget class, property, signal or slot in it that is not known
-here raises `UnknownInUiError`: the classes below have those of the real ones that we looked up.
+The ``.ui`` file is the real one. A widget class, property, signal or slot that the classes below do
+not have raises `UnknownInUiError`. They have members of the real classes only.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -32,12 +32,14 @@ from PySide6.QtCore import Property
 
 
 class UnknownInUiError(Exception):
-    """The .ui file uses something that the real widgets do not have, as far as known."""
+    """The .ui file uses a class or member that this double does not have."""
 
 
 class Signal:
-    """A signal of one widget. Each ``emit`` of PySide6 6.12's own, which gives True, takes a
-    reference of it that is nobody's: at last Python 3.11 aborts.
+    """Signal of one widget, instead of PySide6's.
+
+    ``emit`` in PySide6 6.12 returns True without a new reference to it, so that Python 3.11 finally
+    aborts.
     """
 
     def __init__(self, widget: QtCore.QObject) -> None:
@@ -95,7 +97,7 @@ class ctkPathLineEdit(QtWidgets.QLineEdit):  # noqa: N801
 
 
 class ctkSliderWidget(QtWidgets.QWidget):  # noqa: N801
-    """A slider with 1000 steps and its value."""
+    """Slider with 1000 steps and a label of its value."""
 
     NATIVE: ClassVar[set[str]] = {"valueChanged(double)", "setValue(double)"}
     _STEPS = 1000
@@ -124,11 +126,11 @@ class ctkSliderWidget(QtWidgets.QWidget):  # noqa: N801
             self.valueChanged.emit(value)
 
     def _setter(name: str) -> Callable[["ctkSliderWidget", Any], None]:  # noqa: N805
-        def set_it(self: "ctkSliderWidget", value: Any) -> None:
+        def set_property(self: "ctkSliderWidget", value: Any) -> None:
             setattr(self, name, value)
             self.setValue(self._value)
 
-        return set_it
+        return set_property
 
     value = Property(float, lambda self: self._value, setValue)
     minimum = Property(float, lambda self: self._minimum, _setter("_minimum"))
@@ -151,7 +153,7 @@ class qMRMLWidget(QtWidgets.QWidget):  # noqa: N801
 
 
 class qMRMLNodeComboBox(QtWidgets.QComboBox):  # noqa: N801
-    """Rebuilds its list on every query."""
+    """Node selector; its list contains only the current node."""
 
     NATIVE: ClassVar[set[str]] = {
         "currentNodeChanged(vtkMRMLNode*)",
@@ -175,12 +177,12 @@ class qMRMLNodeComboBox(QtWidgets.QComboBox):  # noqa: N801
 
     def setCurrentNode(self, node: Any) -> None:  # noqa: N802
         if node is not None:
-            assert self.scene is not None and self.scene.IsNodePresent(node), "not of the scene"
+            assert self.scene is not None and self.scene.IsNodePresent(node), "not in the scene"
             subclasses = self._flags.get("showChildNodeTypes", True)
             assert any(
                 node.GetClassName() == kind or (subclasses and node.IsA(kind))
                 for kind in self._types
-            ), f"{node.GetClassName()} is not in the list"
+            ), f"{node.GetClassName()} is not among the node types"
         changed, self._node = node is not self._node, node
         self.clear()
         self.addItem("None" if node is None else node.GetName())
@@ -218,7 +220,7 @@ CUSTOM = {
 
 
 class QUiLoader(QtUiTools.QUiLoader):
-    """Load the real .ui with the classes above; raises for anything that they do not have."""
+    """Loads the real .ui with the classes above; raises `UnknownInUiError`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -253,7 +255,7 @@ class QUiLoader(QtUiTools.QUiLoader):
             self._check_properties(element)
         for connection in connections if connections is not None else ():
             self._connect(connection)
-        panel.made = self._made  # Python's sides of them, with their names
+        panel.made = self._made  # Python objects of the widgets by name
         return panel
 
     def _check_properties(self, element: ElementTree.Element) -> None:

@@ -1,13 +1,13 @@
-"""Independent ROS process with rclpy alone, controlled by lines of JSON on its standard input.
+"""Independent ROS process with plain rclpy, controlled by lines of JSON on its standard input.
 
-It answers each line with one of its own. It imports nothing of the project.
+It prints one line of JSON for each. It does not import the project.
 
-    /peer parameters        one of every type, `quiet` without a value
-    /peer/echo              SetBool: replies what it got
-    /peer/crooked           GetPlan: replies a pose that is no rotation
-    /peer/mute              Trigger: never replies
-    /peer/lookup            tf2_msgs LookupTransform: source_frame says how it ends
-    /robot_state_publisher  a node of its own with the parameter robot_description
+    /peer parameters        one of every type; `unset` has no value
+    /peer/echo              SetBool: replies with the value of the request
+    /peer/not_rigid         GetPlan: replies with a pose whose quaternion is zero
+    /peer/no_reply          Trigger: never replies
+    /peer/lookup            tf2_msgs LookupTransform: source_frame selects how the goal ends
+    /robot_state_publisher  another node, with the parameter robot_description
 """
 
 import json
@@ -36,7 +36,7 @@ node = rclpy.create_node("peer")
 robot = rclpy.create_node("robot_state_publisher")
 changed = threading.Condition()
 publishers = {}
-heard = {}
+received = {}
 tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
 
 for name, value in {
@@ -50,7 +50,7 @@ for name, value in {
     "texts": ["a", "b"],
 }.items():
     node.declare_parameter(name, value)
-node.declare_parameter("quiet", descriptor=ParameterDescriptor(dynamic_typing=True))
+node.declare_parameter("unset", descriptor=ParameterDescriptor(dynamic_typing=True))
 robot.declare_parameter("robot_description", "")
 
 
@@ -81,14 +81,16 @@ def plain(value):
     return [plain(each) for each in value] if not hasattr(value, "tolist") else value.tolist()
 
 
-def wait(ready, what):
+def wait(ready, deadline):
     with changed:
         while not ready():
-            if not changed.wait(0.01) and what.expired():
-                raise TimeoutError(what.text)
+            if not changed.wait(0.01) and deadline.expired():
+                raise TimeoutError(deadline.text)
 
 
-class Limit:
+class Deadline:
+    """`DEADLINE_S` from now; ``text`` is the error message."""
+
     def __init__(self, text):
         self.text = text
         self._timer = threading.Timer(DEADLINE_S, lambda: None)
@@ -100,23 +102,26 @@ class Limit:
 
 
 def listen(topic, type, latched=False):
-    def take(message):
+    def on_message(message):
         with changed:
-            heard[topic].append(plain(message))
+            received[topic].append(plain(message))
             changed.notify_all()
 
-    heard[topic] = []
+    received[topic] = []
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     node.create_subscription(
-        type_of(type), topic, take, QoSProfile(depth=100, durability=durability)
+        type_of(type), topic, on_message, QoSProfile(depth=100, durability=durability)
     )
     if not latched:
-        wait(lambda: node.count_publishers(topic) > 0, Limit(f"no publisher of {topic}"))
+        wait(lambda: node.count_publishers(topic) > 0, Deadline(f"no publisher of {topic}"))
 
 
 def take(topic, count=1):
-    wait(lambda: len(heard[topic]) >= count, Limit(f"{len(heard[topic])} messages on {topic}"))
-    messages, heard[topic] = heard[topic], []
+    wait(
+        lambda: len(received[topic]) >= count,
+        Deadline(f"{len(received[topic])} messages on {topic}"),
+    )
+    messages, received[topic] = received[topic], []
     return messages
 
 
@@ -127,13 +132,13 @@ def publish(topic, type, messages, best_effort=False):
             type_of(type), topic, QoSProfile(depth=100, reliability=reliability)
         )
     publisher = publishers[topic]
-    wait(lambda: publisher.get_subscription_count() > 0, Limit(f"no subscriber to {topic}"))
+    wait(lambda: publisher.get_subscription_count() > 0, Deadline(f"no subscriber to {topic}"))
     for each in messages:
         publisher.publish(filled(type_of(type), each))
 
 
 def send_tf(edges, age_s=0.0):
-    wait(lambda: tf.get_subscription_count() > 0, Limit("no subscriber to /tf"))
+    wait(lambda: tf.get_subscription_count() > 0, Deadline("no subscriber to /tf"))
     now = node.get_clock().now() - rclpy.duration.Duration(nanoseconds=int(age_s * 1e9))
     sent = []
     for parent, child, translation in edges:
@@ -172,7 +177,7 @@ def wait_until(call, value):
         found[:] = [COMMANDS[call["do"]](**{k: v for k, v in call.items() if k != "do"})]
         return found[0] == value
 
-    wait(same, Limit(f"{call} does not become {value}"))
+    wait(same, Deadline(f"{call} does not become {value}"))
 
 
 def echo(request, response):
@@ -180,21 +185,21 @@ def echo(request, response):
     return response
 
 
-def crooked(_, response):
+def reply_not_rigid(_, response):
     response.plan.poses = [PoseStamped()]
     response.plan.poses[0].pose.orientation.w = 0.0
     return response
 
 
-def mute(_, __):
+def never_reply(_, __):
     threading.Event().wait()
 
 
 def call_service(name, type, request):
     client = node.create_client(type_of(type), name)
-    wait(client.service_is_ready, Limit(f"no server of {name}"))
+    wait(client.service_is_ready, Deadline(f"no server of {name}"))
     done = client.call_async(filled(type_of(type).Request, request))
-    wait(done.done, Limit(f"{name} did not reply"))
+    wait(done.done, Deadline(f"{name} did not reply"))
     node.destroy_client(client)
     return plain(done.result())
 
@@ -202,7 +207,7 @@ def call_service(name, type, request):
 cancelled = threading.Event()
 
 
-def take_cancel(_):
+def on_cancel(_):
     cancelled.set()
     return CancelResponse.ACCEPT
 
@@ -213,7 +218,7 @@ def run_goal(handle):
     result = LookupTransform.Result()
     result.transform.child_frame_id = how
     result.transform.transform.translation.x = 0.066
-    if how == "crooked":
+    if how == "not_rigid":
         result.transform.transform.rotation.w = 0.0
     if how == "cancel":
         cancelled.wait(DEADLINE_S)
@@ -244,14 +249,14 @@ COMMANDS = {
 }
 
 node.create_service(SetBool, "~/echo", echo)
-node.create_service(GetPlan, "~/crooked", crooked)
-node.create_service(Trigger, "~/mute", mute, callback_group=ReentrantCallbackGroup())
+node.create_service(GetPlan, "~/not_rigid", reply_not_rigid)
+node.create_service(Trigger, "~/no_reply", never_reply, callback_group=ReentrantCallbackGroup())
 ActionServer(
     node,
     LookupTransform,
     "~/lookup",
     run_goal,
-    cancel_callback=take_cancel,
+    cancel_callback=on_cancel,
     goal_callback=lambda goal: (
         GoalResponse.REJECT if goal.source_frame == "reject" else GoalResponse.ACCEPT
     ),
@@ -262,10 +267,10 @@ executor.add_node(node)
 executor.add_node(robot)
 threading.Thread(target=executor.spin, daemon=True).start()
 for line in sys.stdin:
-    told = json.loads(line)
+    arguments = json.loads(line)
     try:
-        answer = {"done": COMMANDS[told.pop("do")](**told)}
+        reply = {"done": COMMANDS[arguments.pop("do")](**arguments)}
     except Exception as error:
-        answer = {"failed": f"{type(error).__name__}: {error}"}
-    print(json.dumps(answer), flush=True)
-os._exit(0)  # a service of its never returns
+        reply = {"failed": f"{type(error).__name__}: {error}"}
+    print(json.dumps(reply), flush=True)
+os._exit(0)  # the thread of ~/no_reply never ends

@@ -1,14 +1,14 @@
 """TEST DOUBLE for the parts of desktop Slicer's Python that the wheels do not contain.
 
 ``slicer.ScriptedLoadableModule``, ``slicer.parameterNodeWrapper``, ``slicer.mrmlScene``; the scene,
-its nodes and ``slicer.util`` are the real ones. Only what our modules use is here. Where Slicer's
-wrapper refuses or surprises, so does this one:
+its nodes and ``slicer.util`` are the real ones. The double contains only what our modules use.
+It reproduces these properties of Slicer's wrapper:
 
-- a union of nodes without None cannot hold its own default (TypeError);
-- a node class is made once, to be asked for its name: an abstract one cannot be bound;
-- a value out of its range or choice raises ValueError, one of another type TypeError;
-- ``connectGui`` tells no tag, and without the tag ``disconnectGui`` disconnects nothing;
-- a widget that rounds what it is shown does not write that back.
+- a union of node classes without None cannot have its default None (TypeError);
+- a node class is instantiated once for its class name, so an abstract one cannot be bound;
+- a value out of its range or choices raises ValueError, one of another type TypeError;
+- ``connectGui`` returns no tag, and without a tag ``disconnectGui`` disconnects nothing;
+- a widget that rounds a displayed value does not write the rounded value back.
 """
 
 import pathlib
@@ -103,8 +103,9 @@ class _Parameter:
     notes: tuple[Any, ...]
     allows_none: bool = False
 
-    def note(self, wanted: type) -> Any:
-        return next((note for note in self.notes if isinstance(note, wanted)), None)
+    def note(self, kind: type) -> Any:
+        """The first annotation that is an instance of ``kind``, or None."""
+        return next((note for note in self.notes if isinstance(note, kind)), None)
 
     @property
     def is_node(self) -> bool:
@@ -117,7 +118,7 @@ class _Parameter:
         return None if self.is_node else self.kind()
 
     def read(self, node: Any) -> Any:
-        if not node.HasParameter(self.name):  # Slicer's wrapper writes the default back, too
+        if not node.HasParameter(self.name):  # like Slicer's wrapper, store the default
             self.write(node, self.default())
         if self.is_node:
             return node.GetNodeReference(self.name)
@@ -132,9 +133,9 @@ class _Parameter:
             return
         choice, limits = self.note(Choice), self.note(WithinRange)
         if choice is not None and value not in choice.choices:
-            raise ValueError(f"{self.name}: {value!r} is none of {choice.choices}")
+            raise ValueError(f"{self.name}: {value!r}; expected one of {choice.choices}")
         if limits is not None and not limits.minimum <= value <= limits.maximum:
-            raise ValueError(f"{self.name}: {value!r} is not within {limits}")
+            raise ValueError(f"{self.name}: {value!r}; expected a value within {limits}")
         node.SetParameter(self.name, str(value))
 
 
@@ -149,7 +150,7 @@ def _parameter(name: str, hint: Any) -> _Parameter:
     if all(issubclass(kind, slicer.vtkMRMLNode) for kind in kinds):
         return _Parameter(name, kinds, notes, not union or type(None) in typing.get_args(hint))
     if hint not in (str, float, pathlib.Path):
-        raise TypeError(f"{name}: {hint} cannot be kept in a parameter node here")
+        raise TypeError(f"{name}: the double does not support {hint} in a parameter node")
     return _Parameter(name, hint, notes)
 
 
@@ -177,19 +178,19 @@ class _Binding:
         elif parameter.kind is float and kind in (QtWidgets.QDoubleSpinBox, ctkSliderWidget):
             limits = parameter.note(WithinRange)
             if limits is None:
-                raise RuntimeError(f"{parameter.name}: a range is wanted for {kind.__name__}")
+                raise RuntimeError(f"{parameter.name}: {kind.__name__} expects a range")
             widget.setProperty("minimum", limits.minimum)
             widget.setProperty("maximum", limits.maximum)
             self.changed, self.write = widget.valueChanged, widget.setValue
             self.read = lambda: widget.property("value")
         else:
-            raise RuntimeError(f"{kind.__name__} cannot show {parameter.name}: {parameter.kind}")
+            raise RuntimeError(f"{kind.__name__} cannot display {parameter.name}: {parameter.kind}")
         self.write(parameter.read(node))
-        self.changed.connect(self.take)
+        self.changed.connect(self.store)
 
         self.following = False
 
-    def take(self, *_: Any) -> None:
+    def store(self, *_: Any) -> None:
         if not self.following:
             self.parameter.write(self.node, self.read())
 
@@ -203,7 +204,7 @@ class _Binding:
             self.following = False
 
     def close(self) -> None:
-        self.changed.disconnect(self.take)
+        self.changed.disconnect(self.store)
 
 
 def parameter_node_wrapper_class(classtype: type) -> type:

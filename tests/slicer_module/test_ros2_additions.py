@@ -12,48 +12,49 @@ SET_BOOL = "std_srvs/srv/SetBool"
 
 
 @pytest.fixture
-def ask(peer, spin_until):
-    """Let the other process send a request and spin until it is answered."""
+def call_from_peer(peer, spin_until):
+    """Make the peer process call a service; spin until the request has been handled."""
 
     def call(server, name, request):
         before = server.GetNumberOfRequests()
-        peer.tell("call_service", name=name, type=SET_BOOL, request=request)
+        peer.send("call_service", name=name, type=SET_BOOL, request=request)
         spin_until(lambda: server.GetNumberOfRequests() > before or server.failed)
-        return peer.answer()
+        return peer.result()
 
     return call
 
 
-def test_service_handler_runs_in_the_scenes_thread(node, ask):
-    def answer(request, response):
-        node.GetScene().AddNewNodeByClass("vtkMRMLTextNode", f"asked {request.GetData()}")
+def test_service_handler_runs_in_the_scenes_thread(node, call_from_peer):
+    def handle(request, response):
+        node.GetScene().AddNewNodeByClass("vtkMRMLTextNode", f"called {request.GetData()}")
         response.SetSuccess(request.GetData())
         response.SetMessage("by the scene")
 
-    server = node.CreateAndAddServiceServerNode("SetBool", "/scene/ask", answer)
+    server = node.CreateAndAddServiceServerNode("SetBool", "/scene/call", handle)
     server.failed = False
-    assert server.GetName() == "ros2:srv:server:/scene/ask"
-    assert (server.GetService(), server.GetROSType()) == ("/scene/ask", SET_BOOL)
-    assert ask(server, "/scene/ask", {"data": True}) == {"success": True, "message": "by the scene"}
-    text = node.GetScene().GetFirstNodeByName("asked True")
+    assert server.GetName() == "ros2:srv:server:/scene/call"
+    assert (server.GetService(), server.GetROSType()) == ("/scene/call", SET_BOOL)
+    reply = call_from_peer(server, "/scene/call", {"data": True})
+    assert reply == {"success": True, "message": "by the scene"}
+    text = node.GetScene().GetFirstNodeByName("called True")
     node.GetScene().RemoveNode(text)
-    assert node.GetServiceServerNodeByService("scene/ask") is server
-    assert node.CreateAndAddServiceServerNode("Trigger", "/scene/ask", answer) is None
-    assert node.RemoveAndDeleteServiceServerNode("/scene/ask") is True
-    assert node.RemoveAndDeleteServiceServerNode("/scene/ask") is False
+    assert node.GetServiceServerNodeByService("scene/call") is server
+    assert node.CreateAndAddServiceServerNode("Trigger", "/scene/call", handle) is None
+    assert node.RemoveAndDeleteServiceServerNode("/scene/call") is True
+    assert node.RemoveAndDeleteServiceServerNode("/scene/call") is False
 
 
-@pytest.mark.parametrize("wrong", ["raises", "fills in what does not fit"])
-def test_failure_of_the_handler_is_reported_to_the_caller(node, ask, caplog, wrong):
-    def answer(request, response):
+@pytest.mark.parametrize("wrong", ["raises", "sets an invalid value"])
+def test_failure_of_the_handler_is_reported_to_the_caller(node, call_from_peer, caplog, wrong):
+    def handle(request, response):
         server.failed = True
         if wrong == "raises":
             raise ValueError("no tumour yet")
         response.SetMessage(5)
 
-    server = node.CreateAndAddServiceServerNode("SetBool", "/scene/fails", answer)
+    server = node.CreateAndAddServiceServerNode("SetBool", "/scene/fails", handle)
     server.failed = False
-    reply = ask(server, "/scene/fails", {"data": True})
+    reply = call_from_peer(server, "/scene/fails", {"data": True})
     assert reply["success"] is False
     assert ("no tumour yet" if wrong == "raises" else "expected a string") in reply["message"]
     assert "the handler failed" in caplog.text
@@ -62,20 +63,20 @@ def test_failure_of_the_handler_is_reported_to_the_caller(node, ask, caplog, wro
 
 def test_pending_request_is_answered_when_the_service_is_removed(node, wait_until):
     server = node.CreateAndAddServiceServerNode("SetBool", "/scene/ends", lambda *_: None)
-    told = []
+    errors = []
 
-    def ask():  # as the server's own thread does for each request
+    def request():  # like the server's thread for each request
         try:
             server._answer(SetBool.Request(), SetBool.Response())
         except MarginGuardError as error:
-            told.append(str(error))
+            errors.append(str(error))
 
-    asking = threading.Thread(target=ask)
-    asking.start()
+    requesting = threading.Thread(target=request)
+    requesting.start()
     wait_until(lambda: server._pending is not None)
     assert node.RemoveAndDeleteServiceServerNode("/scene/ends")
-    asking.join(10.0)
-    assert told == ["the service has ended"]
+    requesting.join(10.0)
+    assert errors == ["the service has ended"]
     assert node.CreateAndAddServiceServerNode("SetBool", "/x", None) is None
 
 
@@ -86,14 +87,14 @@ def test_goal_delivers_feedback_and_result(node, spin_until):
     events = []
     client.AddObserver("ModifiedEvent", lambda *_: events.append(client.GetLastResultStatus()))
     goal = client.CreateBlankGoal()
-    goal.SetSourceFrame("reach")
+    goal.SetSourceFrame("succeed")
     client.SendAsyncGoal(goal)
     assert client.IsGoalInProgress()
     with pytest.raises(MarginGuardError, match="under way"):
         client.SendAsyncGoal(goal)
     spin_until(client.GetLastResultStatus)
     transform = client.GetLastResult().GetTransform()
-    assert transform.GetChildFrameId() == "reach"
+    assert transform.GetChildFrameId() == "succeed"
     assert transform.GetTransform().GetElement(0, 3) == 66.0
     assert client.GetLastFeedback() is not None
     assert events[-1] is True
@@ -102,14 +103,14 @@ def test_goal_delivers_feedback_and_result(node, spin_until):
 
 
 @pytest.mark.parametrize(
-    ("how", "words"), [("abort", "was aborted"), ("reject", "rejected"), ("crooked", "norm 0")]
+    ("how", "text"), [("abort", "was aborted"), ("reject", "rejected"), ("not_rigid", "norm 0")]
 )
-def test_failed_goal_reports_its_reason(node, spin_until, how, words):
+def test_failed_goal_reports_its_reason(node, spin_until, how, text):
     client = node.CreateAndAddActionClientNode(LOOKUP, "/peer/lookup")
     client.SendAsyncGoal({"source_frame": how})
     spin_until(lambda: not client.IsGoalInProgress())
     assert client.GetLastResultStatus() is False
-    assert words in client.GetLastError()
+    assert text in client.GetLastError()
     assert (client.GetLastResult() is not None) == (how == "abort")
     assert node.RemoveAndDeleteActionClientNode("/peer/lookup")
 

@@ -1,4 +1,4 @@
-"""ROS nodes of the ROS2 module: creation, search, destruction without leftovers."""
+"""ROS nodes of the ROS2 module: creation, search, release of all resources on destruction."""
 
 import gc
 import threading
@@ -32,7 +32,7 @@ def test_default_node_is_unique_and_found_by_name(api, scene):
     assert node.GetName() == "ros2:node:slicer"
     assert node.GetROS2NodeName() == "slicer"
     assert node.GetClassName() == "vtkMRMLROS2NodeNode"
-    # Also when nobody in Python holds it: the scene gives back what it was.
+    # The scene returns the same object after Python has dropped its references.
     identifier = node.GetID()
     del node
     gc.collect()
@@ -52,7 +52,7 @@ def test_further_nodes_are_created_by_class_or_by_name(api, scene, peer):
     assert [node.GetROS2NodeName() for node in api.nodes()] == ["one", "other"]
     for name in ("one", "other"):
         peer("wait_until", call={"do": "has_node", "name": name}, value=True)
-    # A topic has one publisher a node.
+    # Each node may have one publisher per topic.
     assert one.CreateAndAddPublisherNode("String", "/x") is not None
     assert other.CreateAndAddPublisherNode("String", "/x") is not None
     for wrong in ("vtkMRMLModelNode", "vtkMRMLROS2PublisherNode", "ROS2"):
@@ -79,7 +79,7 @@ def members_of_every_kind(node):
     return [
         node.CreateAndAddPublisherNode("String", "/x"),
         node.CreateAndAddSubscriberNode("String", "/x"),
-        node.CreateAndAddServiceClientNode("Trigger", "/peer/mute"),
+        node.CreateAndAddServiceClientNode("Trigger", "/peer/no_reply"),
         node.CreateAndAddParameterNode("/peer"),
         node.CreateAndAddTf2BroadcasterNode("a", "b"),
         node.CreateAndAddTf2LookupNode("a", "b"),
@@ -132,10 +132,10 @@ def test_observer_may_destroy_everything_during_its_event(api):
     node = api.GetDefaultROS2Node()
     publisher = node.CreateAndAddPublisherNode("Int", "/end")
     subscribers = [node.CreateAndAddSubscriberNode("Int", "/end")]
-    heard = []
+    received = []
 
     def end(caller, _):
-        heard.append(caller.GetLastMessage())
+        received.append(caller.GetLastMessage())
         node.Destroy()
 
     subscribers[0].AddObserver("ModifiedEvent", end)
@@ -145,66 +145,66 @@ def test_observer_may_destroy_everything_during_its_event(api):
     pause = threading.Event()
     for _ in range(1000):
         api.Spin()
-        if heard:
+        if received:
             break
         pause.wait(0.005)
-    assert heard == [1]
+    assert received == [1]
     assert not node.IsCreated()
 
 
 @pytest.fixture
-def said_to_itself(api):
-    """A subscriber with the messages 0 to 4 in its queue."""
+def subscriber_and_publish(api):
+    """A subscriber, and a function that publishes numbers to it and waits until they are queued."""
     node = api.GetDefaultROS2Node()
     publisher = node.CreateAndAddPublisherNode("Int", "/nested")
     subscriber = node.CreateAndAddSubscriberNode("Int", "/nested")
     assert node.ros.wait_for_subscribers(publisher._publisher.topic, 1, 15.0)
 
-    def say(*numbers):
-        there = len(subscriber._queue._raws)
+    def publish(*numbers):
+        before = len(subscriber._queue._raws)
         for number in numbers:
             publisher.Publish(number)
         for _ in range(3000):
-            if len(subscriber._queue._raws) == there + len(numbers):
+            if len(subscriber._queue._raws) == before + len(numbers):
                 break
             threading.Event().wait(0.005)
 
-    return subscriber, say
+    return subscriber, publish
 
 
-def test_observer_that_spins_receives_messages_in_order(api, said_to_itself):
-    subscriber, say = said_to_itself
-    heard = []
+def test_observer_that_spins_receives_messages_in_order(api, subscriber_and_publish):
+    subscriber, publish = subscriber_and_publish
+    received = []
 
     def spin_again(caller, _):
-        if not heard:
-            say(2)  # comes while 0 and 1 are being told
-        heard.append(caller.GetLastMessage())
+        if not received:
+            publish(2)  # arrives while the events of 0 and 1 are being invoked
+        received.append(caller.GetLastMessage())
         api.Spin()
-        heard.append(caller.GetLastMessage())
+        received.append(caller.GetLastMessage())
 
     subscriber.AddObserver("ModifiedEvent", spin_again)
-    say(0, 1)
+    publish(0, 1)
     api.Spin()
     api.Spin()
-    assert heard == [0, 0, 1, 1, 2, 2]
+    assert received == [0, 0, 1, 1, 2, 2]
     assert subscriber.GetNumberOfMessages() == 3
 
 
 def test_observer_may_wait_for_the_client_that_invoked_it(api, peer):
     client = api.GetDefaultROS2Node().CreateAndAddServiceClientNode("SetBool", "/peer/echo")
-    answers = []
+    results = []
 
-    def ask_again(caller, _):
-        answers.append(caller.GetLastResponse().GetSuccess())
-        if len(answers) < 3:
+    def call_again(caller, _):
+        results.append(caller.GetLastResponse().GetSuccess())
+        if len(results) < 3:
             caller.SendAsyncRequest({"data": False})
             assert api.WaitForServiceResponse(caller, 10.0)
 
-    client.AddObserver("ModifiedEvent", ask_again)
+    client.AddObserver("ModifiedEvent", call_again)
     client.SendAsyncRequest({"data": True})
     assert api.WaitForServiceResponse(client, 10.0)
-    assert answers == [True, False, False]
+    assert results == [True, False, False]
 
 
 def test_failing_member_does_not_prevent_the_others_from_spinning(api, monkeypatch, caplog):
@@ -237,7 +237,7 @@ def test_member_belongs_to_one_node_only(api):
     publisher = one.CreateAndAddPublisherNode("String", "/x")
     assert publisher.GetNodeReference("node") is one
     assert publisher.AddToROS2Node(other.GetID(), "/y") is False
-    assert publisher.AddToROS2Node("nobody", "/y") is False
+    assert publisher.AddToROS2Node("missing", "/y") is False
     assert publisher.GetTopic() == "/x"
 
 

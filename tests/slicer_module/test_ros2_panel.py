@@ -22,7 +22,7 @@ BUTTONS = {
 
 @pytest.fixture(scope="module")
 def module():
-    """ROS2.py, loaded as Slicer loads it."""
+    """ROS2.py, imported like Slicer does."""
     with desktop_slicer():
         spec = importlib.util.spec_from_file_location("ROS2", FOLDER / "ROS2.py")
         found = importlib.util.module_from_spec(spec)
@@ -71,7 +71,7 @@ def test_scripts_find_the_default_node_and_the_classes(make_panel):
     other = slicer.mrmlScene.AddNode(slicer.vtkMRMLROS2NodeNode())
     other.Create("other")
     publisher = slicer.mrmlScene.AddNode(slicer.vtkMRMLROS2PublisherStringNode())
-    assert publisher.AddToROS2Node(other.GetID(), "/words")
+    assert publisher.AddToROS2Node(other.GetID(), "/text")
     assert slicer.vtkMRMLROS2ParameterNode.ParameterModifiedEvent > 1000
     panel.spin()
     slicer.mrmlScene.Clear()
@@ -115,20 +115,20 @@ def test_button_shows_why_there_is_no_ros_node(make_panel, monkeypatch):
 def test_list_shows_the_status_of_each_member(make_panel):
     panel = make_panel()
     node = panel.logic.GetDefaultROS2Node()
-    node.CreateAndAddPublisherNode("String", "/words").Publish("x")
+    node.CreateAndAddPublisherNode("String", "/text").Publish("x")
     node.CreateAndAddSubscriberNode("Pose", "/poses")
-    node.CreateAndAddServiceClientNode("Trigger", "/nobody")
-    node.CreateAndAddParameterNode("/nobody")
+    node.CreateAndAddServiceClientNode("Trigger", "/missing")
+    node.CreateAndAddParameterNode("/missing")
     node.CreateAndAddTf2BroadcasterNode("a", "b")
     node.CreateAndAddTf2LookupNode("c", "d")
     for _ in range(10):
         panel.spin()
     assert panel.ui.nodesLabel.text().split("\n") == [
         "ros2:node:slicer",
-        "    ros2:pub:/words: std_msgs/msg/String, 1 sent",
+        "    ros2:pub:/text: std_msgs/msg/String, 1 sent",
         "    ros2:sub:/poses: geometry_msgs/msg/Pose, 0 received",
-        "    ros2:srv:client:/nobody: std_srvs/srv/Trigger, no request was sent",
-        "    ros2:param:/nobody: 0 known, the node is not available",
+        "    ros2:srv:client:/missing: std_srvs/srv/Trigger, no request was sent",
+        "    ros2:param:/missing: 0 known, the node is not available",
         "    ros2:tf2broadcaster:aTob: 0 sent",
         "    ros2:tf2lookup:cTod: missing",
     ]

@@ -27,9 +27,9 @@ def parameters(node, peer):
 
 @pytest.fixture
 def events(parameters):
-    seen = []
-    parameters.AddObserver(parameters.ParameterModifiedEvent, lambda *_: seen.append(1))
-    return seen
+    received = []
+    parameters.AddObserver(parameters.ParameterModifiedEvent, lambda *_: received.append(1))
+    return received
 
 
 def test_every_parameter_type_is_received_with_name_and_value(parameters, events, spin_until):
@@ -68,10 +68,10 @@ def test_change_is_one_event_requested_or_not(parameters, events, peer, spin_unt
 
 
 def test_unset_parameter_or_other_type_has_no_value(parameters, peer, spin_until, caplog):
-    for name in ("quiet", "never", "text"):
+    for name in ("unset", "never", "text"):
         parameters.AddParameter(name)
     spin_until(lambda: parameters.IsParameterSet("text"))
-    for name in ("quiet", "never", "not monitored"):
+    for name in ("unset", "never", "not monitored"):
         assert parameters.IsParameterSet(name, True) is False
         assert parameters.GetParameterType(name) == ""
         assert parameters.PrintParameter(name) == "parameter not found"
@@ -82,13 +82,13 @@ def test_unset_parameter_or_other_type_has_no_value(parameters, peer, spin_until
     assert not caplog.records
     assert parameters.IsParameterSet("not monitored") is False
     assert "'not monitored' is not monitored" in caplog.text
-    assert peer("set_parameter", name="quiet", value=3)
-    spin_until(lambda: parameters.IsParameterSet("quiet"))
-    assert parameters.GetParameterType("quiet") == "integer"
-    assert peer("set_parameter", name="quiet", value=3.0)
-    spin_until(lambda: parameters.GetParameterType("quiet") == "double")
-    assert peer("set_parameter", name="quiet", value=None)
-    spin_until(lambda: not parameters.IsParameterSet("quiet"))
+    assert peer("set_parameter", name="unset", value=3)
+    spin_until(lambda: parameters.IsParameterSet("unset"))
+    assert parameters.GetParameterType("unset") == "integer"
+    assert peer("set_parameter", name="unset", value=3.0)
+    spin_until(lambda: parameters.GetParameterType("unset") == "double")
+    assert peer("set_parameter", name="unset", value=None)
+    spin_until(lambda: not parameters.IsParameterSet("unset"))
 
 
 def test_removed_parameter_gives_no_more_events(parameters, events, peer, spin_until):
@@ -100,7 +100,8 @@ def test_removed_parameter_gives_no_more_events(parameters, events, peer, spin_u
     assert parameters.RemoveParameter("never") is False
     before = len(events)
     assert peer("set_parameter", name="count", value=8)
-    assert peer("set_parameter", name="gain", value=3.5)  # after it: so that one has come too
+    # Sent after the change of "count", which has therefore arrived with it.
+    assert peer("set_parameter", name="gain", value=3.5)
     spin_until(lambda: parameters.GetParameterAsDouble("gain") == 3.5)
     assert len(events) == before + 1
     assert not parameters.IsParameterSet("count", True)

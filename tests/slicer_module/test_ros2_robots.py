@@ -1,4 +1,4 @@
-"""Robots described by an rclpy node and posed by tf in the ROS2 module."""
+"""Robots of the ROS2 module: description from a parameter of an rclpy node, poses from tf."""
 
 import numpy as np
 import pytest
@@ -26,18 +26,18 @@ WHERE = ("/robot_state_publisher", "robot_description")
 
 @pytest.fixture
 def describe(peer):
-    """Publish the description; clear it at the end."""
+    """Set the description; returns the function that sets another."""
 
-    def say(text):
+    def set_description(text):
         assert peer("set_parameter", name="robot_description", value=text, of="robot")
 
-    say(URDF)
-    yield say
+    set_description(URDF)
+    yield set_description
 
 
 @pytest.fixture
 def robots(logic):
-    logic.GetDefaultROS2Node()  # made when first asked for: it stays when a robot has gone
+    logic.GetDefaultROS2Node()  # made on the first call; stays when a robot is removed
     added = []
 
     def add(name, *arguments):
@@ -68,7 +68,7 @@ def test_robot_from_a_parameter_is_built_posed_and_coloured(
     assert robot.IsStale()
     spin_until(robot.GetLinkNames)
     assert robot.GetLinkNames() == ("base", "wrist", "tip")
-    # Without tf it stands at its zero pose, in grey, and says why.
+    # Without tf it is displayed in grey at its zero pose, and reports the reason.
     assert np.allclose(
         world_matrix(scene.GetFirstNodeByName("ros2:tf2lookup:wristTotip"))[:3, 3], [300, 0, 100]
     )
@@ -88,7 +88,7 @@ def test_robot_from_a_parameter_is_built_posed_and_coloured(
     assert scene.GetFirstNodeByName("wrist_model") is None
     assert robot.GetNodeReference("model").GetName() == "base_model"
     assert robot.GetNumberOfNodeReferences("lookup") == 3
-    # Nobody says anything more: it turns grey by itself.
+    # Without further messages it turns grey.
     events = []
     robot.AddObserver("ModifiedEvent", lambda *_: events.append(robot.IsStale()))
     spin_until(robot.IsStale)
@@ -98,7 +98,7 @@ def test_robot_from_a_parameter_is_built_posed_and_coloured(
 
 
 class ListenerDouble:
-    """TEST DOUBLE: described at once. A hundred real descriptions take DDS a minute."""
+    """TEST DOUBLE: gives the description at once. A hundred over DDS take a minute."""
 
     problem = ""
 
@@ -144,17 +144,19 @@ def test_two_robots_with_prefixes_and_a_fixed_frame(
     sent += [[f"{side}/wrist", f"{side}/tip", [0.0, 0.0, 0.1]] for side in ("left", "right")]
     peer("send_tf", edges=sent)
     spin_until(lambda: not left.IsStale() and not right.IsStale())
-    places = []
+    centres = []
     for index in range(2):
         found = logic.scene.GetNodesByName("tip_model")
-        places.append(world_points(found.GetItemAsObject(index)).mean(axis=0).round(6).tolist())
-    assert places == [[-1000.0, 0.0, 250.0], [1000.0, 0.0, 250.0]]
+        centres.append(world_points(found.GetItemAsObject(index)).mean(axis=0).round(6).tolist())
+    assert centres == [[-1000.0, 0.0, 250.0], [1000.0, 0.0, 250.0]]
     assert node.GetTf2LookupNodeByParentChild("world", "left/base") is not None
     assert logic.RemoveRobot("left")
     assert logic.scene.GetNodesByName("tip_model").GetNumberOfItems() == 1
 
 
-def test_lookup_of_the_user_survives_the_robot(logic, node, spin_until, describe, robots):
+def test_lookup_of_the_user_remains_after_the_robot_is_removed(
+    logic, node, spin_until, describe, robots
+):
     mine = node.CreateAndAddTf2LookupNode("wrist", "tip")
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
@@ -180,20 +182,20 @@ def test_static_lookup_of_the_user_keeps_the_pose_of_tf(logic, node, spin_until,
     node.buffer.clear()
 
 
-@pytest.mark.parametrize("gone", ["tip_model", "ros2:tf2lookup:wristTotip"])
+@pytest.mark.parametrize("removed", ["tip_model", "ros2:tf2lookup:wristTotip"])
 def test_robot_with_a_removed_link_is_rebuilt(
-    logic, node, peer, spin_until, describe, robots, gone
+    logic, node, peer, spin_until, describe, robots, removed
 ):
     scene, before = logic.scene, names(logic.scene)
     robot = robots("robot1", *WHERE)
     spin_until(robot.GetLinkNames)
     whole = [name.rstrip("0123456789") for name in names(scene)]  # display nodes are numbered
-    scene.RemoveNode(scene.GetFirstNodeByName(gone))
+    scene.RemoveNode(scene.GetFirstNodeByName(removed))
     peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
     spin_until(lambda: not robot.IsStale())
     assert is_coloured(scene, "tip_model")
     assert [name.rstrip("0123456789") for name in names(scene)] == whole
-    # Another robot of the same frames has the lookups of the first, until that one leaves.
+    # Another robot with the same frames shares the lookups of the first until that is removed.
     other = robots("robot2", *WHERE)
     spin_until(other.GetLinkNames)
     assert logic.RemoveRobot("robot1")
@@ -216,7 +218,7 @@ def test_moved_links_are_restored_and_a_hardened_robot_is_rebuilt(
     aside = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "theirs")
     aside.SetMatrixTransformToParent(vtk_matrix(Transform("a", "b", np.eye(3), [7.0, 0.0, 0.0])))
 
-    def where():
+    def bounds():
         points = world_points(scene.GetFirstNodeByName("tip_model"))
         return np.array([points.min(axis=0), points.max(axis=0)])
 
@@ -224,15 +226,15 @@ def test_moved_links_are_restored_and_a_hardened_robot_is_rebuilt(
     for name in ("tip_model", "ros2:tf2lookup:wristTotip"):
         scene.GetFirstNodeByName(name).SetAndObserveTransformNodeID(aside.GetID())
         logic.Spin()
-        assert np.allclose(where(), placed)
+        assert np.allclose(bounds(), placed)
     scene.GetFirstNodeByName("tip_model").HardenTransform()
     logic.Spin()
-    assert np.allclose(where(), placed)
-    # Where all of it is shown is the user's to say.
+    assert np.allclose(bounds(), placed)
+    # The user may place the whole robot by the parent of its root.
     root = robot.GetNodeReference("lookup")
     root.SetAndObserveTransformNodeID(aside.GetID())
     logic.Spin()
-    assert np.allclose(where() - placed, [7, 0, 0])
+    assert np.allclose(bounds() - placed, [7, 0, 0])
     scene.RemoveNode(aside)
 
 
@@ -256,12 +258,12 @@ def test_failed_build_leaves_no_partial_robot(
 ):
     def model_double(*_):
         """TEST DOUBLE: no loadable robot makes the real one fail."""
-        raise SceneError("no models today")
+        raise SceneError("no model")
 
     before = names(logic.scene)
     monkeypatch.setattr("ROS2Lib.robot.RobotModel", model_double)
     robot = robots("robot1", *WHERE)
-    spin_until(lambda: "ros2:robot:robot1: no models today" in caplog.text)
+    spin_until(lambda: "ros2:robot:robot1: no model" in caplog.text)
     assert robot.GetLinkNames() == ()
     assert robot.IsStale()
     assert logic.RemoveRobot("robot1")

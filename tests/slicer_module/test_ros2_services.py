@@ -13,67 +13,67 @@ def test_request_is_answered_with_one_event(node, peer, spin_until):
     client.AddObserver("ModifiedEvent", lambda *_: events.append(client.GetLastResponse()))
     assert client.GetLastResponse() is None
     assert client.GetLastResponseStatus() is False
-    for asked in (True, False):
+    for value in (True, False):
         request = client.CreateBlankRequest()
         assert request.GetData() is False
-        request.SetData(asked)
+        request.SetData(value)
         assert client.SendAsyncRequest(request) == 1
         assert client.IsRequestInProgress()
         spin_until(client.GetLastResponseStatus)
         response = client.GetLastResponse()
-        assert (response.GetSuccess(), response.GetMessage()) == (asked, "echoed")
+        assert (response.GetSuccess(), response.GetMessage()) == (value, "echoed")
         assert client.GetLastError() == ""
     assert len(events) == 2
     assert (client.GetNumberOfCalls(), client.GetNumberOfRequestsSent()) == (2, 2)
     assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
-def test_request_to_a_mute_server_times_out_without_blocking_others(logic, node, peer):
-    mute = node.CreateAndAddServiceClientNode("Trigger", "/peer/mute")
+def test_request_to_a_silent_server_times_out_without_blocking_others(logic, node, peer):
+    silent = node.CreateAndAddServiceClientNode("Trigger", "/peer/no_reply")
     echo = node.CreateAndAddServiceClientNode("SetBoolString", "/peer/echo")
-    mute.SetTimeoutSeconds(1.0)
+    silent.SetTimeoutSeconds(1.0)
     events = []
-    mute.AddObserver("ModifiedEvent", lambda *_: events.append(mute.GetLastError()))
-    mute.SendAsyncRequest(mute.CreateBlankRequest())
+    silent.AddObserver("ModifiedEvent", lambda *_: events.append(silent.GetLastError()))
+    silent.SendAsyncRequest(silent.CreateBlankRequest())
     echo.SendAsyncRequest({"data": True})
     assert logic.WaitForServiceResponse(echo, 10.0) is True
     assert echo.GetLastResponse().GetSuccess() is True
-    assert logic.WaitForServiceResponse(mute, 10.0) is False
-    assert events == ["service /peer/mute: no reply within 1 s"]
-    assert mute.GetLastResponse() is None
-    assert not mute.IsRequestInProgress()
-    # One that is under way ends with its client, and the node with both.
-    mute.SetTimeoutSeconds(60.0)
-    mute.SendAsyncRequest(mute.CreateBlankRequest())
-    assert node.RemoveAndDeleteServiceClientNode("/peer/mute")
+    assert logic.WaitForServiceResponse(silent, 10.0) is False
+    assert events == ["service /peer/no_reply: no reply within 1 s"]
+    assert silent.GetLastResponse() is None
+    assert not silent.IsRequestInProgress()
+    # Removing a client ends its pending request.
+    silent.SetTimeoutSeconds(60.0)
+    silent.SendAsyncRequest(silent.CreateBlankRequest())
+    assert node.RemoveAndDeleteServiceClientNode("/peer/no_reply")
     assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
     peer("wait_until", call={"do": "clients_of", "name": "slicer"}, value=[])
 
 
 def test_reply_that_cannot_be_converted_is_reported(logic, node, peer):
-    client = node.CreateAndAddServiceClientNode("nav_msgs/srv/GetPlan", "/peer/crooked")
+    client = node.CreateAndAddServiceClientNode("nav_msgs/srv/GetPlan", "/peer/not_rigid")
     events = []
     client.AddObserver("ModifiedEvent", lambda *_: events.append(client.GetLastError()))
     client.SendAsyncRequest({})
     assert logic.WaitForServiceResponse(client, 10.0) is False
     assert len(events) == 1
     assert "norm 0" in client.GetLastError()
-    assert node.RemoveAndDeleteServiceClientNode("/peer/crooked")
+    assert node.RemoveAndDeleteServiceClientNode("/peer/not_rigid")
 
 
 def test_missing_server_is_reported(logic, node):
-    client = node.CreateAndAddServiceClientNode("Trigger", "/nobody")
+    client = node.CreateAndAddServiceClientNode("Trigger", "/missing")
     client.SetTimeoutSeconds(0.1)
     client.SendAsyncRequest({})
     assert logic.WaitForServiceResponse(client, 5.0) is False
-    assert client.GetLastError() == "service /nobody: no server found within 0.1 s"
-    assert node.RemoveAndDeleteServiceClientNode("/nobody")
+    assert client.GetLastError() == "service /missing: no server found within 0.1 s"
+    assert node.RemoveAndDeleteServiceClientNode("/missing")
 
 
 def test_second_request_replaces_the_first(logic, node, peer):
     client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
-    for asked in (False, False, True):
-        client.SendAsyncRequest({"data": asked})
+    for value in (False, False, True):
+        client.SendAsyncRequest({"data": value})
     assert logic.WaitForServiceResponse(client, 10.0)
     assert client.GetLastResponse().GetSuccess() is True
     assert client.GetNumberOfRequestsSent() == 3
@@ -103,7 +103,7 @@ def test_adding_and_removing(node, caplog):
     assert node.GetServiceClientNodeByService("z") is client
     assert node.CreateAndAddServiceClientNode("Trigger", "z") is None
     assert node.CreateAndAddServiceClientNode("Nothing", "/w") is None
-    # A type that SlicerROS2 names and that is not installed here is said, and None.
+    # A type of SlicerROS2 that is not installed here is logged and gives None.
     assert node.CreateAndAddServiceClientNode("Spawn", "/spawn") is None
     assert "turtlesim" in caplog.text
     assert node.RemoveAndDeleteServiceClientNode("/z") is True

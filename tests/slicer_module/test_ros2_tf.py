@@ -21,12 +21,14 @@ def x_mm(node):
 
 
 class Events:
-    def __init__(self, node):
-        self.seen = []
-        node.AddObserver(vtkMRMLTransformNode.TransformModifiedEvent, self._take)
+    """The x translation in mm at each TransformModifiedEvent of ``node``."""
 
-    def _take(self, caller, _):
-        self.seen.append(x_mm(caller))
+    def __init__(self, node):
+        self.x_mm = []
+        node.AddObserver(vtkMRMLTransformNode.TransformModifiedEvent, self._on_modified)
+
+    def _on_modified(self, caller, _):
+        self.x_mm.append(x_mm(caller))
 
 
 def test_66_mm_are_broadcast_and_looked_up_as_66_mm(node, peer, spin_until):
@@ -44,7 +46,7 @@ def test_66_mm_are_broadcast_and_looked_up_as_66_mm(node, peer, spin_until):
 
     def arrived():
         assert broadcaster.Broadcast(shifted(66.0))
-        return events.seen and events.seen[-1] == 66.0
+        return events.x_mm and events.x_mm[-1] == 66.0
 
     spin_until(arrived)
     assert first is True
@@ -64,19 +66,19 @@ def test_each_new_sample_is_one_event(node, peer, spin_until):
     assert (lookup.GetState(), lookup.GetAgeSeconds()) == ("missing", None)
     assert lookup.IsStale()
     stamp_ns = peer("send_tf", edges=[["hall", "door", [0.25, 0.0, 0.0]]])
-    spin_until(lambda: events.seen)
+    spin_until(lambda: events.x_mm)
     assert lookup.GetStampNanoseconds() == stamp_ns
     assert lookup.GetAttribute("ros2.stamp_ns") == str(stamp_ns)
     for _ in range(5):
         node.Spin()
-    assert events.seen == [250.0]
+    assert events.x_mm == [250.0]
     lookup.SetModifiedOnLookup(True)
     node.Spin()
-    assert events.seen == [250.0, 250.0]
-    # The same pose at another time is news: it is not stale.
+    assert events.x_mm == [250.0, 250.0]
+    # The same pose with another stamp is a new sample, so the node is not stale.
     lookup.SetModifiedOnLookup(False)
     later_ns = peer("send_tf", edges=[["hall", "door", [0.25, 0.0, 0.0]]])
-    spin_until(lambda: len(events.seen) == 3)
+    spin_until(lambda: len(events.x_mm) == 3)
     assert lookup.GetStampNanoseconds() == later_ns > stamp_ns
 
 
@@ -136,7 +138,7 @@ def test_pose_moved_by_the_user_is_reset_by_the_next_spin(node):
     node.Spin()
     node.Spin()
     assert lookup.GetState() == "valid"
-    assert events.seen == [99.0, placed]
+    assert events.x_mm == [99.0, placed]
 
 
 def test_pose_becomes_stale_without_spin(node, monkeypatch):
@@ -154,16 +156,16 @@ def test_pose_becomes_stale_without_spin(node, monkeypatch):
 def test_looked_up_pose_is_broadcast_with_its_own_stamp(node, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("yard", "bike")
     node.CreateAndAddTf2BroadcasterNode("copy", "of_bike").ObserveTransformNode(lookup)
-    heard = node.CreateAndAddTf2LookupNode("copy", "of_bike")
+    copy = node.CreateAndAddTf2LookupNode("copy", "of_bike")
     stamps = iter(range(1_000_000_007, 10**12))
 
     def arrived():
         insert(node, "yard", "bike", next(stamps))
-        return heard.GetStampNanoseconds() is not None
+        return copy.GetStampNanoseconds() is not None
 
-    spin_until(lambda: arrived() and x_mm(heard) == pytest.approx(5.0))
-    assert 1_000_000_007 <= heard.GetStampNanoseconds() < 10**12
-    assert heard.GetState() == "stale"
+    spin_until(lambda: arrived() and x_mm(copy) == pytest.approx(5.0))
+    assert 1_000_000_007 <= copy.GetStampNanoseconds() < 10**12
+    assert copy.GetState() == "stale"
 
 
 def test_disconnected_frames_are_missing_with_a_reason(node):
@@ -180,17 +182,17 @@ def test_observed_transform_is_broadcast_on_every_change(node, peer, spin_until)
     broadcaster.ObserveTransformNode(moved)
     assert broadcaster.GetNodeReference("ObservedTransform") is moved
     count = broadcaster.GetNumberOfBroadcasts()
-    places = iter(range(1, 10_000))
+    positions_mm = iter(range(1, 10_000))
 
     def arrived():
-        moved.SetMatrixTransformToParent(shifted(float(next(places))))
+        moved.SetMatrixTransformToParent(shifted(float(next(positions_mm))))
         return lookup.GetState() == "valid"
 
     spin_until(arrived)
     assert broadcaster.GetNumberOfBroadcasts() == count + round(x_mm(moved))
     broadcaster.ObserveTransformNode(None)
     moved.SetMatrixTransformToParent(shifted(5.0))
-    assert broadcaster.GetNumberOfBroadcasts() < count + next(places)
+    assert broadcaster.GetNumberOfBroadcasts() < count + next(positions_mm)
     sheared = shifted(0.0)
     sheared.SetElement(0, 1, 0.5)
     with pytest.raises(MarginGuardError, match="rotation"):
@@ -231,7 +233,7 @@ def test_adding_and_removing_by_frames_and_by_id(node, role):
     assert node.GetScene().GetNumberOfNodes() == before
 
 
-def test_removed_lookup_is_stale_without_owner(node, peer, spin_until):
+def test_removed_lookup_is_stale_and_keeps_its_pose(node, peer, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("shed", "rake")
     peer("send_tf", edges=[["shed", "rake", [0.0, 0.5, 0.0]]])
     spin_until(lambda: lookup.GetStampNanoseconds() is not None)
@@ -243,5 +245,5 @@ def test_removed_lookup_is_stale_without_owner(node, peer, spin_until):
     assert np.isclose(found.GetElement(1, 3), 500.0)
     node.GetScene().AddNode(lookup)
     assert lookup.AddToROS2Node(node.GetID(), "shed", "spade")
-    assert lookup.GetState() == "missing"  # that one has not been seen yet
+    assert lookup.GetState() == "missing"  # no sample of that edge has been received
     assert node.RemoveAndDeleteTf2LookupNode("shed", "spade")

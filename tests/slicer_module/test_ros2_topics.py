@@ -1,4 +1,4 @@
-"""Publishers and subscribers of the ROS2 module: each kind to and from an rclpy process."""
+"""Publishers and subscribers of the ROS2 module: every kind sent to and received from rclpy."""
 
 import logging
 
@@ -96,7 +96,7 @@ ROWS_OF_A_TABLE = {
     "data_offset": 0,
 }
 
-# kind, its type, a value of Slicer, what must be seen in ROS, and what a message of that is here
+# By kind: ROS type, value in Slicer, expected ROS message, check of the received value.
 KINDS = {
     "Empty": ("std_msgs/msg/Empty", "", {}, lambda v: v == ""),
     "String": ("std_msgs/msg/String", "xkcd ü", {"data": "xkcd ü"}, lambda v: v == "xkcd ü"),
@@ -232,14 +232,16 @@ def test_each_kind_is_published_and_received(node, peer, spin_until, kind):
     (message,) = peer("take", topic=ros_topic)
     assert contains(message, expected)
 
-    seen = []
+    received = []
     subscriber = node.CreateAndAddSubscriberNode(f"vtkMRMLROS2Subscriber{kind}Node", f"/in_{kind}")
-    subscriber.AddObserver("ModifiedEvent", lambda caller, _: seen.append(caller.GetLastMessage()))
+    subscriber.AddObserver(
+        "ModifiedEvent", lambda caller, _: received.append(caller.GetLastMessage())
+    )
     assert (subscriber.GetLastMessage(), subscriber.GetLastMessageYAML()) == (None, "")
     peer("publish", topic=f"/in_{kind}", type=ros_type, messages=[message])
-    spin_until(lambda: seen)
-    assert is_right(seen[0])
-    assert subscriber.GetNumberOfMessages() == len(seen) == 1
+    spin_until(lambda: received)
+    assert is_right(received[0])
+    assert subscriber.GetNumberOfMessages() == len(received) == 1
     assert contains(yaml.safe_load(subscriber.GetLastMessageYAML()), expected)
     assert node.RemoveAndDeletePublisherNode(f"/out_{kind}")
     assert node.RemoveAndDeleteSubscriberNode(f"/in_{kind}")
@@ -248,15 +250,17 @@ def test_each_kind_is_published_and_received(node, peer, spin_until, kind):
 def test_every_message_is_one_event_as_the_last_message(node, peer, spin_until):
     subscriber = node.CreateAndAddSubscriberNode("Int", "/numbers")
     assert (subscriber.GetTopic(), subscriber.GetName()) == ("/numbers", "ros2:sub:/numbers")
-    seen = []
-    subscriber.AddObserver("ModifiedEvent", lambda caller, _: seen.append(caller.GetLastMessage()))
+    received = []
+    subscriber.AddObserver(
+        "ModifiedEvent", lambda caller, _: received.append(caller.GetLastMessage())
+    )
     messages = [{"data": number} for number in range(8)]
     peer("publish", topic="/numbers", type="std_msgs/msg/Int64", messages=messages)
-    spin_until(lambda: len(seen) == 8)
-    assert seen == list(range(8))
+    spin_until(lambda: len(received) == 8)
+    assert received == list(range(8))
     assert subscriber.GetNumberOfMessages() == 8
     node.Spin()
-    assert len(seen) == 8
+    assert len(received) == 8
     assert subscriber.GetLastMessageYAML() == "data: 7\n"
 
 
@@ -264,14 +268,17 @@ def test_messages_beyond_the_queue_are_lost_and_counted(logic, node, peer, wait_
     subscriber = logic.AddNewNodeByClass("vtkMRMLROS2SubscriberIntNode")
     subscriber.SetQoSHistoryDepth(3)
     assert subscriber.AddToROS2Node(node.GetID(), "/flood")
-    for number in range(5):  # one by one: DDS keeps no more than the queue, and tells of no loss
+    # One by one, because DDS keeps no more than the depth and reports no loss.
+    for number in range(5):
         message = {"data": number}
         peer("publish", topic="/flood", type="std_msgs/msg/Int64", messages=[message])
         wait_until(lambda: len(subscriber._queue._raws) + subscriber._queue.lost > number)  # noqa: B023
-    seen = []
-    subscriber.AddObserver("ModifiedEvent", lambda caller, _: seen.append(caller.GetLastMessage()))
+    received = []
+    subscriber.AddObserver(
+        "ModifiedEvent", lambda caller, _: received.append(caller.GetLastMessage())
+    )
     node.Spin()
-    assert seen == [2, 3, 4]
+    assert received == [2, 3, 4]
     assert subscriber.GetNumberOfMessages() == 3
     assert subscriber.GetNumberOfMessagesLost() == 2
     with pytest.raises(MarginGuardError, match="must be set before it is added"):
@@ -336,8 +343,8 @@ def test_pose_array_keeps_its_stamp(node, peer, spin_until):
     sent = (matrix(np.eye(4)), matrix(POSE_MATRIX))
     message.SetPoses(sent)
     assert publisher.Publish(message) == 2
-    (there,) = peer("take", topic="/poses")
-    assert there["header"] == HEADER
+    (message,) = peer("take", topic="/poses")
+    assert message["header"] == HEADER
     spin_until(lambda: subscriber.GetNumberOfMessages() == 1)
     header = subscriber.GetLastMessage().GetHeader()
     assert (header.GetStamp().GetSec(), header.GetStamp().GetNanosec()) == (123, 456)
@@ -350,8 +357,8 @@ def test_pose_array_keeps_its_stamp(node, peer, spin_until):
     turn.SetMatrix(matrix(POSE_MATRIX))
     collection.AddItem(turn)
     publisher.Publish(collection)
-    (there,) = peer("take", topic="/poses")
-    assert contains(there["poses"], [POSE])
+    (message,) = peer("take", topic="/poses")
+    assert contains(message["poses"], [POSE])
 
 
 def test_empty_stamp_is_filled_with_the_sending_time(node, peer):
@@ -382,33 +389,33 @@ def test_empty_frame_is_filled_with_the_publishers_frame(node, peer):
 
 
 def test_message_without_subscribers_is_published(logic, node, peer):
-    # SlicerROS2 drops it; a late listener to a latched topic then never hears it.
+    # SlicerROS2 drops it, so that a late subscriber to a latched topic does not receive it.
     publisher = logic.AddNewNodeByClass("vtkMRMLROS2PublisherStringNode")
     publisher.SetQoSHistoryDepth(1)
     publisher.SetQoSReliability(publisher.Reliable)
     publisher.SetQoSDurability(publisher.TransientLocal)
     assert publisher.AddToROS2Node(node.GetID(), "/latched")
-    assert publisher.Publish("for whoever comes late") == 0
+    assert publisher.Publish("for late subscribers") == 0
     peer("listen", topic="/latched", type="std_msgs/msg/String", latched=True)
-    assert peer("take", topic="/latched") == [{"data": "for whoever comes late"}]
+    assert peer("take", topic="/latched") == [{"data": "for late subscribers"}]
     assert (publisher.GetNumberOfCalls(), publisher.GetNumberOfMessagesSent()) == (1, 1)
 
 
 def test_best_effort_is_received_by_best_effort_only(logic, node, peer, spin_until):
-    deaf = node.CreateAndAddSubscriberNode("String", "/lossy")
+    reliable = node.CreateAndAddSubscriberNode("String", "/lossy")
     other = logic.AddNewNodeByClass("vtkMRMLROS2NodeNode")
     other.Create("lossy")
-    hearing = logic.AddNewNodeByClass("vtkMRMLROS2SubscriberStringNode")
-    hearing.SetQoSReliability(hearing.BestEffort)
-    assert hearing.AddToROS2Node(other.GetID(), "/lossy")
+    best_effort = logic.AddNewNodeByClass("vtkMRMLROS2SubscriberStringNode")
+    best_effort.SetQoSReliability(best_effort.BestEffort)
+    assert best_effort.AddToROS2Node(other.GetID(), "/lossy")
     message = {"topic": "/lossy", "type": "std_msgs/msg/String", "messages": [{"data": "x"}]}
 
-    def heard():  # of what nobody promises to deliver, one comes through
+    def arrived():  # repeated, because best effort may lose messages
         peer("publish", **message, best_effort=True)
-        return hearing.GetNumberOfMessages() > 0
+        return best_effort.GetNumberOfMessages() > 0
 
-    spin_until(heard)
-    assert deaf.GetNumberOfMessages() == 0
+    spin_until(arrived)
+    assert reliable.GetNumberOfMessages() == 0
     assert node.ros.incompatible["/lossy"] == "RELIABILITY"
     other.Destroy()
 
@@ -448,16 +455,16 @@ def test_removing_returns_whether_the_member_existed(node, peer):
         ),
     ):
         before = node.GetScene().GetNumberOfNodes()
-        made = create("String", "/there")
-        assert get("/there") is made
+        made = create("String", "/existing")
+        assert get("/existing") is made
         assert made.GetScene().GetFirstNodeByName(made.GetName()) is made
-        assert remove("/there") is True
-        assert remove("/there") is False
+        assert remove("/existing") is True
+        assert remove("/existing") is False
         assert remove("/never") is False
-        assert get("/there") is None
+        assert get("/existing") is None
         assert node.GetScene().GetNumberOfNodes() == before
         assert not made.IsAddedToROS2Node()
-    peer("wait_until", call={"do": "endpoints", "topic": "/there"}, value=[0, 0])
+    peer("wait_until", call={"do": "endpoints", "topic": "/existing"}, value=[0, 0])
 
 
 def test_values_of_another_kind_are_not_sent(node):
@@ -490,7 +497,7 @@ def test_values_of_another_kind_are_not_sent(node):
 
 
 @pytest.mark.parametrize(
-    ("kind", "ros_type", "message", "words"),
+    ("kind", "ros_type", "message", "text"),
     [
         ("IntArray", "std_msgs/msg/Int64MultiArray", {"data": [2**40]}, "32 bits"),
         ("Pose", "geometry_msgs/msg/Pose", {"orientation": {"w": 0.0}}, "norm 0"),
@@ -501,12 +508,12 @@ def test_values_of_another_kind_are_not_sent(node):
     ],
 )
 def test_messages_that_cannot_be_converted_raise_on_access(
-    node, peer, spin_until, kind, ros_type, message, words
+    node, peer, spin_until, kind, ros_type, message, text
 ):
     subscriber = node.CreateAndAddSubscriberNode(kind, f"/bad_{kind}")
     peer("publish", topic=f"/bad_{kind}", type=ros_type, messages=[message])
     spin_until(lambda: subscriber.GetNumberOfMessages() == 1)
-    with pytest.raises(MarginGuardError, match=words):
+    with pytest.raises(MarginGuardError, match=text):
         subscriber.GetLastMessage()
     assert subscriber.GetLastMessageYAML()
     assert node.RemoveAndDeleteSubscriberNode(f"/bad_{kind}")
