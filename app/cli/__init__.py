@@ -1,1 +1,1 @@
-"""The command ``marginguard``: the only place that wires the rooms together."""
+"""The command ``marginguard``: parses arguments and connects the packages."""

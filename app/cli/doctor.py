@@ -1,7 +1,7 @@
 """Checks of this installation, each with a remedy.
 
 Nothing heavy is imported into this process: packages are looked up in their metadata, and imports
-are tried in a process of their own, where a crash is a result too.
+are tried in another process, so that a crash is a result like any other.
 """
 
 import re
@@ -32,7 +32,7 @@ print(scene.AddNewNodeByClass("vtkMRMLLinearTransformNode").GetClassName())
 """
 
 Probe = Callable[[str], tuple[bool, str]]
-"""Runs Python code in another process: whether it succeeded, and the last line of its output."""
+"""Runs Python code in another process; returns success and the last line of its output."""
 
 
 def run_probe(code: str) -> tuple[bool, str]:

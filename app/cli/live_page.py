@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from app.viewer import LiveFeed, Viewer
 
 CONSTRAINT_HZ = 100.0
-"""How often the constraint is repeated: beside a page that draws there is no time for 1 kHz."""
+"""Rate at which the constraint is repeated. Drawing the page leaves no time for 1 kHz."""
 
 
 @contextmanager
 def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context.
 
-    Until then a signal ends the process at once.
+    A signal during the preparation ends the process at once.
     """
     with received.ends_at_once():
-        load_bridge("a live session is ROS")
+        load_bridge("which a live session needs")
         print_reach()
         from app.bridge.live import live_node
         from app.runtime import SWITCH_INTERVAL_S, prepare_live
@@ -49,8 +49,8 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
             print(note, file=sys.stderr)
         content, setup = prepared.content, prepared.setup
         surface = stop_surface(content)
-        watcher = ViewStateBuilder(setup, content, surface)
-        feed = LiveFeed(watcher, setup.margins.stale_after_ns, time.monotonic_ns)
+        builder = ViewStateBuilder(setup, content, surface)
+        feed = LiveFeed(builder, setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(content.name, live=True)
         viewer = Viewer(SceneView(content), feed, LiveTimeline(), title)
         feed.call_on_change(viewer.wake)

@@ -30,17 +30,17 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def folder_path(text: str) -> Path:
-    """Path of a folder. An empty text is a mistake in a script, not the current folder."""
+    """Path of a folder. An empty text is refused: a script has made a mistake."""
     if not text:
         raise argparse.ArgumentTypeError("the name of the folder is empty; expected a path")
     return Path(text)
 
 
 def existing_folder(text: str) -> Path:
-    """Path of an existing folder: a misspelt one is refused before anything is read."""
+    """Path of an existing folder; checked before anything is read."""
     path = folder_path(text)
     if not path.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r}: no such folder")
+        raise argparse.ArgumentTypeError(f"{text!r}: no such folder; expected an existing one")
     return path
 
 

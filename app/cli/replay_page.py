@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayParts:
-    """A case that was stepped through: what its page and its report are made of."""
+    """A case that was stepped through, with the parts of its page and its report."""
 
     run: "ReplayRun"
     log: "ReplayLog"
@@ -28,11 +28,11 @@ class ReplayParts:
 
     @property
     def content(self) -> "SessionContent":
-        """What the session is about."""
+        """The content of the session."""
         return self.run.prepared.content
 
     def report(self) -> bytes:
-        """The ``report.html`` that ``replay --report`` writes, of the same steps."""
+        """The ``report.html`` of these steps, as ``replay --report`` writes it."""
         from app import __version__
         from app.report import record_of, write_report
 
@@ -55,7 +55,7 @@ def replay_parts(
 
         prepared = prepare_case(folder, package_dirs=package_dirs, tip_only=tip_only)
     setup, log = prepared.setup, ReplayLog()
-    watcher = ViewStateBuilder(setup, prepared.content, stop_surface(prepared.content))
+    builder = ViewStateBuilder(setup, prepared.content, stop_surface(prepared.content))
     run = ReplayRun(
         prepared,
         clock_ns=time.monotonic_ns,
@@ -64,7 +64,7 @@ def replay_parts(
     )
     received.stops(run.stop)
     steps = with_progress(run.steps(), "stepping through frame")
-    shown = [watcher.observe(step) for step in steps]
+    shown = [builder.observe(step) for step in steps]
     if received.number is not None:
         return None
     feed = ReplayFeed(shown, time.monotonic_ns)

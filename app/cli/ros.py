@@ -9,21 +9,21 @@ if TYPE_CHECKING:
     from app.runtime import ReplayRun
 
 
-def load_bridge(alternative: str) -> None:
-    """Import ROS. Raises `InputError` without it; ``alternative`` ends the message."""
+def load_bridge(remark: str) -> None:
+    """Import ROS. Raises `InputError` without it; the message contains ``remark``."""
     try:
         import app.bridge  # noqa: F401
     except ImportError as error:
         from app.geometry import InputError
 
         raise InputError(
-            f"ROS 2 cannot be loaded ({error}): "
-            f"'marginguard doctor' says what to install, {alternative}"
+            f"ROS 2 cannot be loaded ({error}); expected an installed ROS 2, {remark}: "
+            "'marginguard doctor' lists what to install"
         ) from error
 
 
 def print_reach() -> None:
-    """Prepare the environment for ROS, and print which hosts the nodes of this process reach."""
+    """Prepare the environment for ROS, and print the hosts that nodes of this process can reach."""
     from app.bridge import prepare_environment
 
     print(prepare_environment(), file=sys.stderr)
@@ -32,7 +32,7 @@ def print_reach() -> None:
 @contextmanager
 def published(run: "ReplayRun", *, real_time: bool) -> Iterator[None]:
     """Within the context the steps of ``run`` are published and ROS controls its player."""
-    load_bridge("--no-ros replays without it")
+    load_bridge("or --no-ros to replay without it")
     print_reach()
     from app.bridge import replay_node
 

@@ -42,7 +42,7 @@ def _answered(stream: IO[bytes], memory: GcPause) -> bytes:
         memory.settle()
     except ImportError as error:
         request = _read(stream)
-        reason = f"{error}; 'marginguard doctor' says what to install"
+        reason = f"{error}; 'marginguard doctor' lists what to install"
         return pickle.dumps(dict.fromkeys(request.outputs, reason)) if request else b""
     request = _read(stream)
     if request is None:

@@ -3,10 +3,10 @@
 A command that writes files lets them raise, so that half-written files are removed
 (`raise_signals`).
 
-A command that takes steps only records them and is asked to stop (`note_signals`). An exception at
-any moment is not safe there: raised inside a function that numba compiled, it sometimes ends the
-process with a segmentation fault (measured: 4 of 14 replays; none of 2389 signals that were only
-recorded), and in the middle of a step it would leave half of it published.
+A command that takes steps only records them and calls a stop function (`note_signals`). An
+exception at any time is not safe there. Raised inside a function that numba compiled, it sometimes
+ends the process with a segmentation fault (measured: 4 of 14 replays; none of 2389 signals that
+were only recorded). Raised during a step, it leaves the step published in part.
 
 An exception during an import may be lost: trimesh takes any exception for a missing package. A
 command that runs until a signal therefore imports its libraries while signals are recorded.
@@ -29,7 +29,7 @@ _LATER_S = 0.05
 
 @dataclass(slots=True)
 class SignalState:
-    """The signal that was received, None before, and what it stops."""
+    """The signal that was received, None before, and the function that it calls."""
 
     number: int | None = None
     _stop: Callable[[], None] | None = None

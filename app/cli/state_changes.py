@@ -1,4 +1,4 @@
-"""Select the steps of a live session that deserve a line on the terminal."""
+"""Select the steps of a live session that are printed on the terminal."""
 
 from collections.abc import Iterable, Iterator
 
@@ -6,8 +6,8 @@ from app.fixture import FixtureDecision, Reason
 from app.geometry import NS_PER_S
 from app.session import StepResult
 
-LASTED_NS = 2 * NS_PER_S
-"""Better reasons are printed after they have lasted this long, by the stamps of the frames."""
+MIN_DURATION_NS = 2 * NS_PER_S
+"""Better reasons are printed after this duration, by the stamps of the frames."""
 
 _RANK = {reason: rank for rank, reason in enumerate(Reason)}
 
@@ -16,7 +16,7 @@ def state_changes(steps: Iterable[StepResult]) -> Iterator[StepResult]:
     """Yield steps with another state or hold, or worse reasons, at once; better reasons late.
 
     Close to a threshold the reasons change at every other frame while state and hold stay. The
-    line that was printed last is therefore true, or worse than the truth for at most `LASTED_NS`.
+    last printed line is therefore correct, or too severe for at most `MIN_DURATION_NS`.
     """
     printed: FixtureDecision | None = None
     better_since_ns: int | None = None
@@ -28,9 +28,9 @@ def state_changes(steps: Iterable[StepResult]) -> Iterator[StepResult]:
                 better_since_ns = None
                 continue
             if severity < severity_printed:
-                if better_since_ns is None or now_ns < better_since_ns:  # the clock went back
+                if better_since_ns is None or now_ns < better_since_ns:  # the clock jumped back
                     better_since_ns = now_ns
-                if now_ns - better_since_ns < LASTED_NS:
+                if now_ns - better_since_ns < MIN_DURATION_NS:
                     continue
         printed, better_since_ns = decision, None
         yield step

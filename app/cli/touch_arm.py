@@ -1,4 +1,4 @@
-"""Kinematics of our desktop arm for the simulation of a case."""
+"""Kinematics of the Touch desktop arm for the simulation of a case."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

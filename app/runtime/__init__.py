@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# By `__init__.pyi`, each name when it is asked for: what a program does not use is not loaded.
+# Import each name of `__init__.pyi` on first access: unused modules are not loaded.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""What an operator may change in a running session, each between two steps, whole or not at all."""
+"""Changes of a running session by an operator, each between two steps, completely or not at all."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -89,7 +89,9 @@ class OperatorCommands:
         `FrameError` for one between other frames.
         """
         if not registration.accepted:
-            raise InputError(f"the registration is refused: {registration.reason}")
+            raise InputError(
+                f"registration: not accepted, {registration.reason}; expected an accepted one"
+            )
         with self._between_steps() as session:
             robot = session.setup.robot
             if robot is None:
@@ -112,8 +114,8 @@ class OperatorCommands:
         return ProximityEngine(tumor, self._content.tool)
 
     def _edges(self, changed: Transform) -> tuple[Transform, ...]:
-        kept = (edge for edge in self._content.static_edges if edge.source != changed.source)
-        return (*kept, changed)
+        others = (edge for edge in self._content.static_edges if edge.source != changed.source)
+        return (*others, changed)
 
     def _prepare(self, content: SessionContent) -> list[SwitchContent]:
         return [output.prepare(content) for output in self._outputs]
@@ -126,7 +128,7 @@ class OperatorCommands:
         switches: list[SwitchContent],
     ) -> None:
         session.use(setup)
-        # What the last step permitted was judged by the content before.
+        # The permissions of the last step were computed with the previous content.
         for output in self._outputs:
             output.revoke()
         for switch in switches:

@@ -1,4 +1,4 @@
-"""Hand the newest value from one thread to another, without a timer in between."""
+"""Pass the newest value from one thread to another, without a timer."""
 
 import threading
 from typing import Generic, TypeVar
@@ -17,8 +17,8 @@ class LatestValue(Generic[Item]):
     """Holds one item: a newer one replaces one that has not been taken yet.
 
     `put` wakes a reader that waits in `take`. A reader that is slower than its source therefore
-    lags by one item at most; ``superseded`` counts the items that it never received. Between
-    two threads of Python the interpreter lock changes hands as well: see `SWITCH_INTERVAL_S`.
+    lags by one item at most; ``superseded`` counts the items that it never received. The
+    interpreter lock adds to the latency between two threads: see `SWITCH_INTERVAL_S`.
     """
 
     def __init__(self) -> None:

@@ -20,7 +20,7 @@ from app.session import (
 )
 
 OnStage = Callable[[str], None]
-"""Called with the name of each stage of opening when it is done, for a display of progress."""
+"""Called with the name of each stage of opening when it is done, to show progress."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ SwitchContent = Callable[[SessionContent], None]
 
 @dataclass(frozen=True, slots=True)
 class StepTiming:
-    """How a step came about.
+    """Timing of a step.
 
     ``duration_ns``: time that the session took to compute it. ``spent_ns``: time since its frame
     was the present, 0 in a replay. ``in_time`` is False when an earlier output found the step too
@@ -47,7 +47,7 @@ class Output(Protocol):
 
 
 class PassiveOutput:
-    """Base of outputs that permit nothing and keep nothing of a content."""
+    """Base class of outputs that permit no motion and store nothing of a content."""
 
     def prepare(self, content: SessionContent) -> SwitchContent:
         """Nothing to prepare."""

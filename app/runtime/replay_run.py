@@ -93,14 +93,14 @@ class ReplayRun:
         self._rate = rate
 
     def pace(self) -> float:
-        """How fast recorded time passes, at most 1: 0 while the replay is paused."""
+        """Rate of recorded time over clock time, at most 1; 0 while the replay is paused."""
         if self.player.paused:
             return 0.0
         return 1.0 if self._rate is None else min(self._rate, 1.0)
 
 
 class RobotProblems:
-    """Counts why the robot could not be displayed, by the kind of problem."""
+    """Counts the frames in which the robot could not be displayed, by kind of problem."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()

@@ -31,7 +31,7 @@ class StepRun(Protocol):
         """Use these from the next step on; raises `MarginGuardError` and changes nothing."""
 
     def pace(self) -> float:
-        """How fast the time of the stamps passes, at most 1: 0 while it stands still."""
+        """Rate of the stamps over the clock, at most 1; 0 while paused."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,8 +82,8 @@ class StepThread:
     def present_ns(self, last: DeliveredStep) -> int:
         """The present on the clock of the stamps, when ``last`` is the last step that came.
 
-        Time passes after a run has ended, and after another run has replaced it, so that what it
-        delivered becomes stale.
+        The present advances after a run has ended, and after another run has replaced it, so that
+        its last step becomes stale.
         """
         is_running = last.thread is self and not self.is_over
         pace = self.run.pace() if is_running else 1.0
@@ -91,7 +91,7 @@ class StepThread:
 
     @property
     def fault_seq(self) -> int:
-        """``seq`` of the last decision that reported a fault, taken or not; 0 before any."""
+        """``seq`` of the last decision that was UNKNOWN or began a hold; 0 before any."""
         return self._fault_seq
 
     def stop(self) -> None:
@@ -111,7 +111,7 @@ class StepThread:
             self.failure = self._describe(error)
 
     def _note_fault(self, decision: FixtureDecision) -> None:
-        """Runs while the step is being taken, so a re-arm between two steps sees its result."""
+        """Update `fault_seq` while the step is being taken, before a re-arm can check it."""
         begins = decision.hold and not self._on_hold
         if begins or decision.state is MarginState.UNKNOWN:
             self._fault_seq = decision.seq

@@ -4,4 +4,4 @@ from app.geometry import MarginGuardError
 
 
 class ViewerError(MarginGuardError):
-    """The page cannot do a request: the port is in use, or a control value is out of range."""
+    """The page cannot be served, or a value of a control is out of range."""

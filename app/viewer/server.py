@@ -29,7 +29,7 @@ from app.viewer.steps.replay import ReplayControl
 from app.viewer.websocket_link import PageLink
 
 _WEB = Path(__file__).with_name("web")
-_AREA = "stage"
+_AREA = "scene"
 _MAX_PIXELS = 1920 * 1200
 """Limit of a picture's size; a larger page stretches the picture."""
 

@@ -1,4 +1,4 @@
-"""A small case written from scratch: a ball on a needle, a rod that passes it by and comes back."""
+"""A small synthetic case: a ball on a needle, and a rod that passes it and returns."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``marginguard bench``: it runs where the user is, with the code of the checkout."""
+"""``marginguard bench`` runs in the current folder, with the code of the checkout."""
 
 import json
 import os
@@ -11,7 +11,7 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parents[2]
 
 
-def test_a_relative_path_is_the_users_and_a_folder_of_our_name_is_not_ours(tmp_path):
+def test_paths_are_relative_to_current_folder_and_code_is_of_checkout(tmp_path):
     pytest.importorskip("pinocchio")
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "benchmarks" / "kinematics.py").write_text("raise SystemExit(7)")
@@ -29,7 +29,7 @@ def test_a_relative_path_is_the_users_and_a_folder_of_our_name_is_not_ours(tmp_p
 
 
 @pytest.mark.parametrize("name", ["replay", "session"])
-def test_each_help_names_the_command(name):
+def test_each_help_contains_command(name):
     done = subprocess.run(
         [sys.executable, "-m", "app.cli", "bench", name, "--help"],
         cwd=CHECKOUT,
@@ -41,7 +41,7 @@ def test_each_help_names_the_command(name):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["session", "--case", "nowhere"], "'nowhere' is no case: a folder with a case.yaml"),
         (["session", "--seconds", "0"], "--seconds 0.0: 1 or more wanted"),
@@ -56,7 +56,7 @@ def test_each_help_names_the_command(name):
         (["kinematics", "--samples", "0"], "--samples 0: 1 or more wanted"),
     ],
 )
-def test_bad_options_are_one_line_and_no_figures(arguments, said):
+def test_bad_options_give_one_error_line_and_no_figures(arguments, message):
     done = subprocess.run(
         [sys.executable, "-m", "app.cli", "bench", *arguments],
         cwd=CHECKOUT,
@@ -66,14 +66,14 @@ def test_bad_options_are_one_line_and_no_figures(arguments, said):
     )
     assert done.returncode == 2
     assert done.stdout == ""
-    assert said in done.stderr.splitlines()[-1]
+    assert message in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
     ("benchmark", "peer"),
     [("push", "igl"), ("view", "playwright"), ("kinematics", "pinocchio"), ("fixture", "coal")],
 )
-def test_a_peer_that_is_not_installed_is_told_in_one_line(benchmark, peer, tmp_path):
+def test_missing_peer_is_reported_in_one_line(benchmark, peer, tmp_path):
     missing = f"raise ModuleNotFoundError('gone', name={peer!r})"
     (tmp_path / f"{peer}.py").write_text(missing)
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""The doctor on this machine, and on machines that lack something."""
+"""Checks of the installation, on this machine and with missing parts."""
 
 import shutil
 import sys
@@ -19,7 +19,7 @@ def test_each_remedy_belongs_to_something_missing() -> None:
         assert bool(check.remedy) is not check.ok
 
 
-def test_every_probe_that_fails_is_told_with_what_it_said() -> None:
+def test_failed_probe_is_reported_with_its_output() -> None:
     checks = doctor.check_environment(probe=lambda code: (False, "ImportError: no such thing"))
     failed = {check.name: check for check in checks if check.found == "ImportError: no such thing"}
     assert set(failed) == {"rclpy imports", "ROS interfaces", "3D Slicer scene"}
@@ -28,24 +28,24 @@ def test_every_probe_that_fails_is_told_with_what_it_said() -> None:
     assert "[scene]" in failed["3D Slicer scene"].remedy
 
 
-def test_a_probe_tells_the_last_line_of_an_error() -> None:
+def test_probe_returns_last_line_of_error() -> None:
     assert doctor.run_probe("raise ImportError('no such thing')") == (
         False,
         "ImportError: no such thing",
     )
 
 
-def test_a_probe_survives_a_crash() -> None:
+def test_crash_in_probe_is_a_result() -> None:
     assert doctor.run_probe("import os; os.abort()") == (False, "killed by signal 6")
 
 
-def test_a_distribution_that_is_not_installed_is_named() -> None:
+def test_missing_distribution_is_named() -> None:
     (check,) = doctor.check_packages("no-such-distribution")
     assert not check.ok
     assert check.name == "no-such-distribution"
 
 
-def test_requirements_are_looked_up_and_those_of_tests_left_out(
+def test_requirements_are_checked_without_those_of_tests(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(
@@ -65,7 +65,7 @@ def test_requirements_are_looked_up_and_those_of_tests_left_out(
     assert "'.[ros]'" in checks["no-such-ros"].remedy
 
 
-def test_a_tf2_msgs_earlier_on_the_path_wins_and_is_named(
+def test_tf2_msgs_that_is_earlier_on_path_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("tf2_msgs", reason="the ROS interfaces are not installed")

@@ -1,4 +1,4 @@
-"""Cycles are not looked for while a command loads, and are found again afterwards."""
+"""Garbage collection pauses while a command loads, and resumes afterwards."""
 
 import gc
 import weakref
@@ -13,44 +13,44 @@ class Cycle:
         self.itself = self
 
 
-def forgotten() -> "weakref.ref[Cycle]":
+def unreachable_cycle() -> "weakref.ref[Cycle]":
     return weakref.ref(Cycle())
 
 
-def test_what_is_loaded_stays_and_what_comes_later_is_collected() -> None:
+def test_loaded_objects_stay_and_later_ones_are_collected() -> None:
     with GcPause() as memory:
         assert not gc.isenabled()
-        loaded = forgotten()
+        loaded = unreachable_cycle()
         memory.settle()
         assert gc.isenabled()
-        later = forgotten()
+        later = unreachable_cycle()
         gc.collect()
         assert (loaded() is None, later() is None) == (False, True)
     gc.collect()
     assert loaded() is None
 
 
-def test_blocks_of_frames_are_no_reason_to_search_and_the_old_thresholds_come_back() -> None:
+def test_blocks_of_frames_trigger_no_collection_and_thresholds_are_restored() -> None:
     before = gc.get_threshold()
-    searches: list[dict[str, int]] = []
+    collections: list[dict[str, int]] = []
     try:
         with GcPause() as memory:
             memory.settle()
-            gc.callbacks.append(lambda phase, info: searches.append(info))
-            kept = [[number] for number in range(10 * before[0])]
+            gc.callbacks.append(lambda phase, info: collections.append(info))
+            objects = [[number] for number in range(10 * before[0])]
             gc.callbacks.pop()
-            assert (len(kept), searches) == (10 * before[0], [])
+            assert (len(objects), collections) == (10 * before[0], [])
     finally:
         assert gc.get_threshold() == before
 
 
-def test_an_error_while_loading_leaves_the_search_on() -> None:
+def test_error_while_loading_leaves_collection_enabled() -> None:
     with pytest.raises(ValueError, match="no such case"), GcPause():
         raise ValueError("no such case")
     assert gc.isenabled()
 
 
-def test_a_program_that_has_switched_the_search_off_keeps_it_off() -> None:
+def test_disabled_collection_stays_disabled() -> None:
     gc.disable()
     try:
         with GcPause() as memory:

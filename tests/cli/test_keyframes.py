@@ -12,51 +12,51 @@ STATES = st.lists(st.sampled_from(MarginState), min_size=1, max_size=400)
 
 @dataclass(frozen=True)
 class DecisionDouble:
-    """Stands for a decision: a reel asks for its state alone."""
+    """Test double of a decision: the selector reads only its state."""
 
     state: MarginState
 
 
 @dataclass(frozen=True)
 class StepDouble:
-    """Stands for a step."""
+    """Test double of a step."""
 
     number: int
     decision: DecisionDouble
 
 
-def kept(states: list[MarginState], most: int) -> list[StepDouble]:
-    reel = KeyframeSelector(most)
+def selected(states: list[MarginState], max_count: int) -> list[StepDouble]:
+    selector = KeyframeSelector(max_count)
     for number, state in enumerate(states):
-        reel.add(StepDouble(number, DecisionDouble(state)))  # type: ignore[arg-type]
-    return reel.steps()  # type: ignore[return-value]
+        selector.add(StepDouble(number, DecisionDouble(state)))  # type: ignore[arg-type]
+    return selector.steps()  # type: ignore[return-value]
 
 
-@given(states=STATES, most=st.integers(1, 50))
-def test_intervals_are_even_and_each_gives_its_first_step_in_its_worst_state(
-    states: list[MarginState], most: int
+@given(states=STATES, max_count=st.integers(1, 50))
+def test_intervals_are_even_and_each_gives_first_step_of_its_worst_state(
+    states: list[MarginState], max_count: int
 ) -> None:
-    numbers = [step.number for step in kept(states, most)]
-    assert len(numbers) == min(len(states), most)
+    numbers = [step.number for step in selected(states, max_count)]
+    assert len(numbers) == min(len(states), max_count)
     assert numbers == sorted(set(numbers))
     # The first step in the worst state of all is in every interval that could hold it.
     assert states.index(max(states)) in numbers
-    calm = [step.number for step in kept([MarginState.NEGATIVE] * len(states), most)]
-    gaps = np.diff([*calm, len(states)])
-    length = len(states) / len(calm)
+    uniform = [step.number for step in selected([MarginState.NEGATIVE] * len(states), max_count)]
+    gaps = np.diff([*uniform, len(states)])
+    length = len(states) / len(uniform)
     assert np.all(np.abs(gaps - length) <= max(1.0, 0.25 * length))
-    for start, end, number in zip(calm, [*calm[1:], len(states)], numbers, strict=True):
+    for start, end, number in zip(uniform, [*uniform[1:], len(states)], numbers, strict=True):
         part = states[start:end]
         assert number == start + part.index(max(part))
 
 
-def test_few_steps_are_all_kept() -> None:
-    assert [step.number for step in kept([MarginState.NEGATIVE] * 7, 7)] == list(range(7))
+def test_few_steps_are_all_selected() -> None:
+    assert [step.number for step in selected([MarginState.NEGATIVE] * 7, 7)] == list(range(7))
 
 
-def test_a_breach_of_one_frame_is_in_the_movie() -> None:
+def test_breach_of_one_frame_is_selected() -> None:
     states = [MarginState.NEGATIVE] * 5000
     states[3333] = MarginState.POSITIVE
-    steps = kept(states, 50)
+    steps = selected(states, 50)
     assert len(steps) == 50
     assert [s.number for s in steps if s.decision.state is MarginState.POSITIVE] == [3333]

@@ -10,7 +10,7 @@ from tests.cli.small_case import write_small_case
 
 
 @pytest.mark.parametrize("arguments", [[], *[[name] for name in COMMANDS]])
-def test_help_loads_no_room(arguments, project_root):
+def test_help_imports_no_heavy_package(arguments, project_root):
     code = (
         "import sys\n"
         "from app.cli.main import main\n"
@@ -25,7 +25,7 @@ def test_help_loads_no_room(arguments, project_root):
     assert done.stdout.splitlines()[-1] == "0 []"
 
 
-def test_a_reader_that_has_left_is_no_success(project_root, tmp_path):
+def test_closed_standard_output_gives_status_141(project_root, tmp_path):
     case = write_small_case(tmp_path / "case")
     reader, writer = os.pipe()
     os.close(reader)
@@ -40,14 +40,14 @@ def test_a_reader_that_has_left_is_no_success(project_root, tmp_path):
     assert (done.returncode, done.stderr) == (141, b"")
 
 
-def test_an_unknown_command_is_bad_input(capsys):
+def test_unknown_command_is_bad_input(capsys):
     with pytest.raises(SystemExit) as stop:
         main(["repaly"])
     assert stop.value.code == 2
     assert "invalid choice: 'repaly'" in capsys.readouterr().err
 
 
-def test_a_package_is_found_in_the_folder_that_is_given(tmp_path, capsys):
+def test_package_is_found_in_given_folder(tmp_path, capsys):
     (tmp_path / "packages/shapes").mkdir(parents=True)
     case = write_small_case(
         tmp_path / "case",
@@ -64,14 +64,14 @@ def test_a_package_is_found_in_the_folder_that_is_given(tmp_path, capsys):
     assert "none': no such folder" in capsys.readouterr().err
 
 
-def test_no_case_is_made_in_the_place_of_the_current_folder(tmp_path, monkeypatch, capsys):
+def test_make_case_refuses_current_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["make-case", "."]) == 2
     assert ". is the current folder; expected another one" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("seed", ["-1", "x", "1.5"])
-def test_a_seed_that_is_none_is_bad_input(tmp_path, capsys, seed):
+def test_invalid_seed_is_bad_input(tmp_path, capsys, seed):
     with pytest.raises(SystemExit) as stop:
         main(["make-case", str(tmp_path / "case"), "--seed", seed])
     assert stop.value.code == 2
@@ -91,11 +91,11 @@ def test_no_ros_leaves_rclpy_unimported(tmp_path, project_root):
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=project_root
     )
     assert done.stdout.splitlines()[-1] == "0 False"
-    told = [line for line in done.stderr.splitlines() if not line.startswith("compiling for")]
-    assert told == [], "no progress bar where nobody watches"
+    printed = [line for line in done.stderr.splitlines() if not line.startswith("compiling for")]
+    assert printed == [], "expected no progress bar without a terminal"
 
 
-def test_info_counts_what_the_recording_holds(tmp_path, capsys):
+def test_info_counts_frames_and_samples(tmp_path, capsys):
     case = write_small_case(tmp_path / "case")
     assert main(["info", str(case), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -109,7 +109,7 @@ def test_info_counts_what_the_recording_holds(tmp_path, capsys):
     assert "tracker -> rod: 40 OK" in capsys.readouterr().out
 
 
-def test_a_converted_case_replays_to_the_same_table(tmp_path, capsys):
+def test_converted_case_replays_to_same_table(tmp_path, capsys):
     case = write_small_case(tmp_path / "case")
     assert main(["convert", str(case), str(tmp_path / "mcap")]) == 0
     for name in ("case", "mcap"):
@@ -148,29 +148,31 @@ def test_invalid_value_of_an_option_is_shown_with_what_is_expected(arguments, ca
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert (arguments[-1] or "empty") in said
-    assert "expected" in said
-    assert "_" not in said.partition("argument")[2].replace("--", "")  # no name of our functions
+    error_text = capsys.readouterr().err.splitlines()[-1]
+    assert (arguments[-1] or "empty") in error_text
+    assert "expected" in error_text
+    assert "_" not in error_text.partition("argument")[2].replace(
+        "--", ""
+    )  # no name of a Python function
 
 
 @pytest.mark.parametrize("arguments", [["info"], ["calibrate", "pivot"]])
-def test_debug_shows_where_an_error_is_from(arguments, tmp_path, capsys):
+def test_debug_prints_traceback(arguments, tmp_path, capsys):
     assert main([*arguments, str(tmp_path / "none"), "--debug"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("Traceback")
-    assert said.splitlines()[-1].startswith("marginguard: error: ")
+    error_text = capsys.readouterr().err
+    assert error_text.startswith("Traceback")
+    assert error_text.splitlines()[-1].startswith("marginguard: error: ")
 
 
-def test_an_error_that_quotes_too_much_is_shortened_to_a_line(capsys):
+def test_long_error_is_shortened(capsys):
     assert main(["info", "/" + 5000 * "x"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("marginguard: error: /xxx")
-    assert said.endswith("xxx: File name too long\n")
-    assert " ... " in said
-    assert len(said) < 600
+    error_text = capsys.readouterr().err
+    assert error_text.startswith("marginguard: error: /xxx")
+    assert error_text.endswith("xxx: File name too long\n")
+    assert " ... " in error_text
+    assert len(error_text) < 600
 
 
-def test_a_rate_that_cannot_be_is_told_before_the_case_is_opened(capsys):
+def test_invalid_rate_is_reported_before_case_is_opened(capsys):
     assert main(["replay", "nowhere", "--no-ros", "--rate", "nan"]) == 2
     assert "rate of a replay is nan; expected 0.001 to 1000" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The case that the demo replays: everything expected is found, in every way of replaying it."""
+"""The case of the demo: each kind of replay finds what its expected.yaml lists."""
 
 import json
 import os
@@ -37,14 +37,14 @@ def test_every_check_of_the_case_passes(report, case):
     assert sum(interval["shaft_only"] for interval in intervals) == 1
 
 
-def test_info_says_how_many_frames_a_replay_of_it_has(report, case, capsys):
+def test_info_gives_number_of_frames_of_replay(report, case, capsys):
     assert main(["info", str(case)]) == 0
     (line,) = (line for line in capsys.readouterr().out.splitlines() if "  frames " in line)
     frames = json.loads((report / "summary.json").read_text())["frames"]
     assert line.endswith(f"silences: 1, so a replay has {frames} frames")
 
 
-def test_all_files_of_the_report_are_there(report):
+def test_report_has_all_files(report):
     assert sorted(path.name for path in report.iterdir()) == [
         "margin.csv",
         "margin.png",
@@ -54,7 +54,7 @@ def test_all_files_of_the_report_are_there(report):
     ]
 
 
-def test_over_ros_at_another_rate_the_table_has_the_same_bytes(report, case, tmp_path, domain_id):
+def test_table_over_ros_at_another_rate_has_same_bytes(report, case, tmp_path, domain_id):
     options = ["--rate", "500", "--report", str(tmp_path / "out")]
     done = subprocess.run(
         [sys.executable, "-m", "app.cli", "replay", str(case), *options],
@@ -68,12 +68,12 @@ def test_over_ros_at_another_rate_the_table_has_the_same_bytes(report, case, tmp
     assert table == (report / "margin.csv").read_bytes()
 
 
-def test_the_tip_alone_misses_the_breach_of_the_shaft(case, capsys):
+def test_tip_only_replay_misses_breach_of_shaft(case, capsys):
     assert main(["replay", str(case), "--no-ros", "--tip-only", "--json"]) == 1
     assert len(json.loads(capsys.readouterr().out)["breaches"]) == 2
 
 
-def test_of_a_truncated_recording_the_whole_part_is_used_and_that_is_said(case, tmp_path, capsys):
+def test_complete_part_of_truncated_recording_is_used_with_a_note(case, tmp_path, capsys):
     copy = tmp_path / "case"
     shutil.copytree(case, copy)
     recording = (copy / "tracking.mcap").read_bytes()

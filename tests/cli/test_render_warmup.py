@@ -1,4 +1,4 @@
-"""The step that warms up the renderer shows everything that a picture may show."""
+"""The warm-up step shows every kind of object that a picture contains."""
 
 import pytest
 

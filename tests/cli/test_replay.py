@@ -1,4 +1,4 @@
-"""The command on a small case: what it finds, how it fails, what it leaves behind."""
+"""``marginguard replay`` on a small case: results, errors and written files."""
 
 import json
 import re
@@ -21,7 +21,7 @@ def replay(case, *options):
     return main(["replay", str(case), "--no-ros", *options])
 
 
-def test_the_shaft_in_the_tumour_is_found_though_the_tip_is_far(case, capsys):
+def test_breach_of_shaft_is_found_although_tip_is_far(case, capsys):
     assert replay(case, "--json") == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["frames"] == 40
@@ -33,7 +33,7 @@ def test_the_shaft_in_the_tumour_is_found_though_the_tip_is_far(case, capsys):
     assert json.loads(capsys.readouterr().out)["breaches"] == []
 
 
-def test_the_same_bytes_at_every_run_and_rate(case, tmp_path):
+def test_runs_at_any_rate_give_same_bytes(case, tmp_path):
     contents = []
     for number, options in enumerate([(), (), ("--rate", "20")]):
         out = tmp_path / f"out{number}"
@@ -43,7 +43,7 @@ def test_the_same_bytes_at_every_run_and_rate(case, tmp_path):
     assert contents[0].count(b"\n") == 41
 
 
-def test_expectations_that_do_not_hold_end_with_status_1(tmp_path, capsys):
+def test_failed_expectations_give_status_1(tmp_path, capsys):
     def expect(manifest):
         manifest["expected"] = "expected.yaml"
 
@@ -132,7 +132,7 @@ BAD_INPUT = [
 @pytest.mark.parametrize(
     ("spoil", "named"), BAD_INPUT, ids=[entry[0].__name__ for entry in BAD_INPUT]
 )
-def test_bad_input_is_one_line_and_writes_nothing_over(case, tmp_path, capsys, spoil, named):
+def test_bad_input_is_one_line_and_overwrites_nothing(case, tmp_path, capsys, spoil, named):
     out = tmp_path / "out"
     out.mkdir()
     for name in REPORT_FILES:
@@ -148,19 +148,19 @@ def test_bad_input_is_one_line_and_writes_nothing_over(case, tmp_path, capsys, s
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
-def test_a_report_folder_that_cannot_be_written_is_said_before_the_replay(case, tmp_path, capsys):
+def test_unwritable_report_folder_is_reported_before_replay(case, tmp_path, capsys):
     (tmp_path / "file").write_text("mine")
     assert replay(case, "--report", str(tmp_path / "file" / "out")) == 2
     assert "file" in capsys.readouterr().err
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_loop_has_no_report(case, tmp_path, capsys):
+def test_loop_with_report_is_refused(case, tmp_path, capsys):
     assert replay(case, "--loop", "--report", str(tmp_path / "out")) == 2
     assert "--loop" in capsys.readouterr().err
 
 
-def test_debug_shows_the_traceback_and_the_same_line(case, capsys):
+def test_debug_prints_traceback_and_same_line(case, capsys):
     drop_manifest(case)
     assert replay(case, "--debug") == 2
     error = capsys.readouterr().err
@@ -168,7 +168,7 @@ def test_debug_shows_the_traceback_and_the_same_line(case, capsys):
     assert error.splitlines()[-1].startswith("marginguard: error: ")
 
 
-def test_a_frame_that_the_recording_does_not_have_is_refused(tmp_path, capsys):
+def test_frame_that_recording_lacks_is_refused(tmp_path, capsys):
     def other_tool(manifest):
         manifest["tool"]["frame"] = "scalpel"
 
@@ -181,7 +181,7 @@ def test_a_frame_that_the_recording_does_not_have_is_refused(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_base_that_is_measured_late_is_told_in_the_notes(tmp_path, capsys):
+def test_base_that_is_measured_late_is_in_notes(tmp_path, capsys):
     def with_robot(manifest):
         manifest["robot"] = {
             "urdf": "package://marginguard/robots/touch/touch.urdf",
@@ -199,8 +199,8 @@ def test_a_base_that_is_measured_late_is_told_in_the_notes(tmp_path, capsys):
         if at is None:
             return [line]
         names = ["Reference"] + ["RobotBase"] * (int(at[1]) >= 5)
-        said = [f"Seq_Frame{at[1]}_{name}ToTrackerTransform = {pose}" for name in names]
-        return [*said, line]
+        lines = [f"Seq_Frame{at[1]}_{name}ToTrackerTransform = {pose}" for name in names]
+        return [*lines, line]
 
     lines = recording.read_text().splitlines()
     recording.write_text("\n".join(more for line in lines for more in measured(line)) + "\n")
@@ -213,7 +213,7 @@ def test_a_base_that_is_measured_late_is_told_in_the_notes(tmp_path, capsys):
     )
 
 
-def test_a_recording_in_which_all_is_lost_says_what_it_has(case, capsys):
+def test_recording_without_valid_pose_reports_its_statuses(case, capsys):
     recording = case / "tracking.igs.mha"
     recording.write_text(recording.read_text().replace("= OK", "= INVALID"))
     assert replay(case, "--json") == 0
@@ -224,7 +224,7 @@ def test_a_recording_in_which_all_is_lost_says_what_it_has(case, capsys):
     )
 
 
-def test_a_tool_that_is_its_own_tumour_is_refused(tmp_path, capsys):
+def test_tool_frame_equal_to_tumour_frame_is_refused(tmp_path, capsys):
     def same_frame(manifest):
         manifest["tumor"]["frame"] = "rod"
 
@@ -232,7 +232,7 @@ def test_a_tool_that_is_its_own_tumour_is_refused(tmp_path, capsys):
     assert "tumor.frame is 'rod'" in capsys.readouterr().err
 
 
-def test_an_empty_report_folder_is_a_mistake(case, capsys):
+def test_empty_name_of_report_folder_is_refused(case, capsys):
     with pytest.raises(SystemExit) as stop:
         replay(case, "--report", "")
     assert stop.value.code == 2

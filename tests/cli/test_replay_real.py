@@ -1,4 +1,4 @@
-"""The real stylus recording through the whole command, against arithmetic done by hand."""
+"""Replay of the real stylus recording, compared with independent matrix products."""
 
 import csv
 import json
@@ -24,7 +24,7 @@ def report(plus, tmp_path_factory):
     return folder / "out"
 
 
-def test_the_published_breach_is_found(report):
+def test_published_breach_is_found(report):
     summary = json.loads((report / "summary.json").read_text())
     assert (summary["frames"], summary["valid_frames"]) == (1000, 1000)
     assert summary["inside_frames"] == 89
@@ -34,7 +34,7 @@ def test_the_published_breach_is_found(report):
     assert breach["min_signed_distance_mm"] == pytest.approx(-9.746, abs=0.05)
 
 
-def test_every_frame_agrees_with_the_distance_by_hand(report, plus):
+def test_distance_of_every_frame_equals_independent_calculation(report, plus):
     with (report / "margin.csv").open() as file:
         rows = list(csv.DictReader(file))
     found = np.array([float(row["signed_distance_mm"]) for row in rows])

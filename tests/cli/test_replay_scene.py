@@ -207,7 +207,7 @@ def test_clock_that_jumps_back_leaves_a_scene_without_recording(
     assert replay(case, "--save-scene", str(mrb)) == 0
     error = capfd.readouterr().err
     assert error.count("\n") == 1
-    assert "saved without the recording: a frame at 5.000000000 s comes after" in error
+    assert "without the recording: recording: a frame at 5.000000000 s comes after" in error
     with pytest.raises(InputError, match="no sequence of transforms"):
         list(read_mrml(mrb, print))
 
@@ -215,9 +215,9 @@ def test_clock_that_jumps_back_leaves_a_scene_without_recording(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--movie", "replay.mp4"], "'replay.mp4' does not end with .gif"),
-        (["--save-scene", "scene.mrml"], "'scene.mrml' does not end with .mrb"),
-        (["--movie", "m.gif", "--movie-seconds", "0"], "0 s: 1 to 60 s allowed"),
+        (["--movie", "replay.mp4"], "'replay.mp4'; expected a file name that ends with .gif"),
+        (["--save-scene", "scene.mrml"], "'scene.mrml'; expected a file name that ends with .mrb"),
+        (["--movie", "m.gif", "--movie-seconds", "0"], "0 s; expected 1 to 60 s"),
     ],
 )
 def test_invalid_options_are_refused(
@@ -238,4 +238,4 @@ def test_missing_folder_is_reported_before_the_replay(
     assert error.count("\n") == 1
     assert "parent directory does not exist" in error
     assert replay(case, "--rate", "1", "--loop", "--movie", str(tmp_path / "m.gif")) == 2
-    assert "--loop is for watching" in capsys.readouterr().err
+    assert "--loop: without --rate or with an output file; expected" in capsys.readouterr().err

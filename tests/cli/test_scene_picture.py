@@ -22,7 +22,7 @@ def begin_anything(painter: ScenePainter) -> None:
 
 
 def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str) -> None:
-    """A test double of the process: it answers what ``answer`` holds, and ends by ``end``."""
+    """Test double of the process: prints the file ``answer`` and then runs ``end``."""
     script = tmp_path / "python"
     script.write_text(
         f"#!/bin/sh\ncat >{tmp_path}/request\ncat {tmp_path}/answer 2>/dev/null\n{end}\n"
@@ -75,11 +75,11 @@ def test_complete_picture_is_used_whatever_the_exit_status(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     stand_in(tmp_path, monkeypatch, end)
-    (tmp_path / "answer").write_bytes(pickle.dumps({"picture": PNG, "scene": "no room"}))
+    (tmp_path / "answer").write_bytes(pickle.dumps({"picture": PNG, "scene": "no space left"}))
     with ScenePainter() as painter:
         begin_anything(painter)
         assert painter.picture() == PNG
-        with pytest.raises(InputError, match="no scene: no room"):
+        with pytest.raises(InputError, match="no scene: no space left"):
             painter.content(SCENE)
     error = capsys.readouterr().err
     assert (
@@ -137,7 +137,7 @@ def test_missing_slicer_names_the_remedy(tmp_path: Path) -> None:
         env={"PYTHONPATH": str(tmp_path)},
     )
     assert pickle.loads(found.stdout) == {
-        "picture": "no slicer here; 'marginguard doctor' says what to install"
+        "picture": "no slicer here; 'marginguard doctor' lists what to install"
     }
     assert found.stderr == b""
 

@@ -1,4 +1,4 @@
-"""``marginguard serve`` as two processes see it: the command, and one that knows rclpy alone."""
+"""``marginguard serve`` in one process, with a client of plain rclpy in another."""
 
 import json
 import math
@@ -64,7 +64,7 @@ def test_replay_for_another_process(served, start_receiver):
     assert "rate 0" in again["result"]["message"]
 
 
-def test_a_replay_in_real_time_is_cancelled(served, start_receiver):
+def test_replay_in_real_time_is_cancelled(served, start_receiver):
     (reply,) = send(start_receiver, {"case_folder": "small", "rate": 0.01, "cancel_after": 1})
     assert reply["status"] == "cancelled"
     assert not reply["result"]["success"]
@@ -107,8 +107,8 @@ def test_cyclone_dds_replays_and_cancels(served, start_receiver):
 
 def test_cyclone_dds_calibrates_and_cancels(served, start_receiver):
     start_receiver("pivot", script=TOOL)
-    wanted = {"method": 0, "frame": "stylus", "parent_frame": "reference", "timeout": 30.0}
-    goals = ({**wanted, "samples": 60}, {**wanted, "samples": 10_000, "cancel": True})
+    goal = {"method": 0, "frame": "stylus", "parent_frame": "reference", "timeout": 30.0}
+    goals = ({**goal, "samples": 60}, {**goal, "samples": 10_000, "cancel": True})
     sender = start_receiver(
         "/marginguard_server/calibrate",
         "Calibrate",
@@ -134,10 +134,10 @@ def test_cyclone_dds_calibrates_and_cancels(served, start_receiver):
 
 
 def test_cases_outside_the_folder_are_refused(served, start_receiver):
-    asked = ["/etc", "../small", "nowhere", "", "small"]
+    folders = ["/etc", "../small", "nowhere", "", "small"]
     requests = [
         f"/marginguard_server/load_case:{LOAD_CASE}:{json.dumps({'case_folder': name})}"
-        for name in asked
+        for name in folders
     ]
     replies = start_receiver(*requests, script=CALLER).messages()
     assert [reply["success"] for reply in replies] == [False] * 4 + [True]
@@ -150,12 +150,12 @@ def test_cases_outside_the_folder_are_refused(served, start_receiver):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it(served, number):
+def test_signal_ends_command(served, number):
     os.kill(served.pid, number)
     assert served.wait(30.0) == 0
 
 
-def test_a_signal_ends_a_replay_and_its_result_still_comes(served, domain_id):
+def test_signal_ends_replay_and_its_result_is_sent(served, domain_id):
     under_way = threading.Event()
     with RosNode("follower", domain_id=domain_id) as ros:
         client = ActionClient(ros, REPLAY, "/marginguard_server/replay")

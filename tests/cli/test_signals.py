@@ -1,4 +1,4 @@
-"""A publisher that is asked to stop leaves the ROS graph itself, with its heartbeat running."""
+"""A signal ends commands cleanly, whatever they are doing."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ from app.cli.signals import SIGNALS, note_signals, raise_signals
 from tests.cli.small_case import write_small_case
 from tests.ros_domain import domain_id as domain_id
 
-SPEAKER = """
+PUBLISHER = """
 import sys
 import threading
 from std_msgs.msg import String
@@ -36,9 +36,9 @@ sys.exit(received.exit_status)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_cleanly_with_messages_in_flight(domain_id, project_root, number):
+def test_signal_ends_publisher_cleanly_with_messages_in_flight(domain_id, project_root, number):
     process = subprocess.Popen(
-        [sys.executable, "-c", SPEAKER],
+        [sys.executable, "-c", PUBLISHER],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -80,9 +80,7 @@ sys.exit(status)
 
 
 @pytest.mark.parametrize("command", [["record", "-o", "new"], ["igtl"], ["serve"]])
-def test_a_signal_while_libraries_are_loaded_is_not_lost(
-    domain_id, project_root, tmp_path, command
-):
+def test_signal_during_import_is_not_lost(domain_id, project_root, tmp_path, command):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED, *command],
         capture_output=True,
@@ -95,9 +93,7 @@ def test_a_signal_while_libraries_are_loaded_is_not_lost(
     assert done.stdout.endswith("True\n")
 
 
-def test_a_signal_while_libraries_are_loaded_ends_what_does_not_wait_for_one(
-    project_root, tmp_path
-):
+def test_signal_during_import_ends_command_that_does_not_wait(project_root, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED, "make-case", "new"],
         capture_output=True,
@@ -141,7 +137,7 @@ sys.exit(main(arguments))
         ("pathlib.Path.replace", "tumor {case}/tumor.stl --units mm -o new.stl"),
     ],
 )
-def test_a_signal_while_something_is_written_leaves_nothing_of_it(
+def test_signal_during_writing_leaves_no_partial_file(
     project_root, tmp_path, number, place, command
 ):
     case, folder = write_small_case(tmp_path / "case"), tmp_path / "work"
@@ -161,8 +157,8 @@ def test_a_signal_while_something_is_written_leaves_nothing_of_it(
         env={**os.environ, "PYTHONPATH": str(project_root)},
         timeout=120,
     )
-    told = [line for line in done.stderr.splitlines() if not line.startswith("compiling for")]
-    assert (done.returncode, told) == (128 + number, [])
+    printed = [line for line in done.stderr.splitlines() if not line.startswith("compiling for")]
+    assert (done.returncode, printed) == (128 + number, [])
     assert [*folder.iterdir()] == []
 
 
@@ -174,7 +170,7 @@ def test_a_signal_while_something_is_written_leaves_nothing_of_it(
         ("app.case.live_recording._write", "record -o new --config {live}", "case.yaml"),
     ],
 )
-def test_what_only_notes_a_signal_leaves_all_that_it_was_writing(
+def test_recorded_signal_leaves_complete_file(
     domain_id, project_root, tmp_path, number, place, command, whole
 ):
     case = write_small_case(tmp_path / "case")
@@ -196,7 +192,7 @@ def test_what_only_notes_a_signal_leaves_all_that_it_was_writing(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_start_that_compiles_ends_at_once(project_root, tmp_path, number):
+def test_signal_during_compilation_ends_at_once(project_root, tmp_path, number):
     case = write_small_case(tmp_path / "case")
     process = subprocess.Popen(
         [sys.executable, "-m", "app.cli", "replay", str(case), "--no-ros"],
@@ -218,7 +214,7 @@ def test_a_start_that_compiles_ends_at_once(project_root, tmp_path, number):
     assert [*tmp_path.rglob("measure*.nbi")] == [], "the compiler was not waited for"
 
 
-def test_the_handlers_that_were_there_come_back():
+def test_previous_handlers_are_restored():
     before = {number: signal.getsignal(number) for number in SIGNALS}
     with raise_signals(), note_signals() as received:
         assert all(signal.getsignal(number) != before[number] for number in SIGNALS)
@@ -226,7 +222,7 @@ def test_the_handlers_that_were_there_come_back():
     assert received.exit_status == 0
 
 
-def test_a_signal_calls_stop_and_raises_nothing():
+def test_signal_calls_stop_and_raises_nothing():
     stopped = threading.Event()
     with note_signals() as received:
         received.stops(stopped.set)
@@ -235,7 +231,7 @@ def test_a_signal_calls_stop_and_raises_nothing():
     assert received.exit_status == 130
 
 
-def test_a_signal_that_came_early_stops_what_comes_late():
+def test_early_signal_calls_later_stop_function():
     noted, stopped = threading.Event(), threading.Event()
     with note_signals() as received:
         received.stops(noted.set)

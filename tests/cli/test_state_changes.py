@@ -1,4 +1,4 @@
-"""What ``marginguard live`` tells: each worsening at once, and no flood close to a bound."""
+"""Lines of ``marginguard live``: worse reasons at once, and few lines close to a threshold."""
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -48,11 +48,11 @@ def steps_of(decisions: Iterable[FixtureDecision], frame_ns: int = FRAME_NS) -> 
     return [step(decision, index * frame_ns) for index, decision in enumerate(decisions)]
 
 
-def told(steps: Sequence[StepResult]) -> list[tuple[Reason, ...]]:
+def printed_reasons(steps: Sequence[StepResult]) -> list[tuple[Reason, ...]]:
     return [step.decision.reasons for step in state_changes(steps)]
 
 
-def test_a_tool_that_trembles_at_the_warning_distance_is_told_once() -> None:
+def test_trembling_at_warning_distance_is_printed_once() -> None:
     runner = Runner()
     distances = 5.0 + 0.02 * np.sin(np.arange(1200) * 1.7)
     steps = [
@@ -61,8 +61,8 @@ def test_a_tool_that_trembles_at_the_warning_distance_is_told_once() -> None:
     ]
     changes = sum(a.decision.reasons != b.decision.reasons for a, b in pairwise(steps))
     assert changes > 500  # of 19 s
-    assert told(steps)[-1] == (Reason.WARNING_DISTANCE,)
-    assert len(told(steps)) <= 2  # clear to begin with, perhaps
+    assert printed_reasons(steps)[-1] == (Reason.WARNING_DISTANCE,)
+    assert len(printed_reasons(steps)) <= 2  # the first line may be CLEAR
 
 
 @pytest.mark.parametrize(
@@ -73,34 +73,34 @@ def test_a_tool_that_trembles_at_the_warning_distance_is_told_once() -> None:
         decided(Reason.STALE, state=UNKNOWN),
     ],
 )
-def test_a_worsening_of_one_frame_is_told(worse: FixtureDecision) -> None:
+def test_worse_reasons_of_one_frame_are_printed(worse: FixtureDecision) -> None:
     usual = decided(Reason.WARNING_DISTANCE)
-    assert worse.reasons in told(steps_of([usual, worse, usual, usual]))[1:]
+    assert worse.reasons in printed_reasons(steps_of([usual, worse, usual, usual]))[1:]
 
 
-def test_an_end_of_the_hold_is_told_at_once() -> None:
+def test_end_of_hold_is_printed_at_once() -> None:
     held = decided(Reason.WARNING_DISTANCE, Reason.LATCHED, hold=True)
     free = decided(Reason.WARNING_DISTANCE)
-    assert told(steps_of([held, held, free])) == [held.reasons, free.reasons]
+    assert printed_reasons(steps_of([held, held, free])) == [held.reasons, free.reasons]
 
 
-def test_better_reasons_are_told_once_they_have_lasted() -> None:
+def test_better_reasons_are_printed_after_minimum_duration() -> None:
     worse = decided(Reason.STOP_DISTANCE, Reason.WARNING_DISTANCE)
     better = decided(Reason.WARNING_DISTANCE)
     steps = steps_of([worse] + [better] * 200)
     late = list(state_changes(steps))[1]
     assert late.decision is better
     assert late.frame.stamp.ns == FRAME_NS + 2 * NS_PER_S
-    assert len(told(steps)) == 2
+    assert len(printed_reasons(steps)) == 2
 
 
-def test_a_clock_that_is_set_back_does_not_put_off_what_is_better() -> None:
+def test_clock_that_jumps_back_does_not_delay_better_reasons() -> None:
     worse = decided(Reason.STALE, Reason.LATCHED, state=UNKNOWN, hold=True)
     better = decided(Reason.RECOVERING, Reason.LATCHED, state=UNKNOWN, hold=True)
     hour_ns = 3600 * NS_PER_S
     steps = [step(worse, hour_ns), step(better, hour_ns + FRAME_NS)]
     steps += steps_of([better] * 200)
-    assert told(steps) == [worse.reasons, better.reasons]
+    assert printed_reasons(steps) == [worse.reasons, better.reasons]
 
 
 @given(
@@ -114,7 +114,7 @@ def test_a_clock_that_is_set_back_does_not_put_off_what_is_better() -> None:
         max_size=40,
     )
 )
-def test_nobody_is_left_with_less_than_what_holds(runs) -> None:
+def test_last_line_is_never_better_than_present_reasons(runs) -> None:
     order = list(Reason)
     decisions = [
         decided(*sorted(reasons, key=order.index), state=state, hold=hold)
@@ -130,7 +130,7 @@ def test_nobody_is_left_with_less_than_what_holds(runs) -> None:
             last = now
         assert last is not None
         assert (last.state, last.hold) == (now.state, now.hold)
-        # The worst reason that holds is told, or a worse one; the latter not for long.
+        # The printed reason is the present worst one, or a worse one for a limited time.
         assert order.index(last.reasons[0]) <= order.index(now.reasons[0])
         if last.reasons == now.reasons:
             since_ns = ns
@@ -138,7 +138,7 @@ def test_nobody_is_left_with_less_than_what_holds(runs) -> None:
 
 
 @given(st.lists(st.booleans(), max_size=200), st.integers(1, NS_PER_S))
-def test_two_reasons_in_any_order_make_a_line_a_second_at_most(turns, frame_ns) -> None:
+def test_two_alternating_reasons_print_at_most_one_line_per_second(turns, frame_ns) -> None:
     kinds = (decided(Reason.WARNING_DISTANCE), decided(Reason.RELEASING))
     lines = list(state_changes(steps_of([kinds[turn] for turn in turns], frame_ns)))
     assert len(lines) <= 2 + len(turns) * frame_ns / NS_PER_S

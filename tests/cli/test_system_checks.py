@@ -1,4 +1,4 @@
-"""Each check of the machine fails when what it checks is taken away."""
+"""Each check of the machine fails without the checked part."""
 
 import subprocess
 import sys
@@ -24,7 +24,7 @@ def test_platform_without_wheels_is_refused() -> None:
     assert not system_checks.check_platform("Darwin", "x86_64").ok
 
 
-def test_a_missing_compiler_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_compiler_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CXX", "no-such-compiler -O2")
     check = system_checks.check_compiler()
     assert not check.ok
@@ -39,12 +39,12 @@ def test_missing_headers_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert str(tmp_path / "Python.h") in check.remedy
 
 
-def test_a_python_without_venv_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_venv_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(system_checks.importlib.util, "find_spec", lambda name: None)
     assert "python3-venv" in system_checks.check_venv().remedy
 
 
-def test_no_egl_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_egl_library_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str) -> None:
         raise OSError(f"{name}: cannot open shared object file")
 
@@ -66,14 +66,14 @@ def run_alone(**environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_alone_it_says_one_sentence_and_fails(tmp_path: Path) -> None:
+def test_file_run_alone_prints_one_sentence_and_fails(tmp_path: Path) -> None:
     done = run_alone(PATH=str(tmp_path), CC="cc", CXX="c++")
     (line,) = [line for line in done.stderr.splitlines() if "compile" in line]
     assert done.returncode == 1
     assert line.startswith("marginguard: cc and c++ not found")
 
 
-def test_alone_it_finds_a_gl_without_drivers(tmp_path: Path) -> None:
+def test_file_run_alone_finds_egl_without_drivers(tmp_path: Path) -> None:
     """Mesa's library without its drivers: VTK would crash, so loading the library is not enough."""
     if not system_checks.check_egl().ok:
         pytest.skip("no EGL on this system_checks, so none to take the drivers from")

@@ -40,7 +40,7 @@ def segmentation(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("ending", ["stl", "ply"])
-def test_a_contour_becomes_a_mesh_that_other_programs_read(
+def test_contour_becomes_mesh_that_other_programs_read(
     contour: Path, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / f"tumor.{ending}"
@@ -59,7 +59,9 @@ def test_a_contour_becomes_a_mesh_that_other_programs_read(
     assert found["volume_mm3"] == pytest.approx(theirs.volume, rel=1e-5)
 
 
-def test_a_segment_by_its_name(segmentation: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_segment_is_selected_by_name(
+    segmentation: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["tumor", str(segmentation), "--segment", "Node", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["middle_mm"] == pytest.approx([15.5] * 3, abs=1e-3)
@@ -69,7 +71,7 @@ def test_a_segment_by_its_name(segmentation: Path, capsys: pytest.CaptureFixture
     assert "holds 2 segments: Tumor (S0), Node (S1)" in capsys.readouterr().err
 
 
-def test_a_mesh_that_bounds_no_solid_is_not_written_unless_repaired(
+def test_mesh_that_bounds_no_solid_is_written_only_when_repaired(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
@@ -83,7 +85,7 @@ def test_a_mesh_that_bounds_no_solid_is_not_written_unless_repaired(
     assert trimesh.load_mesh(tmp_path / "out.stl").volume == pytest.approx(ball.volume)
 
 
-def test_a_mesh_is_not_written_over_itself(
+def test_mesh_is_not_overwritten_by_its_output(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ball = tmp_path / "ball.stl"

@@ -1,4 +1,4 @@
-"""``marginguard view``: what it refuses, and a live session in the browser."""
+"""``marginguard view``: refused arguments, and a live session in the browser."""
 
 import re
 import signal
@@ -36,17 +36,17 @@ SENDER = Path(__file__).parents[1] / "bridge" / "live" / "sender.py"
         ["data/recorded_case", "--config", "live.yaml"],
     ],
 )
-def test_it_takes_a_case_or_a_live_session(arguments, capsys):
+def test_case_and_live_session_exclude_each_other(arguments, capsys):
     assert main(["view", *arguments]) == 2
-    assert "view takes a CASE, or --live and --config FILE" in capsys.readouterr().err
+    assert "expected CASE, or --live and --config FILE" in capsys.readouterr().err
 
 
-def test_an_empty_token_is_refused(capsys):
+def test_empty_token_is_refused(capsys):
     assert main(["view", "data/recorded_case", "--token", ""]) == 2
     assert "--token is empty" in capsys.readouterr().err
 
 
-def test_a_case_that_is_none_is_refused_in_one_line(tmp_path, capsys):
+def test_missing_case_is_refused_in_one_line(tmp_path, capsys):
     assert main(["view", str(tmp_path / "none")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -59,9 +59,7 @@ def test_a_case_that_is_none_is_refused_in_one_line(tmp_path, capsys):
         (["--host", "192.0.2.1"], "192.0.2.1 port 0: Cannot assign"),
     ],
 )
-def test_where_nothing_can_be_served_is_said_before_the_case_is_opened(
-    tmp_path, capsys, address, named
-):
+def test_invalid_address_is_reported_before_case_is_opened(tmp_path, capsys, address, named):
     assert main(["view", str(tmp_path / "none"), *address]) == 2
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
@@ -69,7 +67,7 @@ def test_where_nothing_can_be_served_is_said_before_the_case_is_opened(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_while_the_case_is_stepped_through(
+def test_signal_ends_command_while_case_is_stepped_through(
     viewed_case, monkeypatch, capsys, number
 ):
     noted = threading.Event()
@@ -102,7 +100,7 @@ def live_server(can_draw: None, domain_id: int, live_yaml, tmp_path: Path) -> It
     server.close()
 
 
-def test_a_live_session_is_shown_and_is_grey_without_its_source(
+def test_live_session_is_shown_and_turns_grey_without_its_source(
     browser: Browser, live_server: Server, start: Start, frames_file: Path
 ) -> None:
     context = browser.new_context(viewport={"width": 1280, "height": 720})

@@ -1,4 +1,4 @@
-"""Single-item latest between threads."""
+"""The newest value is passed between threads, once."""
 
 import threading
 

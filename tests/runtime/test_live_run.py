@@ -1,4 +1,4 @@
-"""A step that came too late holds the session and revokes permissions until a re-arm."""
+"""A step that is published too late holds the session and revokes permissions until a re-arm."""
 
 import pytest
 

@@ -48,9 +48,9 @@ def test_plot_is_in_the_state_before_its_first_points():
 
 def test_screenshot_shows_the_present_without_an_open_page(can_draw, parts):
     """Pictures are drawn for open pages only: the scene view is still at the last picture."""
-    stage, feed = SceneView(parts.content), FeedDouble()
-    stage.view.render_window().SetSize(320, 240)
-    page = Page(Server().state, stage, PictureArea(stage.view), feed, TimelineDouble())
+    scene_view, feed = SceneView(parts.content), FeedDouble()
+    scene_view.view.render_window().SetSize(320, 240)
+    page = Page(Server().state, scene_view, PictureArea(scene_view.view), feed, TimelineDouble())
 
     def colors() -> tuple[np.ndarray, int]:
         pixels = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)

@@ -1,4 +1,4 @@
-"""Run a benchmark of this checkout: our figures beside those of peers, in one run.
+"""Run a benchmark of this checkout and of peers in one run, and compare the figures.
 
 Exit status: that of the benchmark; 1 when a figure misses its goal.
 """
@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-SUMMARY = "run a benchmark: our figures beside those of peers"
+SUMMARY = "run a benchmark and compare its figures with those of peers"
 CHECKOUT = Path(__file__).resolve().parents[3]
 BENCHMARKS = {
     "registration": "benchmarks.registration",
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _output_paths(options: Sequence[str]) -> list[Path]:
-    """The files that the benchmark writes, to check them before minutes are spent."""
+    """The files that the benchmark writes, to check them before it runs for minutes."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for name in ("--json", "--plot"):
         parser.add_argument(name, type=Path, nargs="?")

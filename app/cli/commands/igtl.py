@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Publish until a signal comes."""
     with note_signals() as received:
-        load_bridge("which this command requires")
+        load_bridge("which 'igtl' needs")
         print_reach()
         from app.bridge import RosNode
         from app.bridge.igtl_publisher import IgtlPublisher

@@ -1,7 +1,7 @@
-"""Guard the margin live: what 'replay' does with a file, with samples as they arrive over ROS 2.
+"""Monitor the margin live: as 'replay', but with samples as they arrive over ROS 2.
 
-A line on standard output tells each change of the state or the hold, and worse reasons, at once;
-better reasons, once they have lasted. Runs until SIGINT (exit status 130) or SIGTERM (143); exit
+Prints a line for each change of the state or the hold, and for worse reasons, at once; for better
+reasons after they have lasted. Runs until SIGINT (exit status 130) or SIGTERM (143); exit
 status 2 on bad input.
 """
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from app.bridge.node import RosNode
     from app.session import StepResult
 
-SUMMARY = "guard the margin live, with samples as they arrive over ROS 2"
+SUMMARY = "monitor the margin live, with samples as they arrive over ROS 2"
 
 MAX_HZ = 1000.0
-"""How often the constraint may be repeated."""
+"""Highest rate at which the constraint can be repeated."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="FILE",
-        help="what to listen to and to guard, a live.yaml: docs/live.md",
+        help="live.yaml with the topics, the tool and the tumour of the session: docs/live.md",
     )
     add_package_dirs(parser)
     parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of the node")
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_rate_hz,
         default=MAX_HZ,
         metavar="HZ",
-        help=f"how often the constraint is repeated, up to {MAX_HZ:g}; default: {MAX_HZ:g}",
+        help=f"rate at which the constraint is repeated, up to {MAX_HZ:g}; default: {MAX_HZ:g}",
     )
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
@@ -69,7 +69,7 @@ def _rate_hz(text: str) -> float:
 def run(options: argparse.Namespace) -> int:
     """Step and publish until a signal comes."""
     with note_signals() as received:
-        load_bridge("a live session is ROS")
+        load_bridge("which a live session needs")
         print_reach()
         if options.lifecycle:
             _run_managed(options, received)

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         stop = threading.Event()
         received.stops(stop.set)
         topics, live = _topics_and_case(options)
-        load_bridge("a recording is of ROS")
+        load_bridge("which 'record' needs")
         print_reach()
         from app.bridge import RosNode
         from app.case import RECORDING_FOLDER, BagWriter, begin_case

@@ -1,7 +1,7 @@
 """Replay a recorded case: register, check the tool against the tumour, publish the fixture, report.
 
-Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input; 130 or 143 when a
-signal came: the report is there whole or not at all.
+Exit status: 0; 1 when the case's expected.yaml does not hold; 2 on bad input; 130 or 143 after a
+signal: the report is then complete or does not exist.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from app.cli.summary_text import as_text
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
 
 PICTURES_PER_S = 12.5
-"""Of a movie."""
+"""Pictures of a movie per second."""
 
 _MAX_MOVIE_S = 60.0
 
@@ -37,23 +37,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--save-scene",
         type=file_path(".mrb"),
         metavar="FILE.mrb",
-        help="save the deepest moment as a scene of 3D Slicer, with the whole recording in it",
+        help="save the deepest step as a scene of 3D Slicer, with the whole recording in it",
     )
     parser.add_argument(
-        "--movie", type=file_path(".gif"), metavar="FILE.gif", help="draw the replay, animated"
+        "--movie",
+        type=file_path(".gif"),
+        metavar="FILE.gif",
+        help="draw the replay as an animation",
     )
     parser.add_argument(
         "--movie-seconds",
         type=_movie_seconds,
         default=10.0,
         metavar="S",
-        help="how long the movie may last (default: 10): time is compressed to that",
+        help="longest duration of the movie, to which time is compressed (default: 10)",
     )
     parser.add_argument(
         "--rate",
         type=float,
         metavar="R",
-        help="1 is real time, 2 twice as fast; without it the replay goes as fast as it can",
+        help="1 is real time, 2 twice as fast; default: as fast as possible",
     )
     parser.add_argument("--loop", action="store_true", help="start again at the end, with --rate")
     parser.add_argument("--no-ros", action="store_true", help="publish nothing, load no ROS")
@@ -61,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
     parser.add_argument(
-        "--timing", action="store_true", help="say on standard error where the time went"
+        "--timing", action="store_true", help="print the duration of each stage to standard error"
     )
 
 
@@ -151,7 +154,8 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
     checked_rate(options.rate)
     if options.loop and (options.rate is None or drawings):
         raise InputError(
-            "--loop is for watching: it takes --rate, and no --report, --save-scene or --movie"
+            "--loop: without --rate or with an output file; "
+            "expected --rate, and no --report, --save-scene or --movie"
         )
     if options.report is not None:
         check_writable(options.report)
@@ -162,8 +166,8 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
 
 def _drawings(options: argparse.Namespace) -> tuple[str, ...]:
     """The outputs that need 3D Slicer's scene."""
-    asked = {PICTURE: options.report, SCENE: options.save_scene, MOVIE: options.movie}
-    return tuple(name for name, path in asked.items() if path is not None)
+    paths = {PICTURE: options.report, SCENE: options.save_scene, MOVIE: options.movie}
+    return tuple(name for name, path in paths.items() if path is not None)
 
 
 def _movie_seconds(text: str) -> float:

@@ -1,7 +1,7 @@
-"""Wait for other processes: replay cases and calibrate tools as ROS 2 actions, until a signal.
+"""Serve replays of cases and calibrations of tools as ROS 2 actions, until a signal.
 
 The node is marginguard_server, with the actions ~/replay and ~/calibrate and the service
-~/load_case. While a case is played the node marginguard is there as in 'marginguard replay', with
+~/load_case. While a case is replayed the node marginguard runs as in 'marginguard replay', with
 the player's services.
 """
 
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path(),
         metavar="DIR",
-        help="cases may be opened below this folder alone; default: the current one",
+        help="only cases below this folder can be opened; default: the current one",
     )
     parser.add_argument(
         "--load", metavar="CASE", help="open this case at once, its folder below DIR"
@@ -37,9 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve until SIGINT or SIGTERM, which is the way to end it: exit status 0."""
+    """Serve until SIGINT or SIGTERM; both end the command with exit status 0."""
     with note_signals() as received:
-        load_bridge("cases are served over ROS")
+        load_bridge("which 'serve' needs")
         from app.bridge import RosNode
         from app.bridge.calls.calibrate_server import CalibrateServer
         from app.bridge.calls.replay_server import ReplayServer

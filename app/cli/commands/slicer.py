@@ -22,7 +22,7 @@ MODULES = ("MarginGuard", "ROS2")
 HOOK_DONE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 """When set, the start-up hook of the ROS wheels does not replace Slicer by a Python interpreter."""
 
-_ASK_S = 60.0
+_VERSION_TIMEOUT_S = 60.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,10 +116,14 @@ def _check_python(program: Path) -> None:
         return
     try:
         answer = subprocess.run(
-            [str(python), "-V"], capture_output=True, text=True, timeout=_ASK_S, check=False
+            [str(python), "-V"],
+            capture_output=True,
+            text=True,
+            timeout=_VERSION_TIMEOUT_S,
+            check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise InputError(f"{python} -V did not answer within {_ASK_S:g} s") from error
+        raise InputError(f"{python} -V did not answer within {_VERSION_TIMEOUT_S:g} s") from error
     output = " ".join((answer.stdout + answer.stderr).split())
     found = re.search(r"\bPython (\d+\.\d+)\b", output)
     if found is None:

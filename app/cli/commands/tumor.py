@@ -91,10 +91,10 @@ def _tumor(options: argparse.Namespace) -> "BuiltTumor":
     if not name.endswith(endings):
         raise InputError(f"{source} is not a tumour file; expected one of {', '.join(endings)}")
     if options.segment is not None and not is_labels:
-        raise InputError(f"--segment is given, but {source} is not a segmentation")
+        raise InputError(f"--segment is given, but {source} is not a segmentation; expected one")
     if is_mesh != (options.units is not None):
         problem = (
-            "missing: a mesh file does not store its unit"
+            "missing: a mesh file does not store its unit; expected mm, cm or m"
             if is_mesh
             else f"given, but {source} is always in mm; expected it for a mesh file only"
         )

@@ -38,16 +38,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
     parser.add_argument(
-        "--host", default="127.0.0.1", help="address to serve at; default: this machine alone"
+        "--host", default="127.0.0.1", help="address to serve at; default: this machine only"
     )
     parser.add_argument(
         "--port",
         type=int,
         default=0,
         metavar="N",
-        help="port to serve at; default: 0, any that is free",
+        help="port to serve at; default: 0, a free one",
     )
-    parser.add_argument("--token", help="what opens the page; default: a random one")
+    parser.add_argument("--token", help="token that opens the page; default: a random one")
     parser.add_argument(
         "--browser",
         action=argparse.BooleanOptionalAction,
@@ -63,9 +63,11 @@ def run(options: argparse.Namespace) -> int:
     from app.geometry import InputError
 
     if options.live is (options.case is not None) or options.live is not bool(options.config):
-        raise InputError("view takes a CASE, or --live and --config FILE: one of the two wanted")
+        raise InputError(
+            "view: invalid combination of arguments; expected CASE, or --live and --config FILE"
+        )
     if options.token == "":
-        raise InputError("--token is empty: that would open the page to everybody")
+        raise InputError("--token is empty; expected a text, because anybody could open the page")
     with note_signals() as received:
         from app.viewer import Address, new_token
 
@@ -89,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Viewer | None"]:
-    """The page to be served; none when a signal came while the case was stepped through."""
+    """The page to be served; None if a signal arrived while the case was stepped through."""
     if options.live:
         from app.cli.live_page import live_page
 

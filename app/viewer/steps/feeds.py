@@ -53,9 +53,9 @@ class LiveFeed:
     """
 
     def __init__(
-        self, watcher: ViewStateBuilder, stale_after_ns: int, clock_ns: Callable[[], int]
+        self, builder: ViewStateBuilder, stale_after_ns: int, clock_ns: Callable[[], int]
     ) -> None:
-        self._watcher = watcher
+        self._builder = builder
         self._stale_after_ns = stale_after_ns
         self._clock_ns = clock_ns
         self._lock = threading.Lock()
@@ -72,8 +72,8 @@ class LiveFeed:
         self, step: StepResult, content: SessionContent, margin_surface: SurfaceMesh | None
     ) -> None:
         """Store the next step, taken with ``content``; `now` returns the newest one."""
-        self._watcher.use(content, margin_surface)
-        shown = self._watcher.observe(step)
+        self._builder.use(content, margin_surface)
+        shown = self._builder.observe(step)
         with self._lock:
             self._newest, self._came_ns = shown, self._clock_ns()
         self._notify()

@@ -14,14 +14,14 @@ from app.viewer.steps.trend import Trend, TrendMeter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewState:
-    """One step, and what the steps before it leave to be shown.
+    """One step, and the results of earlier steps that are shown with it.
 
     ``content``: the session's content at this step. ``margin_surface``: the surface at its stop
     margin; None while it is not computed, and for a margin of 0. ``measured``: the last good sample
     of every edge so far. ``breaches``: how often the state has become POSITIVE so far, so that a
-    page that leaves steps out misses none. ``marks``: where the tool was in the tumour, in the
-    tumour's frame, the first ``marked`` of them up to this step. ``silent``: why the step is not of
-    the present, empty while it is.
+    page that skips steps misses none. ``marks``: positions of the tool inside the tumour, in the
+    tumour's frame, the first ``marked`` of them up to this step. ``silent``: why the step is
+    outdated, empty while it is not.
     """
 
     step: StepResult
@@ -41,7 +41,7 @@ class ViewState:
         return known_distance_mm(self.step)
 
     def as_unknown(self, why: str) -> "ViewState":
-        """The same moment when nothing came after it: grey, without distance, plane or links."""
+        """The step as UNKNOWN because no step followed: without distance, plane or links."""
         reasons = (Reason.STALE, *(r for r in self.step.decision.reasons if r is Reason.LATCHED))
         decision = replace(
             self.step.decision,

@@ -5,7 +5,7 @@ const HEARTBEAT_TIMEOUT_MS = 1000;
 // A request and its reply pass through both queues: what arrives is no older than the last request
 // that was answered. Drawing may delay a reply.
 const REPLY_TIMEOUT_MS = 2000;
-const AREA = "stage";
+const AREA = "scene";
 
 export function watchServer(trame, onChange) {
   // Not randomUUID: browsers do not offer it to pages loaded by plain http from another machine.

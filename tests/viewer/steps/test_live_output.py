@@ -1,4 +1,4 @@
-"""The page of a live session that is given another tumour, margin or registration."""
+"""The page of a live session after a change of tumour, margins or registration."""
 
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -90,7 +90,7 @@ def test_another_registration_is_in_the_content_of_the_next_step(feed, content, 
     assert found.transform in feed.content.static_edges
 
 
-def test_session_goes_on_when_no_margin_surface_can_be_made(feed, content, capsys):
+def test_session_continues_without_margin_surface(feed, content, capsys):
     output = LiveOutput(feed, content, ball(11.0), FailingWorkers())
     other = replace(content, tumor=ball(5.0))
     output.prepare(other)(other)

@@ -49,7 +49,7 @@ def test_replay_pauses_at_the_last_frame_and_plays_again_from_the_first(control,
     assert (control.frame, control.playing) == (0, True)
 
 
-def test_a_pause_takes_no_time(control, clock):
+def test_pause_does_not_advance(control, clock):
     control.play()
     clock.ns = 45 * MS
     control.pause()
@@ -62,7 +62,7 @@ def test_a_pause_takes_no_time(control, clock):
     assert control.frame == 3
 
 
-def test_the_rate_counts_from_when_it_is_set(control, clock):
+def test_new_rate_applies_from_present_on(control, clock):
     control.play()
     clock.ns = 30 * MS
     control.set_rate(0.5)
@@ -72,7 +72,7 @@ def test_the_rate_counts_from_when_it_is_set(control, clock):
     assert control.frame == 2
 
 
-def test_a_step_pauses_and_stays_within_the_recording(control, clock):
+def test_step_pauses_and_stays_within_recording(control, clock):
     control.play()
     control.step(1)
     assert (control.frame, control.playing) == (1, False)
@@ -82,7 +82,7 @@ def test_a_step_pauses_and_stays_within_the_recording(control, clock):
     assert control.frame == 4
 
 
-def test_seeking_keeps_what_it_was_doing(control, clock):
+def test_seek_keeps_playing_or_paused(control, clock):
     control.seek(0.5)
     assert (control.frame, control.playing) == (2, False)
     control.play()
@@ -92,23 +92,23 @@ def test_seeking_keeps_what_it_was_doing(control, clock):
 
 
 @pytest.mark.parametrize("share", [-0.001, 1.001, float("nan")])
-def test_a_share_beyond_the_recording_is_refused(control, share):
+def test_share_out_of_range_is_refused(control, share):
     with pytest.raises(ViewerError, match="expected 0 to 1"):
         control.seek(share)
     assert control.frame == 0
 
 
-def test_a_rate_that_is_not_offered_is_refused(control):
+def test_unsupported_rate_is_refused(control):
     with pytest.raises(ViewerError, match="one of"):
         control.set_rate(3.0)
 
 
-def test_a_recording_without_frames_is_refused(clock):
+def test_recording_without_frames_is_refused(clock):
     with pytest.raises(ViewerError, match="0 frames"):
         ReplayControl([], clock)
 
 
-def test_a_stamp_that_jumps_back_counts_for_no_time(clock):
+def test_stamp_that_jumps_back_counts_as_no_time(clock):
     control = ReplayControl([100, 200, 50, 150], clock)
     assert [control.time_ns(n) for n in range(4)] == [0, 100, 100, 200]
 

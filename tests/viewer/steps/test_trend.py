@@ -20,13 +20,13 @@ def trends(speeds_mm_s, *, begin_mm=20.0, step_ms=20):
     ("speed", "trend"),
     [(-10.0, Trend.APPROACHING), (10.0, Trend.RETREATING), (0.5, Trend.STEADY)],
 )
-def test_a_constant_speed_has_its_trend_after_a_tenth_of_a_second(speed, trend):
+def test_constant_speed_has_trend_after_a_tenth_of_a_second(speed, trend):
     seen = trends([speed] * 20)
     assert set(seen[:5]) == {Trend.NONE}
     assert set(seen[6:]) == {trend}
 
 
-def test_the_noise_of_a_still_tool_is_steady():
+def test_noise_of_still_tool_is_steady():
     meter, noise = TrendMeter(), np.random.default_rng(1)
     seen = {meter.update(n * 20 * MS, 5.0 + noise.normal(0.0, 0.05)) for n in range(500)}
     assert seen == {Trend.NONE, Trend.STEADY}
