@@ -1,4 +1,4 @@
-"""Debian's Chromium, the one browser of all tests."""
+"""Fixture: Debian's Chromium, driven by Playwright."""
 
 from collections.abc import Iterator
 
@@ -8,12 +8,12 @@ from playwright.sync_api import Browser, sync_playwright
 from benchmarks.view.chromium import CHROMIUM, launch
 
 
-# Playwright holds the thread's event loop as long as it is open: no second one may be open beside
-# it, and a module that runs a loop of its own has to come after it.
+# Playwright occupies the thread's event loop while it is open. With module scope at most one
+# instance is open, and a module that runs its own event loop starts after it was closed.
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is not there: apt-get install chromium")
+        pytest.skip(f"{CHROMIUM} is missing: apt-get install chromium")
     with sync_playwright() as playwright:
         browser = launch(playwright)
         yield browser

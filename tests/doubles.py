@@ -1,4 +1,4 @@
-"""Test doubles of what the fixture and the session are handed, named as such."""
+"""Test doubles and samples for the fixture and the session."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ def near(
     contact: bool = False,
     stamp: Stamp | None = None,
 ) -> Proximity:
-    """The tool this far above a tumour whose top is at z = 10."""
+    """Proximity of a tool ``distance_mm`` above a tumour whose top is at z = 10 mm."""
     witness = Witnesses.single(
         distance_mm,
         np.array([0.0, 0.0, 10.0 + distance_mm]),
@@ -50,7 +50,7 @@ def near(
 
 @dataclass
 class Runner:
-    """Feeds a monitor one observation a step, 20 ms apart."""
+    """Feeds a monitor with one observation per step, 20 ms apart by default."""
 
     monitor: MarginMonitor = field(default_factory=lambda: MarginMonitor(PARAMETERS))
     now_ns: int = 1_000_000_000
@@ -84,7 +84,7 @@ class Runner:
 
 
 class AnalyticSphere:
-    """Test double of a proximity engine: the tip against a sphere of which everything is known."""
+    """Test double of a proximity engine: exact distance of the tip to a sphere at the origin."""
 
     radius_mm = 0.0
     frames = ("tumor", None)
@@ -102,12 +102,12 @@ class AnalyticSphere:
     def sweep(
         self, previous: Transform, current: Transform, stamp: Stamp | None = None
     ) -> SweptProximity:
-        way = [
+        poses = [
             self.evaluate(previous.interpolate(current, part), stamp)
             for part in np.linspace(0.0, 1.0, 101)
         ]
-        lowest = min(way, key=lambda proximity: proximity.signed_distance_mm)
-        return SweptProximity(lowest, 0.01 * way.index(lowest), lowest.signed_distance_mm)
+        closest = min(poses, key=lambda proximity: proximity.signed_distance_mm)
+        return SweptProximity(closest, 0.01 * poses.index(closest), closest.signed_distance_mm)
 
 
 def sample(

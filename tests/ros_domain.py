@@ -1,4 +1,4 @@
-"""A ROS domain of its own for each test, so that tests run side by side do not hear each other."""
+"""One ROS domain per test, so that tests that run in parallel do not receive each other's data."""
 
 import fcntl
 import os
@@ -9,18 +9,18 @@ from pathlib import Path
 
 import pytest
 
-HIGHEST = 100
-"""Ports of domains above 101 lie in Linux's ephemeral range."""
+MAX_DOMAIN = 100
+"""The ports of domains above 101 are in the ephemeral range of Linux."""
 
 
 @contextmanager
-def held_domain() -> Iterator[int]:
-    """Hold a ROS domain that no other test of this machine uses now.
+def reserved_domain() -> Iterator[int]:
+    """Reserve a ROS domain that no other test on this machine uses.
 
-    Processes agree by locked files, which a process that dies gives back.
+    Processes reserve a domain by locking a file; the system releases the lock of a dead process.
     """
-    for offset in range(HIGHEST):
-        domain = 1 + (os.getpid() + offset) % HIGHEST
+    for offset in range(MAX_DOMAIN):
+        domain = 1 + (os.getpid() + offset) % MAX_DOMAIN
         path = Path(tempfile.gettempdir()) / f"marginguard-ros-domain-{domain}.lock"
         with path.open("w") as lock:
             try:
@@ -29,12 +29,12 @@ def held_domain() -> Iterator[int]:
                 continue
             yield domain
             return
-    pytest.fail(f"all ROS domains from 1 to {HIGHEST} are in use by other tests")
+    pytest.fail(f"all ROS domains from 1 to {MAX_DOMAIN} are in use by other tests")
 
 
 def environment_of(domain: int) -> dict[str, str]:
-    """What keeps a process in the domain, and on this machine, as our commands are."""
-    from app.bridge import prepare_environment  # ROS, which not every test needs
+    """Environment variables that restrict a process to the domain and to this machine."""
+    from app.bridge import prepare_environment  # loads ROS
 
     environment = {"ROS_DOMAIN_ID": str(domain)}
     prepare_environment(environment)
@@ -43,8 +43,8 @@ def environment_of(domain: int) -> dict[str, str]:
 
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A domain for one test."""
-    with held_domain() as domain:
+    """ROS domain that is reserved for one test; set in the environment."""
+    with reserved_domain() as domain:
         for name, value in environment_of(domain).items():
             monkeypatch.setenv(name, value)
         yield domain

@@ -46,10 +46,10 @@ def one_link_content(robot_file: Path | None = None) -> SessionContent:
 
 def registered(content: SessionContent, registration: RegistrationResult) -> SessionContent:
     """``content`` with another registration of its robot."""
-    kept = [e for e in content.static_edges if e.source != registration.transform.source]
+    others = [e for e in content.static_edges if e.source != registration.transform.source]
     assert content.robot is not None
     return replace(
         content,
         robot=replace(content.robot, registration=registration),
-        static_edges=(*kept, registration.transform),
+        static_edges=(*others, registration.transform),
     )

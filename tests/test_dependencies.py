@@ -1,4 +1,4 @@
-"""What the code imports is declared, and what is declared is pinned."""
+"""Imported distributions are declared in pyproject.toml and pinned in constraints.txt."""
 
 import ast
 import re
@@ -13,7 +13,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 BUILD = tomllib.loads((ROOT / "interfaces" / "pyproject.toml").read_text())["build-system"]
 
-# Imported by a name of their own, but brought in the versions that fit by what is declared.
 BROUGHT_BY = {
     "slicer": "trame-slicer",
     "slicer_core": "trame-slicer",
@@ -26,27 +25,30 @@ BROUGHT_BY = {
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
 }
+"""Module -> declared distribution that installs it in the matching version."""
 OUR_FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
-# A module of Slicer is imported from its own folder: its file, and the package beside it.
+# Slicer imports the file of a scripted module, and the package beside it, from its folder.
 OUR_FOLDERS |= {path.stem for path in (ROOT / "slicer_module").glob("*/*")}
 ROS_MESSAGES = re.compile(r"\w+_(msgs|srvs|interfaces)")
 
 
-def normal(name: str) -> str:
+def normalized(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def names(requirements: list[str]) -> set[str]:
-    """The projects that ``requirements`` ask for, as the index spells them."""
-    return {normal(re.split(r"[^A-Za-z0-9._-]", requirement)[0]) for requirement in requirements}
+    """Normalized distribution names of ``requirements``."""
+    return {
+        normalized(re.split(r"[^A-Za-z0-9._-]", requirement)[0]) for requirement in requirements
+    }
 
 
 CORE = names(PROJECT["dependencies"])
-EXTRAS = {extra: names(asked) for extra, asked in PROJECT["optional-dependencies"].items()}
+EXTRAS = {extra: names(listed) for extra, listed in PROJECT["optional-dependencies"].items()}
 
 
 def imported(folder: str) -> dict[str, Path]:
-    """The first file that imports each top-level module from outside this project."""
+    """External top-level modules, each with the first file that imports it."""
     found: dict[str, Path] = {}
     for path in sorted((ROOT / folder).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(), str(path))):
@@ -58,7 +60,7 @@ def imported(folder: str) -> dict[str, Path]:
                 continue
             for module in modules:
                 top = module.split(".")[0]
-                beside = path.with_name(f"{top}.py")  # of a script, which is run from its folder
+                beside = path.with_name(f"{top}.py")  # imported by a script that runs in its folder
                 if top not in sys.stdlib_module_names | OUR_FOLDERS and not beside.exists():
                     found.setdefault(top, path)
     return found
@@ -78,7 +80,7 @@ def test_every_import_is_declared(folder: str, declared: set[str]) -> None:
         if ROS_MESSAGES.fullmatch(module):
             continue
         brought = [BROUGHT_BY[module]] if module in BROUGHT_BY else distributions.get(module, [])
-        if not declared & {normal(name) for name in brought}:
+        if not declared & {normalized(name) for name in brought}:
             undeclared.append(f"{path.relative_to(ROOT)} imports {module}, of {brought or 'none'}")
     assert not undeclared
 

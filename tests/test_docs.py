@@ -1,4 +1,4 @@
-"""What README and docs name is there: links, files, commands with their options, Python names."""
+"""README and docs name only what exists: links, files, commands, options, Python names."""
 
 import argparse
 import ast
@@ -25,15 +25,14 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 TASK = re.compile(r"^\| (\d+)\. ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE)
 """A row of the contributing guide: number, task, file, tests."""
 CALL = re.compile(r"^marginguard +([^#|;&`'\n]+)", re.MULTILINE)
-OF_OTHERS = {"--no-splash", "--additional-module-paths"}
-"""Options of Slicer's."""
-NO_CALL = "marginguard tip"
-"""The name of an engine in a table of a benchmark."""
+SLICER_OPTIONS = {"--no-splash", "--additional-module-paths"}
+NOT_A_COMMAND = "marginguard tip"
+"""Name of an engine in a table of a benchmark."""
 
 
 @pytest.fixture(scope="module")
 def pages(project_root: Path) -> dict[str, str]:
-    """By its place in the project each page's text."""
+    """Text of each page by its path in the project."""
     found = [
         *project_root.glob("*.md"),
         *project_root.glob("docs/*.md"),
@@ -43,7 +42,7 @@ def pages(project_root: Path) -> dict[str, str]:
     return {str(path.relative_to(project_root)): path.read_text("utf-8") for path in found}
 
 
-def test_every_link_leads_to_a_file(project_root: Path, pages: dict[str, str]) -> None:
+def test_targets_of_all_links_exist(project_root: Path, pages: dict[str, str]) -> None:
     broken = [
         f"{page}: {target}"
         for page, text in pages.items()
@@ -53,8 +52,8 @@ def test_every_link_leads_to_a_file(project_root: Path, pages: dict[str, str]) -
     assert broken == []
 
 
-def test_every_file_that_is_named_is_there(project_root: Path, pages: dict[str, str]) -> None:
-    """A name that begins with a folder of the project, but for what commands make in ``out``."""
+def test_all_named_files_exist(project_root: Path, pages: dict[str, str]) -> None:
+    """Check names that begin with a folder of the project, except ``out`` (written by commands)."""
     folders = {path.name for path in project_root.iterdir() if path.is_dir()} - {"out"}
     missing = [
         f"{page}: {name}"
@@ -65,7 +64,7 @@ def test_every_file_that_is_named_is_there(project_root: Path, pages: dict[str, 
     assert missing == []
 
 
-def test_every_page_is_named_in_the_readme(pages: dict[str, str]) -> None:
+def test_readme_names_every_page(pages: dict[str, str]) -> None:
     docs = {page for page in pages if page.startswith("docs/")}
     assert {page for page in docs if f"`{page}`" not in pages["README.md"]} == set()
 
@@ -83,36 +82,30 @@ def test_each_task_of_the_contributing_guide_names_a_file_and_tests_that_exist(
         assert tests.startswith("tests/"), task
 
 
-def test_every_call_of_the_command_is_one_that_it_takes(
-    project_root: Path, pages: dict[str, str]
-) -> None:
-    """Commands and their options, in blocks of code and in code within a line."""
+def test_commands_and_their_options_exist(project_root: Path, pages: dict[str, str]) -> None:
+    """Check calls in code blocks and in inline code."""
     wrong = [
-        f"{page}: {' '.join(words)}: {problem}"
+        f"{page}: {' '.join(call)}: {problem}"
         for page, text in pages.items()
-        for words in _calls(text)
-        if (problem := _problem_of(words, project_root))
+        for call in _calls(text)
+        if (problem := _problem_of(call, project_root))
     ]
     assert wrong == []
 
 
-def test_every_option_that_is_named_is_one_of_ours(
-    project_root: Path, pages: dict[str, str]
-) -> None:
+def test_all_named_options_exist(project_root: Path, pages: dict[str, str]) -> None:
     known = {option for parser in _parsers(build_parser()) for option in _options(parser)}
     known |= {option for name in BENCHMARKS for option in _benchmark_options(name, project_root)}
     named = {
         (page, option)
         for page, text in pages.items()
         for option in OPTION.findall(text)
-        if option not in known | OF_OTHERS
+        if option not in known | SLICER_OPTIONS
     }
     assert named == set()
 
 
-def test_python_of_the_docs_names_what_can_be_imported(
-    project_root: Path, pages: dict[str, str]
-) -> None:
+def test_imports_in_python_examples_work(project_root: Path, pages: dict[str, str]) -> None:
     missing = []
     for page, text in pages.items():
         for language, code in BLOCK.findall(text):
@@ -121,11 +114,11 @@ def test_python_of_the_docs_names_what_can_be_imported(
     assert missing == []
 
 
-def test_the_smallest_case_can_be_judged(
+def test_minimal_case_of_the_docs_has_a_known_margin(
     project_root: Path, pages: dict[str, str], tmp_path: Path
 ) -> None:
-    found = dict(reversed(BLOCK.findall(pages["docs/case_format.md"])))
-    (tmp_path / "case.yaml").write_text(found["yaml"], encoding="utf-8")
+    first_block = dict(reversed(BLOCK.findall(pages["docs/case_format.md"])))
+    (tmp_path / "case.yaml").write_text(first_block["yaml"], encoding="utf-8")
     for name in ("tracking.mcap", "cautery.stl", "tumor.stl"):
         shutil.copy(project_root / "data/recorded_case" / name, tmp_path)
     case = open_case(tmp_path)
@@ -134,33 +127,33 @@ def test_the_smallest_case_can_be_judged(
 
 
 def _calls(text: str) -> Iterator[list[str]]:
-    """The words after ``marginguard``, of each call in a page."""
+    """Arguments of each call of ``marginguard`` in a page."""
     blocks = [code for language, code in BLOCK.findall(text) if language == "sh"]
     for code in (*blocks, *CODE.findall(BLOCK.sub("", text))):
-        for call in CALL.findall(code if code != NO_CALL else ""):
+        for call in CALL.findall(code if code != NOT_A_COMMAND else ""):
             yield shlex.split(call)
 
 
-def _problem_of(words: list[str], root: Path) -> str:
-    """What is wrong with a call; empty where nothing is."""
+def _problem_of(arguments: list[str], root: Path) -> str:
+    """Error in the arguments of a call; empty if there is none."""
     parser = build_parser()
-    options = OPTION.findall(" ".join(words).partition(" -- ")[0])
-    if words[0] == "bench" and len(words) > 1 and words[1] in BENCHMARKS:
-        known = _benchmark_options(words[1], root)
+    options = OPTION.findall(" ".join(arguments).partition(" -- ")[0])
+    if arguments[0] == "bench" and len(arguments) > 1 and arguments[1] in BENCHMARKS:
+        known = _benchmark_options(arguments[1], root)
     else:
-        while words and (chosen := _chosen(parser, words[0])) is not None:
-            parser, words = chosen, words[1:]
-        if parser.prog == "marginguard" and not words[0].startswith("--"):
-            return f"no command {words[0]}"
+        while arguments and (chosen := _subparser(parser, arguments[0])) is not None:
+            parser, arguments = chosen, arguments[1:]
+        if parser.prog == "marginguard" and not arguments[0].startswith("--"):
+            return f"no command {arguments[0]}"
         known = _options(parser)
     unknown = [option for option in options if option not in known]
     return f"no options {unknown}" if unknown else ""
 
 
-def _chosen(parser: argparse.ArgumentParser, word: str) -> argparse.ArgumentParser | None:
+def _subparser(parser: argparse.ArgumentParser, name: str) -> argparse.ArgumentParser | None:
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            return action.choices.get(word)
+            return action.choices.get(name)
     return None
 
 
@@ -177,7 +170,7 @@ def _options(parser: argparse.ArgumentParser) -> set[str]:
 
 
 def _benchmark_options(name: str, root: Path) -> set[str]:
-    """Read from its source: peers that it imports may not be there."""
+    """Options in the source text of a benchmark: its peers may not be installed."""
     path = root / BENCHMARKS[name].replace(".", "/")
     source = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
     shared = root / "benchmarks/case_options.py"

@@ -1,4 +1,4 @@
-"""Every package finds the same verdict on the same stamp: all of them call `freshness_of`."""
+"""All packages judge the freshness of a stamp alike: all of them call `freshness_of`."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -115,7 +115,7 @@ def followed_by_joints(stamp_ns: int) -> bool:
     return not follower.state(NOW_NS).is_stale
 
 
-def followed_with_one_joint_of_now(stamp_ns: int) -> bool:
+def followed_with_one_current_joint(stamp_ns: int) -> bool:
     follower = JointFollower(robot_from_text(URDF), ROBOT)
     follower.take(["turn"], [0.1], NOW_NS)
     follower.take(["push"], [0.2], stamp_ns)
@@ -136,12 +136,12 @@ def looked_up_in_slicer(stamp_ns: int) -> bool:
     node = vtkMRMLROS2Tf2LookupNode()
     node.SetStaleAfterSeconds(STALE_NS / NS_PER_S)
     node._found = Lookup(IDENTITY, stamp_ns)
-    node._owner = SimpleNamespace(now_ns=lambda: NOW_NS)  # a TEST DOUBLE of a ROS node
+    node._owner = SimpleNamespace(now_ns=lambda: NOW_NS)  # TEST DOUBLE of a ROS node
     return node.GetState() == "valid"
 
 
 STRICT = FreshnessLimits(STALE_NS)
-OF_OTHER_HOSTS = pose_limits(STALE_NS)
+OTHER_HOSTS = pose_limits(STALE_NS)
 USERS: dict[Callable[[int], bool], FreshnessLimits] = {
     used_by_pose_tree: STRICT,
     used_by_monitor: STRICT,
@@ -149,10 +149,10 @@ USERS: dict[Callable[[int], bool], FreshnessLimits] = {
     shown_in_scene: STRICT,
     listed_as_tracked_in_diagnostics: STRICT,
     allows_motion: STRICT,
-    followed_by_joints: OF_OTHER_HOSTS,
-    followed_with_one_joint_of_now: OF_OTHER_HOSTS,
-    followed_by_tf: OF_OTHER_HOSTS,
-    looked_up_in_slicer: OF_OTHER_HOSTS,
+    followed_by_joints: OTHER_HOSTS,
+    followed_with_one_current_joint: OTHER_HOSTS,
+    followed_by_tf: OTHER_HOSTS,
+    looked_up_in_slicer: OTHER_HOSTS,
 }
 
 

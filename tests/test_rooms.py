@@ -1,4 +1,4 @@
-"""The arrows between the rooms: every import in ``app/`` must go the way that the design draws."""
+"""Allowed imports between the packages of ``app/`` and between their sub-packages."""
 
 import ast
 import graphlib
@@ -47,8 +47,8 @@ MAY_IMPORT = {
         "scene",
     },
 }
-EVERYTHING = set(MAY_IMPORT)
-WITHIN = {
+ALL_PACKAGES = set(MAY_IMPORT)
+SUB_PACKAGES_MAY_IMPORT = {
     "bridge": {
         "convert": set(),
         "tf": set(),
@@ -95,7 +95,7 @@ WITHIN = {
         "readout": {"steps"},
     },
 }
-"""What the folders of a room may import of each other."""
+"""Package -> sub-package -> sub-packages that it may import."""
 
 ONLY_IN = {
     "rclpy": {"bridge"},
@@ -116,6 +116,7 @@ ONLY_IN = {
     "matplotlib": {"report"},
     "PIL": {"scene"},
 }
+"""External module -> packages that may import it (`cli` may import all of them)."""
 
 
 def imports(path: Path) -> Iterator[str]:
@@ -129,41 +130,48 @@ def imports(path: Path) -> Iterator[str]:
                 yield from (f"app.{alias.name}" for alias in node.names)
 
 
-def room_of(path: Path) -> str:
+def package_of(path: Path) -> str:
     return path.relative_to(APP).parts[0]
 
 
 FILES = sorted(path for path in APP.rglob("*.py") if path.parent != APP)
 
 
-def test_there_is_something_to_walk():
-    assert {room_of(path) for path in FILES} >= set(MAY_IMPORT) | {"cli"}
+def test_every_listed_package_has_files():
+    assert {package_of(path) for path in FILES} >= set(MAY_IMPORT) | {"cli"}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(APP)))
-def test_imports_follow_the_arrows(path):
-    room = room_of(path)
-    allowed = MAY_IMPORT.get(room, EVERYTHING | {"cli"}) | {room}
+def test_packages_import_only_allowed_packages(path):
+    package = package_of(path)
+    allowed = MAY_IMPORT.get(package, ALL_PACKAGES | {"cli"}) | {package}
     for name in imports(path):
         assert not name.startswith("."), f"relative import of {name}"
         head, *rest = name.split(".")
         if head == "app" and rest and (APP / rest[0]).is_dir():
-            assert rest[0] in allowed, f"{room} may not import {name}"
-        if head in ONLY_IN and room != "cli":
-            assert room in ONLY_IN[head], f"{name} belongs to {sorted(ONLY_IN[head])}, not {room}"
-        if room == "geometry" and head != "app":
+            assert rest[0] in allowed, f"{package} may not import {name}"
+        if head in ONLY_IN and package != "cli":
+            allowed_in = sorted(ONLY_IN[head])
+            assert package in allowed_in, f"{package} imports {name}; only {allowed_in} may"
+        if package == "geometry" and head != "app":
             assert head in sys.stdlib_module_names | {"numpy", "scipy"}, f"geometry imports {name}"
 
 
 @pytest.mark.parametrize(
-    ("room", "folder"), [(room, folder) for room, folders in WITHIN.items() for folder in folders]
+    ("package", "folder"),
+    [
+        (package, folder)
+        for package, folders in SUB_PACKAGES_MAY_IMPORT.items()
+        for folder in folders
+    ],
 )
-def test_the_folders_of_a_room_follow_the_arrows(room, folder):
-    files = sorted((APP / room / folder).rglob("*.py"))
+def test_sub_packages_import_only_allowed_sub_packages(package, folder):
+    allowed = SUB_PACKAGES_MAY_IMPORT[package]
+    files = sorted((APP / package / folder).rglob("*.py"))
     assert len(files) > 1
-    named = {tuple(name.split(".")) for path in files for name in imports(path)}
-    others = {n[2] for n in named if n[:2] == ("app", room) and len(n) > 2} & WITHIN[room].keys()
-    assert others <= WITHIN[room][folder] | {folder}
+    modules = {tuple(name.split(".")) for path in files for name in imports(path)}
+    imported = {m[2] for m in modules if m[:2] == ("app", package) and len(m) > 2}
+    assert imported & allowed.keys() <= allowed[folder] | {folder}
 
 
 def imported_modules(path: Path) -> Iterator[str]:
@@ -181,7 +189,7 @@ PACKAGES = sorted({parent for path in FILES for parent in path.parents if APP in
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: str(path.relative_to(APP)))
 def test_sub_packages_form_no_cycle(package):
-    """The graph is computed from the imports, so that a new sub-package needs no entry."""
+    """The graph is computed from the imports: a new sub-package needs no entry."""
     prefix = (APP.name, *package.relative_to(APP).parts)
     folders = {path.name for path in package.iterdir() if path.is_dir() and any(path.glob("*.py"))}
     graph = {}
@@ -203,18 +211,18 @@ def test_sub_packages_form_no_cycle(package):
         )
 
 
-def test_the_modules_of_slicer_do_not_go_through_the_command():
+def test_slicer_modules_do_not_import_the_command_line():
     imported = {name for path in SLICER_MODULES.rglob("*.py") for name in imports(path)}
     assert "app.bridge.live" in imported
     assert not [name for name in imported if name.split(".")[:2] == ["app", "cli"]]
 
 
-def test_one_file_alone_imports_fcl():
+def test_exactly_one_file_imports_fcl():
     assert len([path for path in FILES if "fcl" in set(imports(path))]) == 1
 
 
 def loaded(code: str, watched: set[str]) -> set[str]:
-    """Those of ``watched`` that a process has loaded after ``code``."""
+    """Modules among ``watched`` that a new process has loaded after running ``code``."""
     done = subprocess.run(
         [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"],
         capture_output=True,
@@ -225,25 +233,25 @@ def loaded(code: str, watched: set[str]) -> set[str]:
     return watched & set(done.stdout.split())
 
 
-def all_of(*rooms: str) -> str:
-    return "\n".join(f"from app.{room} import *" for room in rooms)
+def import_all(*packages: str) -> str:
+    return "\n".join(f"from app.{package} import *" for package in packages)
 
 
-def test_the_session_needs_neither_ros_nor_vtk():
-    code = all_of("session", "case", "robot", "fixture", "registration")
+def test_session_loads_neither_ros_nor_vtk():
+    code = import_all("session", "case", "robot", "fixture", "registration")
     heavy = {"rclpy", "vtk", "vtkmodules", "slicer", "matplotlib"}
     assert loaded(code, heavy | {"app.fixture.proximity.engine"}) == {
         "app.fixture.proximity.engine"
     }
 
 
-def test_what_is_slow_to_load_waits_until_it_is_needed():
-    code = f"import app.cli.main\n{all_of('session', 'report')}"
+def test_slow_modules_are_loaded_only_when_used():
+    code = f"import app.cli.main\n{import_all('session', 'report')}"
     slow = {"matplotlib", "scipy.stats", "rich", "slicer"}
     assert loaded(code, slow | {"app.session.live"}) == {"app.session.live"}
 
 
-def test_a_room_loads_what_is_asked_of_it_and_no_more():
+def test_package_loads_only_the_modules_of_the_imported_names():
     code = "from app.fixture import FixtureDecision; from app.robot import Robot; import app.report"
     slow = {"numba", "trimesh", "scipy.spatial", "app.fixture.control.decision"}
     assert loaded(code, slow) == {"app.fixture.control.decision"}

@@ -1,6 +1,6 @@
-"""Run ``pip install`` with the project's constraints: one line while it works, one when it fails.
+"""Run ``pip install`` with the project's constraints; print one line at its start, one on failure.
 
-Everything that pip says goes to ``.venv/install.log``.
+The output of pip is written to ``.venv/install.log``.
 """
 
 import os
@@ -10,18 +10,21 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-CONSTRAINTS = "constraints.txt"  # relative to ROOT: pip splits the variable below at blanks
+CONSTRAINTS = "constraints.txt"  # relative to ROOT: pip splits PIP_CONSTRAINT at spaces
 LOG = Path(sys.prefix) / "install.log"
 
 NO_WHEEL = "no wheel of {what} for Python {python}: use Python 3.11 to 3.13 on Linux x86_64"
 EXPLANATIONS = (
-    # pattern in pip's output -> what to do; the first that is found is told
+    # Pattern in the output of pip -> explanation. The first pattern that matches is used.
     (
         r"(?P<what>Temporary failure in name resolution|NewConnectionError|ReadTimeoutError)",
-        "the package index could not be reached ({what}): look at the network and try again",
+        "the package index could not be reached ({what}): check the network and try again",
     ),
     (r"No matching distribution found for (?P<what>\S+)", NO_WHEEL),
-    (r"The user requested \(constraint\) (?P<what>\S+)", NO_WHEEL),  # pinned, but not to be had
+    (
+        r"The user requested \(constraint\) (?P<what>\S+)",
+        NO_WHEEL,
+    ),  # pinned, not available
     (r"(?P<what>\S+) (was )?not found: install (?P<rest>.*)", "{what} not found: install {rest}"),
     (r"fatal error: (?P<what>Python\.h)", "{what} is missing: apt install python3-dev"),
     (r"fatal error: (?P<what>.+)", "the ROS interfaces do not compile: {what}"),
@@ -31,7 +34,7 @@ EXPLANATIONS = (
 
 
 def explain(output: str) -> str:
-    """One sentence for what pip said last, the most telling line of it first."""
+    """Explain the output of a failed pip in one sentence."""
     for pattern, sentence in EXPLANATIONS:
         found = re.search(pattern, output)
         if found is not None:
@@ -43,7 +46,7 @@ def explain(output: str) -> str:
 def main(arguments: list[str]) -> int:
     """Install ``arguments`` (as for ``pip install``) into this Python's environment."""
     print(f"Installing {' '.join(a for a in arguments if a != '-e')} ...", flush=True)
-    # As variables these hold for the environments too that pip builds packages in.
+    # As variables the constraints also apply to the environments in which pip builds packages.
     constrained = {"PIP_CONSTRAINT": CONSTRAINTS, "PIP_BUILD_CONSTRAINT": CONSTRAINTS}
     done = subprocess.run(
         [sys.executable, "-m", "pip", "install", "--disable-pip-version-check", *arguments],

@@ -106,7 +106,7 @@ def test_every_surface_and_colour_of_the_case_is_in_the_scene(
         assert len(loaded[name]["triangles"]) == 3 * len(mesh.faces)
     assert loaded["Tumor"]["display"]["color"] == list(MarginState.POSITIVE.color)
     assert loaded["Tumor"]["display"]["opacity"] == 0.4
-    assert loaded["stylus_model"]["display"]["opacity"] == 0.35  # the tool is seen in its grip
+    assert loaded["stylus_model"]["display"]["opacity"] == 0.35  # the tool inside stays visible
     proximity = deepest.decision.proximity
     assert proximity is not None
     distance = f"{proximity.signed_distance_mm:.1f} mm"
@@ -140,21 +140,22 @@ def test_saved_scene_replays_like_its_recording(saved: Path, tmp_path: Path) -> 
         session = Session(setup_from_case(opened, tip_only=False))
         steps.append([session.step(frame) for frame in opened.frames()])
         assert opened.notes() == ()
-    theirs, ours = steps
-    assert len(ours) == 3741
-    for one, other in zip(theirs, ours, strict=True):
-        assert one.frame.stamp == other.frame.stamp
+    of_mcap, of_scene = steps
+    assert len(of_scene) == 3741
+    for expected, found in zip(of_mcap, of_scene, strict=True):
+        assert expected.frame.stamp == found.frame.stamp
         edges = [
             {(pose.target, pose.source): pose.status for pose in step.frame.poses}
-            for step in (one, other)
+            for step in (expected, found)
         ]
         assert edges[0] == edges[1]
-        assert one.decision.state is other.decision.state
-        mine, known = other.decision.proximity, one.decision.proximity
-        assert (mine is None) == (known is None)
-        if mine is not None and known is not None:
-            # Six digits a number: 0.0005 mm in each of two positions, 1e-6 rad in two turns.
-            assert mine.signed_distance_mm == pytest.approx(known.signed_distance_mm, abs=0.01)
+        assert expected.decision.state is found.decision.state
+        known, proximity = expected.decision.proximity, found.decision.proximity
+        assert (proximity is None) == (known is None)
+        if proximity is not None and known is not None:
+            # MRML has six digits per number: 0.0005 mm in two positions, 1e-6 rad in two rotations.
+            distance_mm = pytest.approx(known.signed_distance_mm, abs=0.01)
+            assert proximity.signed_distance_mm == distance_mm
 
 
 def test_case_with_a_scene_as_recording_refuses_joints(

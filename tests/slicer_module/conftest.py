@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.ros_domain import environment_of, held_domain
+from tests.ros_domain import environment_of, reserved_domain
 
 PEER = Path(__file__).resolve().parent / "ros2_peer.py"
 DEADLINE_S = 30.0
@@ -67,7 +67,7 @@ class Peer:
 
 @pytest.fixture(scope="session")
 def ros_domain() -> Iterator[int]:
-    with held_domain() as domain:
+    with reserved_domain() as domain:
         yield domain
 
 

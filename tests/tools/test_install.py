@@ -1,4 +1,4 @@
-"""What is said when an installation fails."""
+"""Error messages of a failed installation."""
 
 import importlib.util
 from pathlib import Path
@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """`tools/install.py`, which is no package, with its log out of the way."""
+    """`tools/install.py`, loaded from its file, with its log in a temporary folder."""
     spec = importlib.util.spec_from_file_location("install", ROOT / "tools" / "install.py")
     assert spec is not None
     assert spec.loader is not None
@@ -22,7 +22,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 @pytest.mark.parametrize(
-    ("output", "said"),
+    ("output", "expected"),
     [
         (
             "ERROR: Could not find a version that satisfies the requirement thing==1\n"
@@ -52,13 +52,15 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         ("", "pip failed"),
     ],
 )
-def test_one_sentence_names_the_cause(install: ModuleType, output: str, said: str) -> None:
+def test_output_of_pip_is_explained_in_one_sentence(
+    install: ModuleType, output: str, expected: str
+) -> None:
     sentence = install.explain(output)
-    assert said in sentence
+    assert expected in sentence
     assert "\n" not in sentence
 
 
-def test_a_missing_wheel_is_one_line_and_the_rest_is_in_the_log(
+def test_missing_wheel_is_reported_in_one_line_and_logged_in_full(
     install: ModuleType, capfd: pytest.CaptureFixture[str]
 ) -> None:
     status = install.main(["--no-index", "no-such-wheel==1.2.3"])
