@@ -1,4 +1,4 @@
-# MarginGuard: `make demo` and `make test` are all that a fresh clone needs.
+# MarginGuard: `make demo` and `make test` work in a fresh clone.
 
 PYTHON ?= python3
 
@@ -10,33 +10,40 @@ test    := $(venv)/.installed-test
 case    := data/recorded_case
 report  := out/demo
 
-# Everything that decides what is installed. Our own Python files are not among it: they are used in place.
+# Files that determine what is installed. The Python files of the project are used in place (-e).
 declared   := pyproject.toml constraints.txt tools/install.py
 interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path '*.egg-info/*' \
                 -not -path '*/__pycache__/*')
 
-# Left by the start-up hook of another environment's ROS wheels, it would keep ours from running.
+# If the start-up hook of the ROS wheels of another environment set it, the hook of this one would not run.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint format doctor clean
+.PHONY: help demo test test-fast lint format doctor clean
 
 help:
-	@echo 'make demo    install, then replay $(case) into $(report)'
-	@echo 'make test    install what tests need too, then run them'
-	@echo 'make lint    ruff and mypy'
-	@echo 'make format  let ruff rewrite the files'
-	@echo 'make doctor  say what is there and what is missing'
-	@echo 'make clean   remove the environment and all that was made'
-	@echo 'PYTHON=...   the Python to make the environment with (3.11 to 3.13; now $(PYTHON))'
+	@echo 'make demo       install, then replay $(case) into $(report)'
+	@echo 'make test       install the test dependencies, then run all tests'
+	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
+	@echo 'make lint       ruff and mypy'
+	@echo 'make format     let ruff rewrite the files'
+	@echo 'make doctor     check the installation'
+	@echo 'make clean      remove the environment and all generated files'
+	@echo 'PYTHON=...      the Python of the environment (3.11 to 3.13; now $(PYTHON))'
 
 demo: $(run)
 	@$(venv)/bin/marginguard replay $(case) --report $(report)
 	@echo 'The report is $(report)/report.html'
 
-# A test process that dies ends the run: pytest-xdist waits for ever for one that replaces it.
+# A crashed worker ends the run (--max-worker-restart 0): pytest-xdist can hang when it replaces one.
+pytest := $(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+
 test: $(test)
-	@$(python) -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 $(PYTEST_ARGS)
+	@$(pytest) $(PYTEST_ARGS)
+
+# tests/conftest.py lists the slow tests, with reasons.
+test-fast: $(test)
+	@$(pytest) -m "not slow" $(PYTEST_ARGS)
 
 lint: $(test)
 	@$(python) -m ruff check
@@ -61,7 +68,7 @@ $(python):
 	@echo 'Making $(venv) with $(PYTHON) ...'
 	@$(PYTHON) -m venv $(venv) || { rm -rf $(venv); exit 1; }
 
-# The interfaces come with the first install: the ROS wheels that they load are installed there.
+# The interfaces are installed together with the ROS wheels, which they load.
 $(run): $(declared) $(interfaces) | $(python)
 	@$(python) tools/install.py -e '.[ros,scene]' ./interfaces
 	@touch $@

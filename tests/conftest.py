@@ -1,4 +1,4 @@
-"""Fixtures that every room shares."""
+"""Fixtures and collection rules for all tests: their order, and which of them are slow."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,18 +8,89 @@ from hypothesis import settings
 
 from tests.browser import browser as browser
 
-# A machine that does other work, or compiles, is no fault of an example.
-settings.register_profile("any_clock", deadline=None)
-settings.load_profile("any_clock")
+# No deadline per example: compilation or a busy machine would fail it.
+settings.register_profile("no_deadline", deadline=None)
+settings.load_profile("no_deadline")
 
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
 
+SLOW = {
+    "needs a ROS graph": (
+        "tests/bridge/",
+        "tests/interfaces/",
+        "tests/cli/test_record.py",
+        "tests/cli/test_serve.py",
+        "tests/cli/test_signals.py",
+        "tests/igtl/test_igtl_command.py",
+    ),
+    "needs VTK, rendering or a browser": (
+        "tests/scene/",
+        "tests/slicer_module/",
+        "tests/viewer/drawing/",
+        "tests/viewer/test_auth_served.py",
+        "tests/viewer/test_page.py",
+        "tests/viewer/test_page_state.py",
+        "tests/viewer/test_server_gone.py",
+        "tests/viewer/test_tls_proxy.py",
+        "tests/cli/test_render_warmup.py",
+        "tests/cli/test_replay_scene.py",
+        "tests/cli/test_scene_picture.py",
+        "tests/cli/test_view.py",
+    ),
+    "starts many processes or replays whole cases": (
+        "tests/benchmarks/",
+        "tests/cli/calibration/test_landmarks.py",
+        "tests/cli/calibration/test_pivot_and_spin.py",
+        "tests/cli/calibration/test_robot.py",
+        "tests/cli/test_bench.py",
+        "tests/cli/test_doctor.py",
+        "tests/cli/test_main.py",
+        "tests/cli/test_recorded_case.py",
+        "tests/cli/test_replay.py",
+        "tests/cli/test_replay_real.py",
+        "tests/cli/test_tumor.py",
+        "tests/fixture/proximity/test_field_cache.py",
+        "tests/fixture/test_jit.py",
+        "tests/igtl/test_live_igtl.py",
+        "tests/session/test_benchmark.py",
+        "tests/session/test_following.py",
+        "tests/synthetic/test_simulation.py",
+        "tests/synthetic/test_writing.py",
+    ),
+    "computes for more than about 3 s": (
+        "tests/case/tumor/test_contour_surface.py",
+        "tests/fixture/control/test_guidance.py",
+        "tests/fixture/control/test_monitor_machine.py",
+        "tests/fixture/control/test_push.py",
+        "tests/fixture/meshes/test_margin_surface.py",
+        "tests/fixture/meshes/test_mesh_checks.py",
+        "tests/fixture/meshes/test_self_intersection.py",
+        "tests/fixture/proximity/test_branch_and_bound.py",
+        "tests/fixture/proximity/test_engine.py",
+        "tests/fixture/proximity/test_separating_planes.py",
+        "tests/fixture/proximity/test_witnesses.py",
+        "tests/fixture/surfaces/test_clearance.py",
+        "tests/registration/points/test_surface.py",
+        "tests/registration/robot_base/test_robot_world.py",
+        "tests/registration/tool/test_pivot.py",
+        "tests/registration/tool/test_spin.py",
+        "tests/report/test_margin_plot.py",
+        "tests/session/test_from_case.py",
+        "tests/session/test_recent_samples.py",
+        "tests/synthetic/test_clearance.py",
+    ),
+}
+"""Reason -> folders and files whose tests have the marker ``slow``: `make test-fast` skips them."""
+
+FAST_TIER = "not slow"
+"""Expression of ``-m`` that selects the fast tier."""
+
 EARLY = (
-    # Compiles the kernels in a fresh clone, once for all: the next two do without them meanwhile.
+    # In a fresh clone it compiles the kernels; the next two do not need them meanwhile.
     "tests/fixture/proximity/test_engine.py",
     "tests/synthetic/",
     "tests/registration/",
-    # Longer than half a minute each: at the end one would leave the other workers idle.
+    # More than half a minute each: started last, one would leave the other workers idle.
     "tests/bridge/faults/",
     "tests/bridge/live/",
     "tests/bridge/control/",
@@ -29,17 +100,33 @@ EARLY = (
     "tests/slicer_module/test_marginguard_replay.py",
     "tests/viewer/test_page.py",
 )
-"""What is begun first, in this order; all else follows as it was collected."""
+"""Folders and files that run first, in this order; the others follow in the collected order."""
+
+
+def is_slow(path: str) -> bool:
+    """True if ``path`` (relative to the project, or a node id) is listed in `SLOW`."""
+    return path.startswith(tuple(slow for paths in SLOW.values() for slow in paths))
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Do not import slow files for the fast tier: they load ROS, VTK and Playwright."""
+    if config.option.markexpr != FAST_TIER or not collection_path.is_relative_to(PROJECT_ROOT):
+        return None
+    path = collection_path.relative_to(PROJECT_ROOT).as_posix()
+    return is_slow(f"{path}/" if collection_path.is_dir() else path) or None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of `EARLY` first, so that two workers end together."""
+    """Mark slow tests, and run the files of `EARLY` first, so that two workers end together."""
 
-    def place(item: pytest.Item) -> int:
-        begins = (item.nodeid.startswith(early) for early in EARLY)
-        return next((at for at, is_it in enumerate(begins) if is_it), len(EARLY))
+    def rank(item: pytest.Item) -> int:
+        starts = (item.nodeid.startswith(early) for early in EARLY)
+        return next((index for index, found in enumerate(starts) if found), len(EARLY))
 
-    items.sort(key=place)
+    for item in items:
+        if is_slow(item.nodeid):
+            item.add_marker(pytest.mark.slow)
+    items.sort(key=rank)
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -57,7 +144,7 @@ def project_root() -> Path:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Real recordings and robots, beside the project on a development machine only."""
+    """Folder of real recordings and robots; it exists on development machines only."""
     folder = PROJECT_ROOT.parent / "shared" / "data"
     if not folder.is_dir():
         pytest.skip("no ../shared/data beside the project: real recordings are not shipped with it")

@@ -1,4 +1,4 @@
-"""Desktop Slicer around a module of ours, as far as TEST DOUBLES are that."""
+"""TEST DOUBLES of the parts of desktop Slicer that a scripted module needs."""
 
 import sys
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ import pytest
 
 @contextmanager
 def desktop_slicer() -> Iterator[None]:
-    """A module's file can be loaded in here; skips where Qt cannot be."""
+    """Context in which the file of a module can be loaded. Skips if Qt cannot be loaded."""
     qt_double = pytest.importorskip(
         "tests.slicer_module.qt_double",
         reason="PySide6 cannot be loaded: apt install libegl1 libxkbcommon0 libfontconfig1",

@@ -22,7 +22,7 @@ if str(FOLDER) not in sys.path:
 from app.runtime import PreparedCase, prepare_case  # noqa: E402
 from app.scene import SceneApplication  # noqa: E402
 
-PATIENCE_SPINS = 6000
+MAX_SPINS = 6000
 """20 ms each: a first run compiles for a minute."""
 
 
@@ -40,7 +40,7 @@ def opened_case() -> PreparedCase:
 
 def spin_until(panel_logic: Any, is_expected: Callable[[Any], bool]) -> Any:
     """Spin the logic until ``is_expected(status)`` is true; return that status."""
-    for _ in range(PATIENCE_SPINS):
+    for _ in range(MAX_SPINS):
         status = panel_logic.spin(0.02)
         if is_expected(status):
             return status

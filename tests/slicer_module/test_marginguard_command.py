@@ -1,4 +1,4 @@
-"""``marginguard slicer``, with a stand-in for Slicer: a script that prints what it was given."""
+"""``marginguard slicer`` with a test double of Slicer: a script that prints its arguments."""
 
 import json
 import os
@@ -16,8 +16,8 @@ from app.cli.main import main
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = [str(ROOT / "slicer_module" / name) for name in ("MarginGuard", "ROS2")]
 OURS = f"{sys.version_info.major}.{sys.version_info.minor}"
-STAND_IN = f"""#!{sys.executable} -S
-# STAND-IN for desktop Slicer's program.
+SLICER_DOUBLE = f"""#!{sys.executable} -S
+# TEST DOUBLE of the program of desktop Slicer.
 import json, os, sys
 print(json.dumps({{"arguments": sys.argv[1:], "environment": dict(os.environ)}}))
 sys.exit(7)
@@ -26,12 +26,12 @@ sys.exit(7)
 
 @pytest.fixture
 def install(tmp_path):
-    """``install(version)``: a folder laid out as Slicer's, its Python of that version."""
+    """``install(version)`` makes a folder like Slicer's, with a Python of that version."""
 
     def make(version=f"Python {OURS}.4", where="bin"):
         program = tmp_path / "Slicer-5" / "Slicer"
         (program.parent / where).mkdir(parents=True, exist_ok=True)
-        program.write_text(STAND_IN)
+        program.write_text(SLICER_DOUBLE)
         program.chmod(0o755)
         if version is not None:
             python = program.parent / where / "PythonSlicer"
@@ -61,11 +61,16 @@ def test_slicer_is_started_with_the_modules_and_the_environment(install):
         PYTHONPATH="/mine",
         LD_LIBRARY_PATH="/lib/of/mine",
     )
-    assert done.returncode == 7, done.stderr  # Slicer's own
-    told = json.loads(done.stdout)
-    # Slicer takes whatever follows this option for a module's folder.
-    assert told["arguments"] == ["--no-splash", "scene.mrb", "--additional-module-paths", *MODULES]
-    environment = told["environment"]
+    assert done.returncode == 7, done.stderr  # the status of Slicer
+    received = json.loads(done.stdout)
+    # Slicer reads all arguments after this option as folders of modules.
+    assert received["arguments"] == [
+        "--no-splash",
+        "scene.mrb",
+        "--additional-module-paths",
+        *MODULES,
+    ]
+    environment = received["environment"]
     assert environment[HOOK_DONE] == "1"
     libraries = environment["LD_LIBRARY_PATH"].split(os.pathsep)
     assert libraries[0] == str(Path(sys.prefix) / "lib")
@@ -78,8 +83,8 @@ def test_slicer_is_started_with_the_modules_and_the_environment(install):
     assert done.stderr == ""
 
 
-def test_another_python_finds_ros_and_marginguard_by_that_environment_alone():
-    """``-S`` reads no .pth file, as a Python inside of another program does not."""
+def test_environment_suffices_for_another_python_to_import_ros_and_marginguard():
+    """``-S`` ignores .pth files, as an embedded Python does."""
     environment = slicer_environment({})
     code = "import rclpy, app.bridge.control, marginguard_msgs.msg; print(app.__file__)"
     done = subprocess.run(
@@ -98,9 +103,9 @@ def test_print_shows_a_command_that_a_shell_can_run(install, capsys):
     assert shlex.split(shown)[0] == "env"
     done = subprocess.run(shown, shell=True, capture_output=True, text=True)
     assert done.returncode == 7
-    told = json.loads(done.stdout)
-    assert told["arguments"] == ["--additional-module-paths", *MODULES]
-    assert told["environment"][HOOK_DONE] == "1"
+    received = json.loads(done.stdout)
+    assert received["arguments"] == ["--additional-module-paths", *MODULES]
+    assert received["environment"][HOOK_DONE] == "1"
 
 
 @pytest.mark.parametrize(
@@ -110,7 +115,7 @@ def test_print_shows_a_command_that_a_shell_can_run(install, capsys):
         ("nonsense", "printed 'nonsense'; expected 'Python "),
     ],
 )
-def test_a_python_that_does_not_fit_is_one_line(install, capsys, version, message):
+def test_unsuitable_python_is_reported_in_one_line(install, capsys, version, message):
     assert main(["slicer", "--slicer", str(install(version)), "--print"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -118,18 +123,18 @@ def test_a_python_that_does_not_fit_is_one_line(install, capsys, version, messag
     assert err.count("\n") == 1
 
 
-def test_a_python_beside_the_program_counts_too(install, capsys):
+def test_python_beside_the_program_is_checked(install, capsys):
     program = install("Python 2.7.1", where=".")
     assert main(["slicer", "--slicer", str(program), "--print"]) == 2
     assert "has Python 2.7" in capsys.readouterr().err
 
 
-def test_a_python_that_is_not_found_is_said(install, capsys):
+def test_missing_python_is_reported_as_not_checked(install, capsys):
     assert main(["slicer", "--slicer", str(install(None)), "--print"]) == 0
     assert "could not check" in capsys.readouterr().err
 
 
-def test_what_is_no_program_is_refused(install, tmp_path, capsys):
+def test_path_that_is_not_a_program_is_rejected(install, tmp_path, capsys):
     plain = tmp_path / "plain"
     plain.write_text("not a program")
     for path, message in (
@@ -144,7 +149,7 @@ def test_what_is_no_program_is_refused(install, tmp_path, capsys):
         assert err.count("\n") == 1
 
 
-def test_an_installation_without_the_checkout_says_so(install, tmp_path, monkeypatch, capsys):
+def test_installation_without_a_checkout_is_reported(install, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("app.cli.commands.slicer.CHECKOUT", tmp_path)
     assert main(["slicer", "--slicer", str(install()), "--print"]) == 2
     assert "expected a checkout of the project" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import slicer
 
 from app.fixture import MarginState
 from app.scene import Preset
-from tests.slicer_module.marginguard_module import CASE, FOLDER, PATIENCE_SPINS, UI, opened_case
+from tests.slicer_module.marginguard_module import CASE, FOLDER, MAX_SPINS, UI, opened_case
 from tests.slicer_module.marginguard_module import application as application
 from tests.slicer_module.marginguard_module import desktop as desktop
 
@@ -215,7 +215,7 @@ def test_replayed_case_is_shown(panel, desktop, monkeypatch):
     monkeypatch.setattr("MarginGuardLib.logic.prepare_recorded", lambda folder: opened_case())
 
     def until(is_reached):
-        for _ in range(PATIENCE_SPINS):
+        for _ in range(MAX_SPINS):
             panel.spin()
             if is_reached():
                 return

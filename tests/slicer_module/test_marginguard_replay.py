@@ -16,7 +16,7 @@ from app.report.margin_csv import margin_csv
 from app.runtime import OperatorCommands, StepThread, StepTiming
 from app.scene import Preset, load_scene, save_scene
 from app.session import Session
-from tests.slicer_module.marginguard_module import CASE, PATIENCE_SPINS, opened_case, spin_until
+from tests.slicer_module.marginguard_module import CASE, MAX_SPINS, opened_case, spin_until
 from tests.slicer_module.marginguard_module import application as application
 
 from MarginGuardLib.logic import PanelLogic  # isort: skip
@@ -257,7 +257,7 @@ def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic):
     begun_ns = player.time_ns
     player.step(150)  # through the dropout, without a spin
     pause = threading.Event()
-    for _ in range(PATIENCE_SPINS):
+    for _ in range(MAX_SPINS):
         if player.time_ns - begun_ns > 2_900_000_000:
             break
         pause.wait(0.005)

@@ -50,7 +50,7 @@ def go_to(page: Page, frame: int, frames: int = 40) -> None:
     expect(page.locator("#frame")).to_have_text(str(frame))
 
 
-def look(page: Page, key: str, name: str) -> None:
+def select_camera(page: Page, key: str, name: str) -> None:
     """Select a camera and wait until it is in use."""
     page.keyboard.press(key)
     expect(page.get_by_role("button", name=name)).to_have_attribute("aria-pressed", "true")
@@ -120,7 +120,7 @@ def test_steps_move_by_one_frame_within_the_recording(page):
 
 
 def test_tumor_is_red_in_a_breach_green_when_clear_and_grey_in_a_dropout(page):
-    look(page, "2", "Close-up")
+    select_camera(page, "2", "Close-up")
     go_to(page, 0)
     clear = picture(page)
     go_to(page, BREACH_FRAME)
@@ -222,7 +222,7 @@ def test_blocked_sound_is_shown_until_the_page_is_clicked(browser, server):
 
 
 def test_tumor_can_be_hidden(page):
-    look(page, "2", "Close-up")
+    select_camera(page, "2", "Close-up")
     go_to(page, 0)
     assert share_of(picture(page), "green") > 0.05
     page.get_by_label("Tumour", exact=True).uncheck()
@@ -289,8 +289,8 @@ def test_screenshot_has_the_size_of_the_view(page):
 
 def test_screenshot_has_color_and_text_of_the_state(page):
     """A saved file needs the state as text: it is viewed without the page."""
-    look(page, "2", "Close-up")
-    seen = set()
+    select_camera(page, "2", "Close-up")
+    masks = set()
     for frame, state in ((0, "NEGATIVE"), (BREACH_FRAME, "POSITIVE"), (LOST[0], "UNKNOWN")):
         go_to(page, frame)
         banner, _ = saved_picture(page)
@@ -300,8 +300,8 @@ def test_screenshot_has_color_and_text_of_the_state(page):
         assert np.abs(colors[counts.argmax()] - expected).max() <= 1
         letters = np.abs(pixels - expected).max(axis=1) > 60
         assert letters.mean() > 0.005  # the text
-        seen.add(letters.tobytes())
-    assert len(seen) == 3
+        masks.add(letters.tobytes())
+    assert len(masks) == 3
 
 
 def test_picture_of_a_huge_page_has_a_limited_size(page):
@@ -367,13 +367,13 @@ def test_small_page_shows_picture_state_and_distance(page, width, height):
         """() => Object.fromEntries(['.view', '#state-label', '#distance', '#play', '#timeline',
             '#sound', '#report', '.note', '.looks button:last-child'].map(name => {
           const box = document.querySelector(name).getBoundingClientRect();
-          const seen = [0.03, 0.5, 0.97].every(share => document.elementFromPoint(
+          const visible = [0.03, 0.5, 0.97].every(share => document.elementFromPoint(
             box.left + share * box.width, box.top + 0.5 * box.height)?.closest(name));
           const inside = box.top >= 0 && box.bottom <= innerHeight;
-          return [name, {width: box.width, height: box.height, seen: seen && inside}];
+          return [name, {width: box.width, height: box.height, visible: visible && inside}];
         }))"""
     )
-    assert [name for name, box in boxes.items() if not box["seen"]] == []
+    assert [name for name, box in boxes.items() if not box["visible"]] == []
     view = boxes[".view"]
     assert view["width"] * view["height"] > 0.25 * width * height
 

@@ -50,7 +50,7 @@ def test_watchdog_runs_without_encryption_on_another_machine(browser, server):
 
 
 def test_page_without_watchdog_is_covered(browser, server):
-    """Its values would be updated, and would stay after the server has died."""
+    """Without a watchdog the last values would stay visible after the server has died."""
     context = browser.new_context(viewport=SIZE)
     page = context.new_page()
     page.route("**/watch.js", lambda route: route.abort())
@@ -66,7 +66,7 @@ def test_page_without_watchdog_is_covered(browser, server):
 
 
 def test_page_whose_requests_are_lost_is_covered_despite_heartbeats(browser, server):
-    """No picture is drawn for a page that does not acknowledge: the last one would stay."""
+    """The server sends no picture before the last one is acknowledged: an old one would stay."""
     forwards = True
 
     def connect(socket: WebSocketRoute) -> None:

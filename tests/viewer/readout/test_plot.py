@@ -53,7 +53,7 @@ def test_curve_has_a_gap_while_the_distance_is_unknown():
     assert [band["state"] for band in drawn["bands"]] == ["NEGATIVE", "UNKNOWN", "NEGATIVE"]
 
 
-def test_the_bands_cover_the_time_without_a_gap():
+def test_bands_cover_the_time_without_a_gap():
     states = [CLEAR, CLEAR, INSIDE, INSIDE, UNKNOWN, CLEAR]
     points = [Point(n * S, state, 1.0) for n, state in enumerate(states)]
     bands = plot(points, [], 0, 5 * S)["bands"]
@@ -76,7 +76,7 @@ def test_single_unknown_frame_is_drawn():
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 1.0]))
-def test_a_long_recording_keeps_its_extremes(seed, unknown_share):
+def test_plot_of_a_long_recording_keeps_its_extremes(seed, unknown_share):
     random = np.random.default_rng(seed)
     mm = random.uniform(-20.0, 25.0, 3500)
     unknown = random.random(3500) < unknown_share

@@ -33,15 +33,15 @@ def test_unknown_lists_every_fault_and_nothing_else():
     assert text == f"{Reason.MISSING.text}; {Reason.STALE.text}"
 
 
-def test_frame_that_never_came_is_named_while_unknown(parts):
-    """A name that is misspelt in live.yaml never comes."""
-    lost, seen = parts.feed.shown[LOST[2]], parts.feed.shown[BREACH_FRAME]
+def test_never_received_frame_is_named_while_unknown(parts):
+    """A frame whose name is misspelt in live.yaml is never received."""
+    lost, known = parts.feed.shown[LOST[2]], parts.feed.shown[BREACH_FRAME]
     problem = "tool.frame is 'rood': not among what the tracker sends so far, needle, rod"
     values = [
         readout(replace(shown, step=replace(shown.step, frames_problem=problem)))["why"]
-        for shown in (lost, seen)
+        for shown in (lost, known)
     ]
-    assert values == [f"{readout(lost)['why']} ({problem})", readout(seen)["why"]]
+    assert values == [f"{readout(lost)['why']} ({problem})", readout(known)["why"]]
 
 
 def test_known_state_has_its_worst_reason():
@@ -57,7 +57,7 @@ def test_distance_has_one_decimal_and_a_minus_sign(mm, digits):
     assert distance_text(mm) == digits
 
 
-def test_no_step_is_unknown():
+def test_state_is_unknown_before_the_first_step():
     values = readout(None)
     assert (values["state"], values["label"], values["distance"]) == (
         "UNKNOWN",
@@ -77,7 +77,7 @@ def test_each_step_has_a_distance_only_while_it_is_known(parts):
     assert states == {"NEGATIVE", "WARNING", "POSITIVE", "UNKNOWN"}
 
 
-def test_step_of_the_past_has_no_valid_lamp(parts):
+def test_silent_session_has_no_valid_lamp(parts):
     silent = parts.feed.shown[0].as_unknown("nothing comes")
     values = readout(silent)
     assert (values["state"], values["why"], values["trend"]) == ("UNKNOWN", "nothing comes", "")

@@ -26,7 +26,7 @@ def shown(parts) -> ViewState:
     return parts.feed.shown[0]
 
 
-def test_step_keeps_its_time_and_leaves_after_half_a_minute(parts, shown):
+def test_step_stays_at_its_time_for_half_a_minute(parts, shown):
     timeline = LiveTimeline()
     for n in range(401):  # 40 s
         step = parts.feed.shown[BREACH_FRAME] if n == 300 else shown

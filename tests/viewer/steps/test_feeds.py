@@ -1,4 +1,4 @@
-"""The step to be shown: of a recording, and of a live session that may stop sending."""
+"""The step that the page shows: of a replay, and of a live session that may stop sending."""
 
 import threading
 from dataclasses import replace
@@ -8,7 +8,7 @@ import pytest
 from app.fixture import MarginState
 from app.geometry import Stamp, Transform
 from app.viewer import LiveFeed, ReplayFeed, ViewStateBuilder
-from tests.viewer.hand_clock import HandClock
+from tests.viewer.manual_clock import ManualClock
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 MS = 1_000_000
@@ -17,7 +17,7 @@ STALE_NS = 200 * MS
 
 @pytest.fixture
 def clock():
-    return HandClock()
+    return ManualClock()
 
 
 @pytest.fixture

@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 
 from app.viewer.errors import ViewerError
 from app.viewer.steps.replay import RATES, ReplayControl
-from tests.viewer.hand_clock import HandClock
+from tests.viewer.manual_clock import ManualClock
 
 MS = 1_000_000
 STAMPS = [0, 20 * MS, 40 * MS, 100 * MS, 120 * MS]
 
 
 @pytest.fixture
-def clock() -> HandClock:
-    return HandClock()
+def clock() -> ManualClock:
+    return ManualClock()
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_any_sequence_of_actions_agrees_with_the_slow_player(gaps, actions):
     stamps = [0]
     for gap in gaps:
         stamps.append(stamps[-1] + 2 * gap)  # even, so that half a rate has no half nanosecond
-    clock, slow = HandClock(), SlowPlayer(stamps)
+    clock, slow = ManualClock(), SlowPlayer(stamps)
     control = ReplayControl(stamps, clock)
     for action, value in actions:
         if action == "wait":

@@ -1,7 +1,7 @@
 """A clock that a test sets."""
 
 
-class HandClock:
+class ManualClock:
     """Test double of a steady clock."""
 
     def __init__(self) -> None:
