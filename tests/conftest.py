@@ -73,7 +73,6 @@ SLOW = {
         "tests/registration/points/test_surface.py",
         "tests/registration/robot_base/test_robot_world.py",
         "tests/registration/tool/test_pivot.py",
-        "tests/registration/tool/test_spin.py",
         "tests/report/test_margin_plot.py",
         "tests/session/test_from_case.py",
         "tests/session/test_recent_samples.py",
