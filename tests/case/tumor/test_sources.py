@@ -59,7 +59,9 @@ def test_the_file_is_named_in_errors(
 ) -> None:
     with pytest.raises(MeshError, match=r"contour\.mrk\.json: 3 contoured points"):
         tumor_from_contour(contour(tmp_path, np.eye(3)), frame="tumor")
-    with pytest.raises(InputError, match=r"contour\.mrk\.json: coordinateUnits is 'm'; expected mm"):
+    with pytest.raises(
+        InputError, match=r"contour\.mrk\.json: coordinateUnits is 'm'; expected mm"
+    ):
         tumor_from_contour(contour(tmp_path, np.eye(3), coordinateUnits="m"), frame="tumor")
     monkeypatch.setattr(label_surface, "MAX_VOXELS", 100)
     with pytest.raises(MeshError, match=r"labels\.nrrd: the marked voxels span 3 x 3 x 3"):
