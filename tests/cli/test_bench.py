@@ -43,17 +43,20 @@ def test_each_help_contains_command(name):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["session", "--case", "nowhere"], "'nowhere' is no case: a folder with a case.yaml"),
-        (["session", "--seconds", "0"], "--seconds 0.0: 1 or more wanted"),
-        (["replay", "nowhere"], "'nowhere' is no case: a folder with a case.yaml"),
-        (["replay", "--runs", "0"], "--runs 0: 1 or more wanted"),
-        (["replay", "--minutes", "-1"], "--minutes -1.0: more than 0, at most 600 wanted"),
+        (
+            ["session", "--case", "nowhere"],
+            "'nowhere' is no case; expected a folder with a case.yaml",
+        ),
+        (["session", "--seconds", "0"], "--seconds is 0; expected 1 or more"),
+        (["replay", "nowhere"], "'nowhere' is no case; expected a folder with a case.yaml"),
+        (["replay", "--runs", "0"], "--runs is 0; expected 1 or more"),
+        (["replay", "--minutes", "-1"], "--minutes is -1; expected more than 0, at most 600"),
         (
             ["kinematics", "--json", "none/x.json"],
             "none/x.json cannot be written: parent",
         ),
         (["push", "--plot=none/x.png"], "none/x.png cannot be written: parent"),
-        (["kinematics", "--samples", "0"], "--samples 0: 1 or more wanted"),
+        (["kinematics", "--samples", "0"], "--samples is 0; expected 1 or more"),
     ],
 )
 def test_bad_options_give_one_error_line_and_no_figures(arguments, message):
