@@ -100,7 +100,7 @@ class Linker:
         for library in LIBRARIES:
             objects = self.compile(generated.sources(library.generator, library.pattern), generated)
             name = f"{package.name}__{library.generator}"
-            theirs = [
+            dependencies = [
                 f"{other}__{generator}"
                 for generator in dict.fromkeys((library.generator, "rosidl_generator_c"))
                 for other in package.others_in(self.root)
@@ -109,7 +109,7 @@ class Linker:
                 objects,
                 output / f"lib{name}.so",
                 own=[f"{package.name}__{generator}" for generator in library.own],
-                others=[*theirs, *library.runtime],
+                others=[*dependencies, *library.runtime],
                 # Python's own symbols come from the interpreter that loads the library.
                 extra=[f"-Wl,-soname,lib{name}.so"]
                 + ([] if library.python else ["-Wl,--no-undefined"]),

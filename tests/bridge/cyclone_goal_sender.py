@@ -112,8 +112,8 @@ class Action:
         cancelled = None
         if cancel:
             reply = self._cancel.call(CancelGoalRequest(GoalInfo(key, Time(0, 0))))
-            ours = [info.goal_id == key for info in reply.goals_canceling]
-            cancelled = {"return_code": reply.return_code, "ours": ours}
+            own = [info.goal_id == key for info in reply.goals_canceling]
+            cancelled = {"return_code": reply.return_code, "own": own}
         self._result.send(self._result_request(key))
         # Late replies to `wait_for_server` have status 0, unknown.
         result = self._result.reply(lambda reply: reply.status != 0)

@@ -98,7 +98,7 @@ def test_cyclone_dds_replays_and_cancels(served, start_receiver):
     }
 
     assert cancelled["first"]["frames"] == 1
-    assert cancelled["cancel"] == {"return_code": 0, "ours": [True]}
+    assert cancelled["cancel"] == {"return_code": 0, "own": [True]}
     assert (cancelled["status"], cancelled["states"][-1]) == (is_cancelled, is_cancelled)
     assert executing in cancelled["states"]
     assert not cancelled["result"]["success"]
@@ -127,7 +127,7 @@ def test_cyclone_dds_calibrates_and_cancels(served, start_receiver):
     assert place == pytest.approx([0.005, 0.0126, 0.1033], abs=0.0001)
 
     assert "turn the tool about its tip" in cancelled["first"]["hint"]
-    assert cancelled["cancel"] == {"return_code": 0, "ours": [True]}
+    assert cancelled["cancel"] == {"return_code": 0, "own": [True]}
     assert (cancelled["status"], cancelled["states"][-1]) == (is_cancelled, is_cancelled)
     assert not cancelled["result"]["success"]
     assert "cancelled after" in cancelled["result"]["message"]

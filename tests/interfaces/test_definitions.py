@@ -30,7 +30,7 @@ def jazzy() -> Typestore:
 
 
 @pytest.fixture(scope="module")
-def ours() -> Typestore:
+def with_marginguard() -> Typestore:
     """Types of Jazzy and of our definition files, read by the parser of rosbags."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in MESSAGES:
@@ -67,18 +67,22 @@ def test_tf2_msgs_are_those_of_jazzy(jazzy: Typestore, name: str) -> None:
 
 
 @pytest.mark.parametrize("path", MESSAGES, ids=type_name)
-def test_type_hash_equals_that_of_rosbags(ours: Typestore, path: Path) -> None:
-    assert list(installed_hashes(type_name(path))) == [ours.hash_rihs01(type_name(path))]
+def test_type_hash_equals_that_of_rosbags(with_marginguard: Typestore, path: Path) -> None:
+    assert list(installed_hashes(type_name(path))) == [
+        with_marginguard.hash_rihs01(type_name(path))
+    ]
 
 
-def test_bytes_of_ros_are_read_by_rosbags(ours: Typestore) -> None:
+def test_bytes_of_ros_are_read_by_rosbags(with_marginguard: Typestore) -> None:
     from marginguard_msgs.msg import FixtureConstraint, HalfSpace
     from rclpy.serialization import serialize_message
 
     sent = FixtureConstraint(
         seq=3, reasons=["stale"], half_spaces=[HalfSpace(offset=0.25)], sigma_tre=0.5, hold=True
     )
-    read = ours.deserialize_cdr(serialize_message(sent), "marginguard_msgs/msg/FixtureConstraint")
+    read = with_marginguard.deserialize_cdr(
+        serialize_message(sent), "marginguard_msgs/msg/FixtureConstraint"
+    )
     assert (read.seq, read.reasons, read.hold, read.sigma_tre) == (3, ["stale"], True, 0.5)
     assert read.half_spaces[0].offset == 0.25
 

@@ -110,7 +110,7 @@ def test_removed_parameter_gives_no_more_events(parameters, events, peer, spin_u
     assert peer("set_parameter", name="gain", value=1.5)
 
 
-def test_adding_and_removing(node, peer, parameters):
+def test_parameter_node_is_unique_per_ros_node_and_removable(node, peer, parameters):
     assert node.GetParameterNodeByNode("/peer") is parameters
     assert node.GetParameterNodeByNode("peer") is parameters
     assert node.CreateAndAddParameterNode("peer") is None

@@ -215,7 +215,7 @@ def test_moved_links_are_restored_and_a_hardened_robot_is_rebuilt(
     spin_until(robot.GetLinkNames)
     peer("send_tf", edges=[["base", "wrist", [0.0, 0.0, 0.2]], ["wrist", "tip", [0.4, 0.0, 0.0]]])
     spin_until(lambda: not robot.IsStale())
-    aside = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "theirs")
+    aside = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "of_the_user")
     aside.SetMatrixTransformToParent(vtk_matrix(Transform("a", "b", np.eye(3), [7.0, 0.0, 0.0])))
 
     def bounds():

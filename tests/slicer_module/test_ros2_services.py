@@ -97,7 +97,7 @@ def test_invalid_request_is_not_sent(node):
         client.SendAsyncRequest({"data": True})
 
 
-def test_adding_and_removing(node, caplog):
+def test_service_client_is_unique_per_service_and_removable(node, caplog):
     before = node.GetScene().GetNumberOfNodes()
     client = node.CreateAndAddServiceClientNode("Trigger", "/z")
     assert node.GetServiceClientNodeByService("z") is client

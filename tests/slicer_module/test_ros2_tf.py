@@ -214,7 +214,7 @@ def test_broadcast_with_a_stamp_keeps_it(node, spin_until):
 
 
 @pytest.mark.parametrize("role", ["Lookup", "Broadcaster"])
-def test_adding_and_removing_by_frames_and_by_id(node, role):
+def test_tf_node_is_unique_per_edge_and_removable_by_frames_or_id(node, role):
     create = getattr(node, f"CreateAndAddTf2{role}Node")
     get = getattr(node, f"GetTf2{role}NodeByParentChild")
     get_by_id = getattr(node, f"GetTf2{role}NodeByID")

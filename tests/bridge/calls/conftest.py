@@ -1,4 +1,4 @@
-"""A node of ours and a peer process with plain rclpy."""
+"""A `RosNode` in this process and a peer process with plain rclpy."""
 
 from pathlib import Path
 

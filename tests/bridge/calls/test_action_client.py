@@ -98,7 +98,7 @@ def test_goal_is_cancelled_when_its_caller_times_out(lookup, peer):
     assert peer.take(2) == [{"goal": "waits"}, {"goal": "cancelled"}]
 
 
-def test_a_wait_is_cancelled_from_another_thread(lookup, peer):
+def test_call_is_cancelled_from_another_thread(lookup, peer):
     cancel, ended = threading.Event(), []
 
     def call():

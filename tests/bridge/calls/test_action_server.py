@@ -22,7 +22,7 @@ def work(served):
     if outcome == "refuse":
         raise InputError("no such case")
     if outcome == "fail":
-        raise ZeroDivisionError("of mine")
+        raise ZeroDivisionError("division failed")
     if outcome == "nonsense":
         return String(data=3), GoalOutcome.SUCCEEDED
     if outcome == "wait":
@@ -34,7 +34,7 @@ def work(served):
 
 def check(goal):
     if goal.source_frame == "reject":
-        raise InputError("not this one")
+        raise InputError("not accepted")
 
 
 @pytest.fixture
@@ -60,8 +60,8 @@ def test_every_outcome_of_a_goal_is_reported(server, start_receiver, capfd):
     assert replies[0]["result"]["transform"]["child_frame_id"] == "fine"
     assert (server.refused, server.failures, server.rejected) == (1, 2, 1)
     log = capfd.readouterr().err
-    assert "goal rejected: not this one" in log
-    assert "failed: ZeroDivisionError: of mine" in log
+    assert "goal rejected: not accepted" in log
+    assert "failed: ZeroDivisionError: division failed" in log
 
 
 @pytest.mark.parametrize("after", [0, 1])

@@ -37,13 +37,13 @@ def test_plain_values_are_checked_and_sent(ros, peer):
 def test_started_call_passes_its_reply_to_a_callback(ros, peer):
     echo = ServiceClient(ros, SetBool, "/peer/echo")
     echo.wait(30.0)
-    taken, arrived = [], threading.Event()
+    replies, arrived = [], threading.Event()
     echo.call({}, timeout_s=30.0, repeat_s=1.0)  # afterwards both have discovered each other
     pending = echo.start(SetBool.Request(data=True))
-    pending.when_done(lambda reply: (taken.append(reply), arrived.set()))
+    pending.when_done(lambda reply: (replies.append(reply), arrived.set()))
     assert pending.result(30.0).success
     assert arrived.wait(30.0)
-    assert taken[0] is pending.result(0.0)
+    assert replies[0] is pending.result(0.0)
 
 
 def test_missing_server_raises(ros):
@@ -68,7 +68,7 @@ def test_late_reply_is_counted_and_logged(ros, peer, capfd):
     assert "a reply arrived after the caller's timeout" in capfd.readouterr().err
 
 
-def test_a_wait_is_cancelled_from_another_thread(ros, peer):
+def test_call_is_cancelled_from_another_thread(ros, peer):
     slow = ServiceClient(ros, TRIGGER, "/peer/slow")
     slow.wait(30.0)
     cancel = threading.Event()
@@ -91,15 +91,15 @@ def test_a_wait_is_cancelled_from_another_thread(ros, peer):
 def test_cancelled_call_does_not_call_back(ros, peer):
     slow = ServiceClient(ros, TRIGGER, "/peer/slow")
     slow.wait(30.0)
-    taken = []
+    replies = []
     pending = slow.start(Trigger.Request())
-    pending.when_done(taken.append)
+    pending.when_done(replies.append)
     pending.cancel()
     with pytest.raises(CallCancelledError):
         pending.result(1.0)
     ServiceClient(ros, TRIGGER, "/peer/go").call({}, timeout_s=30.0, repeat_s=1.0)
     slow.call(Trigger.Request(), timeout_s=30.0)
-    assert taken == []
+    assert replies == []
 
 
 def test_killed_server_ends_the_call(ros, peer):

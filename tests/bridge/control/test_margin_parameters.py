@@ -33,7 +33,7 @@ def test_margin_parameters_have_unit_and_range(ros, content, start_receiver):
     assert found["k_tre"]["value"] == 2.0
 
 
-def test_a_set_of_margins_is_applied_or_refused_as_a_whole(ros, content, start_receiver):
+def test_margins_are_applied_or_refused_as_a_whole(ros, content, start_receiver):
     used = []
     server = MarginParameterServer(ros, content.margins, used.append)
     setter = start_receiver(

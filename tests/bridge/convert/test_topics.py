@@ -36,11 +36,11 @@ def publish(start_receiver):
 
 
 def test_received_metres_become_millimetres(ros, publish):
-    heard = threading.Event()
-    subscriber = TopicSubscriber(ros, "PoseStamped", "/target", changed=heard.set)
+    received = threading.Event()
+    subscriber = TopicSubscriber(ros, "PoseStamped", "/target", changed=received.set)
     assert subscriber.values is None
     publish("/target", POSE, "0.01", ONE_METRE)
-    assert heard.wait(30.0)
+    assert received.wait(30.0)
     values = subscriber.values
     assert values["pose"]["position"] == {"x": 1000.0, "y": 0.0, "z": -250.0}
     assert values["pose"]["orientation"]["w"] == 1.0
@@ -50,10 +50,10 @@ def test_received_metres_become_millimetres(ros, publish):
 
 
 def test_messages_of_cyclone_dds_are_received(ros, start_receiver):
-    heard = threading.Event()
-    subscriber = TopicSubscriber(ros, "PoseArray", "/poses", changed=heard.set)
+    received = threading.Event()
+    subscriber = TopicSubscriber(ros, "PoseArray", "/poses", changed=received.set)
     start_receiver("250", script=CYCLONE, environment=CYCLONE_ON_THIS_MACHINE)
-    assert heard.wait(30.0)
+    assert received.wait(30.0)
     poses = subscriber.values["poses"]
     assert [pose["position"] for pose in poses] == [
         {"x": 1000.0 * number, "y": 0.0, "z": 500.0} for number in range(250)
@@ -72,7 +72,7 @@ def test_published_millimetres_become_metres(ros, start_receiver):
 
 
 @pytest.mark.parametrize(
-    ("short", "kind", "values", "there"),
+    ("short", "kind", "values", "expected"),
     [
         ("Empty", "std_msgs/msg/Empty", {}, {}),
         ("String", "std_msgs/msg/String", {"data": "ü"}, {"data": "ü"}),
@@ -98,28 +98,28 @@ def test_published_millimetres_become_metres(ros, start_receiver):
         ),
     ],
 )
-def test_short_type_names_of_slicerros2(ros, start_receiver, short, kind, values, there):
+def test_short_type_names_of_slicerros2(ros, start_receiver, short, kind, values, expected):
     publisher = TopicPublisher(ros, short, "~/x", qos_profile(durability="transient_local"))
     publisher.publish(values)
     (line,) = start_receiver(f"/marginguard/x:{kind}:1:latched").messages()
-    assert there.items() <= line["message"].items()
+    assert expected.items() <= line["message"].items()
 
 
 def test_late_subscriber_gets_the_latched_message(ros, publish):
-    publish("/notice", "std_msgs/msg/String", "0", "{'data': 'ready for you'}", "latched")
-    heard = threading.Event()
+    publish("/notice", "std_msgs/msg/String", "0", "{'data': 'ready'}", "latched")
+    received = threading.Event()
     latched = qos_profile(depth=1, durability="transient_local")
-    subscriber = TopicSubscriber(ros, "String", "/notice", latched, changed=heard.set)
-    assert heard.wait(30.0)
-    assert subscriber.values == {"data": "ready for you"}
+    subscriber = TopicSubscriber(ros, "String", "/notice", latched, changed=received.set)
+    assert received.wait(30.0)
+    assert subscriber.values == {"data": "ready"}
 
 
 def test_incompatible_qos_is_reported(ros, publish, capfd):
     subscriber = TopicSubscriber(ros, "String", "/lossy", qos_profile(reliability="reliable"))
-    fitting, heard = qos_profile(reliability="best_effort"), threading.Event()
-    TopicSubscriber(ros, "String", "/lossy", fitting, changed=heard.set)
+    fitting, received = qos_profile(reliability="best_effort"), threading.Event()
+    TopicSubscriber(ros, "String", "/lossy", fitting, changed=received.set)
     publish("/lossy", "std_msgs/msg/String", "0.01", "{'data': 'x'}", "best_effort")
-    assert heard.wait(30.0)
+    assert received.wait(30.0)
     assert subscriber.count == 0
     assert ros.incompatible == {"/lossy": "RELIABILITY"}
     assert "because of incompatible RELIABILITY" in capfd.readouterr().err

@@ -156,7 +156,7 @@ def test_exception_in_a_callback_does_not_stop_the_node(ros, other):
 
     def received():
         if next(fails, False):
-            raise RuntimeError("on purpose")
+            raise RuntimeError("callback failed")
         second.set()
 
     TfListener(ros, buffer, received=received)

@@ -92,8 +92,8 @@ def test_damaged_message_is_refused_with_the_reason(message, reason):
 
 @settings(max_examples=300)
 @given(st.binary(max_size=200), st.integers(0, len(GOOD)))
-def test_arbitrary_bytes_are_read_or_refused(noise, place):
+def test_arbitrary_bytes_are_read_or_refused(noise, position):
     try:
-        TfMessageReader()(GOOD[:place] + noise)
+        TfMessageReader()(GOOD[:position] + noise)
     except TfInvalidError:
         return
