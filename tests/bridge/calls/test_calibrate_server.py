@@ -19,7 +19,7 @@ TIP_M = np.array([5.0, 12.6, 103.3]) / 1000.0
 
 @pytest.fixture
 def calibrate(ros, start_receiver):
-    """``calibrate("pivot", {...}, ...)`` gives the replies to goals while the tool moves so."""
+    """``calibrate("pivot", {...}, ...)`` sends goals during that motion; returns the replies."""
     buffer = TransformBuffer()
     TfListener(ros, buffer)
     CalibrateServer(ros, buffer)
@@ -38,7 +38,7 @@ def point(reply):
     return np.array([vector["x"], vector["y"], vector["z"]])
 
 
-def test_pivot_calibration(calibrate):
+def test_pivot_goal_gives_the_tip_and_its_residual(calibrate):
     (reply,) = calibrate("pivot", {"method": Calibrate.Goal.PIVOT})
     assert reply["status"] == "succeeded"
     assert reply["result"]["samples"] == 60
@@ -50,7 +50,7 @@ def test_pivot_calibration(calibrate):
     assert 0.5 < reply["last"]["variation"] < 2.1
 
 
-def test_spin_calibration(calibrate):
+def test_spin_goal_gives_the_tip_rotation(calibrate):
     (reply,) = calibrate("spin", {"method": Calibrate.Goal.SPIN, "samples": 40})
     assert reply["status"] == "succeeded"
     assert np.allclose(point(reply), TIP_M, atol=1e-9)
@@ -59,7 +59,7 @@ def test_spin_calibration(calibrate):
     assert np.hypot(rotation["x"], rotation["y"]) < 1e-6
 
 
-def test_landmark_and_refused_goals(calibrate):
+def test_landmark_goal_succeeds_and_invalid_goals_fail(calibrate):
     landmark, pivot, unknown, nonsense, cancelled = calibrate(
         "still",
         {"method": Calibrate.Goal.LANDMARK, "frame": "stylus_tip", "samples": 300},

@@ -1,4 +1,4 @@
-"""Our parameters set by another process: a set is applied or refused as a whole."""
+"""Parameters set by another process: all values of a request are applied, or none."""
 
 from pathlib import Path
 

@@ -18,7 +18,7 @@ VALUES = st.one_of(
 
 
 @given(VALUES)
-def test_there_and_back(value):
+def test_value_converted_there_and_back_is_equal(value):
     back = plain_value(parameter_value(value))
     assert back == value
     assert type(back) is type(value)

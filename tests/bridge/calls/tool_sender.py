@@ -61,8 +61,8 @@ def main(motion):
         else:
             quaternion, matrix = rotation_about([0, 0, 1], 0.0)
         noise = [chance.gauss(0, 0.05) for _ in range(3)]
-        place = FIXED - matrix @ TIP + noise
-        publisher.publish(message("reference", "stylus", now().to_msg(), quaternion, place))
+        position = FIXED - matrix @ TIP + noise
+        publisher.publish(message("reference", "stylus", now().to_msg(), quaternion, position))
 
     node.create_timer(0.005, send)
     print("ready", flush=True)

@@ -136,7 +136,7 @@ class FailingNode(StreamingNode):
         ros.node.create_service(Trigger, "~/unused", lambda request, response: response)
         ros.node.create_client(Trigger, "~/unused")
         ros.node.create_timer(100.0, lambda: None)
-        raise BridgeError("half way")
+        raise BridgeError("configuration failed")
 
 
 def test_failed_configuration_destroys_its_endpoints(domain_id, start_receiver):

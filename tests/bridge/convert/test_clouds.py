@@ -16,7 +16,7 @@ COORDINATES = st.floats(-1e4, 1e4)
 
 
 @given(arrays.arrays(float, st.tuples(st.integers(0, 20), st.just(3)), elements=COORDINATES))
-def test_there_and_back(points):
+def test_points_converted_there_and_back_are_equal(points):
     message = cloud_message(points, "scanner", Stamp(5))
     assert np.allclose(cloud_points_mm(message), points, rtol=1e-6, atol=1e-6)
     # Independent read of the bytes.

@@ -12,7 +12,7 @@ NOW = Stamp(5)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_there_and_back(encoding):
+def test_image_converted_there_and_back_is_equal(encoding):
     sample, samples = ENCODINGS[encoding]
     shape = (3, 5) if samples == 1 else (3, 5, samples)
     pixels = (np.arange(np.prod(shape)) % 100).astype(sample).reshape(shape)

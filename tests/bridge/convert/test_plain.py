@@ -99,7 +99,7 @@ def equal(first, second):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=type_name)
-def test_there_and_back(kind):
+def test_message_converted_there_and_back_is_equal(kind):
     chance = random.Random(type_name(kind))
     for _ in range(5):
         sent = serialize_message(random_message(kind, chance))

@@ -93,8 +93,8 @@ def test_poses_agree_with_single_lookups(tree):
         except TfExtrapolationError:
             continue
         for frame, matrix_ in zip(found.frames, found.matrices, strict=True):
-            alone = buffer.lookup(root, frame, found.stamp_ns).transform.matrix
-            np.testing.assert_allclose(matrix_, alone, atol=1e-9)
+            single = buffer.lookup(root, frame, found.stamp_ns).transform.matrix
+            np.testing.assert_allclose(matrix_, single, atol=1e-9)
 
 
 def _connected(buffer, first, second):

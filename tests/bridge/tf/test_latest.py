@@ -23,8 +23,8 @@ def latest(buffer):
 
 
 def move(buffer, stamp_ns, x_mm, frames=FRAMES, *, static=False):
-    for place, frame in enumerate(frames):
-        pose = (x_mm, 10.0 * place, 0.0, 0.0, 0.0, 0.0, 1.0)
+    for index, frame in enumerate(frames):
+        pose = (x_mm, 10.0 * index, 0.0, 0.0, 0.0, 0.0, 1.0)
         buffer.insert("world", frame, stamp_ns, pose, static=static)
 
 
