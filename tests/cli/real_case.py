@@ -59,8 +59,8 @@ def write_real_case(plus: Path, folder: Path) -> Path:
     return folder
 
 
-def distances_by_hand(plus: Path) -> np.ndarray:
-    """The tip's distance (n,) to the sphere, from the file's text by matrix products alone."""
+def independent_distances_mm(plus: Path) -> np.ndarray:
+    """Distances (n,) of the tip to the sphere, from the text of the file, without `app`."""
     text = (plus / RECORDING).read_bytes().decode("latin1")
 
     def matrices(name: str) -> np.ndarray:

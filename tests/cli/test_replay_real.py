@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from tests.cli.real_case import distances_by_hand, write_real_case
+from tests.cli.real_case import independent_distances_mm, write_real_case
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_distance_of_every_frame_equals_independent_calculation(report, plus):
     with (report / "margin.csv").open() as file:
         rows = list(csv.DictReader(file))
     found = np.array([float(row["signed_distance_mm"]) for row in rows])
-    np.testing.assert_allclose(found, distances_by_hand(plus), atol=0.05)
+    np.testing.assert_allclose(found, independent_distances_mm(plus), atol=0.05)
     inside = [index for index, distance in enumerate(found) if distance < 0.0]
     assert (inside[0], inside[-1], len(inside)) == (74, 162, 89)
     for row, distance in zip(rows, found, strict=True):

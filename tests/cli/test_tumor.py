@@ -1,3 +1,5 @@
+"""``marginguard tumor``: contours and segmentations to meshes, checks and repair."""
+
 import json
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from app.cli.main import main
 
 @pytest.fixture
 def contour(tmp_path: Path) -> Path:
-    """Points on a ball of 10 mm around (20, 30, 40)."""
+    """Points on a sphere of radius 10 mm around (20, 30, 40)."""
     points = np.add(trimesh.creation.icosphere(subdivisions=1, radius=10.0).vertices, [20, 30, 40])
     entries = [{"name": "T", "position_mm": point} for point in points.tolist()]
     path = tmp_path / "contour.yaml"
@@ -22,10 +24,10 @@ def contour(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def segmentation(tmp_path: Path) -> Path:
-    """Two blocks, of 10 x 10 x 10 and of 4 x 4 x 4 mm."""
-    marks = np.zeros((20, 20, 20), dtype=np.uint8)
-    marks[2:12, 2:12, 2:12] = 1
-    marks[14:18, 14:18, 14:18] = 2
+    """Two blocks: 10 x 10 x 10 mm and 4 x 4 x 4 mm."""
+    labels = np.zeros((20, 20, 20), dtype=np.uint8)
+    labels[2:12, 2:12, 2:12] = 1
+    labels[14:18, 14:18, 14:18] = 2
     header = {
         "space": "right-anterior-superior",
         "space directions": np.eye(3),
@@ -35,7 +37,7 @@ def segmentation(tmp_path: Path) -> Path:
                              ("LabelValue", str(i + 1)))},
     }  # fmt: skip
     path = tmp_path / "labels.seg.nrrd"
-    nrrd.write(str(path), marks, header)
+    nrrd.write(str(path), labels, header)
     return path
 
 
@@ -49,14 +51,14 @@ def test_contour_becomes_mesh_that_other_programs_read(
     assert "20.0 x 20.0 x 20.0 mm, around (20.0, 30.0, 40.0) mm" in out
     assert "rounded convex hull of 42 points" in out
     assert f"wrote {path}" in out
-    theirs = trimesh.load_mesh(path)
-    assert theirs.is_watertight
-    assert theirs.volume == pytest.approx(4000.0 / 3.0 * np.pi, rel=0.01)
+    mesh = trimesh.load_mesh(path)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(4000.0 / 3.0 * np.pi, rel=0.01)
     assert main(["tumor", str(path), "--units", "mm", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["sound"]
     assert found["parts"] == 1
-    assert found["volume_mm3"] == pytest.approx(theirs.volume, rel=1e-5)
+    assert found["volume_mm3"] == pytest.approx(mesh.volume, rel=1e-5)
 
 
 def test_segment_is_selected_by_name(
@@ -118,7 +120,7 @@ def test_mesh_is_not_overwritten_by_its_output(
         (["no.nrrd"], "no.nrrd cannot be read"),
     ],
 )
-def test_bad_input(
+def test_bad_input_is_one_line(
     contour: Path,
     arguments: list[str],
     message: str,

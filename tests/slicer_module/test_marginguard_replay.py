@@ -129,15 +129,15 @@ def test_nodes_agree_with_row_of_replay(panel_logic, application, rows, seconds)
 def test_states_of_single_steps_equal_those_of_replay(panel_logic, application, rows):
     panel_logic.seek(45.5)
     status = spin_until(panel_logic, at(45.5))
-    seen = []
+    states = []
     for _ in range(80):  # into the first breach and out of it
         before = status.position_s
         panel_logic.step()
         status = spin_until(panel_logic, lambda now, before=before: now.position_s > before)
-        seen.append(status.state)
+        states.append(status.state)
         assert status.state.name == rows[round(status.position_s, 3)]["state"], status
         assert tumor_color(application) == status.state.color
-    assert {MarginState.WARNING, MarginState.POSITIVE} <= set(seen)
+    assert {MarginState.WARNING, MarginState.POSITIVE} <= set(states)
     markers = application.scene.GetFirstNodeByName("BreachMarkers")
     assert markers.GetNumberOfControlPoints() > 0
 

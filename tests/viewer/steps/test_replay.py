@@ -32,11 +32,11 @@ def test_replay_begins_paused_at_the_first_frame(control, clock):
 
 def test_frame_is_shown_until_the_next_is_due(control, clock):
     control.play()
-    seen = []
+    frames = []
     for ms in range(0, 130, 5):
         clock.ns = ms * MS
-        seen.append(control.frame)
-    assert seen == [
+        frames.append(control.frame)
+    assert frames == [
         max(n for n, at in enumerate(STAMPS) if at <= ms * MS) for ms in range(0, 130, 5)
     ]
 

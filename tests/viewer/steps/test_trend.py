@@ -9,11 +9,11 @@ MS = 1_000_000
 
 
 def trends(speeds_mm_s, *, begin_mm=20.0, step_ms=20):
-    meter, distance, seen = TrendMeter(), begin_mm, []
+    meter, distance, found = TrendMeter(), begin_mm, []
     for n, speed in enumerate(speeds_mm_s):
         distance += speed * step_ms / 1000.0
-        seen.append(meter.update(n * step_ms * MS, distance))
-    return seen
+        found.append(meter.update(n * step_ms * MS, distance))
+    return found
 
 
 @pytest.mark.parametrize(
@@ -21,15 +21,15 @@ def trends(speeds_mm_s, *, begin_mm=20.0, step_ms=20):
     [(-10.0, Trend.APPROACHING), (10.0, Trend.RETREATING), (0.5, Trend.STEADY)],
 )
 def test_constant_speed_has_trend_after_a_tenth_of_a_second(speed, trend):
-    seen = trends([speed] * 20)
-    assert set(seen[:5]) == {Trend.NONE}
-    assert set(seen[6:]) == {trend}
+    found = trends([speed] * 20)
+    assert set(found[:5]) == {Trend.NONE}
+    assert set(found[6:]) == {trend}
 
 
 def test_noise_of_still_tool_is_steady():
     meter, noise = TrendMeter(), np.random.default_rng(1)
-    seen = {meter.update(n * 20 * MS, 5.0 + noise.normal(0.0, 0.05)) for n in range(500)}
-    assert seen == {Trend.NONE, Trend.STEADY}
+    found = {meter.update(n * 20 * MS, 5.0 + noise.normal(0.0, 0.05)) for n in range(500)}
+    assert found == {Trend.NONE, Trend.STEADY}
 
 
 def test_deeper_inside_is_still_approaching():
