@@ -8,7 +8,10 @@ from app.runtime.content import SessionContent
 from app.session import StepResult
 
 SwitchContent = Callable[[SessionContent], None]
-"""Makes an output use a content from the next step on. Quick; called between two steps."""
+"""Makes an output use a content from the next step on. Quick, and must not raise.
+
+Called between two steps.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,7 @@ class Output(Protocol):
     """Receives every step of a run, in the thread that steps."""
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
-        """Process ``step``; False when it came too late, so that the session has to hold."""
+        """Process ``step``; False when it came too late, so that a live session has to hold."""
 
     def prepare(self, content: SessionContent) -> SwitchContent:
         """Do the slow part of switching to ``content``, from any thread; return the quick part.
@@ -43,7 +46,10 @@ class Output(Protocol):
         """Withdraw every permission of the last step at once; from any thread."""
 
     def end(self) -> None:
-        """Publish the final state: no step follows. Called between two steps, once a run."""
+        """Publish the final state, because no step follows. A live run calls it once, at its end.
+
+        The end of a replay leaves its last step published.
+        """
 
 
 class PassiveOutput:

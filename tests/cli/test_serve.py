@@ -61,7 +61,7 @@ def test_replay_for_another_process(served, start_receiver):
     assert part["result"]["frames"] == 11
     # The case stays open; a rate of 0 is refused with the player's reason.
     assert again["status"] == "aborted"
-    assert "rate 0" in again["result"]["message"]
+    assert "rate of a replay is 0.0" in again["result"]["message"]
 
 
 def test_replay_in_real_time_is_cancelled(served, start_receiver):
@@ -126,7 +126,7 @@ def test_cyclone_dds_calibrates_and_cancels(served, start_receiver):
     place = [tip["transform"]["translation"][axis] for axis in "xyz"]
     assert place == pytest.approx([0.005, 0.0126, 0.1033], abs=0.0001)
 
-    assert "turn the tool about its tip" in cancelled["first"]["hint"]
+    assert "pivot the tool about its tip" in cancelled["first"]["hint"]
     assert cancelled["cancel"] == {"return_code": 0, "own": [True]}
     assert (cancelled["status"], cancelled["states"][-1]) == (is_cancelled, is_cancelled)
     assert not cancelled["result"]["success"]

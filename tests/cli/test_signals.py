@@ -22,11 +22,11 @@ from app.bridge.qos import STREAM, Topic
 from app.cli.signals import note_signals
 
 over = threading.Event()
-with note_signals() as received, RosNode("speaker") as ros:
+with note_signals() as received, RosNode("publisher") as ros:
     received.stops(over.set)
-    publisher = ros.publisher(Topic("~/news", String, STREAM))
+    publisher = ros.publisher(Topic("~/messages", String, STREAM))
     heartbeat = Heartbeat(lambda text, seq: publisher.publish(String(data=f"{text} {seq}")), 500.0)
-    heartbeat.newest("beat")
+    heartbeat.update("beat")
     print("up", flush=True)
     over.wait()
     heartbeat.close()

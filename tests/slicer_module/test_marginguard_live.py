@@ -89,7 +89,7 @@ def test_killed_tracker_makes_margin_unknown_and_latches_hold_until_rearm(
 def test_missing_configuration_is_reported_in_one_line(panel_logic, tmp_path):
     panel_logic.connect(tmp_path / "live.yaml")
     status = spin_until(panel_logic, lambda now: now.message)
-    assert status.message == f"{tmp_path / 'live.yaml'} is no live configuration: no such file"
+    assert status.message == f"{tmp_path / 'live.yaml'} is not a live configuration: no such file"
     with pytest.raises(MarginGuardError, match="there is no session; expected one"):
         panel_logic.set_margins(1.0, 5.0)
 
