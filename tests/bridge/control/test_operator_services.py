@@ -151,7 +151,7 @@ def test_accepted_registration_is_used_and_refused_one_changes_nothing(
     caller = start_receiver("register", "0.05", "0.00001", script=CALLER)
     bad, good = caller.take(2)
     assert (bad["success"], bad["id"]) == (False, "")
-    assert "refused" in bad["message"]
+    assert "not accepted" in bad["message"]
     assert (good["success"], good["message"]) == (True, "")
     assert good["x"] == pytest.approx(0.5, abs=1e-3)
     assert 0.0 < good["fre"] < 2e-5
