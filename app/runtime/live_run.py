@@ -1,12 +1,12 @@
 """A live session with its outputs: every step is published as it happens."""
 
 from collections.abc import Generator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import ExitStack, closing
 
 from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
 from app.runtime.outputs import Output, StepTiming
-from app.session import LiveSession, Session, StepResult
+from app.session import LiveSession, StepResult
 
 
 class LiveRun:
@@ -44,10 +44,6 @@ class LiveRun:
     def stop(self) -> None:
         """End `steps` soon; from any thread."""
         self.live.stop()
-
-    def between_steps(self) -> AbstractContextManager[Session]:
-        """Exclusive access to the session between two steps."""
-        return self.live.between_steps()
 
     def _publish(self, step: StepResult) -> None:
         in_time = True

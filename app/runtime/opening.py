@@ -7,10 +7,9 @@ from pathlib import Path
 
 from app.case import Case, LiveCase, open_case, open_live
 from app.geometry import NS_PER_S, InputError
-from app.registration import TimeOffset
+from app.registration import RegistrationResult, TimeOffset
 from app.runtime.content import SessionContent, content_of
 from app.session import (
-    RobotSetup,
     SessionSetup,
     robot_from_case,
     setup_from_case,
@@ -57,10 +56,10 @@ class RecordingExtent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegisteredCase:
-    """A recorded case and its registered robot, None for a case without one."""
+    """A recorded case and the registration of its robot; ``clock`` as in `PreparedCase`."""
 
     case: Case
-    robot: RobotSetup | None
+    registration: RegistrationResult
     clock: TimeOffset | None
 
 
@@ -86,8 +85,7 @@ def prepare_case(
     Takes seconds. Raises `InputError` for a case that cannot be used, and `FrameError` for a
     recording in which nothing connects the tool with the tumour.
     """
-    opened = open_case(folder, package_dirs=package_dirs)
-    case, clock = with_estimated_clock(with_repaired_tumor(opened))
+    case, clock = _open(folder, package_dirs)
     on_stage("open the case")
     setup = setup_from_case(case, tip_only=tip_only)
     content = content_of(case, setup, tip_only=tip_only)
@@ -95,14 +93,16 @@ def prepare_case(
     return PreparedCase(case, setup, content, clock, tip_only)
 
 
-def register_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> "RegisteredCase":
+def register_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> RegisteredCase:
     """Open the case in ``folder`` and register its robot; nothing else of the session is set up.
 
     Takes seconds. Raises `InputError` for a case that cannot be used or that has no robot.
     """
-    opened = open_case(folder, package_dirs=package_dirs)
-    case, clock = with_estimated_clock(with_repaired_tumor(opened))
-    return RegisteredCase(case, robot_from_case(case), clock)
+    case, clock = _open(folder, package_dirs)
+    robot = robot_from_case(case)
+    if robot is None or robot.registration is None:
+        raise InputError(f"{folder} has no robot; expected a case with a registered robot")
+    return RegisteredCase(case, robot.registration, clock)
 
 
 def prepare_live(
@@ -114,3 +114,9 @@ def prepare_live(
     setup = setup_from_case(case, tip_only=tip_only)
     setup = replace(setup, tumor_motion=tumor_motion_parameters(config))
     return PreparedLive(config, case, setup, content_of(case, setup, tip_only=tip_only))
+
+
+def _open(folder: Path, package_dirs: Sequence[Path]) -> tuple[Case, TimeOffset | None]:
+    """Open the case, repair its tumour and estimate the offset of its joints' clock."""
+    opened = open_case(folder, package_dirs=package_dirs)
+    return with_estimated_clock(with_repaired_tumor(opened))

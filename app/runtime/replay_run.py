@@ -45,7 +45,7 @@ class ReplayRun:
         self.player = Player(prepared.case.frames, clock_ns=clock_ns, rate=rate, loop=loop)
         if paused:
             self.player.pause()
-        if paused or start_s > 0.0:
+        if paused or start_s != 0.0:
             self.player.seek(start_s)
         self._end_ns: float = math.inf
         if math.isfinite(end_s):

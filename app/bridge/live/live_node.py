@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -52,10 +52,6 @@ class LiveNode:
     def stop(self) -> None:
         """Request the end of `steps`. Thread-safe."""
         self.live_run.stop()
-
-    def between_steps(self) -> AbstractContextManager[Session]:
-        """Exclusive access to the session between two steps."""
-        return self.live_run.between_steps()
 
     def set_margins(self, stop_mm: float, warn_mm: float) -> None:
         """Set the node's parameters ``stop_mm`` and ``warn_mm``, so that ROS sees them too."""

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from app.geometry import FloatArray, InputError
+from app.geometry import FloatArray
 from app.registration import RegistrationResult, register_points
 from app.runtime import register_case
 from app.session import REFERENCE
@@ -10,10 +10,7 @@ from app.session import REFERENCE
 
 def registration_of_case(folder: Path) -> RegistrationResult:
     """Register the case as ``marginguard register`` does; takes seconds. Raises `InputError`."""
-    robot = register_case(folder).robot
-    if robot is None or robot.registration is None:
-        raise InputError(f"{folder} has no robot; expected a case with a registered robot")
-    return robot.registration
+    return register_case(folder).registration
 
 
 def registration_of_landmarks(
