@@ -4,6 +4,8 @@ import argparse
 import math
 from pathlib import Path
 
+from app.cli.options import input_argument
+
 RECORDED_CASE = Path(__file__).resolve().parents[1] / "data/recorded_case"
 
 
@@ -27,6 +29,7 @@ def case_options(name: str, description: str | None) -> argparse.Namespace:
 
 def case_folder(text: str) -> Path:
     """Case folder of an option; raises `argparse.ArgumentTypeError` without a case.yaml."""
-    if not (Path(text) / "case.yaml").is_file():
+    folder = input_argument(text)
+    if not (folder / "case.yaml").is_file():
         raise argparse.ArgumentTypeError(f"{text!r} is no case; expected a folder with a case.yaml")
-    return Path(text)
+    return folder

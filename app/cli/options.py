@@ -4,10 +4,13 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+CASE_HELP = "folder with a case.yaml; package://marginguard/recorded_case is the shipped case"
+LIVE_EXAMPLE = "package://marginguard/live_example/live.yaml"
+
 
 def add_case(parser: argparse.ArgumentParser) -> None:
     """Add the case folder and the folders of packages."""
-    parser.add_argument("case", type=folder_path, metavar="CASE", help="folder with a case.yaml")
+    parser.add_argument("case", type=input_argument, metavar="CASE", help=CASE_HELP)
     add_package_dirs(parser)
 
 
@@ -29,10 +32,23 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
+def input_argument(text: str) -> Path:
+    """Path of an input, also of shipped data: ``package://marginguard/...``."""
+    from app.files.paths import input_path  # every command loads this file
+    from app.geometry import InputError
+
+    _check_not_empty(text)
+    try:
+        return input_path(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
 def folder_path(text: str) -> Path:
     """Path of a folder. An empty text is refused: a script has made a mistake."""
-    if not text:
-        raise argparse.ArgumentTypeError("the name of the folder is empty; expected a path")
+    _check_not_empty(text)
+    if text.startswith("package://"):
+        raise argparse.ArgumentTypeError(f"{text!r} names shipped data; expected another folder")
     return Path(text)
 
 
@@ -55,3 +71,8 @@ def file_path(ending: str) -> Callable[[str], Path]:
         return Path(text)
 
     return checked
+
+
+def _check_not_empty(text: str) -> None:
+    if not text:
+        raise argparse.ArgumentTypeError("the name is empty; expected a path")

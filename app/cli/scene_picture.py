@@ -7,9 +7,10 @@ import sys
 from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
+
+from app.files.shipped import checkout
 
 if TYPE_CHECKING:
     from app.cli.scene_log import SceneLog
@@ -47,10 +48,10 @@ class ScenePainter:
     """
 
     def __enter__(self) -> Self:
-        # The process finds this package from any working directory.
-        paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")]
+        # The process finds this package from any working directory, and no app.py there.
+        paths = [str(checkout() or ""), os.environ.get("PYTHONPATH")]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli.scene_process"],
+            [sys.executable, "-P", "-m", "app.cli.scene_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},

@@ -1,12 +1,12 @@
 """Kinematics of the Touch desktop arm for the simulation of a case."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
+from app.files.shipped import shipped
 from app.geometry import Transform
 from app.robot import load_robot
 
-TOUCH_URDF = Path(__file__).resolve().parents[2] / "data" / "robots" / "touch" / "touch.urdf"
+TOUCH_URDF = shipped("data", "robots", "touch", "touch.urdf")
 TOOL_LINK = "stylus"
 
 

@@ -13,12 +13,13 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from app.files.shipped import shipped
 from app.files.xml_guard import parse_xml, read_xml
 from app.geometry import InputError
 
 PACKAGE_SCHEME = "package://"
 OWN_PACKAGE = "marginguard"
-PROJECT_DATA = Path(__file__).resolve().parents[2] / "data"
+PROJECT_DATA = shipped("data")
 
 
 class PackageFolders:

@@ -5,7 +5,13 @@ import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
-from app.files.packages import PACKAGE_SCHEME, PackageFolders, split_package_name
+from app.files.packages import (
+    OWN_PACKAGE,
+    PACKAGE_SCHEME,
+    PROJECT_DATA,
+    PackageFolders,
+    split_package_name,
+)
 from app.geometry import InputError
 
 _DRIVE = re.compile(r"[A-Za-z]:")
@@ -60,6 +66,20 @@ def resolve_file(
     if not path.is_file():
         raise InputError(f"{where} is {name!r}: {path} is not a file")
     return path
+
+
+def input_path(text: str) -> Path:
+    """Path of an input that a user names: any path, or ``package://marginguard/REST``.
+
+    The latter names shipped data, such as ``recorded_case``, wherever MarginGuard is installed.
+    Raises `InputError` for another package and if REST does not exist. A path is not checked.
+    """
+    if not text.startswith(PACKAGE_SCHEME):
+        return Path(text)
+    package, rest = split_package_name(text)
+    if package != OWN_PACKAGE:
+        raise InputError(f"{text}: unknown package; expected {PACKAGE_SCHEME}{OWN_PACKAGE}/...")
+    return resolve_inside(PROJECT_DATA, rest, text) if rest else PROJECT_DATA
 
 
 def sha256_of(path: Path) -> str:

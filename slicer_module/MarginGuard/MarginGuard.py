@@ -300,13 +300,13 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
 
     def test_tumour_is_red_in_breach_and_grey_in_dropout(self):
         """Check the tumour's colour at three times of the recorded case."""
-        import app
+        from app.files.shipped import shipped
         from app.fixture import MarginState
 
         self.delayDisplay("Replaying the recorded case")
         logic = MarginGuardLogic().panel_logic
         try:
-            logic.load_case(Path(app.__file__).parents[1] / "data" / "recorded_case")
+            logic.load_case(shipped("data", "recorded_case"))
             self._until(logic, 0.0)
             for seconds, state in (
                 (45.9, MarginState.POSITIVE),

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from app.files.paths import resolve_file, resolve_inside, sha256_of
+from app.files.paths import input_path, resolve_file, resolve_inside, sha256_of
 from app.geometry import InputError
 
 
@@ -94,3 +94,24 @@ def test_folder_is_refused_as_file(folder: Path) -> None:
 
 def test_sha256_of_a_file(folder: Path) -> None:
     assert sha256_of(folder / "sub/mesh.stl") == hashlib.sha256(b"inside").hexdigest()
+
+
+def test_input_path_names_shipped_data_and_any_path() -> None:
+    case = input_path("package://marginguard/recorded_case")
+    assert case.is_absolute()
+    assert (case / "case.yaml").is_file()
+    assert input_path("package://marginguard") == case.parent
+    assert input_path("../some/case") == Path("../some/case")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("package://marginguard/no_case", "no such file in"),
+        ("package://marginguard/../app", "relative path without"),
+        ("package://other/recorded_case", "unknown package"),
+    ],
+)
+def test_input_path_of_nothing_shipped_is_refused(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        input_path(name)

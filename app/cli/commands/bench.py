@@ -1,4 +1,4 @@
-"""Run a benchmark of this checkout and of peers in one run, and compare the figures.
+"""Run a benchmark of this installation and of peers in one run, and compare the figures.
 
 Exit status: that of the benchmark; 1 when a figure misses its goal.
 """
@@ -10,8 +10,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from app.files.shipped import shipped
+
 SUMMARY = "run a benchmark and compare its figures with those of peers"
-CHECKOUT = Path(__file__).resolve().parents[3]
 BENCHMARKS = {
     "registration": "benchmarks.registration",
     "fixture": "benchmarks.fixture",
@@ -42,18 +43,20 @@ def run(options: argparse.Namespace) -> int:
     """Run the benchmark in its own process, so that nothing loaded here disturbs its figures.
 
     It runs in the current folder, so that relative paths among its options stay valid, and imports
-    its code from the checkout only.
+    its code from the shipped folder only.
     """
     from app.files import check_output_path
     from app.geometry import InputError
 
-    if not (CHECKOUT / "benchmarks").is_dir():
+    root = shipped()
+    if not (root / "benchmarks").is_dir():
         raise InputError(
-            f"{CHECKOUT / 'benchmarks'}: no such folder; expected a checkout of the project"
+            f"{root / 'benchmarks'}: no such folder; expected the benchmarks that MarginGuard "
+            "ships: install it again"
         )
     for path in _output_paths(options.options):
         check_output_path(path)
-    code = os.pathsep.join(filter(None, (str(CHECKOUT), os.environ.get("PYTHONPATH"))))
+    code = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
         [sys.executable, "-m", "app.cli.benchmark", BENCHMARKS[options.name], *options.options],
         env={**os.environ, "PYTHONPATH": code, "PYTHONSAFEPATH": "1"},

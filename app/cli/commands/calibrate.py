@@ -13,7 +13,7 @@ from pathlib import Path
 from app.cli.calibration.argument_types import age_ms, frame_name, number
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
 from app.cli.calibration.registry import load_methods
-from app.cli.options import add_json, add_package_dirs
+from app.cli.options import add_json, add_package_dirs, input_argument
 
 SUMMARY = "calibrate a tool, a phantom, a robot's base or a clock from a recording"
 
@@ -44,7 +44,7 @@ def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> Non
 
     allowed = f"{recording_kinds()} or a case folder"
     parser.add_argument(
-        "recording", type=Path, metavar="RECORDING",
+        "recording", type=input_argument, metavar="RECORDING",
         help="a case folder, with robot.joint_states" if with_joints else allowed,
     )  # fmt: skip
     add_package_dirs(parser)

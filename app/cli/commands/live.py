@@ -10,10 +10,9 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_package_dirs
+from app.cli.options import LIVE_EXAMPLE, add_package_dirs, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState, note_signals
 
@@ -32,10 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard live``."""
     parser.add_argument(
         "--config",
-        type=Path,
+        type=input_argument,
         required=True,
         metavar="FILE",
-        help="live.yaml with the topics, the tool and the tumour of the session: docs/live.md",
+        help="live.yaml with the topics, the tool and the tumour of the session: docs/live.md; "
+        f"an example: {LIVE_EXAMPLE}",
     )
     add_package_dirs(parser)
     parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of the node")

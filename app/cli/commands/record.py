@@ -9,10 +9,9 @@ import sys
 import threading
 import time
 from contextlib import closing
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_package_dirs, folder_path
+from app.cli.options import add_package_dirs, folder_path, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 
@@ -47,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--config",
-        type=Path,
+        type=input_argument,
         metavar="FILE",
         help="live.yaml: write case.yaml and the meshes too, so that 'replay CASE' works",
     )

@@ -10,7 +10,7 @@ import sys
 import threading
 from pathlib import Path
 
-from app.cli.options import add_package_dirs
+from app.cli.options import add_package_dirs, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 
@@ -22,10 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard serve``."""
     parser.add_argument(
         "--cases",
-        type=Path,
+        type=input_argument,
         default=Path(),
         metavar="DIR",
-        help="only cases below this folder can be opened; default: the current one",
+        help="only cases below this folder can be opened; default: the current one; "
+        "package://marginguard has the shipped case, recorded_case",
     )
     parser.add_argument(
         "--load", metavar="CASE", help="open this case at once, its folder below DIR"

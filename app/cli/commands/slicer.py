@@ -14,10 +14,9 @@ import sysconfig
 from collections.abc import Mapping
 from pathlib import Path
 
-import app
+from app.files.shipped import checkout, shipped
 
 SUMMARY = "start desktop 3D Slicer with MarginGuard's modules"
-CHECKOUT = Path(app.__file__).resolve().parents[1]
 MODULES = ("MarginGuard", "ROS2")
 HOOK_DONE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 """When set, the start-up hook of the ROS wheels does not replace Slicer by a Python interpreter."""
@@ -66,7 +65,7 @@ def slicer_environment(environment: Mapping[str, str]) -> dict[str, str]:
     return {
         HOOK_DONE: "1",
         "LD_LIBRARY_PATH": _joined(*libraries, environment.get("LD_LIBRARY_PATH", "")),
-        "PYTHONPATH": _joined(environment.get("PYTHONPATH", ""), str(CHECKOUT), packages),
+        "PYTHONPATH": _joined(environment.get("PYTHONPATH", ""), str(checkout() or ""), packages),
     }
 
 
@@ -91,12 +90,12 @@ def _checked_program(path: Path) -> Path:
 def _module_folders() -> list[str]:
     from app.geometry import InputError
 
-    folders = [CHECKOUT / "slicer_module" / name for name in MODULES]
+    folders = [shipped("slicer_module", name) for name in MODULES]
     for folder in folders:
         if not folder.is_dir():
             raise InputError(
-                f"{folder}: no such folder; expected a checkout of the project, because an "
-                "installed package does not contain the modules"
+                f"{folder}: no such folder; expected a module that MarginGuard ships: "
+                "install it again"
             )
     return [str(folder) for folder in folders]
 

@@ -7,10 +7,9 @@ A page of this machine, with a token in its address. Runs until SIGINT (exit sta
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_package_dirs
+from app.cli.options import CASE_HELP, LIVE_EXAMPLE, add_package_dirs, input_argument
 from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
@@ -21,14 +20,15 @@ SUMMARY = "watch a replay or a live session in the browser"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard view``."""
-    parser.add_argument(
-        "case", type=Path, nargs="?", metavar="CASE", help="folder with a case.yaml, to be replayed"
-    )
+    parser.add_argument("case", type=input_argument, nargs="?", metavar="CASE", help=CASE_HELP)
     parser.add_argument(
         "--live", action="store_true", help="watch a live session, instead of a CASE"
     )
     parser.add_argument(
-        "--config", type=Path, metavar="FILE", help="live.yaml for --live: docs/live.md"
+        "--config",
+        type=input_argument,
+        metavar="FILE",
+        help=f"live.yaml for --live: docs/live.md; an example: {LIVE_EXAMPLE}",
     )
     parser.add_argument(
         "--namespace", default="", metavar="NS", help="ROS namespace of the live session's node"
