@@ -6,6 +6,7 @@ venv    := .venv
 python  := $(venv)/bin/python
 run     := $(venv)/.installed-run
 test    := $(venv)/.installed-test
+site    := $(venv)/.installed-docs
 
 case    := data/recorded_case
 report  := out/demo
@@ -19,12 +20,13 @@ interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path 
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast lint format doctor clean
+.PHONY: help demo test test-fast docs lint format doctor clean
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
 	@echo 'make test       install the test dependencies, then run all tests'
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
+	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'
 	@echo 'make lint       ruff and mypy'
 	@echo 'make format     let ruff rewrite the files'
 	@echo 'make doctor     check the installation'
@@ -44,6 +46,12 @@ test: $(test)
 # tests/conftest.py lists the slow tests, with reasons.
 test-fast: $(test)
 	@$(pytest) -m "not slow" $(PYTEST_ARGS)
+
+# Warnings are errors. Notebooks are executed; nothing is fetched from other hosts.
+docs: $(site)
+	@rm -rf out/docs
+	@$(python) -m sphinx -W --keep-going -q -c docs -d out/doctrees . out/docs
+	@$(python) -m tools.check_site out/docs
 
 lint: $(test)
 	@$(python) -m ruff check
@@ -75,4 +83,8 @@ $(run): $(declared) $(interfaces) | $(python)
 
 $(test): $(run)
 	@$(python) tools/install.py -e '.[ros,scene,test,lint]'
+	@touch $@
+
+$(site): $(test)
+	@$(python) tools/install.py -e '.[ros,scene,test,lint,docs]'
 	@touch $@

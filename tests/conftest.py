@@ -26,6 +26,7 @@ SLOW = {
     "needs VTK, rendering or a browser": (
         "tests/scene/",
         "tests/slicer_module/",
+        "tests/tools/test_check_site_pages.py",
         "tests/viewer/drawing/",
         "tests/viewer/test_auth_served.py",
         "tests/viewer/test_page.py",

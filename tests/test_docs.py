@@ -17,7 +17,10 @@ from app.cli.main import build_parser
 from app.fixture import MarginState
 from app.session import Session, setup_from_case
 
-LINK = re.compile(r"\]\((?!https?://)([^)#\s]+)\)")
+LINK = re.compile(r"\]\((?!https?://)([^)#\s]*)(?:#([^)\s]+))?\)")
+"""A link within the project: path, anchor."""
+PAGE_MENTION = re.compile(r"(?<!\[)`[^`\n*]*\w\.md`")
+HEADING = re.compile(r"^#+ +(.+?) *$", re.MULTILINE)
 FILE = re.compile(r"(?<![\w./~-])[\w.-]+/[\w./-]*\w")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"`([^`\n]+)`")
@@ -36,6 +39,7 @@ def pages(project_root: Path) -> dict[str, str]:
     found = [
         *project_root.glob("*.md"),
         *project_root.glob("docs/*.md"),
+        *project_root.glob("examples/*.md"),
         *project_root.glob("slicer_module/*.md"),
         *project_root.glob("data/*/*.md"),
     ]
@@ -46,10 +50,29 @@ def test_targets_of_all_links_exist(project_root: Path, pages: dict[str, str]) -
     broken = [
         f"{page}: {target}"
         for page, text in pages.items()
-        for target in LINK.findall(text)
+        for target, _ in LINK.findall(text)
         if not ((project_root / page).parent / target).exists()
     ]
     assert broken == []
+
+
+def test_anchors_of_all_links_exist(project_root: Path, pages: dict[str, str]) -> None:
+    broken = [
+        f"{page}: {target}#{anchor}"
+        for page, text in pages.items()
+        for target, anchor in LINK.findall(text)
+        if anchor and anchor not in _anchors((project_root / page).parent / target, text, target)
+    ]
+    assert broken == []
+
+
+def test_every_mentioned_page_is_a_link(pages: dict[str, str]) -> None:
+    bare = [
+        f"{page}: {mention}"
+        for page, text in pages.items()
+        for mention in PAGE_MENTION.findall(BLOCK.sub("", text))
+    ]
+    assert bare == []
 
 
 def test_all_named_files_exist(project_root: Path, pages: dict[str, str]) -> None:
@@ -64,9 +87,13 @@ def test_all_named_files_exist(project_root: Path, pages: dict[str, str]) -> Non
     assert missing == []
 
 
-def test_readme_names_every_page(pages: dict[str, str]) -> None:
-    docs = {page for page in pages if page.startswith("docs/")}
-    assert {page for page in docs if f"`{page}`" not in pages["README.md"]} == set()
+def test_index_links_every_page(pages: dict[str, str]) -> None:
+    docs = {Path(page).name for page in pages if page.startswith("docs/")} - {"index.md"}
+    assert docs - {target for target, _ in LINK.findall(pages["docs/index.md"])} == set()
+
+
+def test_readme_is_short(pages: dict[str, str]) -> None:
+    assert len(pages["README.md"].splitlines()) <= 150
 
 
 def test_each_task_of_the_contributing_guide_names_a_file_and_tests_that_exist(
@@ -124,6 +151,13 @@ def test_minimal_case_of_the_docs_has_a_known_margin(
     case = open_case(tmp_path)
     step = Session(setup_from_case(case)).step(next(case.frames()))
     assert step.decision.state is not MarginState.UNKNOWN
+
+
+def _anchors(path: Path, page: str, target: str) -> set[str]:
+    """Anchors of the headings of a file, or of ``page`` itself, as the web view forms them."""
+    text = path.read_text("utf-8") if target else page
+    titles = [re.sub(r"[^\w\- ]", "", title.lower()) for title in HEADING.findall(text)]
+    return {title.replace(" ", "-") for title in titles}
 
 
 def _calls(text: str) -> Iterator[list[str]]:
