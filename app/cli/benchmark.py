@@ -6,6 +6,8 @@ Prints one line when the peer of a benchmark is not installed; peers come with t
 import runpy
 import sys
 
+from app.files.extras import extra_with, install_command, install_hint
+
 BAD_INPUT = 2
 
 
@@ -15,11 +17,12 @@ def main() -> None:
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)
     except ModuleNotFoundError as error:
-        print(
-            f"marginguard: error: this benchmark needs {error.name}, which is not installed: "
-            "'make test' installs what tests and benchmarks need",
-            file=sys.stderr,
-        )
+        missing = f"this benchmark needs {error.name}, which is not installed"
+        if extra_with(error.name or ""):
+            remedy = install_hint(error)
+        else:
+            remedy = f"run `{install_command('test')}`, which installs what benchmarks need"
+        print(f"marginguard: error: {missing}: {remedy}", file=sys.stderr)
         sys.exit(BAD_INPUT)
 
 

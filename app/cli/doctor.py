@@ -12,10 +12,13 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from pathlib import Path
 
-from app.cli.system_checks import Check, check_machine, checked
+from app.cli.shipped_checks import check_shipped
+from app.cli.system_checks import Check, check_building, check_machine, checked
+from app.files.extras import DISTRIBUTION, install_command, install_interfaces
+from app.files.shipped import checkout
 
 PROBE_TIMEOUT_S = 60.0
-EXTRAS = {"": ".", "ros": ".[ros]", "scene": ".[scene]"}
+EXTRAS = ("", "ros", "scene")
 
 RCLPY = "import rclpy; print(rclpy.__file__)"
 INTERFACES = """\
@@ -39,7 +42,7 @@ def run_probe(code: str) -> tuple[bool, str]:
     """`Probe` that runs ``code`` with this Python in a process of its own."""
     try:
         done = subprocess.run(
-            [sys.executable, "-c", code],
+            [sys.executable, "-P", "-c", code],
             capture_output=True,
             text=True,
             timeout=PROBE_TIMEOUT_S,
@@ -54,22 +57,29 @@ def run_probe(code: str) -> tuple[bool, str]:
 
 
 def check_environment(probe: Probe = run_probe) -> list[Check]:
-    """Run every check, in the order in which remedies apply: machine, packages, ROS, Slicer."""
+    """Run every check, in the order in which remedies apply: machine, packages, ROS, Slicer.
+
+    A compiler is needed only in a checkout, where the messages are compiled.
+    """
     with ThreadPoolExecutor() as pool:
         probed = [
             pool.submit(check, probe) for check in (check_rclpy, check_interfaces, check_mrml)
         ]
-        return [*check_machine(), *check_packages(), *(future.result() for future in probed)]
+        return [
+            *check_machine(),
+            *(check_building() if checkout() else ()),
+            *check_packages(),
+            *check_shipped(),
+            *(future.result() for future in probed),
+        ]
 
 
-def check_packages(distribution: str = "marginguard") -> list[Check]:
+def check_packages(distribution: str = DISTRIBUTION) -> list[Check]:
     """One check for each requirement of ``distribution``, except those of its tests."""
     try:
         requirements = metadata.requires(distribution) or []
     except metadata.PackageNotFoundError:
-        return [
-            Check(distribution, False, "not installed", "run `make demo`, or `pip install -e .`")
-        ]
+        return [Check(distribution, False, "not installed", f"run `{install_command()}`")]
     checks = []
     for requirement in requirements:
         name, extra = _parse_requirement(requirement)
@@ -78,7 +88,7 @@ def check_packages(distribution: str = "marginguard") -> list[Check]:
         try:
             checks.append(checked(name, True, metadata.version(name), ""))
         except metadata.PackageNotFoundError:
-            remedy = f"run `pip install -c constraints.txt -e '{EXTRAS[extra]}'`"
+            remedy = f"run `{install_command(extra)}`"
             checks.append(Check(name, False, "not installed", remedy))
     return checks
 
@@ -86,7 +96,7 @@ def check_packages(distribution: str = "marginguard") -> list[Check]:
 def check_rclpy(probe: Probe) -> Check:
     """Check that ROS 2 can be imported."""
     ok, output = probe(RCLPY)
-    remedy = "source a ROS 2 Jazzy, or run `pip install -c constraints.txt -e '.[ros]'`"
+    remedy = f"source a ROS 2 Jazzy, or run `{install_command('ros')}`"
     return checked("rclpy imports", ok, output, f"{remedy}; --no-ros works without")
 
 
@@ -97,13 +107,13 @@ def check_interfaces(probe: Probe) -> Check:
     """
     ok, output = probe(INTERFACES)
     found = f"tf2_msgs {_origin(Path(output))}" if ok else output
-    return checked("ROS interfaces", ok, found, "install g++, then run `pip install ./interfaces`")
+    return checked("ROS interfaces", ok, found, install_interfaces())
 
 
 def check_mrml(probe: Probe) -> Check:
     """Check that a scene of 3D Slicer can be created."""
     ok, output = probe(MRML)
-    remedy = "run `pip install -c constraints.txt -e '.[scene]'`"
+    remedy = f"run `{install_command('scene')}`"
     return checked("3D Slicer scene", ok, "MRML" if ok else output, remedy)
 
 

@@ -101,9 +101,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _one_line(error: Exception) -> str:
+    from app.files.extras import extra_with, install_hint
     from app.geometry import MarginGuardError
 
     text = str(error)
+    if isinstance(error, ModuleNotFoundError) and extra_with(error.name or ""):
+        return f"{text}: {install_hint(error)}"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         text = f"{error.filename}: {error.strerror}"
     text = " ".join(text.split())

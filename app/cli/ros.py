@@ -14,11 +14,12 @@ def load_bridge(remark: str) -> None:
     try:
         import app.bridge  # noqa: F401
     except ImportError as error:
+        from app.files.extras import install_hint
         from app.geometry import InputError
 
         raise InputError(
             f"ROS 2 cannot be loaded ({error}); expected an installed ROS 2, {remark}: "
-            "'marginguard doctor' lists what to install"
+            f"{install_hint(error)}"
         ) from error
 
 

@@ -15,6 +15,7 @@ from typing import IO, TYPE_CHECKING
 
 from app.cli.gc_control import GcPause
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE
+from app.files.extras import install_hint
 
 if TYPE_CHECKING:
     from app.cli.scene_picture import SceneRequest
@@ -42,7 +43,7 @@ def _answered(stream: IO[bytes], memory: GcPause) -> bytes:
         memory.settle()
     except ImportError as error:
         request = _read(stream)
-        reason = f"{error}; 'marginguard doctor' lists what to install"
+        reason = f"3D Slicer's scene cannot be loaded ({error}): {install_hint(error)}"
         return pickle.dumps(dict.fromkeys(request.outputs, reason)) if request else b""
     request = _read(stream)
     if request is None:

@@ -34,15 +34,17 @@ def checked(name: str, ok: bool, found: str, remedy: str) -> Check:
 
 
 def check_machine() -> list[Check]:
-    """Check platform, Python, its ``venv`` and headers, the compilers, OpenGL without a screen."""
+    """Check what MarginGuard runs on: platform, Python, OpenGL without a screen."""
     return [
         check_platform(platform.system(), platform.machine()),
         check_python(tuple(sys.version_info[:2])),
-        check_venv(),
-        check_headers(),
-        check_compiler(),
         check_egl(),
     ]
+
+
+def check_building() -> list[Check]:
+    """Check what ``make`` installs with: ``venv``, and the headers and compilers for messages."""
+    return [check_venv(), check_headers(), check_compiler()]
 
 
 def check_platform(system: str, machine: str) -> Check:
@@ -176,4 +178,4 @@ def main(checks: Iterable[Check]) -> int:
 
 if __name__ == "__main__":
     os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # otherwise Mesa prints lines of its own
-    sys.exit(1 if main(check_machine()) else 0)
+    sys.exit(1 if main(check_machine() + check_building()) else 0)

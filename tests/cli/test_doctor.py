@@ -14,6 +14,7 @@ def test_each_remedy_belongs_to_something_missing() -> None:
     names = [check.name for check in checks]
     assert len(names) == len(set(names))
     assert {"python", "compiler", "egl", "ROS interfaces", "3D Slicer scene"} <= set(names)
+    assert {"shipped case", "shipped robots", "page", "RViz", "Foxglove"} <= set(names)
     for check in checks:
         assert check.found
         assert bool(check.remedy) is not check.ok

@@ -137,7 +137,8 @@ def test_missing_slicer_names_the_remedy(tmp_path: Path) -> None:
         env={"PYTHONPATH": str(tmp_path)},
     )
     assert pickle.loads(found.stdout) == {
-        "picture": "no slicer here; 'marginguard doctor' lists what to install"
+        "picture": "3D Slicer's scene cannot be loaded (no slicer here): "
+        "'marginguard doctor' lists what to install"
     }
     assert found.stderr == b""
 

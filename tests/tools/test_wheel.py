@@ -92,3 +92,24 @@ def test_unpacked_wheel_finds_its_own_files(wheel: zipfile.ZipFile, tmp_path: Pa
         "case": "simulated lumpectomy 1",
     }
     assert list(elsewhere.iterdir()) == []
+
+
+def test_doctor_names_a_damaged_file_of_an_installed_wheel(
+    wheel: zipfile.ZipFile, tmp_path: Path
+) -> None:
+    wheel.extractall(tmp_path)
+    page = tmp_path / "app" / "viewer" / "web" / "page.html"
+    page.write_text(page.read_text()[:100])
+    program = "import json\nfrom app.cli.shipped_checks import check_shipped\n"
+    program += "print(json.dumps([check for check in check_shipped() if not check.ok]))"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        env={"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    ((name, _, found, remedy),) = json.loads(done.stdout)
+    assert name == "installed files"
+    assert str(page) in found
+    assert remedy.startswith("install it again: `pip install")

@@ -69,10 +69,13 @@ def run(options: argparse.Namespace) -> int:
     if options.token == "":
         raise InputError("--token is empty; expected a text, because anybody could open the page")
     with note_signals() as received:
+        from app.files.extras import check_installed
         from app.viewer import Address, new_token
 
         address = Address(options.host, options.port, options.token or new_token())
-        address.check()  # before the case is stepped through
+        address.check()
+        # Before the case is stepped through, which takes a while.
+        check_installed("slicer", "trame_slicer")
         with _viewer(options, received) as viewer:
             if viewer is None:
                 return received.exit_status
