@@ -44,6 +44,13 @@ def input_argument(text: str) -> Path:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
+def add_namespace(parser: argparse.ArgumentParser) -> None:
+    """Add the ROS namespace of the node ``marginguard``."""
+    parser.add_argument(
+        "--namespace", default="", metavar="NS", help="ROS namespace of the session's node"
+    )
+
+
 def folder_path(text: str) -> Path:
     """Path of a folder. An empty text is refused: a script has made a mistake."""
     _check_not_empty(text)

@@ -3,6 +3,7 @@
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.lifecycle import LiveNodeLifecycle
 from app.bridge.live.live_node import LiveNode, live_node
+from app.bridge.live.rearm_client import RearmClient
 from app.bridge.live.rearming import RearmService
 from app.bridge.live.recorder import RosRecorder
 from app.bridge.live.session_watch import SessionWatch
@@ -11,6 +12,7 @@ from app.bridge.live.source import TfSource, TrackedTransformSource, source_of
 __all__ = [
     "LiveNode",
     "LiveNodeLifecycle",
+    "RearmClient",
     "RearmService",
     "RosRecorder",
     "SessionWatch",

@@ -1,21 +1,30 @@
 """Publish ``~/constraint`` at the control rate: serialise once, then change only ``seq``."""
 
 import math
+import secrets
 import sys
+import time
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
+from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace
 from rclpy.serialization import serialize_message
 
 from app.bridge.errors import BridgeError
 from app.bridge.heartbeat import Heartbeat
+from app.bridge.messages import time_message
 from app.fixture import Reason, worst_first
+from app.geometry import Stamp
 
 _SEQ_MARK = 0x0123456789ABCDEF
 _SEQ_MARK_BYTES = _SEQ_MARK.to_bytes(8, sys.byteorder)
 _CDR_HEADER_BYTES = 4
 
 _SHORT_SWITCH_INTERVAL_S = 0.0005
+
+RandomBits = Callable[[int], int]
+"""Returns a random integer of that many bits, as `secrets.randbits` does."""
 
 
 class RawPublisher(Protocol):
@@ -57,13 +66,30 @@ class ConstraintStream:
     continues. This counts as a fault, which the next message does not clear (see `publish`).
     Without ``valid_ns`` only the receiver checks the validity, with ``valid_until``.
 
+    The stream sets ``instance_id``, which is constant, ``hold_since`` by ``clock_ns`` (system
+    time), and ``rearm_nonce``: 0 unless the hold has to be re-armed, otherwise a random number that
+    is replaced with each fault and ends with `spend`. ``random_bits`` creates both.
+
     Above 100 Hz the interpreter's switch interval is 0.5 ms until `close`
     (`sys.setswitchinterval`, for the whole process). With the default of 5 ms a busy thread would
     delay the heartbeat.
     """
 
-    def __init__(self, publisher: RawPublisher, hz: float | None) -> None:
+    def __init__(
+        self,
+        publisher: RawPublisher,
+        hz: float | None,
+        *,
+        random_bits: RandomBits = secrets.randbits,
+        clock_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
         self._publisher = publisher
+        self._random_bits = random_bits
+        self._clock_ns = clock_ns
+        self._hold_since: Time | None = None
+        self.instance_id = f"{random_bits(64):016x}"
+        self._nonce = 0
+        self._next_nonce = self._draw()
         self._last: FixtureConstraint | None = None
         self._faulty = False
         self._fault_seq = 0
@@ -82,14 +108,19 @@ class ConstraintStream:
         ``message`` is then published on hold with the reason ``latched``, and the caller has to
         latch the hold in its own state.
         """
+        faulty = message.state == FixtureConstraint.UNKNOWN
+        if faulty and not self._faulty and not self._heartbeat.ended:
+            self._renew_nonce()
+        self._identify(message)
         first = self._begin(message, valid_ns, unless_ended=True)
         in_time = first is not None
         if not in_time:
             message.hold = True
             reasons = {*map(Reason, message.reasons), Reason.LATCHED}
             message.reasons = [str(reason) for reason in worst_first(reasons)]
+            self._renew_nonce()  # the one that the stale message has already published
+            self._identify(message)
             first = self._begin(message, valid_ns)
-        faulty = message.state == FixtureConstraint.UNKNOWN
         if first is not None and in_time and faulty and not self._faulty:
             self._fault_seq = first
         self._faulty = faulty
@@ -105,6 +136,10 @@ class ConstraintStream:
         """
         if self._last is None:
             return False
+        if self._heartbeat.ended:
+            self._renew_nonce()  # the next one has been published with the stale message
+        self._renew_nonce()
+        self._identify(message)
         first = self._begin(message, None)
         self._fault_seq = self._fault_seq if first is None else first
         self._faulty, self._last = True, message
@@ -112,7 +147,7 @@ class ConstraintStream:
 
     def hold(self, reason: str) -> None:
         """Publish a last message on hold with ``reason``, then nothing until the next `publish`."""
-        last = None if self._last is None else RawConstraint.of(_held(self._last, reason))
+        last = None if self._last is None else RawConstraint.of(self._held(self._last, reason))
         self._last = None
         self._heartbeat.pause(last)
 
@@ -122,6 +157,16 @@ class ConstraintStream:
             self._heartbeat.close()
         finally:
             sys.setswitchinterval(self._switch_s)
+
+    @property
+    def rearm_nonce(self) -> int:
+        """Nonce of the hold that is latched; 0 if none is. Meaningless while `ended`."""
+        return self._nonce
+
+    def spend(self, nonce: int) -> None:
+        """End the validity of ``nonce`` after it has re-armed its hold."""
+        if self._nonce == nonce:
+            self._nonce = 0
 
     @property
     def seq(self) -> int:
@@ -149,9 +194,44 @@ class ConstraintStream:
         return self._heartbeat.update(
             RawConstraint.of(message),
             valid_ns=valid_ns,
-            replacement=None if valid_ns is None else RawConstraint.of(_held(message, "stale")),
+            replacement=None
+            if valid_ns is None
+            else RawConstraint.of(self._held(message, "stale", valid_ns)),
             unless_ended=unless_ended,
         )
+
+    def _draw(self) -> int:
+        """A random number other than 0."""
+        while not (drawn := self._random_bits(64)):
+            pass
+        return drawn
+
+    def _renew_nonce(self) -> None:
+        self._nonce, self._next_nonce = self._next_nonce, self._draw()
+
+    def _identify(self, message: FixtureConstraint) -> None:
+        """Set the instance and the nonce of ``message``."""
+        message.instance_id = self.instance_id
+        self._hold_since = self._since(0) if message.hold else None
+        message.hold_since = self._hold_since or Time()
+        if Reason.LATCHED not in message.reasons:
+            self._nonce = 0
+        elif self._nonce == 0:
+            self._renew_nonce()
+        message.rearm_nonce = self._nonce
+
+    def _since(self, delay_ns: int) -> Time:
+        """Time at which the present hold began, or at which one begins after ``delay_ns``."""
+        return self._hold_since or time_message(Stamp(self._clock_ns() + delay_ns))
+
+    def _held(
+        self, message: FixtureConstraint, reason: str, delay_ns: int = 0
+    ) -> FixtureConstraint:
+        """``message`` on hold by a new fault after ``delay_ns``, with the nonce of that fault."""
+        held = _held(message, reason)
+        held.hold_since = self._since(delay_ns)
+        held.instance_id, held.rearm_nonce = self.instance_id, self._next_nonce
+        return held
 
     def _send(self, raw: RawConstraint, seq: int) -> None:
         self._publisher.publish(raw.numbered(seq))

@@ -134,18 +134,25 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     # The stamp is that of the planes' samples.
     assert {ns(beat["header"]["stamp"]) for beat in beats} == {ns(stale["header"]["stamp"])}
 
+    early = start("-m", "app.cli", "rearm", "--yes")
+    early.line(lambda line: line.startswith("  on hold since"))
+    assert "UNKNOWN" in early.line(lambda line: line.startswith("refused: "))
+    assert early.process.wait() == 1
+
     start(str(SENDER), str(frames_file), "tracked", "again")
     held = constraints_until(receiver, lambda message: message["state"] != UNKNOWN)[-1]
     assert held["hold"] is True
     assert "latched" in held["reasons"]
-    caller = start(
-        str(CALLER), *(f"{REARM}:{json.dumps({'seq': m['seq']})}" for m in (before, held))
-    )
+    request = {"seq": before["seq"], "nonce": held["rearm_nonce"]}
+    caller = start(str(CALLER), f"{REARM}:{json.dumps(request)}")
     caller.line()
     refused = json.loads(caller.line())
     assert refused["success"] is False
     assert str(stale["seq"]) in refused["message"]
-    assert json.loads(caller.line()) == {"success": True, "message": ""}
+    operator = start("-m", "app.cli", "rearm", "--yes")
+    operator.line(lambda line: line.strip() == f"guard          {held['instance_id']}")
+    operator.line(lambda line: line == "re-armed\n")
+    assert operator.process.wait() == 0
     free = constraints_until(receiver, lambda message: not message["hold"])[-1]
     assert "latched" not in free["reasons"]
 

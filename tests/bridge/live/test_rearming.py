@@ -13,8 +13,11 @@ from app.bridge.publishing.constraint_stream import ConstraintStream
 from tests.bridge.conftest import DEADLINE_S
 
 CALLER = Path(__file__).resolve().parents[1] / "caller.py"
-KNOWN = FixtureConstraint(state=FixtureConstraint.WARNING)
-UNKNOWN = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True)
+REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
+REASONS = ["latched"]
+KNOWN = FixtureConstraint(state=FixtureConstraint.WARNING, hold=True, reasons=REASONS)
+UNKNOWN = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True, reasons=REASONS)
+FREE = FixtureConstraint(state=FixtureConstraint.WARNING)
 
 
 class CommandsDouble:
@@ -45,11 +48,11 @@ def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(domain_id, sta
     commands, stream = CommandsDouble(stepping), ConstraintStream(NoPublisher(), None)
 
     stream.publish(KNOWN)
-    seq = json.dumps({"seq": stream.seq})
+    request = json.dumps({"seq": stream.seq, "nonce": stream.rearm_nonce})
     with RosNode("marginguard", domain_id=domain_id) as ros:
         RearmService(ros, stream, commands)
         with stepping:
-            caller = start(str(CALLER), f"/marginguard/rearm:marginguard_msgs/srv/Rearm:{seq}")
+            caller = start(str(CALLER), f"{REARM}:{request}")
             assert commands.requested.wait(DEADLINE_S)
             stream.publish(KNOWN)
             if what == "new tumour":
@@ -63,3 +66,34 @@ def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(domain_id, sta
     assert reply["success"] is (what == "no fault")
     assert commands.rearmed == (1 if what == "no fault" else 0)
     assert ("a fault began" in reply["message"]) is (what != "no fault")
+
+
+def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(domain_id, start):
+    commands = CommandsDouble(threading.Lock())
+    stream = ConstraintStream(NoPublisher(), None)
+    stream.publish(KNOWN)
+    old = stream.rearm_nonce
+    stream.publish(UNKNOWN)
+    stream.publish(KNOWN)
+    seq, nonce = stream.seq - 1, stream.rearm_nonce
+    requests = [
+        ({"seq": 2**64 - 1, "nonce": nonce}, "not published yet; expected at most 2"),
+        ({"seq": 2**64 - 1, "nonce": 0}, "not published yet"),
+        ({"seq": seq, "nonce": old}, f"nonce is {old}: not that of the present hold"),
+        ({"seq": seq, "nonce": 0}, "nonce is 0"),
+        ({"seq": seq, "nonce": nonce}, None),
+        ({"seq": seq, "nonce": nonce}, "no hold is latched"),
+    ]
+    with RosNode("marginguard", domain_id=domain_id) as ros:
+        RearmService(ros, stream, commands)
+        caller = start(str(CALLER), *(f"{REARM}:{json.dumps(each)}" for each, _ in requests))
+        caller.line()
+        for _, refusal in requests:
+            reply = json.loads(caller.line())
+            assert reply["success"] is (refusal is None)
+            assert (refusal or "") in reply["message"]
+            assert str(nonce) not in reply["message"]
+    assert commands.rearmed == 1
+    stream.publish(FREE)
+    assert stream.rearm_nonce == 0
+    stream.close()

@@ -3,6 +3,7 @@
 import math
 import sys
 import threading
+from itertools import count
 
 import pytest
 from hypothesis import given
@@ -72,10 +73,102 @@ def test_heartbeat_repeats_all_values_with_consecutive_seq():
     stream.close()
     assert [message.seq for message in sent.messages] == list(range(len(sent.messages)))
     expected = constraint()
+    expected.instance_id = stream.instance_id
     for message in sent.messages:
         expected.seq = message.seq
         assert message == expected
     assert stream.seq == len(sent.messages)
+
+
+def latched():
+    message = constraint()
+    message.hold = True
+    message.reasons = ["warning_distance", "latched"]
+    return message
+
+
+def faulty():
+    message = latched()
+    message.state = FixtureConstraint.UNKNOWN
+    message.reasons = ["stale", "latched"]
+    return message
+
+
+def counted_bits(start=100):
+    """Test double of a random source: consecutive numbers."""
+    numbers = count(start)
+    return lambda bits: next(numbers)
+
+
+def test_instance_is_constant_and_differs_between_starts():
+    sent, other = Sent(), Sent()
+    stream, second = ConstraintStream(sent, None), ConstraintStream(other, None)
+    stream.publish(constraint())
+    stream.invalidate(faulty())
+    stream.publish(constraint(), valid_ns=0)
+    stream.hold("inactive")
+    second.publish(constraint())
+    assert {message.instance_id for message in sent.messages} == {stream.instance_id}
+    assert other.messages[0].instance_id != stream.instance_id
+    assert len(stream.instance_id) == 16
+
+
+def test_nonce_is_new_with_each_fault_and_zero_without_a_latched_hold():
+    sent = Sent()
+    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    starting = constraint()
+    starting.state, starting.hold, starting.reasons = FixtureConstraint.UNKNOWN, True, ["starting"]
+    for message in (starting, constraint(), faulty(), faulty(), latched(), latched()):
+        stream.publish(message)
+    assert [message.rearm_nonce for message in sent.messages] == [0, 0, *[102] * 4]
+    stream.publish(faulty())  # another fault of the same hold
+    stream.publish(latched())
+    assert [message.rearm_nonce for message in sent.messages[-2:]] == [103, 103]
+    stream.publish(constraint())
+    stream.publish(latched())  # a hold that the session began by itself
+    assert [message.rearm_nonce for message in sent.messages[-2:]] == [0, 104]
+
+
+def test_random_zero_is_never_a_nonce():
+    sent, drawn = Sent(), iter([7, 0, 0, 5, 6])
+    stream = ConstraintStream(sent, None, random_bits=lambda bits: next(drawn))
+    stream.publish(latched())
+    assert sent.messages[-1].rearm_nonce == 5
+
+
+def test_spent_nonce_is_replaced_by_the_next_hold():
+    sent = Sent()
+    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    stream.publish(latched())
+    nonce = stream.rearm_nonce
+    stream.spend(nonce + 1)
+    assert stream.rearm_nonce == nonce
+    stream.spend(nonce)
+    assert stream.rearm_nonce == 0
+    stream.publish(latched())
+    assert sent.messages[-1].rearm_nonce not in (0, nonce)
+
+
+def test_nonce_of_the_stale_message_is_that_of_the_hold_that_follows():
+    sent = Sent()
+    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    stream.publish(latched())
+    stream.publish(latched(), valid_ns=0)  # expires at once: the stale message is published
+    stream.publish(latched())
+    before, stale, after = (message.rearm_nonce for message in sent.messages)
+    assert before != stale == after
+    stream.publish(latched(), valid_ns=0)
+    stream.invalidate(faulty())
+    assert sent.messages[-1].rearm_nonce not in (before, stale, sent.messages[-2].rearm_nonce)
+
+
+def test_hold_since_is_the_begin_of_the_hold():
+    times = count(10 * 10**9, 10**9)
+    sent = Sent()
+    stream = ConstraintStream(sent, None, clock_ns=lambda: next(times))
+    for message in (constraint(), latched(), faulty(), constraint(), latched()):
+        stream.publish(message)
+    assert [message.hold_since.sec for message in sent.messages] == [0, 10, 10, 0, 11]
 
 
 def test_expired_constraint_is_repeated_as_stale_on_hold():

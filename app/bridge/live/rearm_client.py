@@ -1,0 +1,41 @@
+"""Client of ``~/rearm``: the hold of a guard on the graph, and the request to end it."""
+
+from marginguard_msgs.msg import FixtureConstraint
+from marginguard_msgs.srv import Rearm
+
+from app.bridge.calls.service_client import ServiceClient
+from app.bridge.errors import BridgeError
+from app.bridge.node import RosNode
+from app.bridge.qos import NEWEST, Topic
+from app.runtime import LatestValue
+
+
+class RearmClient:
+    """Reads the constraints of the guard ``name`` (a node in the namespace of ``ros``)."""
+
+    def __init__(self, ros: RosNode, name: str) -> None:
+        self._ros = ros
+        self._latest: LatestValue[FixtureConstraint] = LatestValue()
+        self._service = ServiceClient(ros, Rearm, f"{name}/rearm")
+        topic = Topic(f"{name}/constraint", FixtureConstraint, NEWEST)
+        self.topic = str(ros.subscribe(topic, self._latest.put).topic_name)
+
+    def constraint(self, timeout_s: float) -> FixtureConstraint:
+        """Wait for a constraint. Raises `BridgeError` if none arrives or several guards send."""
+        found = self._latest.take(timeout_s)
+        if found is None:
+            raise BridgeError(
+                f"{self.topic}: no constraint within {timeout_s:g} s; expected a running guard "
+                "('marginguard live') in this ROS domain and namespace"
+            )
+        publishers = self._ros.node.count_publishers(self.topic)
+        if publishers > 1:
+            raise BridgeError(f"{self.topic}: {publishers} publishers; expected a single guard")
+        return found
+
+    def rearm(self, seen: FixtureConstraint, timeout_s: float) -> Rearm.Response:
+        """Request the end of the hold that the operator saw. Raises `CallError`.
+
+        The request is sent once, because its nonce is valid once.
+        """
+        return self._service.call(Rearm.Request(seq=seen.seq, nonce=seen.rearm_nonce), timeout_s)
