@@ -22,6 +22,7 @@ SLOW = {
         "tests/cli/test_serve.py",
         "tests/cli/test_signals.py",
         "tests/igtl/test_igtl_command.py",
+        "tests/marginguard/test_constraints.py",
     ),
     "needs VTK, rendering or a browser": (
         "tests/scene/",
@@ -53,6 +54,7 @@ SLOW = {
         "tests/fixture/proximity/test_field_cache.py",
         "tests/fixture/test_jit.py",
         "tests/igtl/test_live_igtl.py",
+        "tests/marginguard/test_doctests.py",
         "tests/session/test_benchmark.py",
         "tests/session/test_following.py",
         "tests/synthetic/test_simulation.py",

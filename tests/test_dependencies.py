@@ -70,6 +70,8 @@ def imported(folder: str) -> dict[str, Path]:
     ("folder", "declared"),
     [
         ("app", CORE | EXTRAS["ros"] | EXTRAS["scene"]),
+        ("marginguard", CORE | EXTRAS["notebook"]),
+        ("examples", CORE | EXTRAS["ros"]),
         ("tests", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["test"]),
     ],
 )

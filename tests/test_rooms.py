@@ -11,6 +11,7 @@ import pytest
 
 APP = Path(__file__).resolve().parents[1] / "app"
 SLICER_MODULES = APP.parent / "slicer_module"
+API = APP.parent / "marginguard"
 
 MAY_IMPORT = {
     "geometry": set(),
@@ -215,6 +216,25 @@ def test_slicer_modules_do_not_import_the_command_line():
     imported = {name for path in SLICER_MODULES.rglob("*.py") for name in imports(path)}
     assert "app.bridge.live" in imported
     assert not [name for name in imported if name.split(".")[:2] == ["app", "cli"]]
+
+
+def test_public_api_imports_no_command_line_no_page_and_no_ros_or_vtk():
+    names = {name for path in API.rglob("*.py") for name in imports(path)}
+    packages = {name.split(".")[1] for name in names if name.startswith("app.")}
+    assert packages.isdisjoint({"cli", "viewer"})
+    assert names.isdisjoint(set(ONLY_IN) - {"matplotlib"})
+    # matplotlib gives the type of a figure only.
+    code = "import marginguard as mg; mg.plot_margin, mg.read_constraint, mg.save_scene"
+    assert loaded(code, {"matplotlib", "pandas", "rclpy", "slicer", "vtkmodules"}) == set()
+
+
+def test_import_of_the_public_api_loads_no_library():
+    code = "import marginguard as mg; assert mg.__version__ and 'replay' in dir(mg)"
+    assert loaded(code, {"numpy", "scipy", "app.geometry", "app.cli"}) == set()
+
+
+def test_app_does_not_import_the_public_api():
+    assert [path for path in FILES if "marginguard" in set(imports(path))] == []
 
 
 def test_exactly_one_file_imports_fcl():

@@ -43,6 +43,7 @@ from .manifest.expected import (
 from .manifest.sections import check_topic
 from .messages.decoder import values_reader
 from .messages.definition import message_definition
+from .new_case import TrackedBody, write_case
 from .readers.igsio.header import read_igsio
 from .readers.mrml.recording import read_mrml
 from .readers.recording_format import JointSource, RecordingFormat, has_ending
@@ -94,6 +95,7 @@ __all__ = [
     "TfSourceEntry",
     "ToolEntry",
     "TopicSourceEntry",
+    "TrackedBody",
     "TrackingFrame",
     "TumorEntry",
     "agreed_sample",
@@ -116,6 +118,7 @@ __all__ = [
     "tumor_from_segmentation",
     "values_reader",
     "with_watchdog",
+    "write_case",
     "write_expected",
     "write_recording",
 ]

@@ -5,7 +5,15 @@ A message is one line with the place, the rejected value and the allowed values.
 
 
 class MarginGuardError(Exception):
-    """Base class of all errors that MarginGuard raises deliberately."""
+    """Base class of all errors that MarginGuard raises deliberately.
+
+    >>> import marginguard as mg
+    >>> try:
+    ...     mg.Transform("needle", "tumor", 2.0, [0, 0, 0])
+    ... except mg.MarginGuardError as error:
+    ...     print(error)
+    rotation of needle_from_tumor has shape (); expected (3, 3)
+    """
 
 
 class FrameError(MarginGuardError):
@@ -25,4 +33,12 @@ class MeshError(MarginGuardError):
 
 
 class InputError(MarginGuardError):
-    """A file, a field or an argument given by the user is invalid."""
+    """A file, a field or an argument given by the user is invalid.
+
+    >>> import marginguard as mg
+    >>> try:
+    ...     mg.open_case("no_such_case")
+    ... except mg.InputError as error:
+    ...     print(error)
+    no_such_case is not a case: no such folder
+    """

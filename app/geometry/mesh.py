@@ -18,6 +18,12 @@ class SurfaceMesh:
 
     Both arrays are copied and read-only. Raises `MeshError` for an empty mesh, non-finite vertices
     and face indices out of range.
+
+    >>> import marginguard as mg
+    >>> corners = [[0, 0, 0], [6, 0, 0], [0, 6, 0], [0, 0, 6]]
+    >>> mesh = mg.SurfaceMesh("tumor", corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> mesh.open_edges(), round(mesh.signed_volume_mm3)
+    (0, 36)
     """
 
     frame: str

@@ -34,6 +34,16 @@ class Transform:
     ``target``. Both are copied and read-only. A matrix within `ROTATION_TOLERANCE` is replaced by
     the nearest rotation. Raises `TransformError` for other matrices and non-finite numbers, and
     `FrameError` for invalid frame names.
+
+    >>> import marginguard as mg
+    >>> quarter_turn = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    >>> needle_from_tumor = mg.Transform("needle", "tumor", quarter_turn, [0, 0, 30])
+    >>> needle_from_tumor.apply([10, 0, 0]).tolist()
+    [0.0, 10.0, 30.0]
+    >>> tracker_from_needle = mg.Transform.identity("tracker", "needle")
+    >>> tracker_from_tumor = tracker_from_needle @ needle_from_tumor
+    >>> tracker_from_tumor.target, tracker_from_tumor.source
+    ('tracker', 'tumor')
     """
 
     target: str

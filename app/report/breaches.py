@@ -14,6 +14,12 @@ class Breach:
     ``start_s`` is the first inside frame, ``end_s`` the last one; ``deepest`` is the index of the
     row with ``min_signed_distance_mm`` (negative: a depth), ``frames`` the number of inside frames;
     ``first`` and ``last`` are the indices of its ends.
+
+    >>> import marginguard as mg
+    >>> case = mg.open_case(mg.example_case())
+    >>> breach = mg.find_breaches(case, mg.replay(case, start_s=45.0, end_s=50.0))[0]
+    >>> round(breach.duration_s, 1), breach.frames
+    (1.0, 52)
     """
 
     start_s: float

@@ -35,6 +35,17 @@ def margin_png(
     rows: Sequence[ReportRow], breaches: Sequence[Breach], margins: MarginParameters, title: str
 ) -> bytes:
     """Draw the plot; return it as PNG, 1560 x 720 pixels."""
+    figure = margin_figure(rows, breaches, margins, title)
+    picture = BytesIO()
+    # Without the version of matplotlib equal rows give equal bytes on one machine.
+    figure.savefig(picture, format="png", metadata={"Software": None})
+    return picture.getvalue()
+
+
+def margin_figure(
+    rows: Sequence[ReportRow], breaches: Sequence[Breach], margins: MarginParameters, title: str
+) -> Figure:
+    """Draw the plot of ``rows``, at least one, on an Agg canvas."""
     figure = Figure(figsize=_SIZE_INCHES, dpi=_DPI, layout="constrained")
     strip, plot = figure.subplots(2, 1, sharex=True, height_ratios=(1, 16))
     figure.suptitle(
@@ -49,10 +60,7 @@ def margin_png(
     _draw_breaches(plot, breaches, rows, seconds)
     _draw_legend(figure, strip, plot)
     FigureCanvasAgg(figure)
-    picture = BytesIO()
-    # Without the version of matplotlib equal rows give equal bytes on one machine.
-    figure.savefig(picture, format="png", metadata={"Software": None})
-    return picture.getvalue()
+    return figure
 
 
 def played_seconds(rows: Sequence[ReportRow]) -> FloatArray:

@@ -12,6 +12,7 @@ from .opening import (
     register_case,
 )
 from .outputs import Output, PassiveOutput, StepTiming, SwitchContent
+from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
@@ -28,6 +29,7 @@ __all__ = [
     "PassiveOutput",
     "PreparedCase",
     "PreparedLive",
+    "ReceivedConstraint",
     "RecordingExtent",
     "RegisteredCase",
     "ReplayRun",

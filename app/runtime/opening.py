@@ -28,6 +28,11 @@ class PreparedCase:
 
     ``clock`` is the estimated offset of the joints' clock, None where the case gives it.
     ``tip_only``: the tool is its tip alone.
+
+    >>> import marginguard as mg
+    >>> case = mg.open_case(mg.example_case())
+    >>> case.content.registration.accepted, case.setup.margins.stop_mm
+    (True, 1.0)
     """
 
     case: Case

@@ -40,6 +40,12 @@ class StepResult:
     constraint. ``drift`` is the difference between the tracked tool and the tool predicted from
     joints and registration, None if one of them is not known. ``frames_problem`` describes an
     error in the frames that the tracker measures, empty if there is none.
+
+    >>> import marginguard as mg
+    >>> case = mg.open_case(mg.example_case())
+    >>> step = next(mg.replay(case))
+    >>> step.index, step.decision.state.name, str(step.decision.reasons[0])
+    (0, 'NEGATIVE', 'clear')
     """
 
     index: int

@@ -19,12 +19,12 @@ from app.bridge.robots import FollowedRobot, RobotSettings
 from app.bridge.tf import TfError, TransformBuffer
 from app.bridge.tf.latest import LatestPoses
 from app.bridge.tf.listener import TfListener
-from app.cli.touch_arm import TOUCH_URDF
 from app.geometry import NS_PER_S, FloatArray
 from app.robot import load_robot
 from app.runtime.latest_value import LatestValue
 from app.scene import PoseNodes
 from app.scene.nodes.models import add_model, smooth_surface
+from app.synthetic.touch_arm import TOUCH_URDF
 from benchmarks.fixture_shapes import lobed_tumor
 from benchmarks.latency.bodies import ROOT, body_frames
 

@@ -21,9 +21,9 @@ from app.bridge import RosNode, prepare_environment, topics
 from app.bridge.qos import Topic
 from app.bridge.tf.pose import matrices
 from app.bridge.tf.wire import TfSample, write_tf_message
-from app.cli.touch_arm import TOUCH_URDF
 from app.geometry import NS_PER_S
 from app.robot import load_robot
+from app.synthetic.touch_arm import TOUCH_URDF
 from benchmarks.latency.bodies import ROOT, TURN_RAD, body_frames, body_pose
 
 _CONNECT_TIMEOUT_S = 60.0

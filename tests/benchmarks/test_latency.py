@@ -14,9 +14,9 @@ pytest.importorskip("pyigtl")
 pytest.importorskip("rclpy")
 pytest.importorskip("slicer")
 
-from app.cli.touch_arm import TOUCH_URDF
 from app.robot import load_robot
 from app.scene.nodes.convert import world_matrix
+from app.synthetic.touch_arm import TOUCH_URDF
 from benchmarks.latency.bodies import TURN_RAD, body_frames
 from benchmarks.latency.measure import Sender, measure
 from benchmarks.latency.plot import write_plots

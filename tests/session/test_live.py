@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.cli.touch_arm import TOUCH_URDF
 from app.fixture import MarginState, NotRearmableError, Reason
 from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
 from app.robot import load_robot
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
+from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
 STALE_MS = PARAMETERS.stale_after_ns // NS_PER_MS

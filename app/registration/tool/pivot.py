@@ -58,6 +58,20 @@ class PivotResult:
         Opening angle of the cone that the shaft fills: the largest angle between two of its
         directions, but at most 2.8 times their RMS angle from the mean direction, so that a single
         pose does not widen the cone.
+
+    >>> import numpy as np
+    >>> import marginguard as mg
+    >>> rng, tip, poses = np.random.default_rng(1), [0.0, 0.0, 120.0], []
+    >>> for _ in range(60):  # the tip rests at the tracker's origin
+    ...     turn = mg.Transform.from_rotation_vector(
+    ...         rng.uniform(-0.6, 0.6, 3), [0, 0, 0], target="tracker", source="stylus"
+    ...     )
+    ...     noise = rng.normal(0.0, 0.1, 3)
+    ...     poses.append(mg.Transform("tracker", "stylus", turn.rotation, noise - turn.apply(tip)))
+    >>> result = mg.calibrate_pivot(poses)
+    >>> tool_from_tip = result.tool_from_tip("stylus_tip")
+    >>> tool_from_tip.target, tool_from_tip.source, round(float(tool_from_tip.translation_mm[2]))
+    ('stylus', 'stylus_tip', 120)
     """
 
     tool_frame: str
@@ -109,6 +123,19 @@ def calibrate_pivot(
     accepted if the swing of the shaft is below `MIN_SWING_RAD` or sigma of the tip is above
     ``max_tip_sigma_mm``. Raises `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose
     repeated, too little rotation, one axis only) or `NoConsensusError`.
+
+    >>> import numpy as np
+    >>> import marginguard as mg
+    >>> rng, tip, poses = np.random.default_rng(1), [0.0, 0.0, 120.0], []
+    >>> for _ in range(60):  # the tip rests at the tracker's origin
+    ...     turn = mg.Transform.from_rotation_vector(
+    ...         rng.uniform(-0.6, 0.6, 3), [0, 0, 0], target="tracker", source="stylus"
+    ...     )
+    ...     noise = rng.normal(0.0, 0.1, 3)
+    ...     poses.append(mg.Transform("tracker", "stylus", turn.rotation, noise - turn.apply(tip)))
+    >>> result = mg.calibrate_pivot(poses)
+    >>> result.accepted, bool(np.linalg.norm(result.tip_mm - tip) < 0.5)
+    (True, True)
     """
     if not (math.isfinite(max_tip_sigma_mm) and max_tip_sigma_mm > 0.0):
         raise ShapeError(

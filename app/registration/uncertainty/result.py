@@ -37,6 +37,14 @@ class RegistrationResult:
         Indices of points that were rejected.
     ``accepted``, ``reason``
         Whether the registration may be used, and one line that explains it in either case.
+
+    >>> import marginguard as mg
+    >>> corners = [[0, 0, 0], [90, 0, 0], [0, 80, 0], [0, 0, 70]]
+    >>> result = mg.register_points(
+    ...     corners, corners, fixed_frame="reference", moving_frame="robot_base"
+    ... )
+    >>> result.transform.source, result.used, result.accepted
+    ('robot_base', (0, 1, 2, 3), True)
     """
 
     transform: Transform

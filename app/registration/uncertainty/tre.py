@@ -32,6 +32,18 @@ def predict_tre(result: RegistrationResult, points_mm: ArrayLike) -> FloatArray:
 
     Sigma is the 3-D root mean square of the error vector, an upper bound of the standard deviation
     along any direction. Raises `CovarianceError` for a registration without a covariance.
+
+    The error grows with the distance from the landmarks:
+
+    >>> import marginguard as mg
+    >>> corners = [[0, 0, 0], [50, 0, 0], [0, 50, 0], [50, 50, 0]]
+    >>> one_mm = [[1 / 3, 0, 0], [0, 1 / 3, 0], [0, 0, 1 / 3]]  # FLE of 1 mm
+    >>> result = mg.register_points(
+    ...     corners, corners, fixed_frame="reference", moving_frame="robot_base",
+    ...     covariances_mm2=one_mm,
+    ... )
+    >>> mg.predict_tre(result, [[25, 25, 0], [25, 25, 200]]).round(2).tolist()
+    [0.5, 3.3]
     """
     quadratic, linear, constant = _trace_terms(result)
     points = as_points(points_mm, "points_mm of a target error")

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.cli.touch_arm import TOUCH_URDF
 from app.fixture import MarginState, Reason
 from app.geometry import Freshness, Transform
 from app.registration import (
@@ -16,6 +15,7 @@ from app.registration import (
 )
 from app.robot import load_robot
 from app.session import RobotSetup
+from app.synthetic.touch_arm import TOUCH_URDF
 from app.viewer.readout.readout import readout
 from app.viewer.readout.reason_text import distance_text, reason_text
 from app.viewer.steps.view_state import ViewState

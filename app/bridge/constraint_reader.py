@@ -1,0 +1,134 @@
+"""Receive constraints of a running session as plain values, in mm and mm/s."""
+
+import math
+from collections.abc import Iterator
+from typing import Self
+
+import numpy as np
+from marginguard_msgs.msg import FixtureConstraint
+
+from app.bridge.convert.topics import create_endpoint, read_message
+from app.bridge.errors import BridgeError
+from app.bridge.messages import MM_PER_M
+from app.bridge.node import RosNode
+from app.bridge.qos import NEWEST, Topic
+from app.fixture import Constraint, MarginState
+from app.geometry import NS_PER_S, InputError
+from app.runtime import LatestValue, ReceivedConstraint
+
+DEFAULT_TOPIC = "/marginguard/constraint"
+
+
+class ConstraintReader:
+    """``with ConstraintReader() as reader: reader.read()``: constraints as they arrive.
+
+    Only the newest constraint is kept: a slow reader misses older ones. ``for received in reader``
+    yields constraints until none arrives for ``timeout_s``, which raises. Call
+    `app.bridge.prepare_environment` before.
+    """
+
+    def __init__(self, topic: str = DEFAULT_TOPIC, *, timeout_s: float = 5.0) -> None:
+        """Raises `BridgeError` for a ``topic`` or ``timeout_s`` that cannot be used."""
+        if not 0.0 < timeout_s < math.inf:
+            raise BridgeError(f"timeout_s: is {timeout_s!r}; expected seconds > 0")
+        self._topic = Topic(topic, FixtureConstraint, NEWEST)
+        self._timeout_s = timeout_s
+        self._newest: LatestValue[bytes] = LatestValue()
+        self._ros = RosNode("constraint_reader")
+        try:
+            create_endpoint(self._subscribe, topic)
+        except BaseException:
+            self._ros.close()
+            raise
+
+    def _subscribe(self) -> object:
+        return self._ros.subscribe(self._topic, self._newest.put, raw=True)
+
+    def read(self, timeout_s: float | None = None) -> ReceivedConstraint:
+        """The newest constraint that has not been read yet; waits for it.
+
+        Raises `BridgeError` if none arrives in ``timeout_s`` and for an invalid message.
+        """
+        limit_s = self._timeout_s if timeout_s is None else timeout_s
+        raw = self._newest.take(limit_s)
+        if raw is None:
+            raise BridgeError(f"{self._topic.name}: no constraint in {limit_s:g} s{self._cause()}")
+        return _received(read_message(raw, self._topic), self._topic.name)
+
+    def close(self) -> None:
+        """Leave the ROS graph."""
+        self._ros.close()
+
+    def __iter__(self) -> Iterator[ReceivedConstraint]:
+        while True:
+            yield self.read()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _cause(self) -> str:
+        """Why no message may have arrived."""
+        policy = self._ros.incompatible.get(self._topic.name)
+        if policy is not None:
+            return f"; its publisher has an incompatible {policy}"
+        if self._ros.node.count_publishers(self._topic.name) == 0:
+            return "; it has no publisher in this ROS domain; expected a running session"
+        return "; its publisher is silent; expected a running session"
+
+
+def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
+    try:
+        state = MarginState(message.state)
+    except ValueError as error:
+        raise BridgeError(f"{topic}: state is {message.state}; expected 0 to 3") from error
+    if not message.half_spaces and not message.hold:
+        raise BridgeError(f"{topic}: no half-spaces and no hold; expected hold without a plane")
+    return ReceivedConstraint(
+        seq=message.seq,
+        stamp_ns=_ns(message.header.stamp),
+        valid_until_ns=_ns(message.valid_until),
+        state=state,
+        reasons=tuple(message.reasons),
+        hold=message.hold,
+        constraint=_constraint(message, topic),
+        signed_distance_mm=_mm(message.signed_distance),
+        lower_bound_mm=_mm(message.lower_bound),
+        stop_total_mm=_mm(message.stop_distance),
+        warn_total_mm=_mm(message.warn_distance),
+        sigma_tre_mm=_mm(message.sigma_tre),
+        model_id=message.model_id,
+        registration_id=message.registration_id,
+    )
+
+
+def _constraint(message: FixtureConstraint, topic: str) -> Constraint | None:
+    planes = message.half_spaces
+    if not planes:
+        return None
+    try:
+        return Constraint(
+            frame=message.header.frame_id,
+            normals=np.array([_xyz(plane.normal) for plane in planes]),
+            offsets_mm=np.array([plane.offset for plane in planes]) * MM_PER_M,
+            points_on_tool_mm=np.array([_xyz(plane.point_on_tool) for plane in planes]) * MM_PER_M,
+            tumor_velocities_mm_s=np.array([_xyz(plane.tumor_velocity) for plane in planes])
+            * MM_PER_M,
+            hold=message.hold,
+        )
+    except InputError as error:
+        raise BridgeError(f"{topic}: invalid half-spaces: {error}") from error
+
+
+def _xyz(vector: object) -> tuple[float, float, float]:
+    return (vector.x, vector.y, vector.z)  # type: ignore[attr-defined]
+
+
+def _ns(stamp: object) -> int:
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)  # type: ignore[attr-defined]
+
+
+def _mm(value_m: float) -> float | None:
+    return value_m * MM_PER_M if math.isfinite(value_m) else None

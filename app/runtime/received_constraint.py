@@ -1,0 +1,41 @@
+"""A constraint as another process receives it."""
+
+from dataclasses import dataclass
+
+from app.fixture import Constraint, MarginState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReceivedConstraint:
+    """A ``FixtureConstraint`` as plain values: lengths in mm, times in ns of the tracker's clock.
+
+    ``constraint`` holds the half-spaces, None if no plane is known. After ``valid_until_ns`` no
+    motion is allowed, not even retreat; with ``hold`` only retreat is. ``reasons`` are the worst
+    first, as text, since a newer publisher may have others. ``stop_total_mm`` and ``warn_total_mm``
+    are the applied margins. A number that the message does not have is None.
+
+    >>> import marginguard as mg
+    >>> before_the_first_pose = mg.ReceivedConstraint(
+    ...     seq=0, stamp_ns=0, valid_until_ns=0, state=mg.MarginState.UNKNOWN,
+    ...     reasons=("starting",), hold=True, constraint=None, signed_distance_mm=None,
+    ...     lower_bound_mm=None, stop_total_mm=None, warn_total_mm=None, sigma_tre_mm=None,
+    ...     model_id="", registration_id="",
+    ... )
+    >>> before_the_first_pose.hold
+    True
+    """
+
+    seq: int
+    stamp_ns: int
+    valid_until_ns: int
+    state: MarginState
+    reasons: tuple[str, ...]
+    hold: bool
+    constraint: Constraint | None
+    signed_distance_mm: float | None
+    lower_bound_mm: float | None
+    stop_total_mm: float | None
+    warn_total_mm: float | None
+    sigma_tre_mm: float | None
+    model_id: str
+    registration_id: str

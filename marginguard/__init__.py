@@ -1,0 +1,25 @@
+"""Python API of MarginGuard: ``import marginguard as mg``.
+
+Open a case, step through it, and read the margin as a table:
+
+>>> import marginguard as mg
+>>> case = mg.open_case(mg.example_case())
+>>> steps = list(mg.replay(case, start_s=45.0, end_s=50.0))
+>>> table = mg.margin_table(steps)
+>>> float(table["signed_distance_mm"].min().round(1))
+-5.6
+>>> [breach.frames for breach in mg.find_breaches(case, steps)]
+[52]
+
+The names of ``__all__`` are stable; every other name of this package and of ``app`` may change.
+Lengths are in mm, angles in rad, times in s or integer ns; the name of a value ends with its unit.
+Every error is a `MarginGuardError` with one line. ``docs/python_api.md`` is the guide.
+"""
+
+import lazy_loader
+
+from app import __version__ as __version__
+
+# Import each name of `__init__.pyi` on first access: `import marginguard` stays fast.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ += ["__version__"]
