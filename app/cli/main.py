@@ -16,6 +16,7 @@ from app import __version__
 from app.cli.commands import (
     bench,
     calibrate,
+    clean,
     convert,
     doctor,
     igtl,
@@ -50,6 +51,7 @@ COMMANDS: dict[str, ModuleType] = {
     "slicer": slicer,
     "bench": bench,
     "doctor": doctor,
+    "clean": clean,
 }
 BAD_INPUT = 2
 INTERRUPTED, TERMINATED = 130, 143

@@ -51,12 +51,13 @@ def install_hint(error: ImportError) -> str:
     return f"{run} and {install_interfaces()}" if extra == "ros" else run
 
 
-def check_installed(*modules: str) -> None:
+def check_installed(*modules: str, otherwise: str = "") -> None:
     """Raise `InputError` with the remedy for the first of ``modules`` that does not exist.
 
-    Imports nothing: the modules of the extras take seconds to load.
+    ``otherwise`` is another remedy. Imports nothing: modules of the extras take seconds to load.
     """
     for module in modules:
         if find_spec(module) is None:
             missing = ModuleNotFoundError(f"{module} is not installed", name=module)
-            raise InputError(f"{missing}: {install_hint(missing)}")
+            remedies = filter(None, (install_hint(missing), otherwise))
+            raise InputError(f"{missing}: {', or '.join(remedies)}")

@@ -148,9 +148,12 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
     """Reject, before anything is read, options that contradict each other or cannot be written."""
     from app.case.frames.player import checked_rate
     from app.files import check_output_path
+    from app.files.extras import check_installed
     from app.geometry import InputError
     from app.report import check_writable
 
+    if not options.no_ros:
+        check_installed("rclpy", "marginguard_msgs", otherwise="replay with --no-ros")
     checked_rate(options.rate)
     if options.loop and (options.rate is None or drawings):
         raise InputError(
