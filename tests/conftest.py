@@ -7,6 +7,9 @@ import pytest
 from hypothesis import settings
 
 from tests.browser import browser as browser
+from tests.schema_agreement import (
+    opened_documents_agree_with_their_schema as opened_documents_agree_with_their_schema,
+)
 
 # No deadline per example: compilation or a busy machine would fail it.
 settings.register_profile("no_deadline", deadline=None)

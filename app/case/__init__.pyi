@@ -51,6 +51,7 @@ from .readers.registry import read_recording, recording_formats, recording_kinds
 from .readers.rosbag2.frames import read_mcap
 from .recorder.bag_writer import BagTopic, BagWriter
 from .recorder.recorder import Recorder, write_recording
+from .schemas import DOCUMENTS, schema_text
 from .tumor import (
     SEGMENTATION_ENDING,
     BuiltTumor,
@@ -59,6 +60,7 @@ from .tumor import (
 )
 
 __all__ = [
+    "DOCUMENTS",
     "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
     "TUMOR_MESH_FRAME",
@@ -114,6 +116,7 @@ __all__ = [
     "read_recording",
     "recording_formats",
     "recording_kinds",
+    "schema_text",
     "tumor_from_contour",
     "tumor_from_segmentation",
     "values_reader",

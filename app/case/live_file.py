@@ -7,20 +7,17 @@ from pathlib import Path
 from types import MappingProxyType
 
 from app.case.case import Case
+from app.case.live_keys import LIVE, ONLY_LIVE, SOURCE
 from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
 from app.case.manifest.sections import (
-    check_schema,
     read_clock,
-    read_frame,
     read_margins,
     read_provenance,
     read_registration,
     read_robot,
     read_tool,
-    read_topic,
     read_tumor,
 )
-from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
 from app.files.document import Section
 from app.geometry import InputError
 
@@ -49,16 +46,6 @@ class IgtlSourceEntry:
 
 LiveSourceEntry = TfSourceEntry | TopicSourceEntry | IgtlSourceEntry
 
-ONLY_LIVE = ("source", "guidance", "limiter", "tumor_motion")
-"""Sections that ``case.yaml`` does not have."""
-
-_GUIDANCE = ("force_n", "range_mm", "rate_n_s", "period_ms", "delay_ms", "damping_n_s_m")
-_TUMOR_MOTION = ("swing_mm", "swing_deg", "rate_hz", "jitter_mm", "jitter_deg")
-_LIMITER = ("tau_ms", "lever_mm", "retreat_mm_s", "most_mm_s", "most_rad_s")
-
-_MAX_PORT = 65_535
-_SOURCES = ("tf", "tracked_transforms", "igtl")
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveCase:
@@ -68,7 +55,7 @@ class LiveCase:
     of its clock is estimated as samples arrive. ``joints_of_host``: whether the robot does;
     otherwise its stamps plus ``clock.offset_robot_to_tracker_ms`` are times on the source's clock,
     as in a case. ``guidance``: all values of a guidance force, None without one. ``limiter``: the
-    given values of the twist limiter. ``tumor_motion``: all values of the tumour's expected motion,
+    values of the twist limiter. ``tumor_motion``: all values of the tumour's expected motion,
     None for a tumour at rest. Values are by name, in seconds and radians.
     """
 
@@ -89,24 +76,16 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
     if not path.is_file():
         found = "it is a folder" if path.is_dir() else "no such file"
         raise InputError(f"{path} is not a live configuration: {found}")
-    document = Section.load(
-        path,
-        (
-            "schema",
-            "name",
-            "provenance",
-            "clock",
-            "tool",
-            "tumor",
-            "robot",
-            "registration",
-            "margins",
-            *ONLY_LIVE,
-        ),
-    )
-    check_schema(document)
+    live = read_live(Section.load(path, LIVE), path, package_dirs)
+    live.case.check_files()
+    return live
+
+
+def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) -> LiveCase:
+    """Read a document with the keys of `LIVE`, of the file ``path``; check no other files."""
+    document.integer("schema")
     robot, tool = read_robot(document), read_tool(document)
-    source, stamps_of_host = _source(document)
+    source, stamps_of_host = _source(document.section("source"))
     case = Case(
         path.parent,
         CaseManifest(
@@ -125,34 +104,25 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
         None,
         tuple(package_dirs),
     )
-    case.check_files()
     return LiveCase(
         case,
         source,
         stamps_of_host,
         joints_of_host="clock" not in document,
-        guidance=_all_of(document, "guidance", _GUIDANCE),
-        limiter=_given(document, "limiter", _LIMITER, partly=True)
-        if "limiter" in document
-        else MappingProxyType({}),
-        tumor_motion=_all_of(document, "tumor_motion", _TUMOR_MOTION),
+        guidance=_numbers(document, "guidance"),
+        limiter=_numbers(document, "limiter") or MappingProxyType({}),
+        tumor_motion=_numbers(document, "tumor_motion"),
     )
 
 
-def _all_of(document: Section, name: str, keys: Sequence[str]) -> Mapping[str, float] | None:
-    return _given(document, name, keys) if name in document else None
-
-
-def _given(
-    document: Section, name: str, keys: Sequence[str], *, partly: bool = False
-) -> Mapping[str, float]:
-    """Read the numbers of a section, 0 or more; their consumers check their upper limits."""
-    block = document.section(name, keys)
+def _numbers(document: Section, name: str) -> Mapping[str, float] | None:
+    """Read all numbers of a section, in s and rad; their consumers check their upper limits."""
+    if name not in document:
+        return None
+    block = document.section(name)
     found = {}
-    for key in keys:
-        if partly and key not in block:
-            continue
-        value = block.number(key, minimum=0.0)
+    for key in ONLY_LIVE[name].keys:
+        value = block.number(key)
         if key.endswith("_ms"):
             key, value = key.removesuffix("_ms") + "_s", value / 1000.0
         if key.endswith("_deg"):
@@ -161,42 +131,27 @@ def _given(
     return MappingProxyType(found)
 
 
-def _source(document: Section) -> tuple[LiveSourceEntry, bool]:
-    block = document.section("source", (*_SOURCES, "clock"))
-    given = [name for name in _SOURCES if name in block]
+def _source(block: Section) -> tuple[LiveSourceEntry, bool]:
+    names = [variant.name for variant in SOURCE.variants]
+    given = [name for name in names if name in block]
     if len(given) != 1:
         raise InputError(
-            f"{document.place('source')} has {' and '.join(given) or 'none'} of "
-            f"{', '.join(_SOURCES)}; expected one of them"
+            f"{block.where} has {' and '.join(given) or 'none'} of "
+            f"{', '.join(names)}; expected one of them"
         )
-    of_host = block.choice("clock", ("host", "estimate")) == "host"
+    of_host = block.choice("clock") == "host"
+    source = block.section(given[0])
     if "tf" in block:
-        return TfSourceEntry(_edges(block.section("tf", ("edges",)))), of_host
+        return TfSourceEntry(_edges(source)), of_host
     if "igtl" in block:
-        return _server(block.section("igtl", ("host", "port"))), of_host
-    topic_block = block.section("tracked_transforms", ("topic",))
-    topic = TRACKED_TRANSFORMS_TOPIC
-    if "topic" in topic_block:
-        topic = read_topic(topic_block, "topic")
-    return TopicSourceEntry(topic), of_host
-
-
-def _server(igtl: Section) -> IgtlSourceEntry:
-    port = igtl.integer("port", minimum=1)
-    if port > _MAX_PORT:
-        raise InputError(f"{igtl.place('port')} is {port}; expected 1 to {_MAX_PORT}")
-    return IgtlSourceEntry(igtl.text("host"), port)
+        return IgtlSourceEntry(source.text("host"), source.integer("port")), of_host
+    return TopicSourceEntry(source.text("topic")), of_host
 
 
 def _edges(tf: Section) -> tuple[tuple[str, str], ...]:
     if "edges" not in tf:
         return ()
-    edges = tf.sections("edges", ("parent", "child"))
-    if not edges:
-        raise InputError(
-            f"{tf.place('edges')} is empty; leave it out to use all edges on the topic"
-        )
-    return tuple((read_frame(edge, "parent"), read_frame(edge, "child")) for edge in edges)
+    return tuple((edge.frame("parent"), edge.frame("child")) for edge in tf.sections("edges"))
 
 
 def _clock(document: Section) -> ClockEntry:

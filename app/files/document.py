@@ -1,118 +1,197 @@
 """Typed access to a YAML document: unknown keys and values of a wrong type are errors.
 
-A misspelt key of a safety setting must not fall back to a default. So every mapping lists the keys
-that it allows, and every error names the place (``case.yaml: tool.mesh.unit``).
+A misspelt key of a safety setting must not fall back to a default. So every mapping is read by a
+`Block`, which declares its keys, and every error names the place (``case.yaml: tool.mesh.unit``).
 """
 
+import difflib
 import math
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TypeVar
 
+from app.files.keys import (
+    Block,
+    Boolean,
+    Choice,
+    Frame,
+    Integer,
+    Key,
+    ListOf,
+    Number,
+    Numbers,
+    Text,
+    unit_of,
+)
 from app.files.yaml_file import load_yaml
-from app.geometry import InputError
+from app.geometry import FrameError, InputError, check_frame
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 1, 60, 60
 
+_Declared = TypeVar("_Declared", bound=Key)
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return ``; did you mean 'stop_mm'?`` if one of ``known`` resembles ``name``, or nothing."""
+    similar = difflib.get_close_matches(str(name), known, n=1)
+    return f"; did you mean {similar[0]!r}?" if similar else ""
+
 
 class Section:
-    """One mapping of a document. Each getter returns a value of its type or raises `InputError`."""
+    """One mapping of a document, with the keys of ``block``.
 
-    def __init__(self, values: object, where: str, allowed: Sequence[str]) -> None:
-        self._where = where
+    Each getter returns the value of a key, or the default that the block declares for it. It raises
+    `InputError` for a missing or invalid value, and `TypeError` for a key of another declared type.
+    """
+
+    def __init__(self, values: object, where: str, block: Block) -> None:
+        self.where = where
+        self._block = block
         if not isinstance(values, dict):
             raise InputError(f"{where} is {_shown(values)}; expected a mapping")
         for key in values:
-            if key not in allowed:
+            if key not in block.keys:
                 raise InputError(
-                    f"{self.place(key)} is unknown; expected one of {', '.join(allowed)}"
+                    f"{self.place(key)} is unknown; expected one of {', '.join(block.keys)}"
+                    f"{did_you_mean(key, block.keys)}"
                 )
         self._values = values
 
     @classmethod
-    def load(cls, path: Path, allowed: Sequence[str]) -> "Section":
+    def load(cls, path: Path, block: Block) -> "Section":
         """Load the mapping of the YAML file at ``path``."""
         values = load_yaml(path)
         if values is None:
             raise InputError(f"{path} is empty; expected a mapping")
-        return cls(values, f"{path.name}:", allowed)
+        return cls(values, f"{path.name}:", block)
 
     def place(self, key: object) -> str:
         """Return the place of ``key`` for messages: ``case.yaml: tool.mesh.unit``."""
-        return f"{self._where} {key}" if self._where.endswith(":") else f"{self._where}.{key}"
+        return f"{self.where} {key}" if self.where.endswith(":") else f"{self.where}.{key}"
 
     def __contains__(self, key: str) -> bool:
         """True if ``key`` is given, with a value or with null."""
         return key in self._values
 
-    def section(self, key: str, allowed: Sequence[str]) -> "Section":
+    def section(self, key: str) -> "Section":
         """Return the mapping under ``key``."""
-        return Section(self._get(key), self.place(key), allowed)
+        block = self._declared(key, Block)
+        return Section(self._get(key), self.place(key), block)
 
-    def sections(self, key: str, allowed: Sequence[str]) -> tuple["Section", ...]:
+    def sections(self, key: str) -> tuple["Section", ...]:
         """Return the list of mappings under ``key``."""
-        values = self._list(key)
-        return tuple(Section(v, f"{self.place(key)}[{i}]", allowed) for i, v in enumerate(values))
+        values, items = self._list(key, Block)
+        return tuple(Section(v, f"{self.place(key)}[{i}]", items) for i, v in enumerate(values))
 
     def text(self, key: str) -> str:
         """Return the text under ``key``, which is not empty."""
-        value = self._get(key)
-        if not isinstance(value, str) or not value.strip():
-            raise InputError(f"{self.place(key)} is {_shown(value)}; expected a text")
+        declared = self._declared(key, Text)
+        value = self._any_text(key)
+        if declared.pattern is not None and not declared.pattern.fullmatch(value):
+            raise self._refused(key, value, declared.expected)
         return value
 
-    def choice(self, key: str, options: Sequence[str]) -> str:
-        """Return the value under ``key``, which is one of ``options``."""
+    def frame(self, key: str) -> str:
+        """Return the name of a frame under ``key``."""
+        self._declared(key, Frame)
+        name = self._any_text(key)
+        try:
+            return check_frame(name)
+        except FrameError as error:
+            raise InputError(f"{self.place(key)}: {error}") from error
+
+    def choice(self, key: str) -> str:
+        """Return the value under ``key``, which is one of its options."""
+        options = self._declared(key, Choice).options
         value = self._get(key)
         if value not in options:
-            raise InputError(
-                f"{self.place(key)} is {_shown(value)}; expected one of {', '.join(options)}"
-            )
+            raise self._refused(key, value, f"one of {', '.join(options)}")
         return str(value)
 
     def boolean(self, key: str) -> bool:
         """Return the boolean under ``key``."""
+        self._declared(key, Boolean)
         value = self._get(key)
         if not isinstance(value, bool):
-            raise InputError(f"{self.place(key)} is {_shown(value)}; expected true or false")
+            raise self._refused(key, value, "true or false")
         return value
 
-    def integer(self, key: str, *, minimum: int) -> int:
-        """Return the integer under ``key``, which is at least ``minimum``."""
-        value = self._get(key)
-        if type(value) is not int or value < minimum:
-            raise InputError(
-                f"{self.place(key)} is {_shown(value)}; expected an integer of at least {minimum}"
-            )
+    def integer(self, key: str) -> int:
+        """Return the integer under ``key``, which is within its bounds."""
+        declared = self._declared(key, Integer)
+        value, low, high = self._get(key), declared.minimum, declared.maximum
+        if type(value) is not int or value < low:
+            raise self._refused(key, value, f"an integer of at least {low}")
+        if high is not None and value > high:
+            raise self._refused(key, value, f"{low} to {high}" if low < high else f"{low}")
         return value
 
-    def number(self, key: str, *, minimum: float = -math.inf) -> float:
-        """Return the finite number under ``key``, which is at least ``minimum``."""
+    def number(self, key: str) -> float:
+        """Return the finite number under ``key``, which is within its bounds."""
+        declared = self._declared(key, Number)
         value = _finite(self._get(key), self.place(key))
-        if value < minimum:
-            raise InputError(f"{self.place(key)} is {value:g}; expected at least {minimum:g}")
+        if not (declared.minimum <= value <= declared.maximum and value > declared.above):
+            raise InputError(f"{self.place(key)} is {value:g}; expected {_range(key, declared)}")
         return value
 
-    def numbers(self, key: str, count: int) -> tuple[float, ...]:
-        """Return the list of ``count`` finite numbers under ``key``."""
-        return _row(self._get(key), count, self.place(key))
+    def numbers(self, key: str) -> tuple[float, ...]:
+        """Return the list of finite numbers under ``key``, which has its declared length."""
+        return _row(self._get(key), self._declared(key, Numbers).count, self.place(key))
 
     def points(self, key: str) -> tuple[tuple[float, ...], ...]:
         """Return the list of points [x, y, z] under ``key``."""
-        rows = self._list(key)
-        return tuple(_row(row, 3, f"{self.place(key)}[{i}]") for i, row in enumerate(rows))
+        rows, point = self._list(key, Numbers)
+        return tuple(
+            _row(row, point.count, f"{self.place(key)}[{i}]") for i, row in enumerate(rows)
+        )
 
-    def _list(self, key: str) -> list[object]:
+    def _any_text(self, key: str) -> str:
         value = self._get(key)
-        if not isinstance(value, list):
-            raise InputError(f"{self.place(key)} is {_shown(value)}; expected a list")
+        if not isinstance(value, str) or not value.strip():
+            raise self._refused(key, value, "a text")
         return value
 
+    def _list(self, key: str, kind: type[_Declared]) -> tuple[list[object], _Declared]:
+        """Return the list under ``key`` and the declaration, of type ``kind``, of its items."""
+        declared = self._declared(key, ListOf)
+        value = self._get(key)
+        if not isinstance(value, list):
+            raise self._refused(key, value, "a list")
+        if declared.if_empty and not value:
+            raise InputError(f"{self.place(key)} is empty; {declared.if_empty}")
+        return value, _of_kind(declared.items, kind, key)
+
     def _get(self, key: str) -> object:
-        if key not in self._values:
+        if key in self._values:
+            return self._values[key]
+        default = self._block.keys[key].default
+        if default is None:
             raise InputError(f"{self.place(key)} is missing")
-        return self._values[key]
+        return default
+
+    def _declared(self, key: str, kind: type[_Declared]) -> _Declared:
+        return _of_kind(self._block.keys[key], kind, key)
+
+    def _refused(self, key: str, value: object, expected: str) -> InputError:
+        return InputError(f"{self.place(key)} is {_shown(value)}; expected {expected}")
+
+
+def _of_kind(declared: Key, kind: type[_Declared], key: str) -> _Declared:
+    if not isinstance(declared, kind):
+        raise TypeError(f"{key} is declared as {type(declared).__name__}, not {kind.__name__}")
+    return declared
+
+
+def _range(key: str, declared: Number) -> str:
+    above, high = declared.above, declared.maximum
+    low = f"{declared.minimum}" if math.isinf(above) else f"more than {above:g}"
+    if math.isinf(high):
+        return low if math.isfinite(above) else f"at least {declared.minimum:g}"
+    if low == "-inf":
+        return f"at most {high:g}"
+    return f"{low} to {high} {unit_of(key)}".rstrip()
 
 
 def _row(value: object, count: int, where: str) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from app.files.bounded_io import read_bounded
 from app.files.document import Section
+from app.files.keys import Block, ListOf, Numbers, Text
 from app.files.numbers import parse_numbers
 from app.geometry import FloatArray, InputError
 
@@ -28,6 +29,10 @@ _MARKUPS, _FIDUCIALS, _YAML = ".mrk.json", ".fcsv", (".yaml", ".yml")
 POINT_ENDINGS = (_MARKUPS, _FIDUCIALS, *_YAML)
 """Endings of the files that can be read."""
 
+_LANDMARK = Block(
+    "a landmark", {"name": Text("its name"), "position_mm": Numbers("its position", 3)}
+)
+_DOCUMENT = Block("named points", {"landmarks": ListOf("the points", _LANDMARK)})
 _FIDUCIAL_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label"
 
 
@@ -50,8 +55,8 @@ def read_points(path: Path) -> list[tuple[str, FloatArray]]:
     elif name.endswith(_FIDUCIALS):
         found, axes = _fiducials(path)
     elif name.endswith(_YAML):
-        entries = Section.load(path, ("landmarks",)).sections("landmarks", ("name", "position_mm"))
-        found = [(entry.text("name"), entry.numbers("position_mm", 3)) for entry in entries]
+        entries = Section.load(path, _DOCUMENT).sections("landmarks")
+        found = [(entry.text("name"), entry.numbers("position_mm")) for entry in entries]
         axes = "RAS"
     else:
         raise InputError(f"{path} is not a landmark file; expected {', '.join(POINT_ENDINGS)}")

@@ -16,6 +16,7 @@ import yaml
 from app.files.atomic_io import check_output_path, write_file
 from app.files.bounded_io import read_bounded
 from app.files.document import Section
+from app.files.keys import Block, Numbers, Text
 from app.files.numbers import parse_numbers
 from app.geometry import (
     FloatArray,
@@ -29,6 +30,15 @@ from app.geometry import (
 RAS_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 """RAS coordinates to LPS, and LPS to RAS."""
 
+_DOCUMENT = Block(
+    "a transform",
+    {
+        "transform": Text("its name", optional=True),
+        "target": Text("its target frame", optional=True),
+        "source": Text("its source frame", optional=True),
+        "matrix": Numbers("16 numbers row by row, in mm", 16),
+    },
+)
 _ITK_HEADER = "#Insight Transform File V1.0"
 _ITK_LINEAR = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
 _MAX_BYTES = 1_000_000
@@ -82,11 +92,11 @@ def _to_yaml(transform: Transform, note: str) -> str:
 
 
 def _from_yaml(path: Path, target: str, source: str) -> Transform:
-    document = Section.load(path, ("transform", "target", "source", "matrix"))
+    document = Section.load(path, _DOCUMENT)
     for key, frame in (("target", target), ("source", source)):
         if key in document and document.text(key) != frame:
             raise FrameError(f"{key} is {document.text(key)!r}; expected {frame!r}")
-    return Transform.from_matrix(document.numbers("matrix", 16), target=target, source=source)
+    return Transform.from_matrix(document.numbers("matrix"), target=target, source=source)
 
 
 def _to_itk(transform: Transform, note: str) -> str:

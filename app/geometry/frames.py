@@ -9,7 +9,7 @@ from functools import lru_cache
 
 from app.geometry.errors import FrameError
 
-_FRAME = re.compile(r"[A-Za-z0-9_.-]+(?:/[A-Za-z0-9_.-]+)*")
+FRAME_NAME = re.compile(r"[A-Za-z0-9_.-]+(?:/[A-Za-z0-9_.-]+)*")
 # A word starts at a capital after a lower-case letter or a digit ("StylusTip"), and at the last
 # capital of an acronym if a lower-case letter follows ("RASTip").
 _WORD_STARTS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -28,7 +28,7 @@ def check_frame(name: str) -> str:
 
 @lru_cache(maxsize=4096)  # the few frames of a session are checked with every transform
 def _is_frame(name: str) -> bool:
-    return _FRAME.fullmatch(name) is not None
+    return FRAME_NAME.fullmatch(name) is not None
 
 
 def snake_case(name: str) -> str:

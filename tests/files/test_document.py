@@ -3,14 +3,18 @@ from pathlib import Path
 import pytest
 
 from app.files.document import Section
+from app.files.keys import Block, Integer, Key, ListOf, Number, Numbers, Text
 from app.files.yaml_file import MAX_BYTES
 from app.geometry import InputError
 
+TEXT = Text("a text")
+NUMBER = Number("a number")
 
-def load(tmp_path: Path, text: str, allowed: tuple[str, ...] = ("a", "b")) -> Section:
+
+def load(tmp_path: Path, text: str, a: Key = TEXT, b: Key = TEXT) -> Section:
     path = tmp_path / "x.yaml"
     path.write_text(text)
-    return Section.load(path, allowed)
+    return Section.load(path, Block("a document", {"a": a, "b": b}))
 
 
 @pytest.mark.parametrize(
@@ -49,15 +53,16 @@ def test_nested_aliases_are_not_expanded(tmp_path: Path) -> None:
 
 
 def test_alias_of_a_value_is_accepted(tmp_path: Path) -> None:
-    section = load(tmp_path, "a: &x [1.0, 2.0]\nb: *x\n")
-    assert section.numbers("a", 2) == section.numbers("b", 2) == (1.0, 2.0)
+    pair = Numbers("two numbers", 2)
+    section = load(tmp_path, "a: &x [1.0, 2.0]\nb: *x\n", pair, pair)
+    assert section.numbers("a") == section.numbers("b") == (1.0, 2.0)
 
 
 def test_bytes_that_are_not_utf8_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_bytes(b"a: \xff\xfe")
     with pytest.raises(InputError, match="not UTF-8"):
-        Section.load(path, ("a",))
+        Section.load(path, Block("a document", {"a": TEXT}))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +70,7 @@ def test_bytes_that_are_not_utf8_are_refused(tmp_path: Path) -> None:
 )
 def test_value_that_is_not_a_finite_number_is_refused(tmp_path: Path, value: str) -> None:
     with pytest.raises(InputError, match=r"x\.yaml: a is .*expected a (finite )?number"):
-        load(tmp_path, f"a: {value}\n").number("a")
+        load(tmp_path, f"a: {value}\n", NUMBER).number("a")
 
 
 @pytest.mark.parametrize("value", ["010", "1_0", "0x10", "1:30", "1:30.5", "0b1", "-010", "1_0.5"])
@@ -79,13 +84,66 @@ def test_ambiguous_number_is_refused(tmp_path: Path, value: str) -> None:
 
 
 def test_error_names_the_place_of_a_nested_value(tmp_path: Path) -> None:
-    section = load(tmp_path, "a: {b: [{a: 1}, {c: 2}]}\n").section("a", ("b",))
-    with pytest.raises(InputError, match=r"x\.yaml: a\.b\[1\]\.c is unknown; expected one of a"):
-        section.sections("b", ("a",))
+    inner = Block("inner", {"b": ListOf("a list", Block("an item", {"a": TEXT}))})
+    section = load(tmp_path, "a: {b: [{a: 1}, {c: 2}]}\n", inner).section("a")
+    with pytest.raises(InputError, match=r"x\.yaml: a\.b\[1\]\.c is unknown; expected one of a$"):
+        section.sections("b")
 
 
 def test_values_of_the_right_type_are_returned(tmp_path: Path) -> None:
-    section = load(tmp_path, "a: [1, 2.5, -3.0e+2]\nb: {a: 3, b: word}\n")
-    assert section.numbers("a", 3) == (1.0, 2.5, -300.0)
-    inner = section.section("b", ("a", "b"))
-    assert (inner.integer("a", minimum=0), inner.text("b")) == (3, "word")
+    inner = Block("inner", {"a": Integer("an integer", 0), "b": TEXT})
+    section = load(
+        tmp_path, "a: [1, 2.5, -3.0e+2]\nb: {a: 3, b: word}\n", Numbers("3 numbers", 3), inner
+    )
+    assert section.numbers("a") == (1.0, 2.5, -300.0)
+    assert (section.section("b").integer("a"), section.section("b").text("b")) == (3, "word")
+
+
+def test_default_is_returned_for_a_missing_key_only(tmp_path: Path) -> None:
+    three, half = Integer("an integer", 1, default=3), Number("a number", default=0.5)
+    section = load(tmp_path, "{}\n", three, half)
+    assert (section.integer("a"), section.number("b")) == (3, 0.5)
+    with pytest.raises(InputError, match=r"x\.yaml: a is None; expected an integer"):
+        load(tmp_path, "a: null\n", three).integer("a")
+    with pytest.raises(InputError, match=r"x\.yaml: a is missing"):
+        load(tmp_path, "{}\n", Integer("an integer", 1, optional=True)).integer("a")
+
+
+@pytest.mark.parametrize(
+    ("declared", "value", "expected"),
+    [
+        (Number("n", minimum=0.0), "-1", "at least 0"),
+        (Number("n", above=0.0, maximum=9), "0", "more than 0 to 9 mm"),
+        (Number("n", above=0.0), "0", "more than 0"),
+        (Number("n", minimum=-9, maximum=9), "9.5", "-9 to 9 mm"),
+        (Number("n", maximum=9), "10", "at most 9"),
+    ],
+)
+def test_number_out_of_range_is_refused_with_its_unit(
+    tmp_path: Path, declared: Number, value: str, expected: str
+) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text(f"a_mm: {value}\n")
+    with pytest.raises(InputError) as caught:
+        Section.load(path, Block("a document", {"a_mm": declared})).number("a_mm")
+    assert str(caught.value) == f"x.yaml: a_mm is {value}; expected {expected}"
+
+
+def test_misspelt_key_is_refused_with_a_suggestion(tmp_path: Path) -> None:
+    block = Block("a document", {"stop_mm": NUMBER, "warn_mm": NUMBER})
+    with pytest.raises(InputError) as caught:
+        Section({"stop_m": 1.0}, "x.yaml:", block)
+    assert str(caught.value) == (
+        "x.yaml: stop_m is unknown; expected one of stop_mm, warn_mm; did you mean 'stop_mm'?"
+    )
+    with pytest.raises(InputError, match=r"expected one of stop_mm, warn_mm$"):
+        Section({"colour": 1.0}, "x.yaml:", block)
+    with pytest.raises(InputError, match=r"x\.yaml: 1 is unknown; expected one of"):
+        Section({1: 1.0}, "x.yaml:", block)
+
+
+def test_key_is_read_as_declared(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="a is declared as Number, not Text"):
+        load(tmp_path, "a: 1\n", NUMBER).text("a")
+    with pytest.raises(KeyError):
+        load(tmp_path, "a: 1\n", NUMBER).text("c")

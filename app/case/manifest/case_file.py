@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from app.case.manifest.entries import CaseManifest, RecordingEntry
+from app.case.manifest.keys import CASE
 from app.case.manifest.sections import (
-    check_schema,
     read_clock,
     read_margins,
     read_provenance,
@@ -24,29 +24,18 @@ def load_manifest(folder: Path) -> CaseManifest:
     path = folder / MANIFEST_NAME
     if not path.is_file():
         raise InputError(f"{folder} is not a case: it has no {MANIFEST_NAME}")
-    document = Section.load(
-        path,
-        (
-            "schema",
-            "name",
-            "provenance",
-            "recording",
-            "clock",
-            "tool",
-            "tumor",
-            "robot",
-            "registration",
-            "margins",
-            "expected",
-        ),
-    )
-    check_schema(document)
+    return read_manifest(Section.load(path, CASE))
+
+
+def read_manifest(document: Section) -> CaseManifest:
+    """Read a document with the keys of `CASE`; `InputError` for the first fault."""
+    document.integer("schema")
     robot, tool = read_robot(document), read_tool(document)
     return CaseManifest(
         file=MANIFEST_NAME,
         name=document.text("name"),
         provenance=read_provenance(document),
-        recording=_recording(document),
+        recording=_recording(document.section("recording")),
         clock=read_clock(document),
         tool=tool,
         tumor=read_tumor(document, tool),
@@ -57,13 +46,6 @@ def load_manifest(folder: Path) -> CaseManifest:
     )
 
 
-def _recording(document: Section) -> RecordingEntry:
-    block = document.section("recording", ("path", "sha256"))
-    sha256 = None
-    if "sha256" in block:
-        sha256 = block.text("sha256").lower()
-        if len(sha256) != 64 or not set(sha256) <= set("0123456789abcdef"):
-            raise InputError(
-                f"{block.place('sha256')} is {sha256!r}; expected 64 hexadecimal digits"
-            )
+def _recording(block: Section) -> RecordingEntry:
+    sha256 = block.text("sha256").lower() if "sha256" in block else None
     return RecordingEntry(block.text("path"), sha256)

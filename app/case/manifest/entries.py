@@ -4,16 +4,16 @@ Every matrix is a `Transform` in mm, every duration an integer in ns. `load_mani
 `open_live` read and check them.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
-from app.geometry import NS_PER_MS, InputError, Transform
+from app.geometry import InputError, Transform
 
 REFERENCE_FRAME = "reference"
 TUMOR_MESH_FRAME = "tumor"
 DEFAULT_BASE_FRAME = "robot_base"
 
+Points = tuple[tuple[float, ...], ...]
 RegistrationMethod = Literal["given", "paired_points", "robot_world"]
 
 
@@ -124,12 +124,12 @@ class RegistrationEntry:
     """
 
     method: RegistrationMethod
-    reference_from_base: Transform | None = None
-    fixed_mm: tuple[tuple[float, ...], ...] = ()
-    moving_mm: tuple[tuple[float, ...], ...] = ()
-    dwells: tuple[Dwell, ...] = ()
-    max_drift_mm: float = 5.0
-    max_drift_rad: float = math.radians(3.0)
+    reference_from_base: Transform | None
+    fixed_mm: Points
+    moving_mm: Points
+    dwells: tuple[Dwell, ...]
+    max_drift_mm: float
+    max_drift_rad: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,9 +145,9 @@ class MarginEntry:
     k_tre: float
     v_max_mm_s: float
     stale_after_ns: int
-    release_samples: int = 3
-    release_band_mm: float = 0.5
-    frozen_after_ns: int = 1000 * NS_PER_MS
+    release_samples: int
+    release_band_mm: float
+    frozen_after_ns: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

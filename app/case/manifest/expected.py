@@ -10,11 +10,69 @@ from typing import Any, Literal
 
 import yaml
 
+from app.case.manifest.keys import MATRIX, RIGID
 from app.files.atomic_io import write_file
 from app.files.document import Section
+from app.files.keys import Block, Boolean, Choice, Integer, ListOf, Number, Numbers, Text
 from app.geometry import InputError, Transform
 
 DropoutKind = Literal["invalid", "missing"]
+
+_SPAN = {
+    "start_s": Number("start, from the first frame"),
+    "end_s": Number("end; the start or later"),
+}
+_SPAN_RULE = "end_s is start_s or later"
+
+EXPECTED = Block(
+    "expected results of a replay; only what is given is checked",
+    {
+        "registration": Block(
+            "the true registration of the robot's base",
+            {
+                "reference_from_base": Numbers(f"pose of the base in reference: {MATRIX}", 16),
+                "tolerance_mm": Number("largest distance at the base's origin", minimum=0.0),
+                "tolerance_deg": Number("largest angle", minimum=0.0),
+            },
+            optional=True,
+            rules=(RIGID,),
+        ),
+        "breaches": Block(
+            "all intervals in which the tool is in the tumour",
+            {
+                "tolerance_ms": Number("tolerance of start and end", minimum=0.0),
+                "depth_tolerance_mm": Number("tolerance of the depth", minimum=0.0),
+                "intervals": ListOf(
+                    "the breaches",
+                    Block(
+                        "a breach",
+                        {
+                            **_SPAN,
+                            "min_signed_distance_mm": Number("depth, negative in the tumour"),
+                            "shaft_only": Boolean("the tip stays outside", default=False),
+                        },
+                        rules=(_SPAN_RULE,),
+                    ),
+                ),
+            },
+            optional=True,
+        ),
+        "dropouts": ListOf(
+            "intervals in which the margin must be UNKNOWN",
+            Block(
+                "a dropout",
+                {
+                    "frame": Text("the frame without a usable pose"),
+                    "kind": Choice("status of the samples, or none", ("invalid", "missing")),
+                    **_SPAN,
+                },
+                rules=(_SPAN_RULE,),
+            ),
+            optional=True,
+        ),
+        "frames": Integer("number of frames of the replay", 0, optional=True),
+    },
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,12 +128,16 @@ class Expected:
 
 def load_expected(path: Path, *, reference: str, robot_base: str) -> Expected:
     """Read ``expected.yaml``; ``reference`` and ``robot_base`` name the registration's frames."""
-    document = Section.load(path, ("registration", "breaches", "dropouts", "frames"))
+    return read_expected(Section.load(path, EXPECTED), reference=reference, robot_base=robot_base)
+
+
+def read_expected(document: Section, *, reference: str, robot_base: str) -> Expected:
+    """Read a document with the keys of `EXPECTED`; see `load_expected`."""
     return Expected(
         registration=_registration(document, reference, robot_base),
         breaches=_breaches(document),
         dropouts=_dropouts(document),
-        frames=document.integer("frames", minimum=0) if "frames" in document else None,
+        frames=document.integer("frames") if "frames" in document else None,
     )
 
 
@@ -118,35 +180,28 @@ def _registration(
 ) -> ExpectedRegistration | None:
     if "registration" not in document:
         return None
-    block = document.section(
-        "registration", ("reference_from_base", "tolerance_mm", "tolerance_deg")
-    )
+    block = document.section("registration")
     return ExpectedRegistration(
         Transform.from_matrix(
-            block.numbers("reference_from_base", 16), target=reference, source=robot_base
+            block.numbers("reference_from_base"), target=reference, source=robot_base
         ),
-        block.number("tolerance_mm", minimum=0.0),
-        block.number("tolerance_deg", minimum=0.0),
+        block.number("tolerance_mm"),
+        block.number("tolerance_deg"),
     )
 
 
 def _breaches(document: Section) -> ExpectedBreaches | None:
     if "breaches" not in document:
         return None
-    block = document.section("breaches", ("tolerance_ms", "depth_tolerance_mm", "intervals"))
-    keys = ("start_s", "end_s", "min_signed_distance_mm", "shaft_only")
+    block = document.section("breaches")
     intervals = tuple(
         ExpectedBreach(
-            *_span(entry),
-            entry.number("min_signed_distance_mm"),
-            entry.boolean("shaft_only") if "shaft_only" in entry else False,
+            *_span(entry), entry.number("min_signed_distance_mm"), entry.boolean("shaft_only")
         )
-        for entry in block.sections("intervals", keys)
+        for entry in block.sections("intervals")
     )
     return ExpectedBreaches(
-        block.number("tolerance_ms", minimum=0.0),
-        block.number("depth_tolerance_mm", minimum=0.0),
-        intervals,
+        block.number("tolerance_ms"), block.number("depth_tolerance_mm"), intervals
     )
 
 
@@ -154,10 +209,8 @@ def _dropouts(document: Section) -> tuple[ExpectedDropout, ...]:
     if "dropouts" not in document:
         return ()
     dropouts = []
-    for entry in document.sections("dropouts", ("frame", "kind", "start_s", "end_s")):
-        kind: DropoutKind = (
-            "invalid" if entry.choice("kind", ("invalid", "missing")) == "invalid" else "missing"
-        )
+    for entry in document.sections("dropouts"):
+        kind: DropoutKind = "invalid" if entry.choice("kind") == "invalid" else "missing"
         dropouts.append(ExpectedDropout(entry.text("frame"), kind, *_span(entry)))
     return tuple(dropouts)
 

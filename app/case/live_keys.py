@@ -1,0 +1,127 @@
+"""The keys of ``live.yaml``: those of ``case.yaml`` with a live source instead of a recording."""
+
+from dataclasses import replace
+
+from app.case.manifest.keys import (
+    BY_MATRIX,
+    BY_POINTS,
+    CASE,
+    CLOCK,
+    KNOWN_OFFSET,
+    REGISTRATION,
+    TOPIC,
+    TOPIC_EXPECTED,
+)
+from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
+from app.files.keys import Block, Choice, Frame, Integer, ListOf, Number, Text, Variant
+
+ABOVE_0 = "every value is more than 0"
+PASSIVE = "the force is passive with its period, delay and damping"
+NEEDS_ROBOT = "tumor_motion needs a robot"
+
+_SOURCES = {
+    "tf": Block(
+        "poses on /tf, without the tracker's status",
+        {
+            "edges": ListOf(
+                "only these transforms; without it those between tool and tumour",
+                Block(
+                    "a transform",
+                    {"parent": Frame("parent frame"), "child": Frame("child frame")},
+                ),
+                optional=True,
+                if_empty="leave it out to use all edges on the topic",
+            )
+        },
+        optional=True,
+    ),
+    "tracked_transforms": Block(
+        "poses with their status, as marginguard_msgs/TrackedTransform",
+        {
+            "topic": Text(
+                "topic of the poses",
+                default=TRACKED_TRANSFORMS_TOPIC,
+                pattern=TOPIC,
+                expected=TOPIC_EXPECTED,
+            )
+        },
+        optional=True,
+    ),
+    "igtl": Block(
+        "poses of an OpenIGTLink server such as PLUS",
+        {"host": Text("name or address of the server"), "port": Integer("TCP port", 1, 65_535)},
+        optional=True,
+    ),
+}
+
+SOURCE = Block(
+    "where the tracker's poses come from",
+    {
+        **_SOURCES,
+        "clock": Choice(
+            "host: stamps are of this machine's clock; estimate: of another one",
+            ("host", "estimate"),
+        ),
+    },
+    variants=tuple(Variant(name, (name,)) for name in _SOURCES),
+)
+
+_GUIDANCE = Block(
+    "force that guides the hand; default: none",
+    {
+        "force_n": Number("largest force", minimum=0.0),
+        "range_mm": Number("distance over which the force rises", minimum=0.0),
+        "rate_n_s": Number("largest rate of change of the force", minimum=0.0),
+        "period_ms": Number("interval between forces at the device", minimum=0.0),
+        "delay_ms": Number("delay of the loop", minimum=0.0),
+        "damping_n_s_m": Number("physical damping of the device", minimum=0.0),
+    },
+    optional=True,
+    rules=(PASSIVE,),
+)
+
+_LIMITER = Block(
+    "limits of the replies on ~/allowed_twist",
+    {
+        "tau_ms": Number("time constant of the approach", default=50.0, minimum=0.0),
+        "lever_mm": Number("weight of rotation against translation", default=50.0, minimum=0.0),
+        "retreat_mm_s": Number(
+            "largest speed at which the tool is driven out of the margin",
+            default=20.0,
+            minimum=0.0,
+        ),
+        "most_mm_s": Number("largest speed", default=250.0, minimum=0.0),
+        "most_rad_s": Number("largest angular speed", default=2.0, minimum=0.0),
+    },
+    optional=True,
+    rules=(ABOVE_0,),
+)
+
+_TUMOR_MOTION = Block(
+    "expected motion of the tumour; default: it is still",
+    {
+        "swing_mm": Number("amplitude", minimum=0.0),
+        "swing_deg": Number("amplitude of the rotation", minimum=0.0),
+        "rate_hz": Number("frequency", minimum=0.0),
+        "jitter_mm": Number("standard deviation of the tracker along each axis", minimum=0.0),
+        "jitter_deg": Number("standard deviation of the tracker about each axis", minimum=0.0),
+    },
+    optional=True,
+    rules=(ABOVE_0, NEEDS_ROBOT),
+)
+
+ONLY_LIVE = {
+    "source": SOURCE,
+    "guidance": _GUIDANCE,
+    "limiter": _LIMITER,
+    "tumor_motion": _TUMOR_MOTION,
+}
+"""Sections that ``case.yaml`` does not have."""
+
+_SHARED = {
+    **{name: key for name, key in CASE.keys.items() if name not in ("recording", "expected")},
+    "clock": replace(CLOCK, variants=(KNOWN_OFFSET,)),
+    "registration": replace(REGISTRATION, variants=(BY_MATRIX, BY_POINTS)),
+}
+
+LIVE = replace(CASE, description="a live session", keys={**_SHARED, **ONLY_LIVE})

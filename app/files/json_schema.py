@@ -1,0 +1,135 @@
+"""JSON Schema of a YAML document, from the block that its reader uses.
+
+The schema is of draft 2020-12 and uses only keywords that draft 7 has as well, because some editors
+know no later draft.
+"""
+
+import math
+from typing import Any
+
+from app.files.keys import (
+    Block,
+    Boolean,
+    Choice,
+    Frame,
+    Integer,
+    Key,
+    ListOf,
+    Number,
+    Numbers,
+    Text,
+    Variant,
+    unit_of,
+)
+from app.geometry.frames import FRAME_NAME
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+GENERAL_RULES = (
+    "a number is finite: not .nan or .inf",
+    "an integer has no decimal point: 3, not 3.0",
+    "the file is UTF-8 YAML 1.1 of at most 1 MB without tags, duplicate keys, merge keys and "
+    "ambiguous numbers (010, 1_000, 1:30); an exponent has a point and a sign: 1.0e+3",
+)
+"""What `load_yaml` and `Section` check in every document and a schema cannot state."""
+
+Schema = dict[str, Any]
+
+
+def json_schema(block: Block, title: str) -> Schema:
+    """Return the JSON Schema of a document with the keys of ``block``."""
+    schema = {"$schema": DRAFT, "title": title, **_schema(block)}
+    schema["$comment"] = _comment((*GENERAL_RULES, *block.rules))
+    return schema
+
+
+def whole(pattern: str) -> str:
+    """Return a regular expression for texts that match ``pattern`` as a whole.
+
+    It has the same meaning in ECMA 262, which JSON Schema names, and in Python, where ``$`` also
+    matches before a final newline.
+    """
+    return rf"^(?:{pattern})$(?!\n)"
+
+
+def _schema(key: Key, unit: str = "") -> Schema:
+    schema: Schema = {"description": f"{key.description} [{unit}]" if unit else key.description}
+    if key.default is not None:
+        schema["default"] = _plain(key.default)
+    return schema | _type_of(key)
+
+
+def _type_of(key: Key) -> Schema:
+    match key:
+        case Text(pattern=pattern):
+            return {"type": "string", "pattern": whole(pattern.pattern) if pattern else r"\S"}
+        case Frame():
+            return {"type": "string", "pattern": whole(FRAME_NAME.pattern)}
+        case Choice(options=options):
+            return {"type": "string", "enum": list(options)}
+        case Boolean():
+            return {"type": "boolean"}
+        case Integer():
+            return {"type": "integer", **_bounds(key)}
+        case Number(above=above):
+            exclusive = {} if math.isinf(above) else {"exclusiveMinimum": _plain(above)}
+            return {"type": "number", **_bounds(key), **exclusive}
+        case Numbers(count=count):
+            items = {"type": "number"}
+            return {"type": "array", "items": items, "minItems": count, "maxItems": count}
+        case ListOf(items=items, if_empty=if_empty):
+            return {
+                "type": "array",
+                "items": _schema(items),
+                **({"minItems": 1} if if_empty else {}),
+            }
+        case Block():
+            return _object(key)
+    raise TypeError(f"no JSON Schema for {type(key).__name__}")
+
+
+def _bounds(key: Integer | Number) -> Schema:
+    if key.minimum == key.maximum:
+        return {"const": key.minimum}
+    bounds = {"minimum": key.minimum, "maximum": key.maximum}
+    return {
+        name: _plain(value)
+        for name, value in bounds.items()
+        if value is not None and math.isfinite(value)
+    }
+
+
+def _object(block: Block) -> Schema:
+    schema: Schema = {
+        "type": "object",
+        "properties": {name: _schema(key, unit_of(name)) for name, key in block.keys.items()},
+        "required": [name for name, key in block.keys.items() if key.required],
+        "additionalProperties": False,
+    }
+    if block.variants:
+        schema["oneOf"] = [_variant(block, variant) for variant in block.variants]
+    if block.needs:
+        schema["allOf"] = [
+            {"if": {"required": [key]}, "then": {"required": [other]}} for key, other in block.needs
+        ]
+    if block.rules:
+        schema["$comment"] = _comment(block.rules)
+    return schema
+
+
+def _variant(block: Block, variant: Variant) -> Schema:
+    others = dict.fromkeys(block.others_than(variant), False)
+    return {
+        "title": variant.name,
+        "properties": {**variant.where, **others},
+        "required": list(variant.required),
+    }
+
+
+def _comment(rules: tuple[str, ...]) -> str:
+    return f"Checked by marginguard, not by this schema: {'; '.join(rules)}."
+
+
+def _plain(value: bool | float | str) -> bool | float | str:
+    """An integer for a whole number: 1, not 1.0."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -1,0 +1,333 @@
+"""JSON Schemas of case, live and expected documents: complete, and as strict as the readers."""
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from app.case import DOCUMENTS, open_live, schema_text
+from app.case.live_keys import ABOVE_0, NEEDS_ROBOT, PASSIVE
+from app.case.manifest.keys import FILES, OWN_BASE_FRAME, RIGID, SESSION_LIMITS
+from app.cli.commands.schema import NAMES
+from app.cli.main import main
+from app.files.json_schema import GENERAL_RULES
+from app.files.keys import Block, Key, ListOf
+from app.fixture import LimiterParameters
+from app.geometry import MarginGuardError
+from app.session import limiter_parameters
+from app.session.from_case import margin_parameters
+from tests.schema_agreement import UNSTATED, difference, disagreement, refusal, validator
+from tests.schema_documents import IDENTITY, documents, faulty, settled
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = {
+    "data/recorded_case/case.yaml": "case",
+    "data/live_example/live.yaml": "live",
+    "data/recorded_case/expected.yaml": "expected",
+}
+POINTS = {
+    "registration": {
+        "method": "paired_points",
+        "fixed_mm": [[0.0, 0, 1]],
+        "moving_mm": [[1.0, 2, 3]],
+        "max_drift_mm": 1,
+        "max_drift_deg": 2.0,
+    }
+}
+CONTROL = {
+    "guidance": {
+        "force_n": 2.0,
+        "range_mm": 10,
+        "rate_n_s": 20,
+        "period_ms": 20,
+        "delay_ms": 5,
+        "damping_n_s_m": 5,
+    },
+    "limiter": {
+        "tau_ms": 80.0,
+        "lever_mm": 40,
+        "retreat_mm_s": 10,
+        "most_mm_s": 100,
+        "most_rad_s": 1,
+    },
+    "tumor_motion": {
+        "swing_mm": 5,
+        "swing_deg": 1,
+        "rate_hz": 0.25,
+        "jitter_mm": 0.3,
+        "jitter_deg": 0.3,
+    },
+}
+
+
+def shipped(document: str) -> dict[str, Any]:
+    (path,) = [path for path, name in SHIPPED.items() if name == document]
+    values: dict[str, Any] = yaml.safe_load((ROOT / path).read_text())
+    return values
+
+
+def complete(document: str) -> list[dict[str, Any]]:
+    """Valid documents that together have every key."""
+    values = shipped(document)
+    if document == "expected":
+        return [values]
+    optional = {"release_samples": 4, "release_band_mm": 1, "frozen_after_ms": 500.0}
+    full = values | {"margins": values["margins"] | optional}
+    if document == "live":
+        igtl = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
+        tf = {"tf": {"edges": [{"parent": "tracker", "child": "needle"}]}, "clock": "estimate"}
+        return [values, full | CONTROL | {"source": tf}, full | POINTS | {"source": igtl}]
+    tumor = values["tumor"]
+    contour = {"frame": tumor["frame"], "pose": tumor["pose"], "contour": {"path": "t.fcsv"}}
+    dwells = {"method": "robot_world", "dwells": [{"start_s": 0, "end_s": 1}]}
+    given = {"method": "given", "matrix": IDENTITY}
+    return [
+        values,
+        full | POINTS | {"clock": {"estimate": True}} | _tumor(tumor, path="t.nrrd", segment="T"),
+        full
+        | {"clock": {"offset_robot_to_tracker_ms": 3, "estimate": False}, "registration": given}
+        | _tumor(tumor, path="t.stl", units="cm", repair=True),
+        full | {"registration": dwells, "tumor": contour},
+    ]
+
+
+def _tumor(tumor: dict[str, Any], **mesh: object) -> dict[str, Any]:
+    return {"tumor": tumor | {"mesh": mesh}}
+
+
+VALID = [(document, values) for document in DOCUMENTS for values in complete(document)]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_schema_is_valid_and_uses_keywords_of_draft_7_only(document: str) -> None:
+    schema = json.loads(schema_text(document))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.Draft7Validator.check_schema(schema)
+    known = set(jsonschema.Draft7Validator.VALIDATORS) | {
+        "$schema", "$comment", "title", "description", "default", "then",
+    }  # fmt: skip
+    assert set(_keywords(schema)) <= known
+
+
+def _keywords(schema: Any) -> Iterator[str]:
+    if not isinstance(schema, dict):
+        return
+    for keyword, value in schema.items():
+        yield keyword
+        if keyword == "properties":
+            for inner in value.values():
+                yield from _keywords(inner)
+        elif keyword in ("items", "not", "if", "then"):
+            yield from _keywords(value)
+        elif keyword in ("oneOf", "allOf"):
+            for inner in value:
+                yield from _keywords(inner)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_committed_schema_is_the_generated_one(document: str) -> None:
+    committed = ROOT / "docs/schemas" / f"{document}.schema.json"
+    assert committed.read_text() == schema_text(document), (
+        f"run: marginguard schema {document} -o docs/schemas/{document}.schema.json"
+    )
+
+
+def test_command_prints_and_writes_the_schema(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tuple(DOCUMENTS) == NAMES
+    assert main(["schema", "live"]) == 0
+    assert capsys.readouterr().out == schema_text("live")
+    assert main(["schema", "case", "-o", str(tmp_path / "case.schema.json")]) == 0
+    assert (tmp_path / "case.schema.json").read_text() == schema_text("case")
+    case = tmp_path / "case.yaml"
+    case.write_text("schema: 1\n")
+    assert main(["schema", "case", "-o", str(case)]) == 2
+    assert capsys.readouterr().err.endswith("case.yaml is not a schema file; expected .json\n")
+    assert case.read_text() == "schema: 1\n"
+
+
+@pytest.mark.parametrize(("path", "document"), SHIPPED.items())
+def test_shipped_files_are_valid(path: str, document: str) -> None:
+    validator(document).validate(yaml.safe_load((ROOT / path).read_text()))
+
+
+def test_every_shipped_document_is_checked() -> None:
+    found = {
+        path.relative_to(ROOT).as_posix()
+        for name in DOCUMENTS
+        for path in (ROOT / "data").rglob(f"{name}*.yaml")
+    }
+    assert found == set(SHIPPED)
+
+
+@pytest.mark.parametrize(("document", "values"), VALID)
+def test_complete_documents_are_valid(document: str, values: dict[str, Any]) -> None:
+    assert refusal(document, values) is None
+    validator(document).validate(values)
+
+
+@pytest.mark.parametrize(("document", "block"), DOCUMENTS.items())
+def test_complete_documents_have_every_key(document: str, block: Block) -> None:
+    used = {path for name, values in VALID if name == document for path in _paths(values)}
+    refused_live = {path for path in _declared_paths(block) if ".dwells" in path}
+    refused_live |= {"clock.estimate", "tumor.contour", "tumor.contour.path"}
+    refused_live |= {"tumor.mesh.segment", "tumor.mesh.repair"}
+    assert used == set(_declared_paths(block)) - (refused_live if document == "live" else set())
+
+
+def _paths(values: object, place: str = "") -> Iterator[str]:
+    """Paths of all keys: ``margins.stop_mm``. Items of a list have the path of the list."""
+    if isinstance(values, list):
+        for value in values:
+            yield from _paths(value, place)
+    if isinstance(values, dict):
+        for key, value in values.items():
+            yield f"{place}{key}"
+            yield from _paths(value, f"{place}{key}.")
+
+
+def _declared_paths(key: Key, place: str = "") -> Iterator[str]:
+    if isinstance(key, ListOf):
+        yield from _declared_paths(key.items, place)
+    if isinstance(key, Block):
+        for name, inner in key.keys.items():
+            yield f"{place}{name}"
+            yield from _declared_paths(inner, f"{place}{name}.")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+@settings(max_examples=60)
+@given(data=st.data())
+def test_reader_accepts_what_the_schema_accepts(document: str, data: st.DataObject) -> None:
+    """Except for the rules that a schema cannot state, which half of the examples obey."""
+    values = data.draw(documents(validator(document).schema))
+    if document != "expected" and data.draw(st.booleans()):
+        values = settled(values)
+    assume(validator(document).is_valid(values))
+    assert disagreement(document, values) is None
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+@settings(max_examples=300)
+@given(data=st.data())
+def test_reader_and_schema_agree_on_edited_documents(document: str, data: st.DataObject) -> None:
+    values = data.draw(faulty([values for name, values in VALID if name == document]))
+    assert disagreement(document, values) is None
+
+
+def test_comparison_finds_a_schema_that_is_too_strict_or_too_lax() -> None:
+    values = shipped("case")
+    strict = jsonschema.Draft202012Validator({"required": ["colour"]})
+    lax = jsonschema.Draft202012Validator({})
+    refused = refusal("case", values | {"colour": 1})
+    assert "the reader accepts" in str(difference(refusal("case", values), strict, values))
+    assert "the schema accepts" in str(difference(refused, lax, values))
+    assert difference(refused, strict, values) is None
+
+
+Edit = Callable[[dict[str, Any]], object]
+
+
+def _set(path: str, value: object) -> Edit:
+    *places, key = path.split(".")
+
+    def edit(values: Any) -> None:
+        for place in places:
+            values = values[int(place) if isinstance(values, list) else place]
+        values[key] = value
+
+    return edit
+
+
+EXAMPLES: dict[str, tuple[str, Edit]] = {
+    GENERAL_RULES[0]: ("case", _set("margins.k_tre", math.inf)),
+    GENERAL_RULES[1]: ("case", _set("schema", 1.0)),
+    RIGID: ("case", _set("tumor.pose.matrix", [2.0, *IDENTITY[1:]])),
+    "tumor.frame is not the frame of the tool": ("live", _set("tumor.frame", "cautery")),
+    "warn_mm is more than stop_mm": ("live", _set("margins.stop_mm", 5)),
+    "moving_mm has as many points as fixed_mm": (
+        "case",
+        _set("registration", POINTS["registration"] | {"moving_mm": []}),
+    ),
+    "dwells do not overlap": ("case", _set("registration.dwells.1.start_s", 1.0)),
+    "end_s is after start_s": ("case", _set("registration.dwells.0.end_s", 0.05)),
+    "end_s is start_s or later": ("expected", _set("dropouts.0.end_s", 1)),
+}
+"""Rule of `UNSTATED` -> a document that breaks it."""
+
+
+@pytest.mark.parametrize("rule", UNSTATED)
+def test_reader_checks_the_rule_that_a_schema_cannot_state(rule: str) -> None:
+    document, edit = EXAMPLES[rule]
+    values = shipped(document)
+    edit(values)
+    assert validator(document).is_valid(values)
+    assert re.search(UNSTATED[rule], str(refusal(document, values)))
+
+
+HELD_BY = {
+    FILES: "tests/case/test_case.py",
+    GENERAL_RULES[2]: "tests/files/test_document.py",
+    OWN_BASE_FRAME: "tests/session/test_named_frames.py",
+    NEEDS_ROBOT: "tests/session/test_tumor_velocity.py",
+    PASSIVE: "tests/case/test_live_file.py",
+    ABOVE_0: "tests/case/test_live_file.py",
+    SESSION_LIMITS: "tests/case/test_schemas.py",
+}
+"""Other rules that a schema cannot state -> where the refusal of a document is tested."""
+
+
+@pytest.mark.parametrize("page", ["docs/case_format.md"])
+def test_every_rule_that_a_schema_cannot_state_is_tested_and_documented(page: str) -> None:
+    rules = {rule for block in DOCUMENTS.values() for rule in _rules(block)} | {*GENERAL_RULES}
+    assert rules == {*UNSTATED, *HELD_BY}
+    text = " ".join((ROOT / page).read_text().split())
+    assert [rule for rule in rules if rule not in text] == []
+
+
+def _rules(key: Key) -> Iterator[str]:
+    if isinstance(key, ListOf):
+        yield from _rules(key.items)
+    if isinstance(key, Block):
+        yield from key.rules
+        for inner in key.keys.values():
+            yield from _rules(inner)
+
+
+LIMITS = re.findall(r"(\w+) up to (\d+)", SESSION_LIMITS)
+
+
+def test_session_limits_name_all_margins() -> None:
+    assert {key for key, _ in LIMITS} == set(DOCUMENTS["case"].keys["margins"].keys)
+
+
+@pytest.mark.parametrize(("key", "limit"), LIMITS)
+def test_session_limits_are_those_of_the_fixture(tmp_path: Path, key: str, limit: str) -> None:
+    values = shipped("live")
+    values["margins"] |= {"stop_mm": 0, "warn_mm": 200}
+    path = tmp_path / "live.yaml"
+
+    def parameters(value: int) -> object:
+        values["margins"][key] = value
+        validator("live").validate(values)
+        path.write_text(yaml.safe_dump(values))
+        return margin_parameters(open_live(path).case)
+
+    parameters(int(limit))
+    with pytest.raises(MarginGuardError, match=key.removesuffix("_ms")):
+        parameters(int(limit) + 1)
+
+
+def test_defaults_of_the_limiter_are_those_of_the_fixture(tmp_path: Path) -> None:
+    path = tmp_path / "live.yaml"
+    path.write_text(yaml.safe_dump(shipped("live") | {"limiter": {}}))
+    assert limiter_parameters(open_live(path)) == LimiterParameters()

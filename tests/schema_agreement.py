@@ -1,0 +1,100 @@
+"""Compares the readers of case.yaml, live.yaml and expected.yaml with their JSON Schemas.
+
+A reader and a schema agree on a document if both accept it, if both refuse it, or if the reader
+refuses it for a rule that a schema cannot state (`UNSTATED`).
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from app.case import DOCUMENTS, schema_text
+from app.case.live_file import read_live
+from app.case.manifest.case_file import read_manifest
+from app.case.manifest.expected import read_expected
+from app.case.manifest.keys import RIGID
+from app.files.document import Section
+from app.files.json_schema import GENERAL_RULES
+from app.files.yaml_file import load_yaml
+from app.geometry import MarginGuardError
+
+UNSTATED = {
+    GENERAL_RULES[0]: r"expected a finite number",
+    GENERAL_RULES[1]: r" is -?[\d.]+(e\+\d+)?; expected an integer",
+    RIGID: r"(rotation|last row of the matrix) of \S+_from_\S+ is ",
+    "tumor.frame is not the frame of the tool": r"tumor\.frame is .*, the frame of the tool;",
+    "warn_mm is more than stop_mm": r"warn_mm is .*expected more than stop_mm",
+    "moving_mm has as many points as fixed_mm": r"moving_mm has \d+ points; expected \d+",
+    "dwells do not overlap": r"registration\.dwells overlap",
+    "end_s is after start_s": r"end_s is .*; expected a time after start_s",
+    "end_s is start_s or later": r"end_s is .*; expected start_s \(.*\) or later",
+}
+"""Rule that a reader of values checks and a schema cannot state -> its message."""
+
+READERS: dict[str, Callable[[Section], object]] = {
+    "case": read_manifest,
+    "live": lambda document: read_live(document, Path("live.yaml")),
+    "expected": lambda document: read_expected(document, reference="reference", robot_base="base"),
+}
+
+
+@cache
+def validator(document: str) -> Any:
+    """The validator of a document by the independent library ``jsonschema``."""
+    return jsonschema.Draft202012Validator(json.loads(schema_text(document)))
+
+
+def refusal(document: str, values: object) -> str | None:
+    """The message with which the reader refuses ``values``, None if it accepts them."""
+    try:
+        READERS[document](Section(values, f"{document}.yaml:", DOCUMENTS[document]))
+    except MarginGuardError as error:
+        return str(error)
+    return None
+
+
+def disagreement(document: str, values: object) -> str | None:
+    """Describe how the reader and the schema differ on ``values``; None if they agree."""
+    return difference(refusal(document, values), validator(document), values)
+
+
+def difference(message: str | None, schema: Any, values: object) -> str | None:
+    """Describe how ``schema`` differs from a reader that has refused with ``message``, or None."""
+    error = next(iter(schema.iter_errors(values)), None)
+    if message is None:
+        return error and f"the reader accepts and the schema refuses: {error.message}"
+    if error is None and not any(re.search(pattern, message) for pattern in UNSTATED.values()):
+        return f"the schema accepts and the reader refuses: {message}"
+    return None
+
+
+@pytest.fixture(autouse=True, scope="session")
+def opened_documents_agree_with_their_schema() -> Iterator[None]:
+    """Compare reader and schema on every document that a test of this process opens.
+
+    So each valid and each broken document of the suite is a test of the schemas.
+    """
+    names = {id(block): name for name, block in DOCUMENTS.items()}
+    load = Section.load.__func__
+    found: dict[str, str] = {}
+
+    def checked_load(cls: type[Section], path: Path, block: Any) -> Section:
+        if id(block) in names:
+            try:
+                values = load_yaml(path)
+            except MarginGuardError:
+                return load(cls, path, block)
+            if values is not None and (problem := disagreement(names[id(block)], values)):
+                found[str(path)] = problem
+        return load(cls, path, block)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Section, "load", classmethod(checked_load))
+        yield
+    assert not found
