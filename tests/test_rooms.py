@@ -58,6 +58,7 @@ SUB_PACKAGES_MAY_IMPORT = {
         "control": {"calls", "tf"},
         "publishing": {"tf"},
         "live": {"calls", "control", "publishing", "tf"},
+        "playback": {"live"},
     },
     "case": {
         "frames": set(),

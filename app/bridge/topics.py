@@ -54,6 +54,9 @@ CLOCK = Topic("/clock", Clock, NEWEST)
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, STREAM)
 """State, reasons, ages and lost poses, at every change and once per second of player time."""
 
+PLAYBACK = Topic("/marginguard_tracker/playback", String, LATCHED)
+"""Announces a playback of a recording: its case and provenance. See `app.bridge.playback`."""
+
 EVERY_STEP = (
     TF,
     JOINT_STATES,

@@ -2,6 +2,7 @@ from .case import Case, open_case
 from .convert import convert_case
 from .frames.assembly import agreed_sample
 from .frames.inventory import EdgeCount, RecordingInventory
+from .frames.playback import Playback, PlayedSamples
 from .frames.player import Player
 from .frames.samples import JointSample, TrackingFrame
 from .frames.watchdog import with_watchdog
@@ -85,6 +86,8 @@ __all__ = [
     "LiveSourceEntry",
     "MarginEntry",
     "MeshEntry",
+    "Playback",
+    "PlayedSamples",
     "Player",
     "Provenance",
     "Recorder",

@@ -30,6 +30,7 @@ from app.cli.commands import (
     schema,
     serve,
     slicer,
+    tracker,
     tumor,
     view,
 )
@@ -41,6 +42,7 @@ COMMANDS: dict[str, ModuleType] = {
     "view": view,
     "live": live,
     "rearm": rearm,
+    "tracker": tracker,
     "record": record,
     "register": register,
     "calibrate": calibrate,

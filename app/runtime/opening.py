@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from app.case import Case, LiveCase, open_case, open_live
+from app.case import Case, LiveCase, Playback, open_case, open_live
 from app.geometry import NS_PER_S, InputError
 from app.registration import RegistrationResult, TimeOffset
 from app.runtime.content import SessionContent, content_of
@@ -108,6 +108,41 @@ def register_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Registe
     if robot is None or robot.registration is None:
         raise InputError(f"{folder} has no robot; expected a case with a registered robot")
     return RegisteredCase(case, robot.registration, clock)
+
+
+def open_recording(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
+    """Open the case in ``folder`` to read its samples; estimates the clock where it is not given.
+
+    Raises `InputError` for a case that cannot be used.
+    """
+    case, _ = with_estimated_clock(open_case(folder, package_dirs=package_dirs))
+    return case
+
+
+def playback_of(
+    case: Case,
+    *,
+    clock_ns: Callable[[], int],
+    host_ns: Callable[[], int],
+    rate: float = 1.0,
+    loop: bool = False,
+    start_s: float = 0.0,
+) -> Playback:
+    """A `Playback` of the recorded samples of ``case``, with the arguments of that class.
+
+    With ``loop`` the pause between two passes is twice the limit for stale poses, or 1 s.
+    """
+    manifest = case.manifest
+    return Playback(
+        case.recorded_frames,
+        offset_robot_to_tracker_ns=manifest.clock.offset_robot_to_tracker_ns,
+        clock_ns=clock_ns,
+        host_ns=host_ns,
+        rate=rate,
+        loop=loop,
+        start_s=start_s,
+        pause_ns=max(NS_PER_S, 2 * manifest.margins.stale_after_ns),
+    )
 
 
 def prepare_live(

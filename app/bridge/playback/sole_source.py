@@ -1,0 +1,146 @@
+"""Detect other publishers of the poses and joints that a playback publishes."""
+
+import time
+from collections import deque
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+from threading import Event
+from typing import NamedTuple
+
+from std_msgs.msg import String
+
+from app.bridge import topics
+from app.bridge.errors import BridgeError
+from app.bridge.live.subscription import CountedSubscription
+from app.bridge.node import RosNode
+from app.bridge.qos import INCOMING
+from app.case.messages.ros_messages import TF_MESSAGE
+from app.case.messages.values import PoseValues
+
+DISCOVERY_S = 4.0
+"""Time after which all nodes are known: Fast DDS announces each of them every 3 s at least."""
+
+_REPLY_S = 1.0
+"""Time in which a running playback that was just discovered sends its announcement."""
+
+_POLL_S = 0.05
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+_MAX_REMEMBERED = 4096
+_MAX_CHARS = 200
+_EXPECTED = "expected no publisher besides the playback: recorded and measured poses must not mix"
+
+
+class SoleSource:
+    """Raises `BridgeError` from `check` when another node publishes on one of ``names``.
+
+    Endpoints of a playback that was killed stay on the graph for up to 20 s. A running playback
+    answers each new subscription with its announcement and a killed one does not, so such endpoints
+    are tolerated.
+
+    Several nodes share ``/tf``. There another publisher is one that sends a pose of ``frames`` with
+    a stamp that was not passed to `sent`. A live session that repeats the samples of the playback
+    on ``/tf`` keeps their stamps.
+    """
+
+    def __init__(self, ros: RosNode, names: Sequence[str], frames: Collection[str]) -> None:
+        self._ros = ros
+        self._names = tuple(names)
+        self._frames = frozenset(frames)
+        self._known: set[bytes] = set()
+        self._announced: str | None = None
+        self._tf_problem = ""
+        self._sent: set[int] = set()
+        self._sent_in_order: deque[int] = deque()
+        self._watching = True
+        ros.subscribe(topics.PLAYBACK, self._take_announcement)
+        CountedSubscription(ros, replace(topics.TF, qos=INCOMING), TF_MESSAGE, self._take_tf)
+
+    def wait_for_discovery(self, stop: Event) -> bool:
+        """Wait until all publishers on the graph are known and check them; False once ``stop``.
+
+        Call it before the first publisher of this node is created.
+        """
+        ends_s = time.monotonic() + DISCOVERY_S
+        silent: set[bytes] = set()
+        while True:
+            if stop.wait(_POLL_S):
+                return False
+            if self._announced is not None:
+                raise BridgeError(
+                    f"another playback runs on this graph: {self._announced}; expected one at most"
+                )
+            others = self._others()
+            same_name = {each.gid for each in others if each.node_name == self._node_name}
+            if same_name - silent:
+                ends_s = max(ends_s, time.monotonic() + _REPLY_S)
+                silent |= same_name
+            is_over = time.monotonic() >= ends_s
+            self._refuse(
+                each
+                for each in others
+                if each.gid not in silent and (is_over or each.node_name != _UNKNOWN_NODE)
+            )
+            if is_over:
+                self._known |= silent
+                self._watching = False
+                return True
+
+    def add_own(self) -> None:
+        """Accept this node's publishers: call it as soon as they are created, one per topic."""
+        others = self._others()
+        for name in self._names:
+            own = [e.gid for e in others if e.topic == name and e.node_name == self._node_name]
+            if len(own) == 1:  # more: another playback has started at the same time
+                self._known.add(own[0])
+        self.check()
+
+    def sent(self, stamps_ns: Iterable[int]) -> None:
+        """Remember the stamps of samples that are about to be published on ``/tf``."""
+        for ns in stamps_ns:
+            self._sent.add(ns)
+            self._sent_in_order.append(ns)
+        while len(self._sent_in_order) > _MAX_REMEMBERED:
+            self._sent.discard(self._sent_in_order.popleft())
+
+    def check(self) -> None:
+        """Raise `BridgeError` if there is another publisher now."""
+        self._refuse(self._others())
+
+    @property
+    def _node_name(self) -> str:
+        return str(self._ros.node.get_name())
+
+    def _others(self) -> "list[_Endpoint]":
+        """Publishers on the topics that are not known to be harmless."""
+        found = (
+            _Endpoint(name, info.node_namespace, info.node_name, bytes(info.endpoint_gid))
+            for name in self._names
+            for info in self._ros.node.get_publishers_info_by_topic(name)
+        )
+        return [endpoint for endpoint in found if endpoint.gid not in self._known]
+
+    def _refuse(self, others: "Iterable[_Endpoint]") -> None:
+        problem = self._tf_problem
+        for other in others:
+            node = f"{other.namespace.rstrip('/')}/{other.node_name}"
+            problem = f"{other.topic}: node {node} publishes on it too"
+        if problem:
+            raise BridgeError(f"{problem}; {_EXPECTED}")
+
+    def _take_announcement(self, message: String) -> None:
+        if self._watching:
+            self._announced = message.data[:_MAX_CHARS]
+
+    def _take_tf(self, poses: tuple[PoseValues, ...]) -> None:
+        for pose in poses:
+            if pose.source in self._frames and pose.ns not in self._sent:
+                self._tf_problem = f"/tf: another node publishes poses of {pose.source!r}"
+
+
+class _Endpoint(NamedTuple):
+    """A publisher on the graph; ``gid`` is its identifier."""
+
+    topic: str
+    namespace: str
+    node_name: str
+    gid: bytes
