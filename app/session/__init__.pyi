@@ -6,6 +6,7 @@ from .live_control import (
     limiter_parameters,
     tumor_motion_parameters,
 )
+from .playback_rule import PlaybackRule
 from .pose_tree import MeasuredPose, PoseTree
 from .session import Session, StepResult
 from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
@@ -15,6 +16,7 @@ __all__ = [
     "REFERENCE",
     "LiveSession",
     "MeasuredPose",
+    "PlaybackRule",
     "PoseTree",
     "ProximityModel",
     "RobotSetup",

@@ -9,6 +9,7 @@ from app.case import JointSample, TrackingFrame
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, stale_in_ns
 from app.session.live_clock import SourceClock
 from app.session.live_frames import LiveFrames
+from app.session.playback_rule import NO_PLAYBACK, PlaybackRule
 from app.session.pose_tree import Edge
 from app.session.session import Session, StepResult
 
@@ -25,6 +26,7 @@ class LiveSession:
     Each frame is stepped as soon as it is ready. When the oldest pose of the last decision becomes
     stale, the session steps at once with a frame without poses, and again every `TICK_NS`: an old
     margin is never left standing. ``host_ns`` reads the host's clock, ``wait`` waits on it.
+    ``playback`` decides whether samples are used while a recording is played on the graph.
     """
 
     def __init__(
@@ -34,6 +36,7 @@ class LiveSession:
         host_ns: Callable[[], int],
         stamps_of_host: bool,
         edges: Sequence[Edge] = (),
+        playback: PlaybackRule = NO_PLAYBACK,
         wait: Wait = threading.Condition.wait,
     ) -> None:
         self._session = session
@@ -41,6 +44,7 @@ class LiveSession:
         self._wait = wait
         self._clock = SourceClock(stamps_of_host=stamps_of_host)
         self._frames = LiveFrames(session.setup, self._clock, edges)
+        self._playback = playback
         self._changed = threading.Condition()
         self._stepping = threading.Lock()
         self._stopped = False
@@ -108,7 +112,11 @@ class LiveSession:
         while self._is_due():
             with self._stepping:
                 # Taken under the lock: a frame is stamped when it is taken.
-                step = self._with_missing_frames(self._session.step(self._take()))
+                frame = self._take()
+                # Checked after the samples were taken: a playback is discovered before them.
+                playback = self._playback.found()
+                step = self._session.step(self._playback.checked(frame, playback))
+                step = self._with_source_problems(step, playback)
                 self._watch_ns = self._next_watch_ns(step)
                 yield step
 
@@ -135,13 +143,15 @@ class LiveSession:
             # Before the first sample the source's time is unknown; 0 is before all stamps.
             return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
 
-    def _with_missing_frames(self, step: StepResult) -> StepResult:
-        """``step`` with a report on frames that never came, unless it has a ``frames_problem``."""
-        with self._changed:
-            problem = self._frames.missing_frames_problem(self._host_ns())
-        if not problem or step.frames_problem:
+    def _with_source_problems(self, step: StepResult, playback: str) -> StepResult:
+        """``step`` with a playback, and with a ``frames_problem`` of the source if it has none."""
+        problem = step.frames_problem or self._playback.problem(playback)
+        if not problem:
+            with self._changed:
+                problem = self._frames.missing_frames_problem(self._host_ns())
+        if not problem and not playback:
             return step
-        return replace(step, frames_problem=problem)
+        return replace(step, frames_problem=problem, playback=playback)
 
     def _next_watch_ns(self, step: StepResult) -> int:
         """Host time at which the oldest pose of ``step`` becomes stale; one tick ahead if it is."""

@@ -39,7 +39,8 @@ class StepResult:
     although there is a robot. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without a
     constraint. ``drift`` is the difference between the tracked tool and the tool predicted from
     joints and registration, None if one of them is not known. ``frames_problem`` describes an
-    error in the frames that the tracker measures, empty if there is none.
+    error in the frames that the tracker measures, empty if there is none. ``playback`` describes a
+    recording that is played on the graph of a live session, empty if there is none.
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -58,6 +59,7 @@ class StepResult:
     robot_problem: str = ""
     drift: RegistrationDrift | None = None
     frames_problem: str = ""
+    playback: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

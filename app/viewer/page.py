@@ -54,6 +54,8 @@ class Page:
         values = readout(self._now)
         measured = self._now is not None and self._now.distance_mm is not None
         text = f"{values['distance']} mm" if measured else values["why"]
+        if values["playback"]:
+            text += ", PLAYBACK of a recording"
         return screenshot(self.area, MarginState[values["state"]], f"{values['label']}: {text}")
 
     def sent(self, number: int) -> None:

@@ -12,6 +12,7 @@ from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
 from app.robot import load_robot
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
+from app.session.playback_rule import NO_PLAYBACK
 from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
@@ -27,7 +28,9 @@ class SimulatedHost:
     the clock to the next event or by the given time.
     """
 
-    def __init__(self, stamps_of_host: bool = False, robot=None, edges=()) -> None:
+    def __init__(
+        self, stamps_of_host: bool = False, robot=None, edges=(), playback=NO_PLAYBACK
+    ) -> None:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
         identity = Transform.identity
@@ -43,6 +46,7 @@ class SimulatedHost:
             host_ns=lambda: self.ns,
             stamps_of_host=stamps_of_host,
             edges=edges,
+            playback=playback,
             wait=self.wait,
         )
 

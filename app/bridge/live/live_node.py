@@ -13,7 +13,13 @@ from app.bridge.control import (
     TwistLimiter,
 )
 from app.bridge.live.joints import listen_to_joints
-from app.bridge.live.outputs import FramesProblemLog, GuidanceOutput, TwistOutput
+from app.bridge.live.outputs import (
+    FramesProblemLog,
+    GuidanceOutput,
+    PlaybackLog,
+    TwistOutput,
+)
+from app.bridge.live.playback_watch import PlaybackWatch
 from app.bridge.live.rearming import RearmService
 from app.bridge.live.source import source_of
 from app.bridge.node import RosNode
@@ -26,6 +32,7 @@ from app.case import TfSourceEntry
 from app.runtime import LiveRun, OperatorCommands, Output, PreparedLive
 from app.session import (
     LiveSession,
+    PlaybackRule,
     Session,
     StepResult,
     guidance_parameters,
@@ -79,13 +86,7 @@ def live_node(
     config, case, setup = prepared.config, prepared.case, prepared.setup
     entry = config.source
     limits, guides = limiter_parameters(config), guidance_parameters(config)
-    live = LiveSession(
-        Session(setup),
-        host_ns=_host_clock(config.stamps_of_host),
-        stamps_of_host=config.stamps_of_host,
-        edges=entry.edges if isinstance(entry, TfSourceEntry) else (),
-    )
-    counted: list[Callable[[], Mapping[str, int]]] = [live.left_out]
+    counted: list[Callable[[], Mapping[str, int]]] = []
     # The nodes of the tracker and of the robot publish their own data.
     policy = PublishPolicy(clock=False, measured=not isinstance(entry, TfSourceEntry), robot=False)
     with SessionPublisher(
@@ -97,6 +98,16 @@ def live_node(
         ros=ros,
     ) as publisher:
         node = publisher.ros
+        live = LiveSession(
+            Session(setup),
+            host_ns=_host_clock(config.stamps_of_host),
+            stamps_of_host=config.stamps_of_host,
+            edges=entry.edges if isinstance(entry, TfSourceEntry) else (),
+            playback=PlaybackRule(
+                PlaybackWatch(node).found,
+                accepted=case.manifest.provenance.kind == "simulated",
+            ),
+        )
         buffer = TransformBuffer()
         TfListener(node, buffer, clock=False, qos=INCOMING)
         twists = TwistLimiter(node, buffer, parameters=limits)
@@ -105,6 +116,7 @@ def live_node(
             live,
             prepared.content,
             (
+                PlaybackLog(node),
                 FramesProblemLog(node),
                 publisher,
                 TwistOutput(twists, setup.margins),
@@ -117,6 +129,7 @@ def live_node(
         OperatorServices(node, run.commands)
         source = source_of(node, entry, live.add)
         counted += [
+            live.left_out,
             source.counts,
             lambda: {"callbacks that failed": node.failures},
             lambda: {f"twists refused: {why}": n for why, n in dict(twists.refused).items()},

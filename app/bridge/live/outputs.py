@@ -68,3 +68,19 @@ class FramesProblemLog(PassiveOutput):
             self._logged.add(kind)
             self._ros.node.get_logger().warning(step.frames_problem)
         return True
+
+
+class PlaybackLog(PassiveOutput):
+    """`Output` that logs the beginning and the end of a playback of a recording."""
+
+    def __init__(self, ros: RosNode) -> None:
+        self._ros = ros
+        self._is_running = False
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Log a playback that has begun or ended."""
+        if bool(step.playback) is not self._is_running:
+            self._is_running = not self._is_running
+            text = f"PLAYBACK: {step.playback}" if step.playback else "the PLAYBACK has ended"
+            self._ros.node.get_logger().warning(text)
+        return True

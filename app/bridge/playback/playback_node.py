@@ -3,6 +3,7 @@
 from threading import Event
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -13,6 +14,7 @@ from app.bridge.playback.sole_source import SoleSource
 from app.bridge.qos import STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS, TrackerPublisher
 from app.case import CaseManifest, PlayedSamples
+from app.session import REFERENCE
 
 NODE_NAME = "marginguard_tracker"
 
@@ -39,12 +41,14 @@ class PlaybackNode:
         self._manifest = manifest
         self._pose_topic = Topic(pose_topic, TRACKED_TRANSFORMS.type, TRACKED_TRANSFORMS.qos)
         robot = manifest.robot
-        joint_topic = None if robot is None else robot.joint_states
-        self._joint_topic = joint_topic and Topic(joint_topic, JointState, STREAM)
+        self._joint_topic: Topic | None = None
+        if robot is not None and robot.joint_states is not None:
+            self._joint_topic = Topic(robot.joint_states, JointState, STREAM)
+        self._robot: Publisher | None = None
         self._sole = SoleSource(
             ros,
             [topic.name for topic in (self._pose_topic, self._joint_topic) if topic is not None],
-            {manifest.tool.frame, manifest.tumor.frame, "reference"},
+            {manifest.tool.frame, manifest.tumor.frame, REFERENCE},
         )
 
     @property
@@ -64,7 +68,8 @@ class PlaybackNode:
             String(data=f"{self._manifest.name} ({provenance.kind}: {provenance.source})")
         )
         self._tracker = TrackerPublisher(self._ros, self._pose_topic)
-        self._robot = self._joint_topic and self._ros.publisher(self._joint_topic)
+        if self._joint_topic is not None:
+            self._robot = self._ros.publisher(self._joint_topic)
         self._sole.add_own()
         self._diagnostics = self._ros.publisher(topics.DIAGNOSTICS)
         self._ros.node.create_timer(REPORT_S, self._report)

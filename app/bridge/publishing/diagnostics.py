@@ -31,8 +31,8 @@ PERIOD_NS = NS_PER_S
 class Diagnostics:
     """Reports once per second of session time and at every change.
 
-    A change is another state or other reasons, or a problem of the robot or of the frames that
-    appears or ends. ``counts`` returns the counters of a live source.
+    A change is another state or other reasons, or a problem of the robot or of the frames or a
+    playback that appears or ends. ``counts`` returns the counters of a live source.
     """
 
     def __init__(self, counts: Callable[[], Mapping[str, int]] | None = None) -> None:
@@ -59,6 +59,7 @@ class Diagnostics:
             step.decision.reasons,
             bool(step.robot_problem),
             bool(step.frames_problem),
+            bool(step.playback),
         )
         elapsed_ns = None if self._last_ns is None else now.ns - self._last_ns
         if key == self._last_key and elapsed_ns is not None and 0 <= elapsed_ns < PERIOD_NS:
@@ -69,7 +70,10 @@ class Diagnostics:
             status.append(_robot_status(step))
         if self._counts is not None:
             counts = {name: str(count) for name, count in self._counts().items()}
-            status.append(_status("source", DiagnosticStatus.OK, "counts since the start", counts))
+            level, message = DiagnosticStatus.OK, "counts since the start"
+            if step.playback:
+                level, message = DiagnosticStatus.WARN, f"PLAYBACK: {step.playback}"
+            status.append(_status("source", level, message, counts))
         return DiagnosticArray(header=header_message("", now), status=status)
 
     def _tracking_status(self, step: StepResult, stale_after_ns: int) -> DiagnosticStatus:

@@ -130,10 +130,11 @@ def _print_changes(steps: "Iterator[StepResult]") -> None:
 
 
 def as_line(step: "StepResult") -> str:
-    """One line with state, distance and reasons of a step."""
+    """One line with state, distance and reasons of a step, marked if a recording is played."""
     decision = step.decision
     distance = (
         "" if decision.proximity is None else f" {decision.proximity.signed_distance_mm:.2f} mm"
     )
     reasons = ", ".join(str(reason) for reason in decision.reasons)
-    return f"{decision.state.name}{distance}: {reasons}"
+    playback = " [PLAYBACK]" if step.playback else ""
+    return f"{decision.state.name}{distance}: {reasons}{playback}"

@@ -12,7 +12,7 @@ from app.viewer.steps.view_state import ViewState
 
 
 def readout(shown: ViewState | None) -> dict[str, Any]:
-    """Return label, reasons, distance, trend, hold, number of breaches, margins and lamps."""
+    """Return label, reasons, distance, trend, hold, breaches, margins, lamps and playback."""
     if shown is None:
         return _values(MarginState.UNKNOWN, "nothing has been measured yet")
     decision = shown.step.decision
@@ -26,6 +26,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         **_margins(decision, shown.content),
         registration=_registration(shown.content),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
+        playback=shown.step.playback,
     )
 
 
@@ -50,6 +51,7 @@ def _values(
     tre: str = "",
     registration: dict[str, str | bool] | None = None,
     lamps: list[dict[str, str]] | None = None,
+    playback: str = "",
 ) -> dict[str, Any]:
     return {
         "state": state.name,
@@ -65,6 +67,7 @@ def _values(
         "tre": tre,
         "registration": registration or {"verdict": "", "ok": False, "numbers": ""},
         "lamps": lamps or [],
+        "playback": playback,
     }
 
 

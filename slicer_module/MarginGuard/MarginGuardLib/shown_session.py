@@ -197,7 +197,10 @@ class ShownSession:
             return f"{manifest.name} ({manifest.provenance.kind}): {activity}"
         if not self.is_running:
             return "live session has ended"
-        return "connecting ..." if self._last is None else "live"
+        if self._last is None:
+            return "connecting ..."
+        playback = self._last.step.playback
+        return f"live, PLAYBACK: {playback}" if playback else "live"
 
     def running(self) -> StepThread:
         """The thread of the run; raises `InputError` if none runs."""
