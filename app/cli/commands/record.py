@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 SUMMARY = "record a live case over ROS 2"
 
-TOPICS = ("/tf", "/tf_static", "/tracked_transforms", "/joint_states")
+PLAYBACK = "/marginguard_tracker/playback"
+"""Announces that the poses are those of a recording: it stays visible in a new recording."""
+
+TOPICS = ("/tf", "/tf_static", "/tracked_transforms", "/joint_states", PLAYBACK)
 CONSTRAINT = "/marginguard/constraint"
 SESSION_TOPICS = (CONSTRAINT, "/marginguard/margin_mm")
 MARKERS = "/marginguard/markers"
@@ -79,7 +82,8 @@ def run(options: argparse.Namespace) -> int:
                 begin_case(live, options.output)
             # The node is closed before the bag, so that no message arrives for a closed bag.
             with closing(BagWriter(options.output / RECORDING_FOLDER)) as bag, ros:
-                _record(ros, bag, topics, stop, options)
+                of_patient = live is not None and live.case.manifest.provenance.kind == "recorded"
+                _record(ros, bag, topics, stop, options, of_patient=of_patient)
         counts = bag.counts
         print(f"{sum(counts.values())} messages of {len(counts)} topics in {options.output}")
         for topic, count in counts.items():
@@ -118,7 +122,10 @@ def _record(
     topics: list[str],
     stop: threading.Event,
     options: argparse.Namespace,
+    *,
+    of_patient: bool,
 ) -> None:
+    from app.bridge import BridgeError
     from app.bridge.live import RosRecorder, SessionWatch
     from app.case import RECORDING_FOLDER
     from app.case.live_recording import write_changes
@@ -128,6 +135,11 @@ def _record(
     recorder = RosRecorder(ros, bag, topics)
     synced_s = time.monotonic()
     while not stop.wait(FLUSH_S):
+        if of_patient and ros.node.count_publishers(PLAYBACK):
+            raise BridgeError(
+                f"a recording is played on this graph; {options.output} is closed and may hold "
+                f"its first samples; expected provenance.kind 'simulated' in {options.config}"
+            )
         for topic in recorder.discover():
             print(f"recording {topic}", flush=True)
         for topic in [*recorder.refused]:
