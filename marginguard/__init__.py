@@ -18,8 +18,17 @@ Every error is a `MarginGuardError` with one line. ``docs/python_api.md`` is the
 
 import lazy_loader
 
-from app import __version__ as __version__
+from marginguard.app_package import check_app
 
 # Import each name of `__init__.pyi` on first access: `import marginguard` stays fast.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
+
+
+def __getattr__(name: str) -> object:
+    check_app()
+    if name == "__version__":
+        from app import __version__
+
+        return __version__
+    return _load(name)

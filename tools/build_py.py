@@ -11,7 +11,7 @@ from pathlib import Path
 
 from setuptools.command.build_py import build_py
 
-SHIPPED = ("benchmarks", "data", "foxglove", "launch", "rviz", "slicer_module")
+SHIPPED = ("benchmarks", "data", "examples", "foxglove", "launch", "rviz", "slicer_module")
 """Folders of the root; each must exist."""
 
 SHARE = Path("app") / "share"
