@@ -23,6 +23,7 @@ SLOW = {
         "tests/interfaces/",
         "tests/cli/test_record.py",
         "tests/cli/test_serve.py",
+        "tests/docs/test_start_pages.py",
         "tests/cli/test_signals.py",
         "tests/igtl/test_igtl_command.py",
         "tests/marginguard/test_constraints.py",

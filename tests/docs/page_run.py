@@ -3,11 +3,12 @@
 import re
 import shutil
 import sys
+import urllib.request
 from pathlib import Path
 
 from tests.docs.page_blocks import PageBlock, blocks_of
 from tests.docs.python_session import PythonSession
-from tests.docs.terminal import Terminal
+from tests.docs.terminal import TIMEOUT_S, Terminal
 
 INSTALL = """git clone https://github.com/marginguard/marginguard
 cd marginguard
@@ -86,6 +87,8 @@ class PageRun:
         terminal.start(block.text)
         if "until" in block.keys:
             terminal.wait_for(re.compile(re.escape(block.keys["until"])))
+            for url in re.findall(r"^http://\S+$", terminal.output, re.MULTILINE):
+                _open_page(url)
             return
         status = terminal.finish()
         assert status == int(block.keys.get("status", "0")), f"status {status}:\n{terminal.output}"
@@ -112,6 +115,13 @@ class PageRun:
             environment = self._terminal(1).environment
             self._python = PythonSession(self._copy, environment)
         return self._python
+
+
+def _open_page(url: str) -> None:
+    """Open a printed URL as a browser does, which keeps the cookie of its access control."""
+    opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    with opener.open(url, timeout=TIMEOUT_S) as page:
+        assert page.headers.get_content_type() == "text/html"
 
 
 def shown(text: str) -> re.Pattern[str]:
