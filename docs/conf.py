@@ -12,6 +12,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs" / "site")]
 
+import numpy as np  # noqa: E402
+from numpy.typing import ArrayLike, NDArray  # noqa: E402
+from sphinx.application import Sphinx  # noqa: E402
+from sphinx.util.typing import stringify_annotation  # noqa: E402
+
+import marginguard  # noqa: E402
 from app import __version__  # noqa: E402
 
 _PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -24,7 +30,6 @@ version = release = __version__
 extensions = [
     "myst_nb",  # Markdown pages, and notebooks with their figures
     "sphinx.ext.autodoc",
-    "sphinx.ext.viewcode",
     "sphinxcontrib.mermaid",
     "repository_links",
 ]
@@ -48,8 +53,13 @@ mermaid_output_format = "svg"
 mermaid_cmd = shlex.join([sys.executable, "-m", "mermaidx", "--quiet", "-b", "white"])
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "signature"
-autodoc_class_signature = "mixed"
+python_use_unqualified_type_names = True
+# Inventories of other projects are on other hosts, so their types have no links. Types of `app`
+# that the API does not export are values to be read: their fields may change.
+nitpick_ignore_regex = [
+    (r"py:.*", r"(numpy|pandas|matplotlib|os|pathlib|collections|typing|app)\..*"),
+    (r"py:.*", r"NDArray|ArrayLike|float64|int32|int64|DataFrame|Figure|ConstraintReader"),
+]
 
 html_theme = "furo"
 html_title = "MarginGuard"
@@ -58,3 +68,38 @@ html_css_files = ["site.css"]
 html_extra_path = ["site/root"]
 html_copy_source = False
 repository_url = _PROJECT["urls"]["Repository"]
+
+_TYPES = {
+    "NDArray[float64]": NDArray[np.float64],
+    "NDArray[int32]": NDArray[np.int32],
+    "NDArray[int64]": NDArray[np.int64],
+    "ArrayLike": ArrayLike,
+}
+_WRITTEN = {stringify_annotation(type_, "smart"): name for name, type_ in _TYPES.items()}
+"""What a type of numpy stands for -> its name."""
+
+
+def _export(name: str) -> None:
+    """Let a class of the API be named, and linked, as what it is imported from."""
+    exported = getattr(marginguard, name)
+    if isinstance(exported, type):
+        exported.__module__ = "marginguard"
+
+
+def _name_types(
+    app: Sphinx, what: str, name: str, value: object, options: object, *texts: str | None
+) -> tuple[str | None, ...]:
+    """Name the types of numpy in a signature and in the type of its result."""
+    named = []
+    for text in texts:
+        for type_, written in _WRITTEN.items():
+            text = text and text.replace(type_, written)
+        named.append(text)
+    return tuple(named)
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    for name in marginguard.__all__:
+        _export(name)
+    app.connect("autodoc-process-signature", _name_types)

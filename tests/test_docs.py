@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import marginguard
 from app.case import open_case
 from app.cli.commands.bench import BENCHMARKS
 from app.cli.main import build_parser
@@ -90,6 +91,11 @@ def test_all_named_files_exist(project_root: Path, pages: dict[str, str]) -> Non
 def test_index_links_every_page(pages: dict[str, str]) -> None:
     docs = {Path(page).name for page in pages if page.startswith("docs/")} - {"index.md"}
     assert docs - {target for target, _ in LINK.findall(pages["docs/index.md"])} == set()
+
+
+def test_api_reference_has_every_stable_name(pages: dict[str, str]) -> None:
+    names = re.findall(r"^\.\. auto\w+:: (\w+)$", pages["docs/api_reference.md"], re.MULTILINE)
+    assert sorted(names) == sorted(set(marginguard.__all__) - {"__version__"})
 
 
 def test_readme_is_short(pages: dict[str, str]) -> None:
