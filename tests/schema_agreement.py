@@ -97,4 +97,4 @@ def opened_documents_agree_with_their_schema() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Section, "load", classmethod(checked_load))
         yield
-    assert not found
+    assert not found, found

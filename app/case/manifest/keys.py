@@ -106,7 +106,7 @@ _SEGMENTATION = "".join(
     f"[{letter}{letter.upper()}]" if letter.isalpha() else re.escape(letter)
     for letter in SEGMENTATION_ENDING
 )
-_IS_SEGMENTATION = {"pattern": rf"{_SEGMENTATION}$(?!\n)"}
+_IS_SEGMENTATION = {"type": "string", "pattern": rf"{_SEGMENTATION}$(?!\n)"}
 
 _TUMOR = Block(
     "the tumour",
