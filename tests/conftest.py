@@ -65,6 +65,7 @@ SLOW = {
         "tests/synthetic/test_writing.py",
     ),
     "computes for more than about 3 s": (
+        "tests/case/test_schema_agreement.py",
         "tests/case/tumor/test_contour_surface.py",
         "tests/fixture/control/test_guidance.py",
         "tests/fixture/control/test_monitor_machine.py",

@@ -12,9 +12,10 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from tests.valid_documents import IDENTITY
+
 Values = dict[str, Any]
 
-IDENTITY = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 QUARTER_TURN = [0, -1.0, 0, 5.5, 1.0, 0, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1]
 TEXTS = ("a", "tumor.stl", "t.Seg.NRRD", "two words", "ü", "1")
 

@@ -1,0 +1,90 @@
+"""Valid documents: those that are shipped, and others that together have every key."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from app.case import DOCUMENTS
+
+IDENTITY = [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+ROOT = Path(__file__).resolve().parents[1]
+SHIPPED = {
+    "data/recorded_case/case.yaml": "case",
+    "data/live_example/live.yaml": "live",
+    "data/recorded_case/expected.yaml": "expected",
+}
+POINTS = {
+    "registration": {
+        "method": "paired_points",
+        "fixed_mm": [[0.0, 0, 1]],
+        "moving_mm": [[1.0, 2, 3]],
+        "max_drift_mm": 1,
+        "max_drift_deg": 2.0,
+    }
+}
+CONTROL = {
+    "guidance": {
+        "force_n": 2.0,
+        "range_mm": 10,
+        "rate_n_s": 20,
+        "period_ms": 20,
+        "delay_ms": 5,
+        "damping_n_s_m": 5,
+    },
+    "limiter": {
+        "tau_ms": 80.0,
+        "lever_mm": 40,
+        "retreat_mm_s": 10,
+        "most_mm_s": 100,
+        "most_rad_s": 1,
+    },
+    "tumor_motion": {
+        "swing_mm": 5,
+        "swing_deg": 1,
+        "rate_hz": 0.25,
+        "jitter_mm": 0.3,
+        "jitter_deg": 0.3,
+    },
+}
+
+
+def shipped(document: str) -> dict[str, Any]:
+    (path,) = [path for path, name in SHIPPED.items() if name == document]
+    values: dict[str, Any] = yaml.safe_load((ROOT / path).read_text())
+    return values
+
+
+def complete(document: str) -> list[dict[str, Any]]:
+    """Valid documents that together have every key."""
+    values = shipped(document)
+    if document == "expected":
+        return [values]
+    optional = {"release_samples": 4, "release_band_mm": 1, "frozen_after_ms": 500.0}
+    full = values | {"margins": values["margins"] | optional}
+    tumor, known = values["tumor"], {"offset_robot_to_tracker_ms": 3, "estimate": False}
+    contour = {"frame": tumor["frame"], "pose": tumor["pose"], "contour": {"path": "t.fcsv"}}
+    mesh = {"tumor": tumor | {"mesh": {"path": "t.stl", "units": "cm", "repair": True}}}
+    segment = {"tumor": tumor | {"mesh": {"path": "t.nrrd", "segment": "T"}}}
+    if document == "live":
+        igtl = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
+        tf = {"tf": {"edges": [{"parent": "tracker", "child": "needle"}]}, "clock": "estimate"}
+        return [
+            values,
+            full | CONTROL | mesh | {"source": tf},
+            full | POINTS | segment | {"source": igtl, "clock": known},
+            full | {"tumor": contour},
+        ]
+    return [
+        values,
+        full | POINTS | segment | {"clock": {"estimate": True}},
+        full | mesh | {"clock": known, "registration": {"method": "given", "matrix": IDENTITY}},
+        full
+        | {
+            "registration": {"method": "robot_world", "dwells": [{"start_s": 0, "end_s": 1}]},
+            "tumor": contour,
+        },
+    ]
+
+
+VALID = [(document, values) for document in DOCUMENTS for values in complete(document)]
