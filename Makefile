@@ -20,12 +20,13 @@ interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path 
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast docs lint format doctor clean
+.PHONY: help demo test test-fast test-long docs lint format doctor clean
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
 	@echo 'make test       install the test dependencies, then run all tests'
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
+	@echo 'make test-long  run the long tests: examples of docstrings, examples on whole cases, types'
 	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'
 	@echo 'make lint       ruff and mypy'
 	@echo 'make format     let ruff rewrite the files'
@@ -46,6 +47,9 @@ test: $(test)
 # tests/conftest.py lists the slow tests, with reasons.
 test-fast: $(test)
 	@$(pytest) -m "not slow" $(PYTEST_ARGS)
+
+test-long: $(test)
+	@$(python) -m pytest --long $(PYTEST_ARGS)
 
 # Warnings are errors. Notebooks are executed; nothing is fetched from other hosts.
 docs: $(site)

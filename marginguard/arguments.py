@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from app.files.extras import install_hint
 from app.geometry import InputError
 
 Value = TypeVar("Value")
@@ -37,15 +38,12 @@ def checked_list(
 
 
 @contextmanager
-def needs(what: str, extra: str) -> Iterator[None]:
-    """Report a failed import in the ``with`` block as an `InputError` that names ``extra``."""
+def needs(what: str) -> Iterator[None]:
+    """Report a failed import in the ``with`` block as an `InputError` that names the remedy."""
     try:
         yield
     except ImportError as error:
-        raise InputError(
-            f"{what} cannot be loaded ({error}); expected the extra {extra!r}: "
-            f"pip install 'marginguard[{extra}]'"
-        ) from error
+        raise InputError(f"{what} cannot be loaded ({error}): {install_hint(error)}") from error
 
 
 def _described(value: object) -> str:

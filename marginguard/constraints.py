@@ -61,7 +61,7 @@ def constraint_stream(
     """
     if not isinstance(topic, str):
         raise InputError(f"topic: is {topic!r}; expected the name of a topic as str")
-    with needs("ROS 2", "ros"):
+    with needs("ROS 2"):
         from app.bridge import prepare_environment
         from app.bridge.constraint_reader import ConstraintReader
     prepare_environment()

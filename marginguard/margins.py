@@ -42,7 +42,7 @@ def margin_table(steps: Iterable[StepResult]) -> "DataFrame":
     >>> table["state"].unique().tolist()
     ['NEGATIVE', 'WARNING', 'POSITIVE']
     """
-    with needs("pandas", "notebook"):
+    with needs("pandas"):
         import pandas
     text = report.margin_csv(_rows(steps))
     return pandas.read_csv(StringIO(text), keep_default_na=False, na_values=[""])

@@ -36,7 +36,7 @@ def save_scene(
     checked(step, StepResult, "step", ", as replay yields")
     steps = checked_list(recording, StepResult, "recording", ", as replay yields")
     target = as_path(path, "path")
-    with needs("the scene of 3D Slicer", "scene"):
+    with needs("the scene of 3D Slicer"):
         from app.scene import StepScene, add_sequences, save_scene
     shown = StepScene(case.content, step)
     if steps:

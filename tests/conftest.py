@@ -58,7 +58,6 @@ SLOW = {
         "tests/fixture/proximity/test_field_cache.py",
         "tests/fixture/test_jit.py",
         "tests/igtl/test_live_igtl.py",
-        "tests/marginguard/test_doctests.py",
         "tests/session/test_benchmark.py",
         "tests/session/test_following.py",
         "tests/synthetic/test_simulation.py",
@@ -89,6 +88,16 @@ SLOW = {
 }
 """Reason -> folders and files whose tests have the marker ``slow``: `make test-fast` skips them."""
 
+LONG = {
+    "checks types in a new cache": ("tests/marginguard/test_typing.py",),
+    "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
+    "runs examples on whole cases, or beside a replay in real time": (
+        "tests/examples/test_long_scripts.py",
+        "tests/examples/test_ros_scripts.py",
+    ),
+}
+"""Reason -> files that `make test-long` runs (``--long``), and `make test` does not."""
+
 FAST_TIER = "not slow"
 """Expression of ``-m`` that selects the fast tier."""
 
@@ -115,11 +124,25 @@ def is_slow(path: str) -> bool:
     return path.startswith(tuple(slow for paths in SLOW.values() for slow in paths))
 
 
+def is_long(path: str) -> bool:
+    """True if the file ``path`` (relative to the project) is listed in `LONG`."""
+    return path in {long for paths in LONG.values() for long in paths}
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--long``."""
+    parser.addoption("--long", action="store_true", help="run the files of LONG, and only those")
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Do not import slow files for the fast tier: they load ROS, VTK and Playwright."""
-    if config.option.markexpr != FAST_TIER or not collection_path.is_relative_to(PROJECT_ROOT):
+    """Select long files; do not import slow files for the fast tier: they load ROS and VTK."""
+    if not collection_path.is_relative_to(PROJECT_ROOT):
         return None
     path = collection_path.relative_to(PROJECT_ROOT).as_posix()
+    if collection_path.suffix == ".py" and is_long(path) != config.option.long:
+        return True
+    if config.option.markexpr != FAST_TIER:
+        return None
     return is_slow(f"{path}/" if collection_path.is_dir() else path) or None
 
 

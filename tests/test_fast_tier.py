@@ -4,14 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import EARLY, SLOW, is_slow
+from tests.conftest import EARLY, LONG, SLOW, is_slow
 
 PURE = ["geometry", "files", "registration", "robot", "fixture", "case", "session", "runtime"]
 PURE += ["synthetic", "igtl", "report"]
 """Packages without ROS, VTK and a web server."""
 
 
-@pytest.mark.parametrize("path", [*EARLY, *(path for paths in SLOW.values() for path in paths)])
+LISTED = [path for table in (SLOW, LONG) for paths in table.values() for path in paths]
+
+
+@pytest.mark.parametrize("path", [*EARLY, *LISTED])
 def test_listed_path_exists(project_root: Path, path: str) -> None:
     listed = project_root / path
     assert listed.is_dir() if path.endswith("/") else listed.is_file()

@@ -101,6 +101,8 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
         sigma_tre_mm=_mm(message.sigma_tre),
         model_id=message.model_id,
         registration_id=message.registration_id,
+        instance_id=message.instance_id,
+        rearm_nonce=message.rearm_nonce,
     )
 
 

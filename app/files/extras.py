@@ -13,13 +13,14 @@ OWN_MESSAGES = ("marginguard_msgs", "tf2_msgs")
 """Packages of the wheel ``marginguard-interfaces``, which is compiled for each Python."""
 
 _MODULES = {
+    "notebook": re.compile(r"pandas|ipykernel"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),
     "scene": re.compile(r"slicer(_core)?|vtk(modules)?|trame(_\w+)?|wslink|aiohttp"),
 }
 
 
 def extra_with(module: str) -> str | None:
-    """Extra that brings ``module`` (a dotted name): ``ros`` or ``scene``; None if none does."""
+    """Extra that brings ``module`` (a dotted name): ``ros``; None if none does."""
     top = module.partition(".")[0]
     return next((extra for extra, names in _MODULES.items() if names.fullmatch(top)), None)
 

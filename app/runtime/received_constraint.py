@@ -12,7 +12,9 @@ class ReceivedConstraint:
     ``constraint`` holds the half-spaces, None if no plane is known. After ``valid_until_ns`` no
     motion is allowed, not even retreat; with ``hold`` only retreat is. ``reasons`` are the worst
     first, as text, since a newer publisher may have others. ``stop_total_mm`` and ``warn_total_mm``
-    are the applied margins. A number that the message does not have is None.
+    are the applied margins. A number that the message does not have is None. Another
+    ``instance_id`` is another run of the session, which does not know earlier holds: stop.
+    ``rearm_nonce`` identifies a hold that has to be re-armed, 0 if none has.
 
     >>> import marginguard as mg
     >>> before_the_first_pose = mg.ReceivedConstraint(
@@ -20,6 +22,8 @@ class ReceivedConstraint:
     ...     reasons=("starting",), hold=True, constraint=None, signed_distance_mm=None,
     ...     lower_bound_mm=None, stop_total_mm=None, warn_total_mm=None, sigma_tre_mm=None,
     ...     model_id="", registration_id="",
+    ...     instance_id="",
+    ...     rearm_nonce=0,
     ... )
     >>> before_the_first_pose.hold
     True
@@ -39,3 +43,5 @@ class ReceivedConstraint:
     sigma_tre_mm: float | None
     model_id: str
     registration_id: str
+    instance_id: str
+    rearm_nonce: int

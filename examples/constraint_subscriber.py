@@ -1,0 +1,27 @@
+"""Print the constraint of a running session: plain rclpy, nothing of MarginGuard but its message.
+
+Start a session in another terminal, then this one; Ctrl-C ends it. Expect one line per constraint,
+with lengths in metres, as everywhere in ROS.
+
+    marginguard replay package://marginguard/recorded_case --rate 1
+    python examples/constraint_subscriber.py
+"""
+
+from contextlib import suppress
+
+import rclpy
+from marginguard_msgs.msg import FixtureConstraint
+from rclpy.executors import ExternalShutdownException
+
+rclpy.init()
+node = rclpy.create_node("constraint_subscriber")
+
+
+def show(c: FixtureConstraint) -> None:
+    """Print state, signed distance, hold and the number of planes."""
+    print(c.seq, c.state, f"{c.signed_distance:.4f} m", c.hold, len(c.half_spaces), flush=True)
+
+
+node.create_subscription(FixtureConstraint, "/marginguard/constraint", show, 1)
+with suppress(KeyboardInterrupt, ExternalShutdownException):
+    rclpy.spin(node)

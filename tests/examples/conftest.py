@@ -1,0 +1,65 @@
+"""Runs examples as a user does: in a process of their own, in another folder, with a new HOME."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+TIMEOUT_S = 240
+
+NUMBER = r"([+-]?\d+\.\d+)"
+"""A number with decimals, as a group."""
+
+RunExample = Callable[..., str]
+
+
+def numbers(pattern: str, text: str) -> np.ndarray:
+    """The numbers (n, k) of all matches of ``pattern``, which has k groups."""
+    found = re.findall(pattern, text)
+    return np.array(found, dtype=float).reshape(len(found), -1)
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Variables of a new user; the fields of tumours are computed once for all examples."""
+    kept = ("PATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+    return {
+        **{name: os.environ[name] for name in kept if name in os.environ},
+        "HOME": str(tmp_path_factory.mktemp("home")),
+        "PYTHONPATH": str(ROOT),
+        "MARGINGUARD_FIELD_CACHE": str(tmp_path_factory.mktemp("fields")),
+    }
+
+
+@pytest.fixture(scope="session")
+def run_example(environment: dict[str, str]) -> RunExample:
+    """``run_example("own_case.py", "my_case", folder=tmp_path)`` returns what it prints."""
+
+    def run(name: str, *arguments: str, folder: Path) -> str:
+        done = subprocess.run(
+            [sys.executable, str(EXAMPLES / name), *arguments],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+        )
+        assert done.returncode == 0, done.stderr
+        assert "Traceback" not in done.stderr
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def own_case(run_example: RunExample, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Folder of the case that `own_case.py` writes, and what it prints."""
+    folder = tmp_path_factory.mktemp("own")
+    return folder / "my_case", run_example("own_case.py", folder=folder)
