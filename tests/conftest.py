@@ -21,6 +21,7 @@ SLOW = {
     "needs a ROS graph": (
         "tests/bridge/",
         "tests/interfaces/",
+        "tests/cli/test_rearm.py",
         "tests/cli/test_record.py",
         "tests/cli/test_serve.py",
         "tests/docs/test_start_pages.py",
@@ -50,6 +51,7 @@ SLOW = {
         "tests/cli/calibration/test_robot.py",
         "tests/cli/test_bench.py",
         "tests/cli/test_doctor.py",
+        "tests/examples/test_cpp_rule.py",
         "tests/cli/test_main.py",
         "tests/cli/test_recorded_case.py",
         "tests/cli/test_replay.py",

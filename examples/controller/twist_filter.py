@@ -1,0 +1,108 @@
+"""ROS 2 controller: pass on the part of a desired twist that the virtual fixture allows now.
+
+Subscribes ``/marginguard/constraint``, ``desired_twist`` and ``tip`` (``PointStamped``), publishes
+``safe_twist`` at 200 Hz, and serves ``controller_rearm`` for the controller's own operator. All
+vectors are along the axes of the constraint's frame, in m and m/s.
+
+    python examples/controller/twist_filter.py --frame tumor
+"""
+
+import argparse
+import sys
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PointStamped, TwistStamped
+from marginguard_msgs.msg import FixtureConstraint
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_srvs.srv import Trigger
+
+from app.bridge.messages import MM_PER_M
+from app.bridge.plain_constraint import plain_constraint
+from app.fixture import FixtureRule
+
+PERIOD_S = 0.005
+MAX_COMMAND_AGE_NS = 100_000_000
+NEWEST = QoSProfile(depth=1)
+
+
+class TwistFilter(Node):
+    """Node around `FixtureRule`; its clock is that of the tracker's stamps (``clock: host``)."""
+
+    def __init__(self, frame: str) -> None:
+        super().__init__("twist_filter")
+        self.rule = FixtureRule(frame=frame)
+        self.frame = frame
+        self.desired: tuple[int, np.ndarray] | None = None
+        self.tip: tuple[int, np.ndarray] | None = None
+        self.logged = ""
+        self.create_subscription(FixtureConstraint, "/marginguard/constraint", self.receive, NEWEST)
+        self.create_subscription(TwistStamped, "desired_twist", self.command, NEWEST)
+        self.create_subscription(PointStamped, "tip", self.move, NEWEST)
+        self.create_service(Trigger, "controller_rearm", self.rearm)
+        self.safe = self.create_publisher(TwistStamped, "safe_twist", NEWEST)
+        self.create_timer(PERIOD_S, self.step)
+
+    def now_ns(self) -> int:
+        """System time; the stamps of the constraint have to be on this clock."""
+        return self.get_clock().now().nanoseconds
+
+    def receive(self, message: FixtureConstraint) -> None:
+        """Pass a constraint to the rule."""
+        self.rule.receive(plain_constraint(message), self.now_ns())
+
+    def command(self, message: TwistStamped) -> None:
+        """Keep the desired twist, in mm/s and rad/s."""
+        v, w = message.twist.linear, message.twist.angular
+        values = np.array([MM_PER_M * v.x, MM_PER_M * v.y, MM_PER_M * v.z, w.x, w.y, w.z])
+        self.desired = (self.now_ns(), values) if message.header.frame_id == self.frame else None
+
+    def move(self, message: PointStamped) -> None:
+        """Keep the position of the tool's tip, in mm."""
+        p = message.point
+        values = MM_PER_M * np.array([p.x, p.y, p.z])
+        self.tip = (self.now_ns(), values) if message.header.frame_id == self.frame else None
+
+    def rearm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Accept the guard that sends now, at the request of the controller's operator."""
+        self.rule.rearm()
+        response.success = True
+        return response
+
+    def step(self) -> None:
+        """One control step. A command or a tip that is missing or old is no motion."""
+        now_ns, twist, reason = self.now_ns(), np.zeros(6), "no_command"
+        inputs = (self.desired, self.tip)
+        if all(each is not None and now_ns - each[0] <= MAX_COMMAND_AGE_NS for each in inputs):
+            decision = self.rule.allow(self.desired[1], self.tip[1], now_ns)
+            twist, reason = decision.twist, str(decision.reason)
+        if reason != self.logged:
+            self.logged = reason
+            self.get_logger().info(f"{reason}, guard {self.rule.instance_id}")
+        message = TwistStamped()
+        message.header.frame_id = self.frame
+        message.header.stamp = self.get_clock().now().to_msg()
+        v, w = message.twist.linear, message.twist.angular
+        v.x, v.y, v.z, w.x, w.y, w.z = map(float, twist / ([MM_PER_M] * 3 + [1.0] * 3))
+        self.safe.publish(message)
+
+
+def main() -> int:
+    """Run the node until it is interrupted."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frame", default="tumor", help="frame of the constraint")
+    rclpy.init()
+    node = TwistFilter(parser.parse_args(rclpy.utilities.remove_ros_args(sys.argv)[1:]).frame)
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        node.safe.publish(TwistStamped())
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
