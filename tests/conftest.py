@@ -22,6 +22,7 @@ SLOW = {
         "tests/bridge/",
         "tests/interfaces/",
         "tests/cli/test_rearm.py",
+        "tests/examples/test_twist_filter.py",
         "tests/cli/test_record.py",
         "tests/cli/test_serve.py",
         "tests/docs/test_start_pages.py",

@@ -1,0 +1,83 @@
+"""Hand for `twist_filter.py`: push straight at the tumour and print how much is allowed.
+
+Publishes ``desired_twist`` along the normal of the governing plane, and ``tip``. The point of the
+tool that is nearest to the tumour serves as the tip here; a robot's controller publishes the tip of
+its own kinematics.
+
+    python examples/controller/push.py
+"""
+
+import sys
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PointStamped, TwistStamped
+from marginguard_msgs.msg import FixtureConstraint
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+PERIOD_S = 0.01
+SPEED_M_S = 0.05
+NEWEST = QoSProfile(depth=1)
+
+
+class Push(Node):
+    """Publishes a push while constraints with planes arrive, and reads what is allowed of it."""
+
+    def __init__(self) -> None:
+        super().__init__("push")
+        self.plane = None
+        self.frame = ""
+        self.text = ""
+        self.create_subscription(FixtureConstraint, "/marginguard/constraint", self.see, NEWEST)
+        self.create_subscription(TwistStamped, "safe_twist", self.feel, NEWEST)
+        self.desired = self.create_publisher(TwistStamped, "desired_twist", NEWEST)
+        self.tip = self.create_publisher(PointStamped, "tip", NEWEST)
+        self.create_timer(PERIOD_S, self.push)
+        self.create_timer(1.0, lambda: print(self.text, flush=True))
+
+    def see(self, message: FixtureConstraint) -> None:
+        """Keep the governing plane."""
+        self.frame = message.header.frame_id
+        self.plane = message.half_spaces[0] if message.half_spaces else None
+
+    def push(self) -> None:
+        """Publish the desired twist and the tip."""
+        if self.plane is None:
+            return
+        twist, tip, n = TwistStamped(), PointStamped(), self.plane.normal
+        twist.header.frame_id = tip.header.frame_id = self.frame
+        v = twist.twist.linear
+        v.x, v.y, v.z = -SPEED_M_S * n.x, -SPEED_M_S * n.y, -SPEED_M_S * n.z
+        tip.point = self.plane.point_on_tool
+        self.desired.publish(twist)
+        self.tip.publish(tip)
+
+    def feel(self, message: TwistStamped) -> None:
+        """Compare what is allowed with the push."""
+        if self.plane is None:
+            return
+        v, n, p = message.twist.linear, self.plane.normal, self.plane.point_on_tool
+        approach = -np.dot([v.x, v.y, v.z], [n.x, n.y, n.z])
+        clearance = np.dot([p.x, p.y, p.z], [n.x, n.y, n.z]) - self.plane.offset
+        self.text = (
+            f"{1e3 * clearance:.1f} mm to the stop margin, pushing {1e3 * SPEED_M_S:.0f} mm/s, "
+            f"allowed {1e3 * approach:.1f} mm/s"
+        )
+
+
+def main() -> int:
+    """Push until interrupted."""
+    rclpy.init()
+    try:
+        rclpy.spin(Push())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""The controller example against a real live session, which is killed and started again."""
+
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from app.fixture import LimiterParameters  # noqa: E402
+from tests.bridge.live.conftest import breach as breach  # noqa: E402
+from tests.bridge.live.conftest import frames_file as frames_file  # noqa: E402
+from tests.bridge.live.conftest import live_yaml as live_yaml  # noqa: E402
+from tests.bridge.live.conftest import start as start  # noqa: E402
+from tests.bridge.live.test_live_command import SENDER, TRACKED  # noqa: E402
+from tests.ros_domain import domain_id as domain_id  # noqa: E402
+
+DEADLINE_S = 60.0
+STEPS = 200
+PARAMETERS = LimiterParameters()
+
+
+@pytest.fixture
+def graph(domain_id, project_root, monkeypatch):
+    """Nodes of the example in this process, spun by `spin_until`."""
+    monkeypatch.syspath_prepend(str(project_root / "examples" / "controller"))
+    from push import Push
+    from twist_filter import TwistFilter
+
+    class Recorded(TwistFilter):
+        """Keeps every published twist with the message and the latch that decided it."""
+
+        def __init__(self, frame):
+            super().__init__(frame)
+            self.steps = []
+            publish = self.safe.publish
+
+            def record(message):
+                v, w = message.twist.linear, message.twist.angular
+                twist = np.array([1e3 * v.x, 1e3 * v.y, 1e3 * v.z, w.x, w.y, w.z])
+                tip_mm = None if self.tip is None else self.tip[1]
+                self.steps.append((self.logged, twist, tip_mm, self.rule.message, time.time_ns()))
+                publish(message)
+
+            self.safe.publish = record
+
+    rclpy.init()
+    nodes = [Recorded("tumor"), Push()]
+    executor = SingleThreadedExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    yield executor, *nodes
+    executor.shutdown()
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown()
+
+
+def spin_until(executor, condition):
+    """Spin until ``condition()``; fails after `DEADLINE_S`."""
+    late = threading.Event()
+    timer = threading.Timer(DEADLINE_S, late.set)
+    timer.start()
+    while not condition():
+        assert not late.is_set()
+        executor.spin_once(timeout_sec=0.1)
+    timer.cancel()
+
+
+def reasons(controller):
+    return [step[0] for step in controller.steps]
+
+
+def assert_within_planes(steps):
+    """No twist violates a plane of the message that was in use, computed from its values here."""
+    assert steps
+    for reason, twist, tip_mm, message, now_ns in steps:
+        if reason in ("allowed", "hold", "instance_changed"):
+            assert now_ns < message.valid_until_ns + 50_000_000  # published after the decision
+            n, p = message.normals, message.points_on_tool_mm
+            velocities = twist[:3] + np.cross(twist[3:], p - tip_mm)
+            clearances = (n * p).sum(axis=1) - message.offsets_mm
+            lower = np.minimum(-clearances / PARAMETERS.tau_s, 0.0)
+            lower = lower if reason == "allowed" else np.zeros_like(lower)
+            tumor = (n * message.tumor_velocities_mm_s).sum(axis=1)
+            assert ((n * velocities).sum(axis=1) >= lower + tumor - 1e-5).all(), reason
+        else:
+            assert not twist.any(), reason
+
+
+def test_controller_keeps_planes_stops_without_guard_and_holds_for_a_new_one(
+    graph, start, live_yaml, frames_file
+):
+    executor, controller, push = graph
+    config = str(live_yaml(TRACKED))
+    guard = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", config)
+    guard.line(lambda line: line.startswith("UNKNOWN"))
+    sender = start(str(SENDER), str(frames_file), "tracked", "again")
+    spin_until(executor, lambda: reasons(controller).count("allowed") >= STEPS)
+    first = controller.rule.instance_id
+    limited = [step for step in controller.steps if step[0] == "allowed"]
+    speeds = [float(np.linalg.norm(step[1][:3])) for step in limited]
+    assert min(speeds) < 45.0  # the push of 50 mm/s was limited
+
+    guard.end(signal.SIGKILL)
+    killed = len(controller.steps)
+    spin_until(executor, lambda: {"silent", "expired"} & set(reasons(controller)[killed:]) != set())
+    moving = [bool(step[1].any()) for step in controller.steps[killed:]]
+    assert not any(moving[moving.index(False) :])
+
+    start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", config)
+    spin_until(executor, lambda: "instance_changed" in reasons(controller))
+    assert controller.rule.instance_id != first
+    rearmed = len(controller.steps)
+    client = push.create_client(Trigger, "controller_rearm")
+    spin_until(executor, client.service_is_ready)
+    reply = client.call_async(Trigger.Request())
+    spin_until(executor, reply.done)
+    spin_until(executor, lambda: "allowed" in reasons(controller)[rearmed:])
+    assert_within_planes(controller.steps)
+    assert sender.process.poll() is None
