@@ -1,5 +1,6 @@
 """The controller example against a real live session, which is killed and started again."""
 
+import runpy
 import signal
 import threading
 import time
@@ -26,13 +27,13 @@ PARAMETERS = LimiterParameters()
 
 
 @pytest.fixture
-def graph(domain_id, project_root, monkeypatch):
+def graph(domain_id, project_root):
     """Nodes of the example in this process, spun by `spin_until`."""
-    monkeypatch.syspath_prepend(str(project_root / "examples" / "controller"))
-    from push import Push
-    from twist_filter import TwistFilter
+    folder = project_root / "examples" / "controller"
+    twist_filter = runpy.run_path(str(folder / "twist_filter.py"))["TwistFilter"]
+    push = runpy.run_path(str(folder / "push.py"))["Push"]
 
-    class Recorded(TwistFilter):
+    class Recorded(twist_filter):
         """Keeps every published twist with the message and the latch that decided it."""
 
         def __init__(self, frame):
@@ -50,7 +51,7 @@ def graph(domain_id, project_root, monkeypatch):
             self.safe.publish = record
 
     rclpy.init()
-    nodes = [Recorded("tumor"), Push()]
+    nodes = [Recorded("tumor"), push()]
     executor = SingleThreadedExecutor()
     for node in nodes:
         executor.add_node(node)
