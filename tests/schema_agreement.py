@@ -6,13 +6,12 @@ refuses it for a rule that a schema cannot state (`UNSTATED`).
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import jsonschema
-import pytest
 
 from app.case import DOCUMENTS, schema_text
 from app.case.live_file import read_live
@@ -21,7 +20,6 @@ from app.case.manifest.expected import read_expected
 from app.case.manifest.keys import RIGID
 from app.files.document import Section
 from app.files.json_schema import GENERAL_RULES
-from app.files.yaml_file import load_yaml
 from app.geometry import MarginGuardError
 
 UNSTATED = {
@@ -72,29 +70,3 @@ def difference(message: str | None, schema: Any, values: object) -> str | None:
     if error is None and not any(re.search(pattern, message) for pattern in UNSTATED.values()):
         return f"the schema accepts and the reader refuses: {message}"
     return None
-
-
-@pytest.fixture(autouse=True, scope="session")
-def opened_documents_agree_with_their_schema() -> Iterator[None]:
-    """Compare reader and schema on every document that a test of this process opens.
-
-    So each valid and each broken document of the suite is a test of the schemas.
-    """
-    names = {id(block): name for name, block in DOCUMENTS.items()}
-    load = Section.load.__func__
-    found: dict[str, str] = {}
-
-    def checked_load(cls: type[Section], path: Path, block: Any) -> Section:
-        if id(block) in names:
-            try:
-                values = load_yaml(path)
-            except MarginGuardError:
-                return load(cls, path, block)
-            if values is not None and (problem := disagreement(names[id(block)], values)):
-                found[str(path)] = problem
-        return load(cls, path, block)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Section, "load", classmethod(checked_load))
-        yield
-    assert not found, found
