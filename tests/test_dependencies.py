@@ -22,6 +22,7 @@ BROUGHT_BY = {
     "trame_server": "trame-slicer",
     "wslink": "trame-slicer",
     "aiohttp": "trame-slicer",
+    "msgpack": "trame-slicer",
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
 }

@@ -95,6 +95,8 @@ SUB_PACKAGES_MAY_IMPORT = {
         "steps": set(),
         "drawing": {"steps"},
         "readout": {"steps"},
+        "access": set(),
+        "messages": {"access"},
     },
 }
 """Package -> sub-package -> sub-packages that it may import."""
@@ -111,6 +113,7 @@ ONLY_IN = {
     "trame_server": {"viewer"},
     "wslink": {"viewer"},
     "aiohttp": {"viewer"},
+    "msgpack": {"viewer"},
     "trame_slicer": {"scene", "viewer"},
     "fcl": {"fixture"},
     "yourdfpy": {"robot"},

@@ -15,7 +15,7 @@ OWN_MESSAGES = ("marginguard_msgs", "tf2_msgs")
 _MODULES = {
     "notebook": re.compile(r"pandas|ipykernel"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),
-    "scene": re.compile(r"slicer(_core)?|vtk(modules)?|trame(_\w+)?|wslink|aiohttp"),
+    "scene": re.compile(r"slicer(_core)?|vtk(modules)?|trame(_\w+)?|wslink|aiohttp|msgpack"),
 }
 
 

@@ -1,3 +1,4 @@
+from .access.role import Role
 from .address import Address, new_token
 from .drawing.scene_view import SceneView
 from .errors import ViewerError
@@ -15,6 +16,7 @@ __all__ = [
     "LiveTimeline",
     "ReplayFeed",
     "ReplayTimeline",
+    "Role",
     "SceneView",
     "Title",
     "ViewState",

@@ -1,11 +1,12 @@
-"""Host, port and token of the page."""
+"""Host, port and tokens of the page."""
 
 import asyncio
 import os
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from urllib.parse import quote
 
+from app.viewer.access.role import Role
 from app.viewer.errors import ViewerError
 
 _LAST_PORT = 65_535
@@ -18,15 +19,20 @@ def new_token() -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Address:
-    """Where to serve; ``port`` 0 selects a free one, ``token`` admits a browser.
+    """Where to serve; ``port`` 0 selects a free one.
 
-    Raises `ViewerError` for a port out of range and for an empty host, which would mean all
-    addresses of this machine.
+    ``token`` admits a browser that may use the controls, ``view_token`` one that may not.
+    ``names`` are further host names under which the page may be opened, e.g. that of a proxy.
+
+    Raises `ViewerError` for a port out of range, for equal tokens, and for an empty host, which
+    would mean all addresses of this machine.
     """
 
     host: str
     port: int
     token: str
+    view_token: str = field(default_factory=new_token)
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.host:
@@ -35,11 +41,18 @@ class Address:
             )
         if not 0 <= self.port <= _LAST_PORT:
             raise ViewerError(f"port: {self.port}; expected 0 (a free one) to {_LAST_PORT}")
+        if self.token == self.view_token:
+            raise ViewerError("view token: the same as the other token; expected two tokens")
 
-    def url(self, port: int) -> str:
-        """Return the URL of the page with its token; ``port`` is the bound port."""
+    @property
+    def tokens(self) -> dict[Role, str]:
+        """The token of each role."""
+        return {Role.OPERATE: self.token, Role.VIEW: self.view_token}
+
+    def url(self, port: int, role: Role = Role.OPERATE) -> str:
+        """Return the URL of the page with the token of ``role``; ``port`` is the bound port."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{port}/?token={quote(self.token, safe='')}"
+        return f"http://{host}:{port}/?token={quote(self.tokens[role], safe='')}"
 
     def check(self) -> None:
         """Raise `ViewerError` if the address cannot be bound. Call it before the page is built."""

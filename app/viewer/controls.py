@@ -1,44 +1,54 @@
-"""Commands of the page, as triggers of trame that buttons and keys call."""
+"""Commands of the page, which its buttons and keys call: those that only operators may use."""
 
 from collections.abc import Callable
 
-from trame_server import Server
+from trame_server.state import State
 
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part, SceneView
+from app.viewer.messages.checks import boolean, integer, number, one_of
+from app.viewer.messages.commands import Commands
 from app.viewer.steps.replay import RATES, ReplayControl
 
 Changed = Callable[[], None]
 """Called after each command, to draw again."""
+_MAX_STEP = 1000
+"""Frames of one step."""
 
 
 class SceneControls:
     """Select the camera preset, the visibility and the opacity of parts."""
 
     def __init__(
-        self, server: Server, view: SceneView, camera: CameraController, changed: Changed
+        self,
+        state: State,
+        commands: Commands,
+        view: SceneView,
+        camera: CameraController,
+        changed: Changed,
     ) -> None:
-        self._state = server.state
+        self._state = state
         self._view = view
         self._camera = camera
         self._changed = changed
         self._state.looks = [preset.value for preset in CameraPreset]
         self._publish_parts()
-        server.trigger("look")(self._select_camera)
-        server.trigger("part_visible")(self._set_visible)
-        server.trigger("part_opacity")(self._set_opacity)
+        part = one_of(Part.__members__)
+        commands.add("look", self._select_camera, one_of(self._state.looks))
+        commands.add("part_visible", self._set_visible, part, boolean)
+        commands.add("part_opacity", self._set_opacity, part, number(0.0, 1.0))
 
     def _select_camera(self, name: str) -> None:
         self._camera.select(CameraPreset(name))
         self._changed()
 
     def _set_visible(self, name: str, visible: bool) -> None:
-        self._view.set_visible(Part[name], bool(visible))
+        self._view.set_visible(Part[name], visible)
         self._publish_parts()
         self._changed()
 
     def _set_opacity(self, name: str, opacity: float) -> None:
-        self._view.set_opacity(Part[name], float(opacity))
+        self._view.set_opacity(Part[name], opacity)
         self._publish_parts()
         self._changed()
 
@@ -57,14 +67,16 @@ class SceneControls:
 class ReplayControls:
     """Play and pause, step, seek, and set the rate of a replay."""
 
-    def __init__(self, server: Server, control: ReplayControl, changed: Changed) -> None:
+    def __init__(
+        self, state: State, commands: Commands, control: ReplayControl, changed: Changed
+    ) -> None:
         self._control = control
         self._changed = changed
-        server.state.rates = list(RATES)
-        server.trigger("play")(self._play)
-        server.trigger("step")(self._step)
-        server.trigger("seek")(self._seek)
-        server.trigger("rate")(self._rate)
+        state.rates = list(RATES)
+        commands.add("play", self._play)
+        commands.add("step", self._step, integer(-_MAX_STEP, _MAX_STEP))
+        commands.add("seek", self._seek, number(-1.0, 2.0))
+        commands.add("rate", self._rate, number(min(RATES), max(RATES)))
 
     def _play(self) -> None:
         if self._control.playing:
@@ -74,14 +86,14 @@ class ReplayControls:
         self._changed()
 
     def _step(self, frames: int) -> None:
-        self._control.step(int(frames))
+        self._control.step(frames)
         self._changed()
 
     def _seek(self, share: float) -> None:
         # The pointer may leave the timeline at either end.
-        self._control.seek(min(max(float(share), 0.0), 1.0))
+        self._control.seek(min(max(share, 0.0), 1.0))
         self._changed()
 
     def _rate(self, rate: float) -> None:
-        self._control.set_rate(float(rate))
+        self._control.set_rate(rate)
         self._changed()

@@ -1,7 +1,6 @@
-"""Serves the page by trame, behind a check of the token."""
+"""Serves the page: trame keeps its values, `WebServer` and `PageSocket` connect browsers."""
 
 import asyncio
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -15,18 +14,22 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.viewer.address import Address
-from app.viewer.auth import Gate
 from app.viewer.controls import ReplayControls, SceneControls
+from app.viewer.downloads import Downloads
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import MakeScheduler, RenderLoop, RenderScheduler
 from app.viewer.drawing.scene_view import SceneView
-from app.viewer.log_filter import ignore_closed_connections
+from app.viewer.log import limit_logs
+from app.viewer.messages.commands import Commands
+from app.viewer.messages.methods import Methods
+from app.viewer.messages.open_pages import OpenPages
+from app.viewer.messages.page_socket import PageSocket
 from app.viewer.page import Page
 from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.replay import ReplayControl
-from app.viewer.websocket_link import PageLink
+from app.viewer.web_app import Content, WebServer
 
 _WEB = Path(__file__).with_name("web")
 _AREA = "scene"
@@ -67,11 +70,13 @@ class Viewer:
         self._stopped: asyncio.Event | None = None
         self._title = title
         self._server = _server(title)
-        self._page = Page(self._server.state, view, area(view.view), feed, timeline)
-        self._server.state.rates = []
-        SceneControls(self._server, view, self._page.camera, self.redraw)
+        state = self._server.state
+        self._page = Page(state, view, area(view.view), feed, timeline)
+        state.rates = []
+        self._commands = Commands()
+        SceneControls(state, self._commands, view, self._page.camera, self.redraw)
         if control is not None:
-            ReplayControls(self._server, control, self.redraw)
+            ReplayControls(state, self._commands, control, self.redraw)
 
     def redraw(self) -> None:
         """Draw as soon as possible, in the page's thread."""
@@ -88,58 +93,60 @@ class Viewer:
         if self._loop is not None and self._stopped is not None:
             self._loop.call_soon_threadsafe(self._stopped.set)
 
-    async def serve(self, address: Address, on_ready: Callable[[str], None]) -> None:
-        """Serve until `stop`; call ``on_ready`` with the URL and its token when it can be opened.
+    async def serve(self, address: Address, on_ready: Callable[[int], None]) -> None:
+        """Serve until `stop`; call ``on_ready`` with the port when the page can be opened.
 
         Raises `ViewerError` if the address cannot be used, and any error that ends the render loop,
         because a page without pictures must not continue.
         """
         self._loop, self._stopped = asyncio.get_running_loop(), asyncio.Event()
-        link = PageLink(lambda page, number: scheduler.acknowledge(page, number))
-        scheduler = self._scheduler = self._make_scheduler(self._page.area, self._page, link.beat)
+        limit_logs()
+        pages = OpenPages()
+        scheduler = self._scheduler = self._make_scheduler(self._page.area, self._page, pages.beat)
         adapter = RcaViewAdapter(self._page.area, _AREA, scheduler=scheduler)
         adapter.max_pixel_count = _MAX_PIXELS
-        server = self._server
-        server.add_protocol_to_configure(lambda protocol: protocol.registerLinkProtocol(link))
-        server.controller.on_server_bind.add(lambda bound: self._open(bound.app, address))
-        ignore_closed_connections()
-        serving = asyncio.ensure_future(_start(server, address))
-        ready = asyncio.ensure_future(server.ready)
-        await asyncio.wait({serving, ready}, return_when=asyncio.FIRST_COMPLETED)
-        if serving.done():
-            _raise_of(serving, address)
-        server.controller.rc_area_register(adapter)
+        methods = Methods(self._server, self._commands, _AREA, adapter, scheduler.acknowledge)
+        sockets = PageSocket(pages, methods)
+        folders: dict[str, Path] = {}
+        self._server.controller.on_server_bind.add(lambda bound: folders.update(_folders(bound)))
+        state_server = asyncio.ensure_future(_start(self._server))
+        await self._server.ready
+        _connect(self._server, pages)
+        web_server = WebServer(address, self._content(sockets, folders))
+        try:
+            port = await web_server.start()
+        except (OSError, UnicodeError) as error:
+            raise address.refused(error) from error
+        self._server.controller.rc_area_register(adapter)
         drawing = asyncio.create_task(scheduler.run())
         stopping = asyncio.create_task(self._stopped.wait())
-        on_ready(address.url(server.port))
-        await asyncio.wait({serving, drawing, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        on_ready(port)
+        await asyncio.wait({drawing, stopping}, return_when=asyncio.FIRST_COMPLETED)
         self._loop = None
         for task in (drawing, stopping):
             task.cancel()
-        await server.stop()
-        await asyncio.gather(serving, return_exceptions=True)
+        await sockets.close()
+        await web_server.stop()
+        await self._server.stop()
+        await asyncio.gather(state_server, return_exceptions=True)
         if drawing.done() and not drawing.cancelled():
             drawing.result()
 
-    def _open(self, app: web.Application, address: Address) -> None:
-        Gate(address.token).protect(app)
-        app.router.add_get("/marginguard/states.css", _state_css)
-        app.router.add_static("/marginguard/", _WEB)
-        app.router.add_post("/paraview/", _session)
-        app.router.add_get("/screenshot.png", self._screenshot)
+    def _content(self, sockets: PageSocket, folders: dict[str, Path]) -> Content:
+        downloads = Downloads(self._screenshot, self._title.report)
+        handlers = {
+            "/ws": sockets.handle,
+            "/marginguard/states.css": _state_css,
+            "/screenshot.png": downloads.screenshot,
+        }
         if self._title.report is not None:
-            app.router.add_get("/report.html", self._report)
+            handlers["/report.html"] = downloads.report
+        return Content(handlers, {**folders, "/marginguard/": _WEB}, {"/paraview/": _session})
 
-    async def _screenshot(self, request: web.Request) -> web.Response:
+    def _screenshot(self) -> bytes:
         content = self._page.screenshot()
         self.redraw()  # the scene may be newer than the pages' picture
-        return _download(content, "image/png", "marginguard.png")
-
-    async def _report(self, request: web.Request) -> web.Response:
-        if self._title.report is None:
-            raise web.HTTPNotFound
-        content = await asyncio.get_running_loop().run_in_executor(None, self._title.report)
-        return _download(content, "text/html", "report.html")
+        return content
 
 
 async def _state_css(request: web.Request) -> web.Response:
@@ -179,29 +186,30 @@ def _server(title: Title) -> Server:
     return server
 
 
-async def _start(server: Server, address: Address) -> None:
+def _folders(bound: Any) -> dict[str, Path]:
+    """The folders of trame's files, by their paths."""
+    return {f"/{path.strip('/')}": Path(folder) for path, folder in bound.config["static"].items()}
+
+
+def _connect(server: Server, pages: OpenPages) -> None:
+    """Let trame publish to ``pages``."""
+    for protocol in server.protocol.getLinkProtocols():
+        protocol.init(pages.publish, lambda content: content, _no_exit)
+
+
+def _no_exit() -> None:
+    """The command alone ends the server."""
+
+
+async def _start(server: Server) -> None:
+    """Run trame without a network: pages are connected by `PageSocket`."""
     # Keep trame from reading the arguments of this program.
     server.cli.parse_known_args = partial(server.cli.parse_known_args, [])
-    # Pictures are compressed already.
-    os.environ["WSLINK_WS_COMPRESS"] = "0"
     await server.start(
+        backend="generic",
         exec_mode="coroutine",
-        host=address.host,
-        port=address.port,
         thread=True,  # the command handles signals
         timeout=0,
         open_browser=False,
         show_connection_info=False,
-    )
-
-
-def _raise_of(serving: "asyncio.Future[Any]", address: Address) -> None:
-    error = serving.exception()
-    raise address.refused(error) from error
-
-
-def _download(content: bytes, kind: str, name: str) -> web.Response:
-    disposition = f'attachment; filename="{name}"'
-    return web.Response(
-        body=content, content_type=kind, headers={"Content-Disposition": disposition}
     )

@@ -73,13 +73,15 @@ def main() -> None:
         scheduler=SCHEDULES[options.schedule],
     )
 
-    def ready(url: str) -> None:
-        print(url, flush=True)
+    address = Address("127.0.0.1", 0, "benchmark")
+
+    def ready(port: int) -> None:
+        print(address.url(port), flush=True)
         threading.Thread(
             target=play_on_command, args=(parts.feed.control, viewer), daemon=True
         ).start()
 
-    asyncio.run(viewer.serve(Address("127.0.0.1", 0, "benchmark"), ready))
+    asyncio.run(viewer.serve(address, ready))
 
 
 def play_on_command(control: ReplayControl, viewer: Viewer) -> None:

@@ -27,7 +27,8 @@ from app.scene import OffscreenError, use_offscreen_rendering
 from tests.viewer.viewed_case import write_viewed_case
 
 SIZE = ViewportSize(width=1280, height=720)
-TOKEN = "only-for-this-test"
+TOKEN, VIEW_TOKEN = "only-for-this-test", "only-to-see"
+TOKENS = ("--token", TOKEN, "--view-token", VIEW_TOKEN)
 DEADLINE_S = 120.0
 
 
@@ -38,7 +39,7 @@ class Server:
         self.log = log
         with log.open("w") as errors:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli", "view", *arguments, "--token", TOKEN],
+                [sys.executable, "-m", "app.cli", "view", *arguments, *TOKENS],
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 text=True,
@@ -48,6 +49,7 @@ class Server:
         deadline.start()
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().strip()
+        self.view_url = self.process.stdout.readline().strip().removeprefix("view only: ")
         deadline.cancel()
         if not self.url:
             pytest.fail(f"status {self.process.wait()}: {log.read_text()!r}")

@@ -1,6 +1,7 @@
 """Requests without the token get no content: pages, files, downloads, the socket."""
 
 import asyncio
+import itertools
 
 import aiohttp
 import pytest
@@ -20,9 +21,16 @@ PATHS = [
 ]
 
 
-def response_of(server: Server, path: str, **given: object) -> tuple[int, bytes, dict[str, str]]:
+ADDRESSES = (f"127.0.1.{number}" for number in itertools.count(1))
+"""Addresses of this machine, one for each wrong token: their number is limited for an address."""
+
+
+def response_of(
+    server: Server, path: str, source: str = "127.0.0.1", **given: object
+) -> tuple[int, bytes, dict[str, str]]:
     async def get() -> tuple[int, bytes, dict[str, str]]:
-        async with aiohttp.ClientSession() as session:
+        connector = aiohttp.TCPConnector(local_addr=(source, 0))
+        async with aiohttp.ClientSession(connector=connector) as session:
             url = f"http://{server.host}{path}"
             async with session.get(url, allow_redirects=False, **given) as answer:
                 return answer.status, await answer.read(), dict(answer.headers)
@@ -56,7 +64,7 @@ def entry(server: Server) -> dict[str, str]:
     ],
 )
 def test_request_without_the_token_gets_no_content(server, path, token):
-    status, body, headers = response_of(server, path + token)
+    status, body, headers = response_of(server, path + token, next(ADDRESSES))
     assert (status, body) == (403, b"")
     assert "Set-Cookie" not in headers
 

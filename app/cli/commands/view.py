@@ -1,6 +1,7 @@
 """Watch a margin in the browser: a recorded case, or, with --live, samples as they arrive.
 
-A page of this machine, with a token in its address. Runs until SIGINT (exit status 130) or SIGTERM
+A page of this machine, with a token in its address: the first address that is printed opens it with
+its controls, the second one only shows. Runs until SIGINT (exit status 130) or SIGTERM
 (143); exit status 2 on bad input.
 """
 
@@ -47,7 +48,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="port to serve at; default: 0, a free one",
     )
-    parser.add_argument("--token", help="token that opens the page; default: a random one")
+    parser.add_argument(
+        "--token", help="token that opens the page with its controls; default: a random one"
+    )
+    parser.add_argument(
+        "--view-token", help="token that opens the page without controls; default: a random one"
+    )
+    parser.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="host name under which the page may be opened, besides localhost and addresses in "
+        "digits; once for each name, e.g. that of a proxy",
+    )
     parser.add_argument(
         "--browser",
         action=argparse.BooleanOptionalAction,
@@ -66,13 +80,23 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(
             "view: invalid combination of arguments; expected CASE, or --live and --config FILE"
         )
-    if options.token == "":
-        raise InputError("--token is empty; expected a text, because anybody could open the page")
+    for name in ("token", "view_token"):
+        if getattr(options, name) == "":
+            raise InputError(
+                f"--{name.replace('_', '-')} is empty; "
+                "expected a text, because anybody could open the page"
+            )
     with note_signals() as received:
         from app.files.extras import check_installed
-        from app.viewer import Address, new_token
+        from app.viewer import Address, Role, new_token
 
-        address = Address(options.host, options.port, options.token or new_token())
+        address = Address(
+            options.host,
+            options.port,
+            options.token or new_token(),
+            options.view_token or new_token(),
+            tuple(options.allow_host),
+        )
         address.check()
         # Before the case is stepped through, which takes a while.
         check_installed("slicer", "trame_slicer")
@@ -80,9 +104,10 @@ def run(options: argparse.Namespace) -> int:
             if viewer is None:
                 return received.exit_status
 
-            def ready(url: str) -> None:
+            def ready(port: int) -> None:
                 received.stops(viewer.stop)
-                print(url, flush=True)
+                url = address.url(port)
+                print(url, f"view only: {address.url(port, Role.VIEW)}", sep="\n", flush=True)
                 if options.browser:
                     import webbrowser
 

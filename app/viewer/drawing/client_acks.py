@@ -1,4 +1,4 @@
-"""Acknowledgements of pictures: the next picture waits until all clients have the last one."""
+"""Acknowledgements of pictures: the next picture waits until a client has the last one."""
 
 from app.geometry import NS_PER_S
 
@@ -37,7 +37,7 @@ class ClientAcks:
         return bool(self._acks)
 
     def is_pending(self, now_ns: int) -> bool:
-        """True while an active client has not acknowledged the last picture."""
+        """True while no active client has acknowledged the last picture; one of them is enough."""
         if not self.any_active(now_ns) or now_ns - self._sent_ns > _TIMEOUT_NS:
             return False
-        return any(number < self._last_sent for number, _ in self._acks.values())
+        return all(number < self._last_sent for number, _ in self._acks.values())

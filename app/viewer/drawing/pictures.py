@@ -54,9 +54,9 @@ MakeScheduler = Callable[[PictureArea, Source, Callable[[int], None]], RenderSch
 class RenderLoop:
     """The page's `RenderScheduler`; also trame's `RcaRenderSchedulerProtocol`.
 
-    One picture is in flight at a time: the next one is drawn when all active clients have the last
-    one, and shows the newest state. The loop itself calls ``heartbeat`` with the number of the last
-    picture, so that a heartbeat proves that pictures are still drawn.
+    The next picture is drawn when one of the active clients has the last one, and shows the newest
+    state; clients that are slower skip pictures. The loop itself calls ``heartbeat`` with the
+    number of the last picture, so that a heartbeat proves that pictures are still drawn.
     """
 
     def __init__(self, area: PictureArea, source: Source, heartbeat: Callable[[int], None]) -> None:

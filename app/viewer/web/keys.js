@@ -1,15 +1,17 @@
 // The keyboard: space plays, arrows step, Home and End seek, digits choose the camera, m mutes, s saves the picture.
 
 export function listenToKeys(trame) {
+  const operates = trame.state.get("role") === "operate";
   const replay = !trame.state.get("title").live;
 
   function handle(event) {
+    if (event.key.toLowerCase() === "m") return window.marginguard.mute();
+    if (event.key.toLowerCase() === "s") return document.getElementById("screenshot").click();
+    if (!operates) return undefined;
     const looks = trame.state.get("looks");
     if (event.key >= "1" && event.key <= String(looks.length)) {
       return trame.trigger("look", [looks[Number(event.key) - 1]]);
     }
-    if (event.key.toLowerCase() === "m") return window.marginguard.mute();
-    if (event.key.toLowerCase() === "s") return document.getElementById("screenshot").click();
     if (!replay) return undefined;
     if (event.key === " ") return trame.trigger("play");
     if (event.key === "ArrowLeft") return trame.trigger("step", [event.shiftKey ? -25 : -1]);

@@ -8,8 +8,6 @@ const REPLY_TIMEOUT_MS = 2000;
 const AREA = "scene";
 
 export function watchServer(trame, onChange) {
-  // Not randomUUID: browsers do not offer it to pages loaded by plain http from another machine.
-  const page = crypto.getRandomValues(new Uint32Array(4)).join("-");
   const session = trame.client.getConnection().getSession();
   const began = performance.now();
   let heard = began; // the last heartbeat
@@ -54,7 +52,16 @@ export function watchServer(trame, onChange) {
       answered = Math.max(answered, sentAt);
     };
     // `check` reports a missing reply.
-    session.call("marginguard.seen", [page, last]).then(onReply, () => {});
+    session.call("marginguard.seen", [last]).then(onReply, () => {});
+  }
+
+  // A page that may not operate sends nothing to the picture's area, and has an image in its place.
+  function showPicture(picture) {
+    const image = document.getElementById("picture");
+    if (!image) return;
+    const shown = image.src;
+    image.src = URL.createObjectURL(new Blob([picture.content], { type: picture.meta.type }));
+    if (shown) URL.revokeObjectURL(shown);
   }
 
   session.subscribe("marginguard.beat", ([beat]) => {
@@ -65,6 +72,7 @@ export function watchServer(trame, onChange) {
   });
   session.subscribe("trame.rca.topic.stream", ([picture]) => {
     if (picture.name !== AREA) return;
+    showPicture(picture);
     last = picture.meta.number;
     document.body.dataset.picture = last;
     complete = performance.now();

@@ -1,0 +1,1 @@
+"""Who may open the page: addresses, tokens, roles, and limits on connections."""

@@ -1,0 +1,48 @@
+"""Files that the page offers: the present picture, and the report of a replay."""
+
+import asyncio
+from collections.abc import Callable
+from time import monotonic_ns
+
+from aiohttp import web
+
+from app.viewer.access.rate import RateLimit
+
+_PICTURES_PER_S, _PICTURE_BURST = 2.0, 4.0
+
+
+class Downloads:
+    """Handlers of downloads. ``report`` makes its file, None for no report.
+
+    A picture is drawn in the page's thread, so their rate is limited for all pages together. The
+    report is computed once.
+    """
+
+    def __init__(self, screenshot: Callable[[], bytes], report: Callable[[], bytes] | None) -> None:
+        self._screenshot = screenshot
+        self._report = report
+        self._pictures = RateLimit(_PICTURES_PER_S, _PICTURE_BURST)
+        self._computing: asyncio.Future[bytes] | None = None
+
+    async def screenshot(self, request: web.Request) -> web.Response:
+        """The present picture as PNG."""
+        if not self._pictures.take(monotonic_ns()):
+            return web.Response(status=429)
+        return _download(self._screenshot(), "image/png", "marginguard.png")
+
+    async def report(self, request: web.Request) -> web.Response:
+        """The report as HTML."""
+        if self._report is None:
+            raise web.HTTPNotFound
+        if self._computing is None:
+            loop = asyncio.get_running_loop()
+            self._computing = loop.run_in_executor(None, self._report)
+        content = await asyncio.shield(self._computing)
+        return _download(content, "text/html", "report.html")
+
+
+def _download(content: bytes, kind: str, name: str) -> web.Response:
+    disposition = f'attachment; filename="{name}"'
+    return web.Response(
+        body=content, content_type=kind, headers={"Content-Disposition": disposition}
+    )

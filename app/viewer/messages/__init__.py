@@ -1,0 +1,1 @@
+"""What an open page may send, and what it is sent."""

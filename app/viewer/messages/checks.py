@@ -1,0 +1,103 @@
+"""Checks of values that a page sends. Each returns the value as the server uses it."""
+
+import math
+from collections.abc import Callable, Collection
+from typing import Any
+
+from app.viewer.messages.errors import RefusedError
+
+Check = Callable[[object], Any]
+"""Returns the checked value; raises `RefusedError`."""
+
+_SHOWN_CHARS = 40
+
+
+def shown(value: object) -> str:
+    """Short form of a value for a message: one line of ASCII."""
+    text = ascii(value)
+    return text if len(text) <= _SHOWN_CHARS else f"{text[:_SHOWN_CHARS]}..."
+
+
+def refused(value: object, expected: str) -> RefusedError:
+    """Return the error for a value that is not what was expected."""
+    return RefusedError(f"value: {shown(value)}; expected {expected}")
+
+
+def text(max_chars: int) -> Check:
+    """A text of at most ``max_chars`` characters."""
+
+    def check(value: object) -> str:
+        if not isinstance(value, str) or len(value) > max_chars:
+            raise refused(value, f"a text of at most {max_chars} characters")
+        return value
+
+    return check
+
+
+def one_of(allowed: Collection[str], expected: str = "") -> Check:
+    """One of the texts ``allowed``; ``expected`` describes them in a message."""
+
+    def check(value: object) -> str:
+        if not isinstance(value, str) or value not in allowed:
+            raise refused(value, expected or f"one of {', '.join(allowed)}")
+        return value
+
+    return check
+
+
+def number(low: float, high: float) -> Check:
+    """A finite number from ``low`` to ``high``, as a float."""
+
+    def check(value: object) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise refused(value, f"a number from {low:g} to {high:g}")
+        if not math.isfinite(value) or not low <= value <= high:
+            raise refused(value, f"a number from {low:g} to {high:g}")
+        return float(value)
+
+    return check
+
+
+def integer(low: int, high: int) -> Check:
+    """An integer from ``low`` to ``high``."""
+
+    def check(value: object) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise refused(value, f"an integer from {low} to {high}")
+        return value
+
+    return check
+
+
+def boolean(value: object) -> bool:
+    """True or False."""
+    if not isinstance(value, bool):
+        raise refused(value, "true or false")
+    return value
+
+
+def flag(value: object) -> int:
+    """0 or 1; browsers send False and True as well."""
+    if value not in (0, 1) or not isinstance(value, int):
+        raise refused(value, "0 or 1")
+    return int(value)
+
+
+def empty(value: object) -> None:
+    """An empty list or mapping, or null."""
+    if value not in ([], {}, None):
+        raise refused(value, "nothing")
+
+
+def mapping(value: object) -> dict[str, Any]:
+    """A mapping."""
+    if not isinstance(value, dict):
+        raise refused(value, "a mapping")
+    return value
+
+
+def arguments(given: Collection[object], checks: Collection[Check]) -> list[Any]:
+    """Check one value after another; their number must be right."""
+    if len(given) != len(checks):
+        raise RefusedError(f"arguments: {len(given)}; expected {len(checks)}")
+    return [check(value) for check, value in zip(checks, given, strict=True)]

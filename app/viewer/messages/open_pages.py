@@ -1,0 +1,95 @@
+"""The open pages, and what is published to all of them."""
+
+import asyncio
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+from app.viewer.access.rate import RateLimit
+from app.viewer.access.role import Role
+from app.viewer.messages.outbox import STATE_TOPIC, Frames, Outbox
+from app.viewer.messages.wire import encode_publication
+
+MAX_PAGES = 16
+"""Open pages of each role."""
+MESSAGES_PER_S, MESSAGE_BURST = 200.0, 400.0
+"""Messages of one page. A page sends up to 150 a second while its picture is dragged."""
+PICTURE_TOPIC = "trame.rca.topic.stream"
+BEAT_TOPIC = "marginguard.beat"
+"""Topic of the heartbeat: a page that does not receive it turns grey."""
+
+
+class OpenPage:
+    """One connected page. ``id`` is unique in this process; ``greeted`` after its first message."""
+
+    _ids = itertools.count(1)
+
+    def __init__(self, role: Role) -> None:
+        self.id = f"page{next(self._ids)}"
+        self.role = role
+        self.greeted = False
+        self.refusals = 0
+        self.errors_logged = 0
+        self.limit = RateLimit(MESSAGES_PER_S, MESSAGE_BURST)
+        self.outbox = Outbox()
+        self.to_send = asyncio.Event()
+        self._pong: bytes | None = None
+
+    def answer(self, frames: Frames) -> None:
+        """Send the answer to a request."""
+        self.outbox.answer(frames)
+        self.to_send.set()
+
+    def acknowledge(self, number: int) -> None:
+        """Record that the page has picture ``number``."""
+        self.outbox.acknowledge(number)
+        self.to_send.set()
+
+    def pong(self, data: bytes) -> None:
+        """Answer a ping; only the last one that waits is answered, as the protocol permits."""
+        self._pong = data
+        self.to_send.set()
+
+    def take_pong(self) -> bytes | None:
+        """Remove and return the data of the ping to be answered."""
+        data, self._pong = self._pong, None
+        return data
+
+
+class OpenPages:
+    """The pages that are connected now. All calls come from the page's thread."""
+
+    def __init__(self) -> None:
+        self._pages: dict[str, OpenPage] = {}
+
+    def __iter__(self) -> Iterator[OpenPage]:
+        return iter(tuple(self._pages.values()))
+
+    def has_room(self, role: Role) -> bool:
+        """True if another page of ``role`` may be opened."""
+        return sum(page.role is role for page in self._pages.values()) < MAX_PAGES
+
+    def add(self, page: OpenPage) -> None:
+        """Publish to ``page`` from now on."""
+        self._pages[page.id] = page
+
+    def remove(self, page: OpenPage) -> None:
+        """Publish to ``page`` no longer."""
+        self._pages.pop(page.id, None)
+
+    def beat(self, number: int) -> None:
+        """Send the heartbeat with the number of the last picture."""
+        self.publish(BEAT_TOPIC, {"number": number})
+
+    def publish(self, topic: str, data: Any, **_: object) -> None:
+        """Send ``data`` to the subscribers of ``topic`` on all pages; trame's `publish`."""
+        greeted = [page for page in self if page.greeted]
+        frames = encode_publication(topic, data) if greeted and topic != STATE_TOPIC else []
+        for page in greeted:
+            if topic == STATE_TOPIC:
+                page.outbox.put_values(data)
+            elif topic == PICTURE_TOPIC:
+                page.outbox.put_picture(data["meta"]["number"], frames)
+            else:
+                page.outbox.put_other(topic, frames)
+            page.to_send.set()

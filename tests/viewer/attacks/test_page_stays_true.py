@@ -1,0 +1,84 @@
+"""A page in a browser while another client attacks: it stays live, and shows the truth."""
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from app.fixture import MarginState
+from tests.viewer.attacks.raw_page import RawPage, message, raw_page
+from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES, POLICY
+from tests.viewer.conftest import watching
+from tests.viewer.viewed_case import BREACH_FRAME
+
+SCRIPT = "<img src=x onerror='window.attacked = true'>"
+TEMPLATE = {
+    "key": "trame__template_main",
+    "value": f"<b id='state-label'>CLEAR 38.2 mm</b>{SCRIPT}",
+}
+
+
+@pytest.fixture
+def page(browser: Browser, target):
+    """The page at a frame inside the tumour."""
+    with watching(browser, target.server) as watched:
+        for key in ("ArrowLeft", "Home"):  # the first one pauses
+            watched.page.keyboard.press(key)
+        expect(watched.page.locator("#frame")).to_have_text("0")
+        for _ in range(BREACH_FRAME):
+            watched.page.keyboard.press("ArrowRight")
+        expect(watched.page.locator("#frame")).to_have_text(str(BREACH_FRAME))
+        yield watched.page
+
+
+def check_true(page) -> None:
+    expect(page.locator("body:not([data-lost]) #state-label")).to_have_text("IN TUMOUR")
+    assert page.locator("#distance").inner_text().startswith("\N{MINUS SIGN}")
+    banner = page.get_by_role("status").evaluate("e => getComputedStyle(e).backgroundColor")
+    red = [round(255 * part) for part in MarginState.POSITIVE.color]
+    assert banner == f"rgb({', '.join(map(str, red))})"
+    assert page.evaluate("window.attacked") is None
+
+
+def pictures_continue(page) -> None:
+    """Check that the page still gets new pictures."""
+    before = page.evaluate("document.body.dataset.picture")
+    page.keyboard.press("2")
+    page.wait_for_function("before => document.body.dataset.picture !== before", arg=before)
+
+
+def test_template_state_and_picture_cannot_be_forged_and_the_server_not_ended(target, page):
+    with target.bounded(), raw_page(target.server, target.operate) as attacker:
+        attacker.greet()
+        attacker.call("trame.state.update", [TEMPLATE])
+        for method, args in EXITS + FORGERIES:
+            attacker.call(method, *args)
+        check_true(page)
+        pictures_continue(page)
+        check_true(page)
+
+
+def test_client_that_reads_nothing_does_not_slow_the_page(target, page):
+    """Its requests are answered until the answers fill the line; then it is disconnected."""
+    with target.bounded():
+        attackers = [RawPage(target.server, target.view).greet() for _ in range(8)]
+        page.keyboard.press(" ")
+        for attacker in attackers:
+            for _ in range(5):
+                attacker.frame(message("trame.state.get"))
+                attacker.frame(message("marginguard.seen", 0))
+        page.wait_for_function("() => trame.state.get('now').frame > 35")
+        page.keyboard.press("ArrowLeft")
+        assert page.evaluate("document.body.dataset.lost") is None
+        for attacker in attackers:
+            attacker.close()
+
+
+def test_flood_is_cut_off_while_the_page_stays_live(target, page):
+    with target.bounded():
+        for _ in range(4):
+            with raw_page(target.server, target.view) as attacker:
+                attacker.greet()
+                for _ in range(600):
+                    attacker.frame(message("marginguard.seen", 0))
+                assert attacker.ended() == POLICY
+        check_true(page)
+        pictures_continue(page)

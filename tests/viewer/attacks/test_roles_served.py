@@ -1,0 +1,100 @@
+"""Roles: everything that an operator may do is refused with the view token."""
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.viewer.attacks.raw_page import AREA, RawPage, raw_page, response, status_of
+from tests.viewer.conftest import SIZE, Watched
+
+PRESS = {"type": "LeftButtonPress", "x": 5, "y": 5, "w": 100, "h": 100}
+CALLS = {
+    "look": ("trame.trigger", "look", ["Side"], {}),
+    "part_visible": ("trame.trigger", "part_visible", ["TOOL", False], {}),
+    "part_opacity": ("trame.trigger", "part_opacity", ["TUMOR", 0.5], {}),
+    "play": ("trame.trigger", "play", [], {}),
+    "step": ("trame.trigger", "step", [3], {}),
+    "seek": ("trame.trigger", "seek", [0.9], {}),
+    "rate": ("trame.trigger", "rate", [4.0], {}),
+    "size": ("trame.rca.size", AREA, "a", {"w": 640, "h": 400, "p": 1}),
+    "pointer": ("trame.rca.event", AREA, "a", PRESS),
+    "wheel": ("trame.rca.event", AREA, "a", {**PRESS, "type": "MouseWheel", "spinY": 1}),
+}
+UNDONE = [
+    ("trame.trigger", "play", [], {}),
+    ("trame.trigger", "part_visible", ["TOOL", True], {}),
+    ("trame.trigger", "part_opacity", ["TUMOR", 1.0], {}),
+    ("trame.trigger", "rate", [1.0], {}),
+    ("trame.trigger", "look", ["Overview"], {}),
+    ("trame.trigger", "step", [-1000], {}),
+]
+
+
+def state_of(page: RawPage) -> dict:
+    state = page.call("trame.state.get")["result"]["state"]
+    shown = {name: state["now"][name] for name in ("frame", "playing", "rate", "state")}
+    return {"parts": state["parts"], "look": state["look"], "role": state["role"], **shown}
+
+
+def test_calls_of_these_tests_are_all_commands_of_the_page(operator):
+    """The answer to an unknown command names all that exist."""
+    answer = operator.call("trame.trigger", "no such", [], {})["error"]["message"]
+    commands = answer.rpartition("one of ")[2].split(", ")
+    assert set(commands) == {call[1] for call in CALLS.values() if call[0] == "trame.trigger"}
+
+
+def test_view_token_refuses_what_the_operate_token_allows(viewer, operator):
+    before = state_of(viewer)
+    assert before["role"] == "view"
+    for name, call in CALLS.items():
+        assert "role view; expected operate" in viewer.call(*call)["error"]["message"], name
+    assert state_of(viewer) == before
+    for name, call in CALLS.items():
+        assert "error" not in operator.call(*call), name
+    assert state_of(viewer)["parts"] != before["parts"]
+    for call in UNDONE:
+        assert "error" not in operator.call(*call)
+
+
+@pytest.mark.parametrize("path", ["/index.html", "/screenshot.png", "/report.html"])
+def test_view_token_sees_everything(target, path):
+    assert status_of(response(target.server, path, Cookie=target.view)) == 200
+
+
+def test_pages_of_one_role_are_limited_and_leave_room_for_the_other(target):
+    pages = [RawPage(target.server, target.view) for _ in range(20)]
+    try:
+        statuses = [page.status for page in pages]
+        assert sorted(set(statuses)) == [101, 503]
+        assert statuses.count(101) <= 16
+        with raw_page(target.server, target.operate) as page:
+            assert page.status == 101
+    finally:
+        for page in pages:
+            page.close()
+
+
+def test_view_page_shows_the_picture_and_has_no_controls(browser, target, operator):
+    context = browser.new_context(viewport=SIZE)
+    watched = Watched(context.new_page(), target.server.host)
+    refused = target.log.count("refused")
+    page = watched.open(target.server.view_url)
+    expect(page.locator("#role")).to_have_text("VIEW ONLY")
+    page.wait_for_function("() => document.querySelector('main.view img').naturalWidth > 300")
+    enabled = page.locator("button:enabled:visible, input:enabled:visible, select:enabled")
+    assert [each.get_attribute("id") for each in enabled.all()] == ["sound"]
+    shown = "JSON.stringify([trame.state.get('now').frame, trame.state.get('look')])"
+    before = page.evaluate(shown)
+    for key in (" ", "ArrowRight", "End", "3"):
+        page.keyboard.press(key)
+    page.mouse.click(640, 640)
+    page.mouse.move(300, 300)
+    page.mouse.down()
+    page.mouse.move(400, 300)
+    page.mouse.up()
+    operator.call("trame.trigger", "part_opacity", ["TUMOR", 0.5], {})
+    page.wait_for_function("() => trame.state.get('parts')[0].opacity === 0.5")
+    assert page.evaluate(shown) == before
+    operator.call("trame.trigger", "part_opacity", ["TUMOR", 1.0], {})
+    assert watched.errors == []
+    assert target.log.count("refused") == refused  # the page has not even tried
+    context.close()

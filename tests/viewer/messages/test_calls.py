@@ -1,0 +1,193 @@
+"""The calls of a page, with random ones: only what is listed runs, with values within ranges."""
+
+from contextlib import suppress
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from trame_rca.view_adapter import RcaViewAdapter
+from trame_server import Server
+
+from app.geometry import MarginGuardError
+from app.viewer.access.role import Role
+from app.viewer.controls import ReplayControls
+from app.viewer.messages.commands import Commands
+from app.viewer.messages.errors import RefusedError
+from app.viewer.messages.methods import HELLO, Methods
+from app.viewer.messages.open_pages import OpenPage, OpenPages
+from app.viewer.steps.replay import RATES, ReplayControl
+
+METHODS = [
+    HELLO,
+    "trame.state.get",
+    "trame.lifecycle.update",
+    "trame.error.client",
+    "marginguard.seen",
+    "trame.trigger",
+    "trame.rca.size",
+    "trame.rca.event",
+    "trame.state.update",
+    "application.exit",
+    "__class__",
+]
+COMMANDS = ["play", "step", "seek", "rate", "look", "__init__"]
+WORDS = [*COMMANDS, "scene", "type", "w", "h", "p", "x", "y", "MouseMove", "Pinch", "positions"]
+leaves = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats()
+    | st.text(max_size=8)
+    | st.binary(max_size=4)
+    | st.sampled_from(WORDS)
+    | st.sampled_from(RATES)
+)
+values = st.recursive(
+    leaves,
+    lambda each: st.lists(each, max_size=4) | st.dictionaries(st.sampled_from(WORDS), each),
+    max_leaves=12,
+)
+near_calls = st.one_of(
+    st.tuples(
+        st.just("trame.trigger"),
+        st.tuples(st.sampled_from(COMMANDS), st.lists(values, max_size=2), st.just({})),
+    ),
+    st.tuples(st.just("trame.rca.event"), st.tuples(st.just("scene"), st.just("a"), values)),
+    st.tuples(st.just("trame.rca.size"), st.tuples(st.just("scene"), st.just("a"), values)),
+    st.tuples(st.just("marginguard.seen"), st.tuples(values)),
+)
+calls = near_calls | st.tuples(
+    st.sampled_from(METHODS) | st.text(max_size=20), st.lists(values, max_size=4).map(tuple)
+)
+
+
+class AreaDouble:
+    """A test double: the area of a page that records what reaches VTK."""
+
+    def __init__(self) -> None:
+        self.sizes: list[tuple[int, int]] = []
+        self.events: list[dict[str, Any]] = []
+
+    def process_resize_event(self, width: int, height: int) -> None:
+        self.sizes.append((width, height))
+
+    def process_interaction_event(self, event: dict[str, Any]) -> None:
+        self.events.append(event)
+
+
+class SchedulerDouble:
+    """A test double: the part of a `RenderLoop` that trame's adapter calls."""
+
+    def __init__(self, area: AreaDouble) -> None:
+        self.rca = area
+
+    def set_push_callback(self, callback: object) -> None:
+        pass
+
+    def schedule_render(self) -> None:
+        pass
+
+
+class ServerDouble:
+    """A test double: a trame server that is not started."""
+
+    def __init__(self) -> None:
+        self.state = Server().state
+        self.protocol = self
+
+    def get_server_state(self) -> dict[str, Any]:
+        return {"name": "marginguard", "state": {"now": 1}}
+
+
+class Calls:
+    """The methods of a page of a replay with ten frames."""
+
+    def __init__(self, role: Role) -> None:
+        server = ServerDouble()
+        self.area = AreaDouble()
+        self.control = ReplayControl([n * 10**7 for n in range(10)], lambda: 0)
+        commands = Commands()
+        ReplayControls(server.state, commands, self.control, lambda: None)
+        adapter = RcaViewAdapter(self.area, "scene", scheduler=SchedulerDouble(self.area))
+        adapter.max_pixel_count = 1920 * 1200
+        self.methods = Methods(server, commands, "scene", adapter, lambda page, number: None)
+        self.page = OpenPage(role)
+        self.state = server.state.to_dict()
+
+    def run(self, name: str, args: tuple[Any, ...]) -> object:
+        return self.methods.call(self.page, name, args)
+
+
+OPERATOR, VIEWER = Calls(Role.OPERATE), Calls(Role.VIEW)
+
+
+@settings(max_examples=500, deadline=None)
+@given(calls)
+def test_random_call_runs_within_limits_or_is_refused(call):
+    before = dict(OPERATOR.state)
+    try:
+        result = OPERATOR.run(*call)
+    except MarginGuardError as error:
+        assert str(error).isascii()
+        assert len(str(error)) < 400
+    else:
+        assert call[0] in METHODS[:-3]
+        msgpack.packb(result)
+    assert OPERATOR.state == before
+    assert 0 <= OPERATOR.control.frame < 10
+    assert OPERATOR.control.rate in RATES
+    for width, height in OPERATOR.area.sizes:
+        assert 0 <= width * height <= 1.1 * 1920 * 1200
+    for event in OPERATOR.area.events:
+        assert set(event) <= {"type", "w", "h", "x", "y", "ctrlKey", "altKey", "shiftKey"} | {
+            *("spinY", "position", "positions", "factor", "translation", "rotation")
+        }
+    OPERATOR.area.sizes.clear()
+    OPERATOR.area.events.clear()
+
+
+@settings(max_examples=200, deadline=None)
+@given(near_calls)
+def test_random_call_of_a_view_page_changes_nothing(call):
+    with suppress(MarginGuardError):
+        VIEWER.run(*call)
+    assert (VIEWER.control.frame, VIEWER.control.playing, VIEWER.control.rate) == (0, False, 1.0)
+    assert VIEWER.area.sizes == VIEWER.area.events == []
+
+
+def test_whole_state_has_the_role_and_no_value_that_a_page_may_send():
+    state = VIEWER.run("trame.state.get", ())["state"]
+    assert state["role"] == "view"
+    assert set(state["trame__client_only"]) >= {"now", "role"}
+
+
+def test_publications_reach_greeted_pages_only():
+    pages, greeted, silent = OpenPages(), OpenPage(Role.VIEW), OpenPage(Role.VIEW)
+    for page in (greeted, silent):
+        pages.add(page)
+    OPERATOR.methods.call(greeted, HELLO, ({"secret": "wslink-secret"},))
+    pages.beat(3)
+    assert greeted.outbox.take()
+    assert not silent.outbox.take()
+    pages.remove(greeted)
+    pages.beat(4)
+    assert not greeted.outbox.take()
+
+
+def test_command_without_its_role_or_arguments_is_refused():
+    commands, called = Commands(), []
+    commands.add("play", lambda: called.append("play"))
+    commands.add("own", lambda: called.append("own"), role=Role.VIEW)
+    assert commands.names(Role.VIEW) == ("own",)
+    for name, args, role in [
+        ("play", [], Role.VIEW),
+        ("play", [1], Role.OPERATE),
+        ("x", [], Role.OPERATE),
+    ]:
+        with pytest.raises(RefusedError, match="; expected "):
+            commands.run(name, args, role)
+    commands.run("own", [], Role.VIEW)
+    commands.run("own", [], Role.OPERATE)
+    assert called == ["own", "own"]
