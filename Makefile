@@ -20,13 +20,14 @@ interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path 
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast test-long docs lint format doctor clean
+.PHONY: help demo test test-fast test-playback test-long docs lint format doctor clean
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
 	@echo 'make test       install the test dependencies, then run all tests'
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests: examples of docstrings, examples on whole cases, types'
+	@echo 'make test-playback  play the whole recorded case to a live session (75 s), compare with a replay'
 	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'
 	@echo 'make lint       ruff and mypy'
 	@echo 'make format     let ruff rewrite the files'
@@ -56,6 +57,10 @@ docs: $(site)
 	@rm -rf out/docs
 	@$(python) -m sphinx -W --keep-going -q -c docs -d out/doctrees . out/docs
 	@$(python) -m tools.check_site out/docs
+
+# Plays the recorded case in real time to a live session, which takes 75 s; waits 20 s for a lease.
+test-playback: $(test)
+	@$(python) -m pytest tests/bridge/playback/killed_playback.py tests/bridge/playback/whole_recording.py $(PYTEST_ARGS)
 
 lint: $(test)
 	@$(python) -m ruff check

@@ -71,16 +71,19 @@ class FramesProblemLog(PassiveOutput):
 
 
 class PlaybackLog(PassiveOutput):
-    """`Output` that logs the beginning and the end of a playback of a recording."""
+    """`Output` that logs the beginning and the end of a playback of a recording.
+
+    The name of the case may be known some steps after the beginning; then it is logged as well.
+    """
 
     def __init__(self, ros: RosNode) -> None:
         self._ros = ros
-        self._is_running = False
+        self._logged = ""
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Log a playback that has begun or ended."""
-        if bool(step.playback) is not self._is_running:
-            self._is_running = not self._is_running
+        if step.playback != self._logged:
+            self._logged = step.playback
             text = f"PLAYBACK: {step.playback}" if step.playback else "the PLAYBACK has ended"
             self._ros.node.get_logger().warning(text)
         return True

@@ -21,7 +21,7 @@ DISCOVERY_S = 4.0
 """Time after which all nodes are known: Fast DDS announces each of them every 3 s at least."""
 
 _REPLY_S = 1.0
-"""Time in which a running playback that was just discovered sends its announcement."""
+"""Time in which a node that was just discovered sends its name, and a playback what it plays."""
 
 _POLL_S = 0.05
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
@@ -104,7 +104,13 @@ class SoleSource:
 
     def check(self) -> None:
         """Raise `BridgeError` if there is another publisher now."""
-        self._refuse(self._others())
+        others = self._others()
+        ends_s = time.monotonic() + _REPLY_S
+        # The name of a node arrives after its first endpoint; nothing is published meanwhile.
+        while _has_unknown_name(others) and time.monotonic() < ends_s:
+            time.sleep(_POLL_S)
+            others = self._others() or others
+        self._refuse(others)
 
     @property
     def _node_name(self) -> str:
@@ -122,8 +128,10 @@ class SoleSource:
     def _refuse(self, others: "Iterable[_Endpoint]") -> None:
         problem = self._tf_problem
         for other in others:
-            node = f"{other.namespace.rstrip('/')}/{other.node_name}"
-            problem = f"{other.topic}: node {node} publishes on it too"
+            node = f"node {other.namespace.rstrip('/')}/{other.node_name}"
+            if other.node_name == _UNKNOWN_NODE:
+                node = "another node"
+            problem = f"{other.topic}: {node} publishes on it too"
         if problem:
             raise BridgeError(f"{problem}; {_EXPECTED}")
 
@@ -144,3 +152,7 @@ class _Endpoint(NamedTuple):
     namespace: str
     node_name: str
     gid: bytes
+
+
+def _has_unknown_name(endpoints: Sequence[_Endpoint]) -> bool:
+    return any(each.node_name == _UNKNOWN_NODE for each in endpoints)

@@ -40,7 +40,8 @@ class Child:
         self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
         self._deadline.start()
 
-    def _restart_deadline(self) -> None:
+    def extend_deadline(self) -> None:
+        """Start the deadline anew, in a test that follows another process meanwhile."""
         self._deadline.cancel()
         self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
         self._deadline.start()
@@ -48,7 +49,7 @@ class Child:
     def line(self, accept: Callable[[str], bool] = lambda line: True) -> str:
         """Wait for the next line that ``accept`` accepts; skip the lines before it."""
         assert self.process.stdout is not None
-        self._restart_deadline()
+        self.extend_deadline()
         skipped = []
         for line in iter(self.process.stdout.readline, ""):
             if accept(line):
@@ -65,7 +66,7 @@ class Child:
 
     def end(self, number: int) -> int:
         """Send the signal ``number``, wait for the exit and return the exit status."""
-        self._restart_deadline()
+        self.extend_deadline()
         self.process.send_signal(number)
         return self.process.wait()
 
