@@ -11,7 +11,7 @@ from itertools import pairwise
 import pytest
 
 from app.case import open_case
-from app.fixture import MarginState
+from app.fixture import MarginState, Reason
 from app.geometry import NS_PER_S
 from app.runtime import ReplayRun, prepare_case
 
@@ -24,6 +24,8 @@ TOPICS = (
 SOURCE = {"tracked_transforms": {}, "clock": "host"}
 FIRST_NS = 1000 * NS_PER_S
 """Stamp of the first frame of the recorded case."""
+
+FRAME_NS = NS_PER_S // 50
 
 POSITIVE, UNKNOWN = int(MarginState.POSITIVE), int(MarginState.UNKNOWN)
 
@@ -46,7 +48,7 @@ def replayed(project_root):
     prepared = prepare_case(project_root / "data" / "recorded_case")
     run = ReplayRun(prepared, clock_ns=lambda: 0)
     decisions = [step.decision for step in run.steps()]
-    return {each.stamp.ns: each for each in decisions if each.state is not MarginState.UNKNOWN}
+    return {each.stamp.ns: each for each in decisions if each.proximity is not None}
 
 
 def numbers(position_m, quaternion):
@@ -100,8 +102,9 @@ def check_dropouts(constraints, shift_ns, case):
     """In each dropout the state is UNKNOWN, and no constraint is based on its samples."""
     states = [(m["state"], ns(m["header"]["stamp"]) - shift_ns) for m in constraints]
     for dropout in open_case(case).expected().dropouts:
-        start_ns = FIRST_NS + round(dropout.start_s * NS_PER_S)
-        end_ns = FIRST_NS + round(dropout.end_s * NS_PER_S)
+        # The pose at the start of some dropouts is the last one that the tracker has sent.
+        start_ns = FIRST_NS + round(dropout.start_s * NS_PER_S) + FRAME_NS
+        end_ns = FIRST_NS + round(dropout.end_s * NS_PER_S) - FRAME_NS
         known = [stamp_ns for state, stamp_ns in states if state != UNKNOWN]
         assert not [stamp_ns for stamp_ns in known if start_ns <= stamp_ns < end_ns], dropout
         before = max(stamp_ns for stamp_ns in known if stamp_ns < start_ns)
@@ -138,7 +141,8 @@ def check_constraints(constraints, shift_ns, replayed):
         if found_mm != pytest.approx(expected_mm, abs=0.01, rel=2e-3):
             continue
         exact += 1
-        if "releasing" in message["reasons"]:
+        # Both count steps, of which a live session may take two for a stamp.
+        if {Reason.RELEASING, Reason.RECOVERING} & {*message["reasons"], *expected.reasons}:
             continue
         if message["state"] == POSITIVE or expected.state is MarginState.POSITIVE:
             assert expected_mm < 0.01
