@@ -22,7 +22,6 @@ SLOW = {
         "tests/bridge/",
         "tests/interfaces/",
         "tests/cli/test_rearm.py",
-        "tests/examples/test_twist_filter.py",
         "tests/cli/test_record.py",
         "tests/cli/test_serve.py",
         "tests/docs/test_start_pages.py",
@@ -95,11 +94,15 @@ SLOW = {
 """Reason -> folders and files whose tests have the marker ``slow``: `make test-fast` skips them."""
 
 LONG = {
+    "builds another version of the message package": (
+        "tests/interfaces/test_other_definitions.py",
+    ),
     "checks types in a new cache": ("tests/marginguard/test_typing.py",),
     "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
     "runs examples on whole cases, or beside a replay in real time": (
         "tests/examples/test_long_scripts.py",
         "tests/examples/test_ros_scripts.py",
+        "tests/examples/test_twist_filter.py",
     ),
 }
 """Reason -> files that `make test-long` runs (``--long``), and `make test` does not."""

@@ -26,6 +26,12 @@ from rclpy.validate_node_name import validate_node_name
 
 from app.bridge.environment import TRANSPORTS, UDP_ON_THIS_MACHINE, keeps_to_this_machine
 from app.bridge.errors import BridgeError, reason_of
+from app.bridge.message_definitions import (
+    DefinitionWatch,
+    check_installed,
+    checked_callback,
+    expected_digest,
+)
 from app.bridge.open_ports import listens_to_other_machines
 from app.bridge.qos import Topic
 from app.geometry import NS_PER_S
@@ -64,6 +70,7 @@ class RosNode:
         domain_id: int | None = None,
         make_node: Callable[..., Node] = Node,
     ) -> None:
+        check_installed()
         self._context = Context()
         try:
             # rclpy validates names only after it has created the rcl node, which then warns.
@@ -85,6 +92,7 @@ class RosNode:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._publishers: list[tuple[Topic, Publisher]] = []
+        self._watches: dict[object, DefinitionWatch] = {}
         self.failures = 0
         self.incompatible: dict[str, str] = {}
         self._matched = threading.Condition()
@@ -112,7 +120,10 @@ class RosNode:
         def on_matched(_: object) -> None:
             with self._matched:
                 self._matched.notify_all()
+            for watch in watched:
+                watch.check()
 
+        watched: list[DefinitionWatch] = []
         publisher = self.node.create_publisher(
             topic.type,
             topic.name,
@@ -122,6 +133,8 @@ class RosNode:
             ),
         )
         self._publishers.append((topic, publisher))
+        if expected_digest(topic.type) is not None:
+            watched.append(self._watch_subscribers(topic, publisher))
         return publisher
 
     def destroy_publisher(self, publisher: Publisher) -> None:
@@ -130,6 +143,7 @@ class RosNode:
         In another thread it would break the wait set of the executor.
         """
         self._publishers = [entry for entry in self._publishers if entry[1] is not publisher]
+        self._watches.pop(publisher, None)
         if self.is_open:
             self.node.destroy_publisher(publisher)
 
@@ -138,21 +152,43 @@ class RosNode:
     ) -> Subscription:
         """Create a subscription that calls ``callback(message)`` in the node's thread.
 
-        With ``raw`` the callback receives the serialised bytes.
+        With ``raw`` the callback receives the serialised bytes. It is not called while a publisher
+        has another definition of one of our messages (`definition_problems`).
         """
-        return self.node.create_subscription(
+        created: list[Subscription] = []  # empty while a callback may already be called
+        watched: list[DefinitionWatch] = []
+        if expected_digest(topic.type) is not None:
+            watched.append(self._watch_publishers(topic, created))
+            callback = checked_callback(callback, watched[0])
+
+        def on_matched(_: object) -> None:
+            for watch in watched:
+                watch.check()
+
+        subscription = self.node.create_subscription(
             topic.type,
             topic.name,
             callback,
             topic.qos,
             raw=raw,
             event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._incompatible_qos_callback(topic)
+                matched=on_matched, incompatible_qos=self._incompatible_qos_callback(topic)
             ),
         )
+        created.append(subscription)
+        for watch in watched:
+            self._watches[subscription] = watch
+        return subscription
+
+    @property
+    def definition_problems(self) -> list[str]:
+        """Texts that name the nodes with other definitions of our messages, and the remedy."""
+        watches = list(self._watches.values())
+        return [watch.problem for watch in watches if not watch.is_clean() and watch.problem]
 
     def destroy_subscription(self, subscription: Subscription) -> None:
         """Destroy a subscription. Call in the node's thread, as `destroy_publisher`."""
+        self._watches.pop(subscription, None)
         if self.is_open:
             self.node.destroy_subscription(subscription)
 
@@ -263,6 +299,28 @@ class RosNode:
                     f"a callback failed: {traceback.format_exc()}",
                     throttle_duration_sec=_LOG_INTERVAL_S,
                 )
+
+    def _watch_publishers(self, topic: Topic, created: Sequence[Subscription]) -> DefinitionWatch:
+        name = self.node.resolve_topic_name(topic.name)
+        return DefinitionWatch(
+            name,
+            topic.type,
+            "so that its messages are not used",
+            lambda: self.node.get_publishers_info_by_topic(name),
+            lambda: sum(each.get_publisher_count() for each in created),
+            self.node.get_logger().error,
+        )
+
+    def _watch_subscribers(self, topic: Topic, publisher: Publisher) -> DefinitionWatch:
+        watch = self._watches[publisher] = DefinitionWatch(
+            publisher.topic_name,
+            topic.type,
+            "so that it misreads our messages",
+            lambda: self.node.get_subscriptions_info_by_topic(publisher.topic_name),
+            publisher.get_subscription_count,
+            self.node.get_logger().error,
+        )
+        return watch
 
     def _incompatible_qos_callback(
         self, topic: Topic

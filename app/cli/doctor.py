@@ -26,6 +26,8 @@ import marginguard_msgs.msg, tf2_msgs.msg
 from rclpy.type_support import check_for_type_support
 check_for_type_support(marginguard_msgs.msg.FixtureConstraint)
 check_for_type_support(tf2_msgs.msg.TFMessage)
+from app.bridge.message_definitions import check_installed
+check_installed()
 print(tf2_msgs.__file__)
 """
 MRML = """\

@@ -23,6 +23,9 @@ class RearmClient:
     def constraint(self, timeout_s: float) -> FixtureConstraint:
         """Wait for a constraint. Raises `BridgeError` if none arrives or several guards send."""
         found = self._latest.take(timeout_s)
+        problems = self._ros.definition_problems
+        if problems:
+            raise BridgeError(problems[0])
         if found is None:
             raise BridgeError(
                 f"{self.topic}: no constraint within {timeout_s:g} s; expected a running guard "

@@ -20,6 +20,7 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from app.bridge.errors import BridgeError
+from app.bridge.message_definitions import are_named, foreign_endpoints
 from app.bridge.node import RosNode
 from app.bridge.qos import Topic
 from app.case import BagTopic, BagWriter, message_definition
@@ -58,7 +59,7 @@ class RosRecorder:
         started = []
         for name in list(self._pending_topics):
             publishers = self._ros.node.get_publishers_info_by_topic(name)
-            if name not in types or not publishers:
+            if name not in types or not publishers or not _are_named(publishers):
                 continue
             self._pending_topics.remove(name)
             try:
@@ -95,6 +96,13 @@ class RosRecorder:
                 f"{name} has the types {', '.join(sorted(kinds))}; expected a single type"
             )
         (kind,) = kinds
+        message_class = _message_class(kind)
+        foreign = foreign_endpoints(publishers, message_class)
+        if foreign:
+            raise InputError(
+                f"{', '.join(sorted(foreign))} has another definition of {kind}; expected the "
+                "marginguard_msgs of this installation on both sides"
+            )
         topic = BagTopic(
             name,
             kind,
@@ -102,7 +110,7 @@ class RosRecorder:
             tuple(_offered(info.qos_profile) for info in publishers),
             str(publishers[0].topic_type_hash),
         )
-        recorded = _Recorded(name, _message_class(kind), self._write)
+        recorded = _Recorded(name, message_class, self._write)
         with self._lock:
             self._bag.add_topic(topic)
         self._recorded[name] = recorded
@@ -160,6 +168,16 @@ def ros_prefixes() -> tuple[Path, ...]:
     """Prefixes of ROS installations and of this Python, where ROS packages are installed."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return (*(Path(prefix) for prefix in prefixes if prefix), Path(sys.prefix))
+
+
+def _are_named(publishers: Sequence[TopicEndpointInfo]) -> bool:
+    """False until the nodes are known that may have another definition of our messages."""
+    kinds = {info.topic_type for info in publishers}
+    try:
+        classes = [_message_class(kind) for kind in kinds]
+    except BridgeError:  # reported when the recording of the topic starts
+        return True
+    return all(are_named(foreign_endpoints(publishers, each)) for each in classes)
 
 
 def _message_class(kind: str) -> type:

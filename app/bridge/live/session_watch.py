@@ -9,15 +9,15 @@ from app.case.live_recording import SessionChange
 class SessionWatch:
     """Samples the constraints of a session and lists changes since the first one in `changes`.
 
-    Ten samples per second are sufficient, because a new tumour takes longer to prepare. A
-    constraint does not identify its session. While there are several publishers, ids that have
-    occurred before are therefore attributed to another session and are not a change.
+    Ten samples per second are sufficient, because a new tumour takes longer to prepare. Each run of
+    a session is followed by its ``instance_id``: a run changes when its ids do, and a run that
+    joins or replaces another one is a change if its ids differ from those before it.
     """
 
     def __init__(self) -> None:
         self._last_received: bytes | None = None
-        self._ids: tuple[str, str] | None = None
-        self._known: set[tuple[str, str]] = set()
+        self._ids: dict[str, tuple[str, str]] = {}
+        self._last: tuple[str, str] | None = None
         self._publishers = 0
         self.changes: list[SessionChange] = []
 
@@ -39,11 +39,9 @@ class SessionWatch:
         except Exception:  # rclpy raises several unrelated types for invalid bytes
             return False
         ids = (message.model_id, message.registration_id)
-        if ids == self._ids or (self._publishers > 1 and ids in self._known):
-            return False
-        before, self._ids = self._ids, ids
-        self._known.add(ids)
-        if before is None:
+        before = self._ids.get(message.instance_id, self._last)
+        self._ids[message.instance_id] = self._last = ids
+        if before is None or before == ids:
             return False
         self.changes.append(SessionChange(at_ns, *ids))
         return True

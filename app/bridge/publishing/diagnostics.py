@@ -1,6 +1,6 @@
 """Diagnostics of a session: state, reasons, ages and lost poses as ``diagnostic_msgs``."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
@@ -32,11 +32,17 @@ class Diagnostics:
     """Reports once per second of session time and at every change.
 
     A change is another state or other reasons, or a problem of the robot or of the frames or a
-    playback that appears or ends. ``counts`` returns the counters of a live source.
+    playback that appears or ends. ``counts`` returns the counters of a live source,
+    ``definition_problems`` texts about nodes with other definitions of our messages.
     """
 
-    def __init__(self, counts: Callable[[], Mapping[str, int]] | None = None) -> None:
+    def __init__(
+        self,
+        counts: Callable[[], Mapping[str, int]] | None = None,
+        definition_problems: Callable[[], Sequence[str]] = tuple,
+    ) -> None:
         self._counts = counts
+        self._definition_problems = definition_problems
         self._samples: dict[tuple[str, str], TrackedTransform] = {}
         self._lost: dict[tuple[str, str], int] = {}
         self._last_ns: int | None = None
@@ -53,6 +59,7 @@ class Diagnostics:
             lost = sample.status is not TrackingStatus.OK
             self._lost[edge] = self._lost.get(edge, 0) + lost
         now = step.frame.stamp
+        problems = tuple(self._definition_problems())
         # Compare only whether there is a problem: its text may contain numbers that change.
         key = (
             step.decision.state,
@@ -60,6 +67,7 @@ class Diagnostics:
             bool(step.robot_problem),
             bool(step.frames_problem),
             bool(step.playback),
+            problems,
         )
         elapsed_ns = None if self._last_ns is None else now.ns - self._last_ns
         if key == self._last_key and elapsed_ns is not None and 0 <= elapsed_ns < PERIOD_NS:
@@ -74,6 +82,9 @@ class Diagnostics:
             if step.playback:
                 level, message = DiagnosticStatus.WARN, f"PLAYBACK: {step.playback}"
             status.append(_status("source", level, message, counts))
+        if problems:
+            text = "; ".join(problems)
+            status.append(_status("messages", DiagnosticStatus.ERROR, text, {}))
         return DiagnosticArray(header=header_message("", now), status=status)
 
     def _tracking_status(self, step: StepResult, stale_after_ns: int) -> DiagnosticStatus:

@@ -82,7 +82,7 @@ class SessionPublisher:
             self._surfaces_publisher = self._publisher(topics.MARKERS)
             self._static_publisher = self._publisher(topics.TF_STATIC)
             self._edges_left_out: set[tuple[str, str]] = set()
-            self._diagnostics = Diagnostics(counts)
+            self._diagnostics = Diagnostics(counts, lambda: self.ros.definition_problems)
             self._constraint_builder = ConstraintBuilder(content)
             self._shapes = PreparedShapes(content)
             self._latch(content)

@@ -186,7 +186,7 @@ def test_two_simultaneous_sessions_are_reported_and_are_one_change(start, domain
         first = one.publisher(topic)
         recorder.line(lambda line: line == f"recording {name}\n")
         assert one.wait_for_subscribers(topic, 1, timeout_s=30.0)
-        first.publish(FixtureConstraint(model_id="one"))
+        first.publish(FixtureConstraint(instance_id="1", model_id="one"))
         pause = threading.Event()
         while not any(recorded == name for recorded, _ in recorded_sizes(tmp_path / "x")):
             pause.wait(0.1)  # the first session must be recorded before the second starts
@@ -194,9 +194,9 @@ def test_two_simultaneous_sessions_are_reported_and_are_one_change(start, domain
         recorder.line(lambda line: line.startswith(f"{name} has 2 publishers; several sessions"))
         assert two.wait_for_subscribers(topic, 1, timeout_s=30.0)
         for _ in range(10):
-            second.publish(FixtureConstraint(model_id="two"))
+            second.publish(FixtureConstraint(instance_id="2", model_id="two"))
             pause.wait(0.12)  # the recorder checks every 0.1 s
-            first.publish(FixtureConstraint(model_id="one"))
+            first.publish(FixtureConstraint(instance_id="1", model_id="one"))
             pause.wait(0.12)
     assert recorder.end(signal.SIGINT) == 130
     assert recorder.process.stdout.read().count("were replaced") == 1

@@ -7,11 +7,16 @@ from rclpy.serialization import serialize_message
 from app.bridge.live import SessionWatch
 
 
-def changes_of(watch: SessionWatch, *model_ids: str) -> list[bool]:
-    """`SessionWatch.has_changed` for constraints with these model ids in sequence."""
+def changes_of(watch: SessionWatch, *samples: str) -> list[bool]:
+    """`SessionWatch.has_changed` for constraints in sequence: an instance and a model id each."""
     return [
-        watch.has_changed((ns, serialize_message(FixtureConstraint(model_id=model_id))))
-        for ns, model_id in enumerate(model_ids)
+        watch.has_changed(
+            (
+                ns,
+                serialize_message(FixtureConstraint(instance_id=sample[0], model_id=sample[1])),
+            )
+        )
+        for ns, sample in enumerate(samples)
     ]
 
 
@@ -23,33 +28,23 @@ def watch() -> SessionWatch:
 
 
 def test_one_session_changes_back_and_forth(watch):
-    assert changes_of(watch, "a", "a", "b", "b", "a") == [False, False, True, False, True]
+    assert changes_of(watch, "1a", "1a", "1b", "1b", "1a") == [False, False, True, False, True]
     assert [(c.received_ns, c.model_id) for c in watch.changes] == [(2, "b"), (4, "a")]
 
 
 def test_alternating_sessions_are_one_change(watch):
-    watch.has_new_publisher(2)
-    assert sum(changes_of(watch, *"ab" * 27)) == 1
+    assert sum(changes_of(watch, *["1a", "2b"] * 27)) == 1
     assert [change.model_id for change in watch.changes] == ["b"]
 
 
-def test_new_ids_of_two_sessions_are_a_change(watch):
-    watch.has_new_publisher(2)
-    assert changes_of(watch, *"abab", "c", *"acac") == [
-        False,
-        True,
-        *[False] * 2,
-        True,
-        *[False] * 4,
-    ]
+def test_change_of_one_of_two_sessions_is_detected_also_back_to_earlier_ids(watch):
+    samples = ["1a", "2b", "1a", "2b", "1c", "2b", "1c", "1a", "2b", "1a"]
+    changed = [False, True, False, False, True, False, False, True, False, False]
+    assert changes_of(watch, *samples) == changed
 
 
-def test_remaining_session_is_the_recorded_one(watch):
-    watch.has_new_publisher(2)
-    changes_of(watch, *"abab")
-    watch.has_new_publisher(1)
-    assert changes_of(watch, *"aaa") == [True, False, False]
-    assert [change.model_id for change in watch.changes] == ["b", "a"]
+def test_restarted_session_is_a_change_only_with_other_ids(watch):
+    assert changes_of(watch, "1a", "2a", "2a", "3b") == [False, False, False, True]
 
 
 def test_new_publisher_is_detected(watch):
@@ -60,7 +55,7 @@ def test_new_publisher_is_detected(watch):
 
 
 def test_invalid_bytes_are_no_change(watch):
-    changes_of(watch, "a")
+    changes_of(watch, "1a")
     assert not watch.has_changed((7, b"no constraint"))
     assert not watch.has_changed(None)
     assert watch.changes == []

@@ -1,0 +1,177 @@
+"""Definitions of ``marginguard_msgs``: installed, expected by this program, and on the graph.
+
+ROS identifies a definition by its type hash (RIHS01). Fast DDS connects endpoints whose hashes
+differ and then decodes the bytes by the wrong definition, so that hashes have to be compared here.
+"""
+
+import json
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, wraps
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from app.bridge.errors import BridgeError
+
+PACKAGE = "marginguard_msgs"
+
+EXPECTED: Mapping[str, str] = MappingProxyType(
+    {
+        "action/Calibrate": "d06993f7706cb31cd40afb9aa427e451bd9e78b51bf79dae4766292ca70b8404",
+        "action/Replay": "067bca1b542924cc25ac8461f06a0c824c9dba52fd7d02a60e9f8f5cc657a626",
+        "msg/FixtureConstraint": "f3a07228c8309896a6390fd3695241de7c6ed85577e8d6b83a0aa79edf4cfe47",
+        "msg/HalfSpace": "02bce709059039dd01c9b15c4c43179381416f98d7c21f161a35cc07d894ee99",
+        "msg/TrackedTransform": "0066dc1ca1ca07df51e52382b52d9e6501d4a48e505d3ea5b1cee01413ffbb8e",
+        "srv/LoadCase": "bac3f9dfc27130b32a998903683f7680cd36ede487bca86b29e1d85ad7df9f6a",
+        "srv/Rearm": "488c036359792744c7cf52fe92610c338ab51c65a403523efbe281dd5b86af44",
+        "srv/Register": "b3b391e223c8a9e71ddf41bc9fff3446daacecdb6b0b4bbb22cb9bac12e38a42",
+        "srv/Seek": "5e115e07694acd7f652948175e4be6038a53fa4d9bcd6c35ef99cdf981a18ee8",
+        "srv/SetRate": "f7b213eb3f75c29c1869f5e495e7ebab1ea9d45fca16622e2d95e258cd514e44",
+        "srv/SetTumor": "2aba11f42bfe5266376d0aa76af517a9280210493a8e9dabbe685bb4ccec5985",
+    }
+)
+"""SHA-256 of each definition in ``interfaces/marginguard_msgs``; a test compares both."""
+
+_REMEDY = "install the same marginguard_msgs on both sides ('pip install ./interfaces')"
+_INSTALL = "run 'pip install ./interfaces', or build and source the ROS package again"
+_SHOWN_DIGITS = 12
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""Name that rmw gives to the node of an endpoint until the node has announced itself."""
+
+
+@cache
+def check_installed() -> None:
+    """Raise `BridgeError` if the installed ``marginguard_msgs`` is not the expected one."""
+    import marginguard_msgs
+
+    module = Path(str(marginguard_msgs.__file__))
+    shares = [folder / "share" / PACKAGE for folder in module.parents]
+    share = next((folder for folder in shares if (folder / "msg").is_dir()), None)
+    if share is None:
+        raise BridgeError(f"{PACKAGE}: {module} has no folder share/{PACKAGE}; {_INSTALL}")
+    for name, expected in EXPECTED.items():
+        found = _installed_digest(share, name)
+        if found != expected:
+            raise BridgeError(
+                f"{PACKAGE}/{name}: the installed definition ({share}) is "
+                f"{_short(found) if found else 'missing'}; expected {_short(expected)}: {_INSTALL}"
+            )
+
+
+def _installed_digest(share: Path, name: str) -> str:
+    """Hexadecimal hash of the definition ``name``; empty if it is missing or unreadable."""
+    try:
+        hashes = json.loads((share / f"{name}.json").read_text("utf-8"))["type_hashes"]
+        known = {each["type_name"]: str(each["hash_string"]) for each in hashes}
+        return known[f"{PACKAGE}/{name}"].removeprefix("RIHS01_")
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+
+
+def expected_digest(message_type: type) -> str | None:
+    """Hash of one of our message types; None for the types of other packages."""
+    package, _, kind = message_type.__module__.partition(".")
+    name = f"{kind.partition('.')[0]}/{message_type.__name__}"
+    return EXPECTED.get(name) if package == PACKAGE else None
+
+
+def foreign_endpoints(endpoints: Iterable[TopicEndpointInfo], message_type: type) -> dict[str, str]:
+    """Endpoints that announce another definition of ``message_type``: hash by the node's name.
+
+    One that announces no hash, as a program without ROS, is not listed. Empty for the types of
+    other packages.
+    """
+    expected = expected_digest(message_type)
+    found = {}
+    for info in endpoints if expected is not None else ():
+        announced = info.topic_type_hash
+        if announced.version == 1 and bytes(announced.value).hex() != expected:
+            namespace = info.node_namespace.rstrip("/")
+            found[f"{namespace}/{info.node_name}"] = bytes(announced.value).hex()
+    return found
+
+
+def are_named(nodes: Iterable[str]) -> bool:
+    """True if the names of all ``nodes`` of `foreign_endpoints` are known."""
+    return not any(node.endswith(_UNKNOWN_NODE) for node in nodes)
+
+
+class DefinitionWatch:
+    """The endpoints at the other side of one of our topics, and whether their definitions differ.
+
+    ``endpoints()`` lists them, ``count()`` is the number of those that are connected. `problem` is
+    a text while an endpoint has another definition, otherwise empty; ``changed(text)`` is called
+    with each new one, as soon as the names of the nodes are known. Thread-safe.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        message_type: type,
+        consequence: str,
+        endpoints: Callable[[], Iterable[TopicEndpointInfo]],
+        count: Callable[[], int],
+        changed: Callable[[str], None],
+    ) -> None:
+        self._topic = topic
+        self._type = message_type
+        self._consequence = consequence
+        self._endpoints = endpoints
+        self._count = count
+        self._changed = changed
+        self._lock = threading.Lock()
+        self._checked: int | None = None
+        self._logged = ""
+        self.problem = ""
+
+    def is_clean(self) -> bool:
+        """True if no connected endpoint has another definition.
+
+        Checks anew if the number of endpoints has changed. False as well while the graph does not
+        know all connected endpoints yet.
+        """
+        if self._checked != self._count():
+            self.check()
+        return self._checked is not None and not self.problem
+
+    def check(self) -> None:
+        """Compare the definitions of all endpoints now."""
+        with self._lock:
+            count = self._count()
+            endpoints = list(self._endpoints())
+            foreign = foreign_endpoints(endpoints, self._type)
+            is_complete = len(endpoints) >= count and are_named(foreign)
+            self._checked = count if is_complete else None
+            self.problem = self._text(foreign) if foreign else ""
+            is_new = is_complete and self.problem not in ("", self._logged)
+            if is_complete:
+                self._logged = self.problem
+        if is_new:
+            self._changed(self.problem)
+
+    def _text(self, foreign: Mapping[str, str]) -> str:
+        expected = expected_digest(self._type) or ""
+        nodes = ", ".join(f"{node} ({_short(digest)})" for node, digest in sorted(foreign.items()))
+        return (
+            f"{self._topic}: {nodes} has another definition of {PACKAGE}/msg/"
+            f"{self._type.__name__} than this node ({_short(expected)}), {self._consequence}; "
+            f"{_REMEDY}"
+        )
+
+
+def _short(digest: str) -> str:
+    return f"RIHS01_{digest[:_SHOWN_DIGITS]}"
+
+
+def checked_callback(callback: Callable[..., Any], watch: DefinitionWatch) -> Callable[..., Any]:
+    """``callback``, called only while ``watch`` is clean; rclpy sees the same signature."""
+
+    @wraps(callback)
+    def checked(*arguments: Any) -> None:
+        if watch.is_clean():
+            callback(*arguments)
+
+    return checked

@@ -1,0 +1,188 @@
+"""Definitions of our messages: expected, installed, and announced by other endpoints."""
+
+import inspect
+import json
+import re
+import shutil
+from pathlib import Path
+
+import marginguard_msgs
+import pytest
+from marginguard_msgs.msg import FixtureConstraint, TrackedTransform
+from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum
+from rclpy.type_hash import TypeHash
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sensor_msgs.msg import JointState
+
+from app.bridge.errors import BridgeError
+from app.bridge.message_definitions import (
+    EXPECTED,
+    DefinitionWatch,
+    check_installed,
+    checked_callback,
+    expected_digest,
+    foreign_endpoints,
+)
+
+OURS = EXPECTED["msg/FixtureConstraint"]
+OTHER = "ab" * 32
+
+
+def endpoint(digest=OURS, name="peer", version=1):
+    return TopicEndpointInfo(
+        node_name=name,
+        node_namespace="/left",
+        topic_type="marginguard_msgs/msg/FixtureConstraint",
+        topic_type_hash=TypeHash(version=version, value=bytes.fromhex(digest)),
+        endpoint_type=TopicEndpointTypeEnum.PUBLISHER,
+        endpoint_gid=[0] * 16,
+        qos_profile=QoSProfile(depth=1),
+    )
+
+
+class Graph:
+    """Test double of the endpoints that are connected to one topic."""
+
+    def __init__(self, *endpoints):
+        self.endpoints = list(endpoints)
+        self.connected = len(endpoints)
+        self.logged = []
+        self.watch = DefinitionWatch(
+            "~/constraint",
+            FixtureConstraint,
+            "so that its messages are not used",
+            lambda: self.endpoints,
+            lambda: self.connected,
+            self.logged.append,
+        )
+
+    def connect(self, *endpoints):
+        self.endpoints, self.connected = list(endpoints), len(endpoints)
+
+
+def test_expected_definitions_are_those_of_the_source_files(project_root):
+    folder = project_root / "interfaces" / "marginguard_msgs"
+    names = {f"{path.parent.name}/{path.stem}" for path in folder.glob("*/*.*")}
+    assert set(EXPECTED) == names
+    store = get_typestore(Stores.ROS2_JAZZY)
+    messages = {path.stem: path.read_text() for path in folder.glob("msg/*.msg")}
+    for name, text in messages.items():
+        store.register(get_types_from_msg(text, f"marginguard_msgs/msg/{name}"))
+    for name in messages:
+        digest = store.hash_rihs01(f"marginguard_msgs/msg/{name}").removeprefix("RIHS01_")
+        assert EXPECTED[f"msg/{name}"] == digest, name
+
+
+def test_installed_definitions_are_the_expected_ones():
+    check_installed.__wrapped__()
+
+
+@pytest.fixture
+def other_share(tmp_path, monkeypatch):
+    """Copy of the installed definitions in place of them."""
+    module = Path(marginguard_msgs.__file__)
+    share = next(
+        folder / "share" / "marginguard_msgs"
+        for folder in module.parents
+        if (folder / "share" / "marginguard_msgs" / "msg").is_dir()
+    )
+    copy = tmp_path / "share" / "marginguard_msgs"
+    shutil.copytree(share, copy)
+    monkeypatch.setattr(
+        marginguard_msgs, "__file__", str(tmp_path / "lib" / "marginguard_msgs" / "__init__.py")
+    )
+    check_installed.__wrapped__()
+    return copy
+
+
+@pytest.mark.parametrize("name", ["msg/HalfSpace", "srv/Rearm", "action/Replay"])
+def test_other_installed_definition_is_one_line_with_the_remedy(other_share, name):
+    path = other_share / f"{name}.json"
+    text = path.read_text().replace(EXPECTED[name], OTHER)
+    path.write_text(text)
+    with pytest.raises(BridgeError) as error:
+        check_installed.__wrapped__()
+    expected = f"marginguard_msgs/{name}: the installed definition ({other_share}) is RIHS01_abab"
+    assert str(error.value).startswith(expected)
+    assert "run 'pip install ./interfaces'" in str(error.value)
+
+
+@pytest.mark.parametrize("text", [None, "", "[]", json.dumps({"type_hashes": [{}]})])
+def test_unreadable_installed_definition_is_refused(other_share, text):
+    path = other_share / "srv" / "Seek.json"
+    path.unlink() if text is None else path.write_text(text)
+    with pytest.raises(BridgeError, match=re.escape("srv/Seek: the installed definition")):
+        check_installed.__wrapped__()
+
+
+def test_installation_without_definitions_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(marginguard_msgs, "__file__", str(tmp_path / "marginguard_msgs.py"))
+    with pytest.raises(BridgeError, match="has no folder share/marginguard_msgs"):
+        check_installed.__wrapped__()
+
+
+def test_only_our_message_types_have_an_expected_definition():
+    assert expected_digest(TrackedTransform) == EXPECTED["msg/TrackedTransform"]
+    assert expected_digest(JointState) is None
+
+
+def test_foreign_endpoint_is_one_that_announces_another_hash():
+    endpoints = [
+        endpoint(),
+        endpoint(OTHER, "other"),
+        endpoint("00" * 32, "without_ros", version=-1),
+    ]
+    assert foreign_endpoints(endpoints, FixtureConstraint) == {"/left/other": OTHER}
+    assert foreign_endpoints(endpoints, JointState) == {}
+
+
+def test_messages_are_not_used_while_a_foreign_publisher_is_connected():
+    graph, received = Graph(endpoint()), []
+    take = checked_callback(received.append, graph.watch)
+    take("one")
+    graph.connect(endpoint(), endpoint(OTHER, "other"))
+    take("two")
+    assert "~/constraint: /left/other (RIHS01_abababababab)" in graph.watch.problem
+    assert "so that its messages are not used; install the same" in graph.watch.problem
+    take("three")
+    graph.connect(endpoint())
+    take("four")
+    assert received == ["one", "four"]
+    assert (len(graph.logged), graph.watch.problem) == (1, "")
+
+
+def test_publisher_that_the_graph_does_not_know_yet_is_not_used():
+    graph = Graph(endpoint())
+    graph.connected = 2
+    assert not graph.watch.is_clean()
+    graph.endpoints.append(endpoint())
+    assert graph.watch.is_clean()
+
+
+def test_problem_is_logged_when_the_name_of_the_node_is_known():
+    graph = Graph(endpoint(OTHER, "_NODE_NAME_UNKNOWN_"))
+    assert not graph.watch.is_clean()
+    assert graph.logged == []
+    graph.connect(endpoint(OTHER, "other"))
+    assert not graph.watch.is_clean()
+    assert not graph.watch.is_clean()
+    assert graph.logged == [graph.watch.problem]
+
+
+def test_exchange_of_two_publishers_is_found_by_the_event_of_the_match():
+    graph = Graph(endpoint())
+    assert graph.watch.is_clean()
+    graph.connect(endpoint(OTHER, "other"))
+    graph.watch.check()
+    assert not graph.watch.is_clean()
+
+
+def test_callback_keeps_its_signature():
+    def with_info(data, info): ...
+
+    def alone(data): ...
+
+    watch = Graph().watch
+    for callback, count in ((with_info, 2), (alone, 1)):
+        assert len(inspect.signature(checked_callback(callback, watch)).parameters) == count

@@ -1,0 +1,144 @@
+"""Two installations with different message definitions on one graph, really built and connected."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from tests.bridge.live.conftest import breach as breach
+from tests.bridge.live.conftest import frames_file as frames_file
+from tests.bridge.live.conftest import live_yaml as live_yaml
+from tests.bridge.live.conftest import start as start
+from tests.bridge.live.conftest import start_receiver as start_receiver
+from tests.bridge.live.test_live_command import SENDER, TRACKED
+from tests.ros_domain import domain_id as domain_id
+
+PEER = Path(__file__).with_name("other_peer.py")
+DIAGNOSTICS = "/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000"
+REMEDY = "install the same marginguard_msgs on both sides"
+
+
+@pytest.fixture(scope="module")
+def other_site(tmp_path_factory: pytest.TempPathFactory, project_root: Path) -> Path:
+    """Folder with a ``marginguard_msgs`` whose messages have one more field."""
+    folder = tmp_path_factory.mktemp("other")
+    source = folder / "interfaces"
+    shutil.copytree(
+        project_root / "interfaces", source, ignore=shutil.ignore_patterns("build", "*.egg-info")
+    )
+    for name, line in (("FixtureConstraint", "uint64 seq"), ("TrackedTransform", "string child")):
+        path = source / "marginguard_msgs" / "msg" / f"{name}.msg"
+        text = path.read_text()
+        assert f"\n{line}" in text
+        path.write_text(text.replace(f"\n{line}", f"\nfloat64 extra\n{line}", 1))
+    shutil.rmtree(source / "tf2_msgs")  # less to compile
+    project = source / "pyproject.toml"
+    lines = project.read_text().splitlines()
+    project.write_text("\n".join(line for line in lines if '"tf2_msgs.' not in line) + "\n")
+    site = folder / "site"
+    install = [sys.executable, "-m", "pip", "install", "--no-deps", "--target", str(site)]
+    done = subprocess.run(
+        [*install, str(source)],
+        env={**os.environ, "PIP_BUILD_CONSTRAINT": str(project_root / "constraints.txt")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return site
+
+
+def next_status(receiver, name, accept):
+    """The status ``name`` of the first report of diagnostics that ``accept`` accepts."""
+    while True:
+        parts = {part["name"]: part for part in receiver.take(1)[0]["message"]["status"]}
+        if accept(parts):
+            return parts.get(name)
+
+
+def wait_for_text(child, text):
+    """Wait until ``text`` is in the log of the process."""
+    pause = threading.Event()
+    for _ in range(600):
+        if text in child.log.read_text():
+            return
+        pause.wait(0.1)
+    pytest.fail(f"{text!r} is not in {child.log.read_text()!r}")
+
+
+def test_messages_of_another_version_are_not_used_and_named(
+    other_site, start, start_receiver, live_yaml, frames_file, tmp_path
+):
+    config = str(live_yaml(TRACKED))
+    live = start("-m", "app.cli", "live", "--constraint-hz", "100", "--config", config)
+    live.line(lambda line: line.startswith("UNKNOWN"))
+    start(str(SENDER), str(frames_file), "tracked", "again")
+    live.line(lambda line: line.startswith("POSITIVE"))
+
+    receiver = start_receiver(DIAGNOSTICS)
+    tracked = ("/tracked_transforms", "TrackedTransform")
+    other = start(str(PEER), str(other_site), "publish", *tracked)
+    other.line(lambda line: line.startswith("matched"))
+    live.line(lambda line: line.startswith("UNKNOWN") and "stale" in line)
+    messages = next_status(
+        receiver, "marginguard: messages", lambda parts: "marginguard: messages" in parts
+    )
+    assert "/tracked_transforms: /other_version (RIHS01_" in messages["message"]
+    assert "its messages are not used" in messages["message"]
+    assert REMEDY in messages["message"]
+
+    # A subscriber of another version cannot read our constraint, and is named too.
+    constraint = ("/marginguard/constraint", "FixtureConstraint")
+    reader = start(str(PEER), str(other_site), "subscribe", *constraint)
+    reader.line(lambda line: line.startswith("matched"))
+    next_status(
+        receiver,
+        "",
+        lambda parts: "misreads our messages" in parts["marginguard: messages"]["message"],
+    )
+
+    recorder = start("-m", "app.cli", "record", "-o", str(tmp_path / "recorded"))
+    wait_for_text(recorder, "/tracked_transforms is not recorded: /other_version has another")
+    assert recorder.end(signal.SIGINT) == 130
+
+    # Without the other publisher the samples are used again.
+    other.end(signal.SIGKILL)
+    live.line(lambda line: "latched" in line and not line.startswith("UNKNOWN"))
+    assert live.end(signal.SIGINT) == 130
+    log = live.log.read_text()
+    assert log.count("its messages are not used") == 1
+    assert log.count("misreads our messages") == 1
+    assert "Traceback" not in log
+
+
+def test_guard_of_another_version_is_not_rearmed(other_site, start):
+    constraint = ("/marginguard/constraint", "FixtureConstraint")
+    start(str(PEER), str(other_site), "publish", *constraint)
+    operator = start("-m", "app.cli", "rearm", "--yes")
+    assert operator.process.wait() == 2
+    log = operator.log.read_text()
+    assert "/other_version (RIHS01_" in log
+    assert REMEDY in log
+
+
+def test_program_with_messages_of_another_version_does_not_start(
+    other_site, domain_id, project_root
+):
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "rearm", "--yes"],
+        env={**os.environ, "PYTHONPATH": f"{other_site}{os.pathsep}{project_root}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    error = done.stderr.splitlines()[-1]
+    assert "marginguard_msgs/msg/FixtureConstraint: the installed definition" in error
+    assert "run 'pip install ./interfaces'" in error
