@@ -40,6 +40,8 @@ _JOIN_TIMEOUT_S = 5.0
 _FLUSH_TIMEOUT_NS = 2 * NS_PER_S
 """Writers announce lost data every 0.5 s (`udp_on_this_machine.xml`), so this allows 4 retries."""
 
+_FLUSH_POLL_S = 0.002
+
 _LOG_INTERVAL_S = 1.0
 
 
@@ -252,9 +254,11 @@ class RosNode:
         """Wait until reliable subscribers have acknowledged all messages, 2 s at most."""
         end_ns = time.monotonic_ns() + _FLUSH_TIMEOUT_NS
         for _, publisher in self._publishers:
-            remaining_ns = max(0, end_ns - time.monotonic_ns())
-            if not publisher.wait_for_all_acked(Duration(nanoseconds=remaining_ns)):
-                return
+            # Polled: rclpy blocks all threads of the process while it waits.
+            while not publisher.wait_for_all_acked(Duration()):
+                if time.monotonic_ns() >= end_ns:
+                    return
+                time.sleep(_FLUSH_POLL_S)
 
     def call_soon(self, callback: Callable[[], None]) -> None:
         """Schedule ``callback()`` in the node's thread; does nothing on a closed node."""

@@ -1,12 +1,15 @@
 """Action server that executes each goal in a separate thread and always sends a result."""
 
 import threading
+import time
 from collections.abc import Callable
 from enum import Enum, auto
 from typing import Any
 
+from action_msgs.msg import GoalStatusArray
 from rclpy.action.server import ActionServer as RosActionServer
 from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
+from rclpy.qos import qos_profile_action_status_default
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
@@ -15,6 +18,7 @@ from app.bridge.calls.service_server import failure_reply
 from app.bridge.convert.types import action_type
 from app.bridge.errors import reason_of
 from app.bridge.node import RosNode
+from app.bridge.qos import Topic
 from app.geometry import MarginGuardError
 
 _CLOSE_TIMEOUT_S = 10.0
@@ -23,8 +27,9 @@ _CLOSE_TIMEOUT_S = 10.0
 _RESULT_TIMEOUT_S = 60
 """How long a result is kept; with rclpy's default of 900 s many goals would fill the memory."""
 
-_EXECUTOR_CYCLES = 3
-"""rclpy sends a result two executor cycles after the goal's callback has returned."""
+_REQUEST_TIMEOUT_S = 2.0
+"""How long after the end of a goal `ActionServer.close` waits for the request of its result. A
+client sends it when it has received the acceptance of the goal; some clients never do."""
 
 
 class GoalOutcome(Enum):
@@ -61,6 +66,19 @@ class ServedGoal:
             self._stop()
 
 
+class _ResultServer(RosActionServer):
+    """rclpy's server; `result_sent` is set while no accepted goal waits for its result."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self.result_sent = threading.Event()
+        self.result_sent.set()
+        super().__init__(*args, **options)  # type: ignore[no-untyped-call]
+
+    def _send_result_response(self, request_header: Any, future: Future) -> None:
+        super()._send_result_response(request_header, future)  # type: ignore[no-untyped-call]
+        self.result_sent.set()
+
+
 class ActionServer:
     """Serve the action ``name``, one goal at a time.
 
@@ -71,7 +89,8 @@ class ActionServer:
     `refused` if it is a `MarginGuardError`, otherwise in `failures`. Cancel requests are always
     accepted: they set ``served.cancelled``, which ``run`` must check.
 
-    Closing the node cancels the active goal and still sends its result.
+    Closing the node cancels the active goal and still sends its result: it stops serving when the
+    client has requested the result and has received it, or 2 s after the end of the goal.
     """
 
     def __init__(
@@ -93,7 +112,7 @@ class ActionServer:
         self._closing = False
         self._goals: dict[bytes, ServedGoal] = {}
         try:
-            self._server = RosActionServer(
+            self._server = _ResultServer(
                 ros.node,
                 self.type,
                 name,
@@ -105,6 +124,13 @@ class ActionServer:
             )
         except Exception as error:  # rclpy has an unrelated type for each way to be invalid
             raise CallError(f"action {name!r} cannot be served: {reason_of(error)}") from error
+        # A second publisher of the statuses: rclpy can wait for acknowledgements of a publisher
+        # only, not of the replies and messages of an action server.
+        self._statuses = ros.publisher(
+            Topic(f"{name}/_action/status", GoalStatusArray, qos_profile_action_status_default)
+        )
+        self._served_any = False
+        self._ended_s = 0.0
         self.name = str(ros.node.resolve_topic_name(name))
         self._idle = threading.Event()
         self._idle.set()
@@ -121,11 +147,22 @@ class ActionServer:
             self._ros.node.get_logger().error(
                 f"action {self.name}: the cancelled goal does not end"
             )
-        for _ in range(_EXECUTOR_CYCLES):
-            cycle_done = threading.Event()
-            self._ros.call_soon(cycle_done.set)
-            cycle_done.wait(_CLOSE_TIMEOUT_S)
-        self._server.destroy()
+        elif self._served_any:
+            self._wait_until_result_is_received()
+        self._server.destroy()  # type: ignore[no-untyped-call]
+
+    def _wait_until_result_is_received(self) -> None:
+        """Wait, with limits, until the client of the last goal has its result.
+
+        A client drops a reply that it receives after it has noticed that the server has left.
+        Replies are not acknowledged to rclpy, but messages are. The client receives both through
+        one queue, so it has received the result when it acknowledges a later message: an empty
+        list of statuses, as of a server without goals.
+        """
+        due_s = self._ended_s + _REQUEST_TIMEOUT_S
+        if self._server.result_sent.wait(max(0.0, due_s - time.monotonic())):
+            self._statuses.publish(GoalStatusArray())
+            self._ros.flush()
 
     def _on_goal(self, goal: Any) -> GoalResponse:
         reason = ""
@@ -150,6 +187,8 @@ class ActionServer:
     def _on_accepted(self, handle: ServerGoalHandle) -> None:
         # Not in `_on_goal`: a goal whose sender has left is accepted but never gets here.
         self._idle.clear()
+        self._server.result_sent.clear()
+        self._served_any = True
         self._goals[bytes(handle.goal_id.uuid)] = ServedGoal(handle)
         handle.execute()
 
@@ -183,6 +222,7 @@ class ActionServer:
             else:
                 handle.abort()
         finally:
+            self._ended_s = time.monotonic()
             self._idle.set()
         return result
 

@@ -70,6 +70,10 @@ def main() -> int:
 
     for argument in sys.argv[3:]:
         print(json.dumps(send(json.loads(argument))), flush=True)
+    # Leave the graph: a server may wait for an acknowledgement of this process.
+    client.destroy()
+    node.destroy_node()
+    rclpy.shutdown()
     return 0
 
 

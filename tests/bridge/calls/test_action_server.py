@@ -1,15 +1,19 @@
 """Goals from another process: each ends with a result, even if its execution fails."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from rclpy.action.client import ActionClient as RosActionClient
 from std_msgs.msg import String
 from tf2_msgs.action import LookupTransform
 
 from app.bridge.calls import ActionClient, ActionServer, CallError, GoalCancelledError, GoalOutcome
 from app.bridge.node import RosNode
-from app.geometry import InputError
+from app.bridge.qos import LATCHED, Topic
+from app.geometry import NS_PER_S, InputError
 
 SENDER = Path(__file__).resolve().parent / "goal_sender.py"
 LOOKUP = "tf2_msgs/action/LookupTransform"
@@ -81,39 +85,87 @@ def test_second_goal_is_rejected_and_node_stays_responsive(server, ros, start_re
     assert send(start_receiver, '{"source_frame": "fine"}')[0]["status"] == "succeeded"
 
 
-def test_closing_the_node_ends_the_goal_and_sends_its_result(domain_id, start_receiver):
-    # A client requests the result after the goal is accepted. If the node closes in between, the
-    # client gets no result, so try again.
-    for _ in range(5):
-        reply = close_during_goal(domain_id, start_receiver)
-        if reply is not None:
-            break
-    # Without a cancel request ROS does not allow the outcome "cancelled".
-    assert reply is not None
-    assert reply["status"] == "aborted"
-
-
-def close_during_goal(domain_id, start_receiver):
-    """Reply to the sender of a goal when the node closes during it; None if it got none."""
-    ended, active = threading.Event(), threading.Event()
+@pytest.fixture
+def until_cancelled(domain_id):
+    """A server whose goal ends when the node closes, and two events: goal active, goal ended."""
+    active, ended = threading.Event(), threading.Event()
 
     def wait(served):
-        served.on_cancel(ended.set)  # called when the node closes
-        served.feedback(LookupTransform.Feedback())
         active.set()
         served.cancelled.wait(60.0)
         return LookupTransform.Result(), GoalOutcome.CANCELLED
 
-    with RosNode("marginguard", domain_id=domain_id) as ros:
+    def on_statuses(message):
+        if any(each.status == GoalStatus.STATUS_ABORTED for each in message.status_list):
+            ended.set()
+
+    statuses = Topic("/marginguard/lookup/_action/status", GoalStatusArray, LATCHED)
+    with (
+        RosNode("observer", domain_id=domain_id) as observer,
+        RosNode("marginguard", domain_id=domain_id) as ros,
+    ):
+        observer.subscribe(statuses, on_statuses)
         ActionServer(ros, LOOKUP, "~/lookup", wait)
-        sender = start_receiver("/marginguard/lookup", LOOKUP, "{}", script=SENDER)
+        yield ros, active, ended
+
+
+def test_closing_node_waits_for_client_to_receive_result(
+    until_cancelled, start_receiver, monkeypatch
+):
+    monkeypatch.setattr("app.bridge.node._FLUSH_TIMEOUT_NS", 30 * NS_PER_S)
+    monkeypatch.setattr("app.bridge.calls.action_server._REQUEST_TIMEOUT_S", 60.0)
+    ros, active, ended = until_cancelled
+    sender = start_receiver("/marginguard/lookup", LOOKUP, "{}", script=SENDER)
+    assert active.wait(30.0)
+    with ThreadPoolExecutor() as workers:
+        with sender.held():
+            closed = workers.submit(ros.close)
+            assert ended.wait(30.0)
+            with pytest.raises(TimeoutError):  # the client is suspended
+                closed.result(0.3)
+        closed.result(60.0)
+    # Without a cancel request ROS does not allow the outcome "cancelled".
+    assert [reply["status"] for reply in sender.messages()] == ["aborted"]
+
+
+def test_closing_node_sends_result_that_is_requested_after_the_end(
+    until_cancelled, domain_id, monkeypatch
+):
+    monkeypatch.setattr("app.bridge.calls.action_server._REQUEST_TIMEOUT_S", 60.0)
+    ros, active, ended = until_cancelled
+    with RosNode("sender", domain_id=domain_id) as sending, ThreadPoolExecutor() as workers:
+        client = RosActionClient(sending.node, LookupTransform, "/marginguard/lookup")
+        assert client.wait_for_server(30.0)
+        handle = reply_of(client.send_goal_async(LookupTransform.Goal()))
         assert active.wait(30.0)
-    assert ended.is_set()
-    try:
-        (reply,) = sender.messages()
-    except pytest.fail.Exception:
-        return None
-    return reply
+        closed = workers.submit(ros.close)
+        assert ended.wait(30.0)
+        with pytest.raises(TimeoutError):
+            closed.result(0.3)
+        assert reply_of(handle.get_result_async()).status == GoalStatus.STATUS_ABORTED
+        closed.result(30.0)
+
+
+def test_closing_node_does_not_wait_forever_for_request_of_result(
+    until_cancelled, domain_id, monkeypatch
+):
+    monkeypatch.setattr("app.bridge.calls.action_server._REQUEST_TIMEOUT_S", 0.1)
+    ros, active, _ = until_cancelled
+    with RosNode("sender", domain_id=domain_id) as sending:
+        client = RosActionClient(sending.node, LookupTransform, "/marginguard/lookup")
+        assert client.wait_for_server(30.0)
+        reply_of(client.send_goal_async(LookupTransform.Goal()))
+        assert active.wait(30.0)
+        ros.close()
+        assert not ros.is_open
+
+
+def reply_of(future):
+    """The result of a future that another thread completes."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(30.0)
+    return future.result()
 
 
 def test_invalid_name_is_a_one_line_error(ros):
