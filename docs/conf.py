@@ -34,7 +34,7 @@ extensions = [
     "repository_links",
 ]
 root_doc = "docs/index"
-include_patterns = ["docs/**", "examples/*", "data/*/README.md", "*.md"]
+include_patterns = ["docs/**", "examples/*", "examples/*/README.md", "data/*/README.md", "*.md"]
 exclude_patterns = [".*", "out", "build", "dist", "app", "tests", "**/__pycache__"]
 nitpicky = True
 
@@ -46,7 +46,7 @@ myst_fence_as_directive = ["mermaid"]
 # Notebooks are executed at every build; an error of a cell fails the build.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
-nb_execution_timeout = 120
+nb_execution_timeout = 600  # a first run compiles the kernels
 
 # Diagrams are drawn at build time by mermaidx: pages load nothing from other hosts.
 mermaid_output_format = "svg"

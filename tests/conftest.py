@@ -101,6 +101,7 @@ LONG = {
     "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
     "runs examples on whole cases, or beside a replay in real time": (
         "tests/examples/test_long_scripts.py",
+        "tests/examples/test_notebooks.py",
         "tests/examples/test_ros_scripts.py",
         "tests/examples/test_twist_filter.py",
     ),
