@@ -28,7 +28,8 @@ __all__ += ["__version__"]
 def __getattr__(name: str) -> object:
     check_app()
     if name == "__version__":
-        from app import __version__
-
-        return __version__
-    return _load(name)
+        from app import __version__ as value
+    else:
+        value = _load(name)
+    globals()[name] = value  # a controller reads names at its rate
+    return value

@@ -4,20 +4,33 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from app.fixture import Constraint, LimiterParameters, limit_twist
+from app.fixture import (
+    Constraint,
+    FixtureRule,
+    LimiterParameters,
+    PlainConstraint,
+    RulePermission,
+    limit_twist,
+)
 from app.geometry import InputError
 from app.runtime import ReceivedConstraint
 from marginguard.arguments import needs
 
 if TYPE_CHECKING:
+    from marginguard_msgs.msg import FixtureConstraint
+
     from app.bridge.constraint_reader import ConstraintReader
 
 __all__ = [
     "Constraint",
+    "FixtureRule",
     "LimiterParameters",
+    "PlainConstraint",
     "ReceivedConstraint",
+    "RulePermission",
     "constraint_stream",
     "limit_twist",
+    "plain_constraint",
     "read_constraint",
 ]
 
@@ -67,3 +80,32 @@ def constraint_stream(
     prepare_environment()
     with ConstraintReader(topic, timeout_s=timeout_s) as reader:
         yield reader
+
+
+def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
+    """The values of a received message that `FixtureRule` needs, in mm; nothing is checked.
+
+    For a controller with a node of its own (``docs/controller.md``). Needs the extra ``ros``.
+    Raises `InputError` without it.
+
+    >>> import marginguard as mg
+    >>> from marginguard_msgs.msg import FixtureConstraint, HalfSpace
+    >>> floor = HalfSpace(offset=0.005)  # 5 mm above the origin
+    >>> floor.normal.z, floor.point_on_tool.z = 1.0, 0.008
+    >>> message = FixtureConstraint(instance_id="a", seq=1, half_spaces=[floor])
+    >>> message.header.frame_id, message.valid_until.nanosec = "tumor", 60_000_000
+    >>> plain = mg.plain_constraint(message)
+    >>> isinstance(plain, mg.PlainConstraint), plain.offsets_mm.tolist()
+    (True, [5.0])
+    >>> rule = mg.FixtureRule(frame="tumor")
+    >>> rule.receive(plain, now_ns=1_000_000)
+    >>> down = [0.0, 0.0, -100.0, 0.0, 0.0, 0.0]  # mm/s, rad/s; 3 mm are left
+    >>> decision = rule.allow(down, [0.0, 0.0, 8.0], now_ns=2_000_000)
+    >>> decision.permission is mg.RulePermission.WITHIN_PLANES, decision.twist[2].round(3).item()
+    (True, -60.0)
+    >>> rule.allow(down, [0.0, 0.0, 8.0], now_ns=70_000_000).permission.name  # not valid any more
+    'NO_MOTION'
+    """
+    with needs("ROS 2"):
+        from app.bridge.plain_constraint import plain_constraint as convert
+    return convert(message)

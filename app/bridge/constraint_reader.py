@@ -4,16 +4,16 @@ import math
 from collections.abc import Iterator
 from typing import Self
 
-import numpy as np
 from marginguard_msgs.msg import FixtureConstraint
 
 from app.bridge.convert.topics import create_endpoint, read_message
 from app.bridge.errors import BridgeError
 from app.bridge.messages import MM_PER_M
 from app.bridge.node import RosNode
+from app.bridge.plain_constraint import plain_constraint
 from app.bridge.qos import NEWEST, Topic
-from app.fixture import Constraint, MarginState
-from app.geometry import NS_PER_S, InputError
+from app.fixture import Constraint, MarginState, PlainConstraint
+from app.geometry import InputError
 from app.runtime import LatestValue, ReceivedConstraint
 
 DEFAULT_TOPIC = "/marginguard/constraint"
@@ -86,14 +86,15 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
         raise BridgeError(f"{topic}: state is {message.state}; expected 0 to 3") from error
     if not message.half_spaces and not message.hold:
         raise BridgeError(f"{topic}: no half-spaces and no hold; expected hold without a plane")
+    plain = plain_constraint(message)
     return ReceivedConstraint(
         seq=message.seq,
-        stamp_ns=_ns(message.header.stamp),
-        valid_until_ns=_ns(message.valid_until),
+        stamp_ns=plain.stamp_ns,
+        valid_until_ns=plain.valid_until_ns,
         state=state,
         reasons=tuple(message.reasons),
         hold=message.hold,
-        constraint=_constraint(message, topic),
+        constraint=_constraint(plain, topic),
         signed_distance_mm=_mm(message.signed_distance),
         lower_bound_mm=_mm(message.lower_bound),
         stop_total_mm=_mm(message.stop_distance),
@@ -106,30 +107,20 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
     )
 
 
-def _constraint(message: FixtureConstraint, topic: str) -> Constraint | None:
-    planes = message.half_spaces
-    if not planes:
+def _constraint(plain: PlainConstraint, topic: str) -> Constraint | None:
+    if len(plain.normals) == 0:
         return None
     try:
         return Constraint(
-            frame=message.header.frame_id,
-            normals=np.array([_xyz(plane.normal) for plane in planes]),
-            offsets_mm=np.array([plane.offset for plane in planes]) * MM_PER_M,
-            points_on_tool_mm=np.array([_xyz(plane.point_on_tool) for plane in planes]) * MM_PER_M,
-            tumor_velocities_mm_s=np.array([_xyz(plane.tumor_velocity) for plane in planes])
-            * MM_PER_M,
-            hold=message.hold,
+            frame=plain.frame,
+            normals=plain.normals,
+            offsets_mm=plain.offsets_mm,
+            points_on_tool_mm=plain.points_on_tool_mm,
+            tumor_velocities_mm_s=plain.tumor_velocities_mm_s,
+            hold=plain.hold,
         )
     except InputError as error:
         raise BridgeError(f"{topic}: invalid half-spaces: {error}") from error
-
-
-def _xyz(vector: object) -> tuple[float, float, float]:
-    return (vector.x, vector.y, vector.z)  # type: ignore[attr-defined]
-
-
-def _ns(stamp: object) -> int:
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)  # type: ignore[attr-defined]
 
 
 def _mm(value_m: float) -> float | None:

@@ -19,9 +19,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from app.bridge.messages import MM_PER_M
-from app.bridge.plain_constraint import plain_constraint
-from app.fixture import FixtureRule
+import marginguard as mg
+
+MM_PER_M = 1000.0
 
 PERIOD_S = 0.005
 MAX_COMMAND_AGE_NS = 100_000_000
@@ -29,11 +29,11 @@ NEWEST = QoSProfile(depth=1)
 
 
 class TwistFilter(Node):
-    """Node around `FixtureRule`; its clock is that of the tracker's stamps (``clock: host``)."""
+    """Node around `mg.FixtureRule`; its clock is that of the tracker's stamps (``clock: host``)."""
 
     def __init__(self, frame: str) -> None:
         super().__init__("twist_filter")
-        self.rule = FixtureRule(frame=frame)
+        self.rule = mg.FixtureRule(frame=frame)
         self.frame = frame
         self.desired: tuple[int, np.ndarray] | None = None
         self.tip: tuple[int, np.ndarray] | None = None
@@ -51,7 +51,7 @@ class TwistFilter(Node):
 
     def receive(self, message: FixtureConstraint) -> None:
         """Pass a constraint to the rule."""
-        self.rule.receive(plain_constraint(message), self.now_ns())
+        self.rule.receive(mg.plain_constraint(message), self.now_ns())
 
     def command(self, message: TwistStamped) -> None:
         """Keep the desired twist, in mm/s and rad/s."""
