@@ -18,7 +18,9 @@ from tests.bridge.live.conftest import frames_file as frames_file
 from tests.bridge.live.conftest import live_yaml as live_yaml
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
-from tests.viewer.conftest import Server, Watched
+from tests.viewer.attacks.raw_page import cookie, raw_page
+from tests.viewer.attacks.test_messages_served import EXITS, FORGERIES
+from tests.viewer.conftest import TOKEN, Server, Watched
 from tests.viewer.conftest import can_draw as can_draw
 from tests.viewer.conftest import viewed_case as viewed_case
 from tests.viewer.test_server_gone import check_lost
@@ -41,9 +43,15 @@ def test_case_and_live_session_exclude_each_other(arguments, capsys):
     assert "expected CASE, or --live and --config FILE" in capsys.readouterr().err
 
 
-def test_empty_token_is_refused(capsys):
-    assert main(["view", "data/recorded_case", "--token", ""]) == 2
-    assert "--token is empty" in capsys.readouterr().err
+@pytest.mark.parametrize("option", ["--token", "--view-token"])
+def test_empty_token_is_refused(capsys, option):
+    assert main(["view", "data/recorded_case", option, ""]) == 2
+    assert f"{option} is empty" in capsys.readouterr().err
+
+
+def test_tokens_of_the_two_roles_differ(capsys):
+    assert main(["view", "data/recorded_case", "--token", "a", "--view-token", "a"]) == 2
+    assert "view token: the same as the other token" in capsys.readouterr().err
 
 
 def test_missing_case_is_refused_in_one_line(tmp_path, capsys):
@@ -114,6 +122,11 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     expect(page.locator("#distance")).to_contain_text("\N{MINUS SIGN}")
     expect(page.locator("#timeline .curve")).to_have_attribute("d", re.compile("^M.*L"))
     assert page.locator(".lamps [data-light=valid]").count() == 3
+    with raw_page(live_server, cookie(live_server, TOKEN)) as attacker:
+        attacker.greet()
+        for method, args in EXITS + FORGERIES:
+            assert "error" in attacker.call(method, *args)
+    expect(word).to_have_text("IN TUMOUR")
     sender.end(signal.SIGKILL)
     expect(word).to_have_text("UNKNOWN")
     expect(page.locator("#distance")).to_have_text("\N{EN DASH}")
@@ -123,5 +136,8 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     live_server.process.send_signal(signal.SIGINT)
     check_lost(page)
     assert live_server.process.wait() == 130
-    assert live_server.log.read_text().count("\n") == 1  # the range of ROS
+    lines = live_server.log.read_text().splitlines()
+    refused = [line for line in lines if ": refused: " in line]
+    assert len(refused) == len(EXITS + FORGERIES)
+    assert len(lines) == len(refused) + 1  # the range of ROS
     context.close()

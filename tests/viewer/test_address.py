@@ -6,15 +6,17 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
-from app.viewer import Address, ViewerError
+from app.viewer import Address, Role, ViewerError
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost"])
 @pytest.mark.parametrize("token", ["plain", "a&b=c#d e+\N{SNOWMAN}"])
 def test_url_has_host_port_and_token(host, token):
-    url = urlsplit(Address(host, 0, token).url(8080))
-    assert (url.hostname, url.port) == (host, 8080)
-    assert parse_qs(url.query) == {"token": [token]}
+    address = Address(host, 0, token, f"{token}2")
+    for role, expected in ((Role.OPERATE, token), (Role.VIEW, f"{token}2")):
+        url = urlsplit(address.url(8080, role))
+        assert (url.hostname, url.port) == (host, 8080)
+        assert parse_qs(url.query) == {"token": [expected]}
 
 
 def test_check_refuses_a_port_in_use_and_leaves_a_free_one_free():

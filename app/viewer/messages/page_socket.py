@@ -24,7 +24,7 @@ from app.viewer.messages.wire import (
 HELLO_S = 10.0
 """Time for a page's first message."""
 SILENCE_S = 60.0
-"""A page answers every heartbeat: one that is silent for so long is gone."""
+"""A page answers every heartbeat: one that is silent for so long has ended."""
 MAX_REFUSALS = 20
 """Refused requests after which a page is disconnected. A page of this server sends none."""
 _PING_S = 30.0

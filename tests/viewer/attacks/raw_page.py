@@ -130,7 +130,7 @@ class RawPage:
         return None
 
     def close(self) -> None:
-        """Close the connection without a word."""
+        """Close the connection without a closing handshake."""
         self._stream.close()
         self.link.close()
 

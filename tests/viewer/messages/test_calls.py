@@ -123,7 +123,7 @@ class Calls:
 OPERATOR, VIEWER = Calls(Role.OPERATE), Calls(Role.VIEW)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(calls)
 def test_random_call_runs_within_limits_or_is_refused(call):
     before = dict(OPERATOR.state)
@@ -148,7 +148,7 @@ def test_random_call_runs_within_limits_or_is_refused(call):
     OPERATOR.area.events.clear()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(near_calls)
 def test_random_call_of_a_view_page_changes_nothing(call):
     with suppress(MarginGuardError):
