@@ -17,6 +17,7 @@ _MAX_FINGERS = 10
 _MAX_SPIN = 100.0
 
 _side = number(1.0, _MAX_SIDE)
+_size = number(0.0, _MAX_SIDE)  # 0 while the area is hidden
 _offset = number(-_MAX_SIDE, _MAX_SIDE)
 _pixel_ratio = number(0.1, 10.0)
 _factor = number(1.0 / _MAX_ZOOM, _MAX_ZOOM)
@@ -31,8 +32,8 @@ def area_size(value: object) -> dict[str, float]:
     """The picture's area: width ``w`` and height ``h``, with ``p`` screen pixels for each unit."""
     size = mapping(value)
     return {
-        "w": _side(size.get("w")),
-        "h": _side(size.get("h")),
+        "w": _size(size.get("w")),
+        "h": _size(size.get("h")),
         "p": _pixel_ratio(size.get("p", 1)),
     }
 

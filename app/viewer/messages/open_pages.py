@@ -12,8 +12,8 @@ from app.viewer.messages.wire import encode_publication
 
 MAX_PAGES = 16
 """Open pages of each role."""
-MESSAGES_PER_S, MESSAGE_BURST = 200.0, 400.0
-"""Messages of one page. A page sends up to 150 a second while its picture is dragged."""
+MESSAGES_PER_S, MESSAGE_BURST = 400.0, 800.0
+"""Messages of one page. While its picture is dragged it sends one for each frame of its screen."""
 PICTURE_TOPIC = "trame.rca.topic.stream"
 BEAT_TOPIC = "marginguard.beat"
 """Topic of the heartbeat: a page that does not receive it turns grey."""

@@ -1,7 +1,6 @@
 """The websocket of a page: reads its requests within limits, and sends what is meant for it."""
 
 import asyncio
-from contextlib import suppress
 from time import monotonic_ns
 
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
@@ -130,12 +129,21 @@ class PageSocket:
 
 
 async def _send(socket: web.WebSocketResponse, page: OpenPage) -> None:
-    with suppress(ConnectionError):
-        while not socket.closed:
-            await page.to_send.wait()
-            page.to_send.clear()
-            while frames := page.outbox.take():
-                for frame in frames:
-                    await socket.send_bytes(frame)
-            if (data := page.take_pong()) is not None:
-                await socket.pong(data)
+    """Send until cancelled. A page that is sent nothing more covers itself."""
+    try:
+        await _send_all(socket, page)
+    except ConnectionError:
+        pass
+    except Exception:
+        log.exception("%s: sending", page.id)
+
+
+async def _send_all(socket: web.WebSocketResponse, page: OpenPage) -> None:
+    while not socket.closed:
+        await page.to_send.wait()
+        page.to_send.clear()
+        while frames := page.outbox.take():
+            for frame in frames:
+                await socket.send_bytes(frame)
+        if (data := page.take_pong()) is not None:
+            await socket.pong(data)

@@ -84,7 +84,7 @@ def test_socket_offers_no_compression(target):
 @pytest.mark.parametrize(("data", "kind"), [(message("marginguard.seen", 0), BINARY), (b"", PING)])
 def test_too_many_messages_close_the_socket(target, operator, data, kind):
     with target.bounded():
-        for _ in range(800):
+        for _ in range(1600):
             operator.frame(data, kind)
         assert operator.ended() == POLICY
 

@@ -83,7 +83,7 @@ def test_flood_is_cut_off_while_the_page_stays_live(target, page):
         for _ in range(4):
             with raw_page(target.server, target.view) as attacker:
                 attacker.greet()
-                for _ in range(600):
+                for _ in range(1600):
                     attacker.frame(message("marginguard.seen", 0))
                 assert attacker.ended() == POLICY
         check_true(page)

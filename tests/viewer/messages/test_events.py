@@ -76,6 +76,6 @@ def test_incomplete_event_is_refused(event):
 
 def test_size_of_the_area():
     assert area_size({"w": 930.25, "h": 519, "videoHeader": 1}) == {"w": 930.25, "h": 519.0, "p": 1}
-    for wrong in ({"w": 1e6}, {"h": 0}, {"p": 100}, {"w": "a"}, {"h": None}):
+    for wrong in ({"w": 1e6}, {"h": -1}, {"p": 100}, {"w": "a"}, {"h": None}):
         with pytest.raises(RefusedError):
             area_size({"w": 9, "h": 9, "p": 1, **wrong})
