@@ -21,6 +21,8 @@ from tests.bridge.live.test_live_command import SENDER, TRACKED
 from tests.ros_domain import domain_id as domain_id
 
 PEER = Path(__file__).with_name("other_peer.py")
+pytestmark = pytest.mark.timeout(1200)  # compiling the package takes minutes on a busy machine
+
 DIAGNOSTICS = "/diagnostics:diagnostic_msgs/msg/DiagnosticArray:1000000"
 REMEDY = "install the same marginguard_msgs on both sides"
 
