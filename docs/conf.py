@@ -58,7 +58,10 @@ python_use_unqualified_type_names = True
 # that the API does not export are values to be read: their fields may change.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|pandas|matplotlib|os|pathlib|collections|typing|app)\..*"),
-    (r"py:.*", r"NDArray|ArrayLike|float64|int32|int64|DataFrame|Figure|ConstraintReader|FixtureConstraint"),
+    (
+        r"py:.*",
+        r"NDArray|ArrayLike|float64|int32|int64|DataFrame|Figure|ConstraintReader|FixtureConstraint",
+    ),
 ]
 
 html_theme = "furo"

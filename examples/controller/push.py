@@ -59,7 +59,7 @@ class Push(Node):
         if self.plane is None:
             return
         v, n, p = message.twist.linear, self.plane.normal, self.plane.point_on_tool
-        approach = -np.dot([v.x, v.y, v.z], [n.x, n.y, n.z])
+        approach = 0.0 - np.dot([v.x, v.y, v.z], [n.x, n.y, n.z])
         clearance = np.dot([p.x, p.y, p.z], [n.x, n.y, n.z]) - self.plane.offset
         self.text = (
             f"{1e3 * clearance:.1f} mm to the stop margin, pushing {1e3 * SPEED_M_S:.0f} mm/s, "

@@ -20,6 +20,7 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 import marginguard as mg
+from app.bridge import prepare_environment
 
 MM_PER_M = 1000.0
 
@@ -93,6 +94,7 @@ def main() -> int:
     """Run the node until it is interrupted."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frame", default="tumor", help="frame of the constraint")
+    print(prepare_environment())  # the nodes on this machine, unless the variables of ROS say else
     rclpy.init()
     node = TwistFilter(parser.parse_args(rclpy.utilities.remove_ros_args(sys.argv)[1:]).frame)
     try:
