@@ -12,6 +12,8 @@ from app.viewer.messages.wire import encode_publication
 
 MAX_PAGES = 16
 """Open pages of each role."""
+OPENED_PER_S, OPENED_BURST = 5.0, 100.0
+"""Pages of each role that are opened: a new page has the whole rate of messages again."""
 MESSAGES_PER_S, MESSAGE_BURST = 400.0, 800.0
 """Messages of one page. While its picture is dragged it sends one for each frame of its screen."""
 PICTURE_TOPIC = "trame.rca.topic.stream"
@@ -61,13 +63,15 @@ class OpenPages:
 
     def __init__(self) -> None:
         self._pages: dict[str, OpenPage] = {}
+        self._opened = {role: RateLimit(OPENED_PER_S, OPENED_BURST) for role in Role}
 
     def __iter__(self) -> Iterator[OpenPage]:
         return iter(tuple(self._pages.values()))
 
-    def has_room(self, role: Role) -> bool:
-        """True if another page of ``role`` may be opened."""
-        return sum(page.role is role for page in self._pages.values()) < MAX_PAGES
+    def has_room(self, role: Role, now_ns: int) -> bool:
+        """True if another page of ``role`` may be opened; it counts as opened."""
+        is_few = sum(page.role is role for page in self._pages.values()) < MAX_PAGES
+        return is_few and self._opened[role].take(now_ns)
 
     def add(self, page: OpenPage) -> None:
         """Publish to ``page`` from now on."""

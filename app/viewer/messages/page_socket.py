@@ -45,7 +45,7 @@ class PageSocket:
         role = request[ROLE]
         if not is_same_origin(request.headers.get("Origin"), request.headers.get("Host")):
             return web.Response(status=403)
-        if not self._pages.has_room(role):
+        if not self._pages.has_room(role, monotonic_ns()):
             return web.Response(status=503)
         page = OpenPage(role)
         socket = web.WebSocketResponse(

@@ -16,7 +16,7 @@ from app.viewer.controls import ReplayControls
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.errors import RefusedError
 from app.viewer.messages.methods import HELLO, Methods
-from app.viewer.messages.open_pages import OpenPage, OpenPages
+from app.viewer.messages.open_pages import MAX_PAGES, OPENED_BURST, OpenPage, OpenPages
 from app.viewer.steps.replay import RATES, ReplayControl
 
 METHODS = [
@@ -174,6 +174,20 @@ def test_publications_reach_greeted_pages_only():
     pages.remove(greeted)
     pages.beat(4)
     assert not greeted.outbox.take()
+
+
+def test_pages_of_a_role_are_limited_in_number_and_in_rate():
+    pages, page = OpenPages(), OpenPage(Role.VIEW)
+    for _ in range(MAX_PAGES):
+        assert pages.has_room(Role.VIEW, 0)
+        pages.add(page := OpenPage(Role.VIEW))
+    assert not pages.has_room(Role.VIEW, 0)
+    assert pages.has_room(Role.OPERATE, 0)
+    pages.remove(page)
+    opened = [pages.has_room(Role.VIEW, 0) for _ in range(200)]
+    assert opened.count(True) == OPENED_BURST - MAX_PAGES
+    assert pages.has_room(Role.OPERATE, 0)
+    assert pages.has_room(Role.VIEW, 10**9)
 
 
 def test_command_without_its_role_or_arguments_is_refused():
