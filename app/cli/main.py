@@ -4,7 +4,6 @@ Exit status: 0; 1 when a check did not hold; 2 on bad input; 130 when interrupte
 terminated, 141 when the reader of standard output has closed it, as shells report it.
 """
 
-import argparse
 import atexit
 import gc
 import sys
@@ -17,6 +16,7 @@ from app.cli.commands import (
     bench,
     calibrate,
     clean,
+    completion,
     convert,
     doctor,
     igtl,
@@ -34,6 +34,8 @@ from app.cli.commands import (
     tumor,
     view,
 )
+from app.cli.errors import BAD_INPUT, print_error, wants_json
+from app.cli.parsing import CommandParser, UsageError
 from app.cli.signals import Terminated, raise_signals
 
 COMMANDS: dict[str, ModuleType] = {
@@ -56,8 +58,8 @@ COMMANDS: dict[str, ModuleType] = {
     "bench": bench,
     "doctor": doctor,
     "clean": clean,
+    "completion": completion,
 }
-BAD_INPUT = 2
 INTERRUPTED, TERMINATED = 130, 143
 NO_READER = 141
 
@@ -65,13 +67,19 @@ MAX_LINE_CHARS = 500
 """Longest error line; the middle of a longer one is left out."""
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> CommandParser:
     """The parser of the whole command line."""
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="marginguard",
         description="Margin guard for image-guided robotic intervention. "
         "A research tool, not a medical device.",
         epilog="'marginguard COMMAND --help' lists the options of a command.",
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        dest="all_json",
+        help="print errors as JSON, and the output of commands that have --json",
     )
     parser.add_argument("--version", action="version", version=f"marginguard {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -88,7 +96,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
     # Skip the garbage collection at exit, which takes half a second.
     atexit.register(gc.freeze)
-    options = build_parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    as_json = wants_json(given)
+    try:
+        options = build_parser().parse_args(given)
+    except UsageError as error:
+        print_error(error.message, "usage", as_json=as_json)
+        raise
+    options.json = getattr(options, "json", False) or options.all_json
     try:
         with raise_signals():
             status: int = COMMANDS[options.command].run(options)
@@ -101,9 +116,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return NO_READER
     except Exception as error:
+        from app.geometry import MarginGuardError
+
         if options.debug:
             traceback.print_exc()
-        print(f"marginguard: error: {_one_line(error)}", file=sys.stderr)
+        expected = isinstance(error, MarginGuardError | OSError)
+        text = _one_line(error)
+        print_error(
+            text if as_json else f"marginguard: error: {text}",
+            "input" if expected else "unexpected",
+            as_json=as_json,
+        )
         return BAD_INPUT
     return status
 

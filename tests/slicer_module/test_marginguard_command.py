@@ -19,6 +19,8 @@ OURS = f"{sys.version_info.major}.{sys.version_info.minor}"
 SLICER_DOUBLE = f"""#!{sys.executable} -S
 # TEST DOUBLE of the program of desktop Slicer.
 import json, os, sys
+if sys.argv[1:] == ["--version"]:
+    sys.exit(print("Slicer 5.8.1"))
 print(json.dumps({{"arguments": sys.argv[1:], "environment": dict(os.environ)}}))
 sys.exit(7)
 """
@@ -153,3 +155,28 @@ def test_installation_without_the_modules_is_reported(install, tmp_path, monkeyp
     monkeypatch.setattr("app.files.shipped._SHARE", tmp_path)
     assert main(["slicer", "--slicer", str(install()), "--print"]) == 2
     assert f"{tmp_path / 'slicer_module' / 'MarginGuard'}: no such" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("script", "problem"),
+    [
+        ("echo 'GNU bash 5.2'", "printed 'GNU bash 5.2'; expected the program of 3D Slicer 5.x"),
+        ("echo 'Slicer 4.11.20210226'", "is Slicer 4.11; expected the program of 3D Slicer 5.x"),
+        ("exit 1", "printed ''; expected the program of 3D Slicer 5.x"),
+    ],
+)
+def test_program_that_is_not_slicer_5_is_refused(install, capsys, script, problem):
+    program = install()
+    program.write_text(f"#!/bin/sh\n# TEST DOUBLE of another program\n{script}\n")
+    assert main(["slicer", "--slicer", str(program), "--print"]) == 2
+    error_text = capsys.readouterr().err
+    assert problem in error_text
+    assert error_text.count("\n") == 1
+
+
+def test_program_that_does_not_answer_is_refused(install, capsys, monkeypatch):
+    monkeypatch.setattr("app.cli.commands.slicer._VERSION_TIMEOUT_S", 0.1)
+    program = install()
+    program.write_text("#!/bin/sh\n# TEST DOUBLE of a program that waits\nexec sleep 60\n")
+    assert main(["slicer", "--slicer", str(program), "--print"]) == 2
+    assert "--version did not answer within 0.1 s" in capsys.readouterr().err

@@ -30,7 +30,7 @@ BENCHMARKS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard bench``; options after the name are the benchmark's."""
     parser.add_argument(
-        "name", choices=BENCHMARKS, help="the benchmark: docs/benchmarks.md describes each"
+        "name", choices=tuple(BENCHMARKS), help="the benchmark: docs/benchmarks.md describes each"
     )
     parser.add_argument(
         "options",

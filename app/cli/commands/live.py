@@ -1,8 +1,9 @@
 """Monitor the margin live: as 'replay', but with samples as they arrive over ROS 2.
 
 Prints a line for each change of the state or the hold, and for worse reasons, at once; for better
-reasons after they have lasted. Runs until SIGINT (exit status 130) or SIGTERM (143); exit
-status 2 on bad input.
+reasons after they have lasted. Each line begins with the local time of the step's stamp, or, with
+'clock: estimate', with the system time at which it is printed. Runs until SIGINT (exit status 130)
+or SIGTERM (143); exit status 2 on bad input.
 """
 
 import argparse
@@ -12,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
-from app.cli.options import LIVE_EXAMPLE, add_package_dirs, input_argument
+from app.cli.options import LIVE_EXAMPLE, add_json, add_package_dirs, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState, note_signals
 
@@ -54,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="wait to be configured and activated by other nodes ('ros2 lifecycle set')",
     )
+    add_json(parser)
 
 
 def _rate_hz(text: str) -> float:
@@ -68,20 +70,21 @@ def _rate_hz(text: str) -> float:
 
 def run(options: argparse.Namespace) -> int:
     """Step and publish until a signal comes."""
+    shown = _Shown(as_json=options.json)
     with note_signals() as received:
         load_bridge("which a live session needs")
         print_reach()
         if options.lifecycle:
-            _run_managed(options, received)
+            _run_managed(options, received, shown)
         else:
-            with _opened(options, received) as node:
+            with _opened(options, received, shown) as node:
                 received.stops(node.stop)
                 with closing(node.live_run.steps()) as steps:
-                    _print_changes(steps)
+                    _print_changes(steps, shown)
     return received.exit_status
 
 
-def _run_managed(options: argparse.Namespace, received: SignalState) -> None:
+def _run_managed(options: argparse.Namespace, received: SignalState, shown: "_Shown") -> None:
     """Run as a lifecycle node until a signal comes or its session fails."""
     from app.bridge.control import LifecycleRosNode
     from app.bridge.live import LiveNodeLifecycle
@@ -95,7 +98,11 @@ def _run_managed(options: argparse.Namespace, received: SignalState) -> None:
         ended.set()
 
     received.stops(ended.set)
-    managed = LiveNodeLifecycle(lambda ros: _opened(options, received, ros), _print_changes, failed)
+    managed = LiveNodeLifecycle(
+        lambda ros: _opened(options, received, shown, ros),
+        lambda steps: _print_changes(steps, shown),
+        failed,
+    )
     with LifecycleRosNode(NODE_NAME, managed, namespace=options.namespace):
         print("unconfigured: configure and activate it", file=sys.stderr, flush=True)
         ended.wait()
@@ -105,7 +112,10 @@ def _run_managed(options: argparse.Namespace, received: SignalState) -> None:
 
 @contextmanager
 def _opened(
-    options: argparse.Namespace, received: SignalState, ros: "RosNode | None" = None
+    options: argparse.Namespace,
+    received: SignalState,
+    shown: "_Shown",
+    ros: "RosNode | None" = None,
 ) -> Iterator["LiveNode"]:
     with received.ends_at_once():
         from app.bridge.live import live_node
@@ -119,22 +129,32 @@ def _opened(
     with live_node(
         prepared, namespace=options.namespace, constraint_hz=options.constraint_hz, ros=ros
     ) as node:
+        shown.begin(node, stamps_of_host=prepared.config.stamps_of_host)
         yield node
 
 
-def _print_changes(steps: "Iterator[StepResult]") -> None:
+def _print_changes(steps: "Iterator[StepResult]", shown: "_Shown") -> None:
     from app.cli.state_changes import state_changes
 
     for step in state_changes(steps):
-        print(as_line(step), flush=True)
+        shown.print(step)
 
 
-def as_line(step: "StepResult") -> str:
-    """One line with state, distance and reasons of a step, marked if a recording is played."""
-    decision = step.decision
-    distance = (
-        "" if decision.proximity is None else f" {decision.proximity.signed_distance_mm:.2f} mm"
-    )
-    reasons = ", ".join(str(reason) for reason in decision.reasons)
-    playback = " [PLAYBACK]" if step.playback else ""
-    return f"{decision.state.name}{distance}: {reasons}{playback}"
+class _Shown:
+    """Prints the steps of the node that was opened last."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self._as_json = as_json
+
+    def begin(self, node: "LiveNode", *, stamps_of_host: bool) -> None:
+        """Print the steps of ``node`` from now on."""
+        from app.cli.live_lines import LinePrinter
+
+        self._node = node
+        self._printer = LinePrinter(
+            sys.stdout, as_json=self._as_json, stamps_of_host=stamps_of_host
+        )
+
+    def print(self, step: "StepResult") -> None:
+        """Print one line."""
+        self._printer.print(step, self._node.commands.content)

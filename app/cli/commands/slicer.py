@@ -1,7 +1,8 @@
 """Start desktop 3D Slicer with MarginGuard's modules and the environment that ROS needs there.
 
 Slicer's Python must be of the same minor version as this one, whose compiled packages it loads.
-With --print the command is shown, and nothing is started. Exit status: Slicer's; 2 on bad input.
+The program must be 3D Slicer 5.x: it is started with --version first. With --print the command is
+shown, and Slicer is not started. Exit status: Slicer's; 2 on bad input.
 """
 
 import argparse
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Replace this process by Slicer, which then receives signals and sets the exit status."""
     program = _checked_program(options.slicer)
+    _check_version(program)
     _check_python(program)
     # Last, because Slicer takes all following arguments for modules, even a scene file.
     command = [str(program), *options.arguments, "--additional-module-paths", *_module_folders()]
@@ -98,6 +100,37 @@ def _module_folders() -> list[str]:
                 "install it again"
             )
     return [str(folder) for folder in folders]
+
+
+def _check_version(program: Path) -> None:
+    """Raise `InputError` if ``program --version`` does not print the version of 3D Slicer 5."""
+    from app.geometry import InputError
+
+    environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+    expected = "expected the program of 3D Slicer 5.x, which prints 'Slicer 5.x'"
+    try:
+        answer = subprocess.run(
+            [str(program), "--version"],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            stdin=subprocess.DEVNULL,
+            timeout=_VERSION_TIMEOUT_S,
+            check=False,
+            env={**environment, "QT_QPA_PLATFORM": "offscreen"},
+        )
+    except subprocess.TimeoutExpired as error:
+        raise InputError(
+            f"{program} --version did not answer within {_VERSION_TIMEOUT_S:g} s; {expected}"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{program} cannot be started: {error.strerror}; {expected}") from error
+    output = " ".join((answer.stdout + answer.stderr).split())
+    found = re.search(r"\bSlicer (\d+)\.\d+", output)
+    if found is None:
+        raise InputError(f"{program} --version printed {output[:80]!r}; {expected}")
+    if found[1] != "5":
+        raise InputError(f"{program} is {found[0]}; {expected}")
 
 
 def _check_python(program: Path) -> None:

@@ -1,0 +1,46 @@
+"""Print a script with which a shell completes commands, options, choices and paths.
+
+bash: eval "$(marginguard completion bash)" in ~/.bashrc. zsh: save it as _marginguard in a folder
+of $fpath. tcsh: save it and source it in ~/.tcshrc.
+"""
+
+import argparse
+from collections.abc import Mapping
+from typing import Any
+
+SUMMARY = "print the completion script of a shell"
+SHELLS = ("bash", "zsh", "tcsh")
+_FOLDERS = frozenset({"folder_path", "existing_folder"})
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard completion``."""
+    parser.add_argument("shell", choices=SHELLS, help="the shell that reads the script")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the script."""
+    import shtab
+
+    from app.cli.main import build_parser
+
+    parser = build_parser()
+    _complete_paths(parser, shtab.FILE, shtab.DIRECTORY)
+    print(shtab.complete(parser, options.shell))
+    return 0
+
+
+def _complete_paths(
+    parser: argparse.ArgumentParser, file: Mapping[str, Any], folder: Mapping[str, Any]
+) -> None:
+    """Let the shell complete paths for every option and argument that has a path as its type."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for subparser in set(action.choices.values()):
+                _complete_paths(subparser, file, folder)
+        elif action.type is not None and action.choices is None:
+            name = getattr(action.type, "__name__", "")
+            if name in _FOLDERS:
+                action.complete = folder  # type: ignore[attr-defined]
+            elif name in ("Path", "input_argument", "checked"):
+                action.complete = file  # type: ignore[attr-defined]
