@@ -52,6 +52,7 @@ nb_execution_timeout = 600  # a first run compiles the kernels
 mermaid_output_format = "svg"
 mermaid_cmd = shlex.join([sys.executable, "-m", "mermaidx", "--quiet", "-b", "white"])
 
+default_role = "code"  # single backquotes in docstrings
 autodoc_member_order = "bysource"
 python_use_unqualified_type_names = True
 # Inventories of other projects are on other hosts, so their types have no links. Types of `app`

@@ -9,11 +9,13 @@ BLOCK = re.compile(
     r"```(?P<language>\w*)\n(?P<text>.*?)^(?P=indent)```",
     re.MULTILINE | re.DOTALL,
 )
-COMMENT_KEY = re.compile(r"(terminal|until|status|install|not run|file)(?:[: ] *(.*))?")
+COMMENT_KEY = re.compile(
+    r"(terminal|until|status|retry|ctrl-c|install|not run|file)(?:[: ] *(.*))?"
+)
 KEYS = {
-    "sh": {"terminal", "until", "status", "install", "not run"},
+    "sh": {"terminal", "until", "status", "retry", "install", "not run"},
     "python": {"file", "not run"},
-    "text": {"terminal", "not run"},
+    "text": {"terminal", "ctrl-c", "not run"},
     "": set(),
 }
 """Language -> keys of its comment. Blocks of other languages are files, or are not run."""

@@ -3,6 +3,7 @@
 import re
 import shutil
 import sys
+import time
 import urllib.request
 from pathlib import Path
 
@@ -78,6 +79,8 @@ class PageRun:
             self._session().run(block.text)
             self._printed = self._session().output
         elif block.language == "text":
+            if "ctrl-c" in block.keys:
+                self._terminal(int(block.keys["ctrl-c"])).interrupt()
             self._compare(block)
         else:
             raise AssertionError(f"a block of {block.language!r} is neither a file nor not run")
@@ -91,6 +94,10 @@ class PageRun:
                 _open_page(url)
             return
         status = terminal.finish()
+        deadline = time.monotonic() + TIMEOUT_S
+        while "retry" in block.keys and status != 0 and time.monotonic() < deadline:
+            terminal.start(block.text)
+            status = terminal.finish()
         assert status == int(block.keys.get("status", "0")), f"status {status}:\n{terminal.output}"
         self._printed = terminal.output
 

@@ -26,10 +26,16 @@ PASSING = {
     "a file": "<!-- file: a/b.yaml -->\n```yaml\nx: 1\n```\n"
     "```sh\ncat a/b.yaml\n```\n```text\nx: 1\n```\n",
     "an expected failure": "<!-- status: 3 -->\n```sh\nexit 3\n```\n",
+    "a command that succeeds later": "<!-- terminal 2; until: a -->\n"
+    "```sh\necho a; sleep 0.2; touch b; sleep 60\n```\n<!-- retry -->\n```sh\nls b\n```\n",
     "a second terminal": "<!-- terminal 2; until: ready -->\n```sh\necho ready; sleep 60\n```\n"
     "```sh\necho first\n```\n<!-- terminal 2 -->\n```sh\necho second\n```\n",
     "output that arrives later": "<!-- terminal 2; until: a -->\n```sh\necho a; sleep 0.2; echo b\n"
     "```\n<!-- terminal 2 -->\n```text\nb\n```\n",
+    "output after Ctrl-C": "<!-- terminal 2; until: a -->\n"
+    "```sh\ntrap 'touch b' INT\necho a\nsleep 60 || true\n```\n"
+    "<!-- terminal 3; until: c -->\n```sh\necho c; until ls b; do sleep 0.1; done; echo gone\n```\n"
+    "<!-- terminal 3; ctrl-c 2 -->\n```text\ngone\n```\n",
     "one Python session": "```sh\n. .venv/bin/activate\n```\n```python\nx = 2\n```\n"
     "```python\nprint(x + 1)\n```\n```text\n3\n```\n",
     "a block in a list": "- item\n\n  ```sh\n  echo a\n  ```\n\n  ```text\n  a\n  ```\n",
