@@ -20,7 +20,7 @@ interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path 
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast test-playback test-long docs lint format doctor clean
+.PHONY: help demo test test-fast test-playback test-long test-wheel docs lint format doctor clean
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
@@ -28,6 +28,7 @@ help:
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests: examples of docstrings, examples on whole cases, types'
 	@echo 'make test-playback  play the whole recorded case to a live session (75 s), compare with a replay'
+	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
 	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'
 	@echo 'make lint       ruff and mypy'
 	@echo 'make format     let ruff rewrite the files'
@@ -51,6 +52,10 @@ test-fast: $(test)
 
 test-long: $(test)
 	@$(python) -m pytest --long $(PYTEST_ARGS)
+
+# Takes about six minutes: two builds, 2 GB of packages, all kernels compiled.
+test-wheel: $(test)
+	@$(python) -m pytest tests/tools/installed_wheel.py $(PYTEST_ARGS)
 
 # Warnings are errors. Notebooks are executed; nothing is fetched from other hosts.
 docs: $(site)

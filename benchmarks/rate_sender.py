@@ -66,7 +66,7 @@ def main() -> int:
             if frame is frames[0]:
                 session = Session(setup)
             decision = session.step(frame).decision
-            stream.publish(builder.message(decision), lasts_ns=setup.margins.stale_after_ns)
+            stream.publish(builder.message(decision), valid_ns=setup.margins.stale_after_ns)
             steps += 1
         stream.close()
         cpu_s = time.process_time() - cpu_s
