@@ -69,3 +69,11 @@ def test_dockerfile_stages_are_defined_before_use(project_root: Path) -> None:
     assert set(re.findall(r"--from=(\w+)", text)) == {stages[0]}
     assert re.search(r"^USER (?!root)\w+$", text, re.MULTILINE)
     assert text.rstrip().splitlines()[-2].startswith("ENTRYPOINT ")
+
+
+def test_pages_clone_from_the_address_of_the_metadata(
+    project_root: Path, project: dict[str, Any]
+) -> None:
+    pages = [project_root / "README.md", *(project_root / "docs").glob("*.md")]
+    cloned = {url for page in pages for url in re.findall(r"git clone (\S+)", page.read_text())}
+    assert cloned <= {project["urls"]["Repository"]}
