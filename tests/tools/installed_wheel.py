@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
 from http.cookiejar import CookieJar
@@ -186,10 +187,13 @@ def test_page_is_served(complete: Installation) -> None:
     try:
         url = server.stdout.readline().strip()
         cookies = urllib.request.HTTPCookieProcessor(CookieJar())
-        with urllib.request.build_opener(cookies).open(url) as answer:
-            page = answer.read().decode()
-        assert answer.status == 200
-        assert "MarginGuard" in page
+        client = urllib.request.build_opener(cookies)
+        with client.open(url) as answer:
+            assert b'data-app-name="trame"' in answer.read()
+        web = complete.packages / "app" / "viewer" / "web"
+        for name in ("main.js", "page.css"):
+            with client.open(urllib.parse.urljoin(url, f"/marginguard/{name}")) as answer:
+                assert answer.read() == (web / name).read_bytes()
         server.send_signal(signal.SIGINT)
         assert server.wait() == 130
     finally:
