@@ -1,5 +1,6 @@
 """Writes a simulated case: recording, meshes, manifest, ground truth, README."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -64,16 +65,23 @@ def simulate_case(
     arm: ArmKinematics,
     urdf: str = TOUCH_URDF,
     tool_link: str = TOUCH_TOOL_LINK,
+    on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Write a simulated lumpectomy to ``folder``, which must be new or empty.
 
     The same ``seed`` and ``arm`` give the same bytes. ``urdf`` and ``tool_link`` are written to the
     manifest: they must describe ``arm``, and the link's origin must be the tool's tip. Raises
     `InputError` when the folder cannot be written; no folder is left after an error.
+    ``on_frame(done, total)`` is called for each simulated frame, with the periods of the tracker so
+    far and in all.
     """
     with new_folder(folder, may_be_empty=True) as partial:
         simulation = simulate(arm, np.random.default_rng([seed, 0]))
-        frames = list(simulation.frames(Jitter(), np.random.default_rng([seed, 1])))
+        total = round(simulation.duration_s * NS_PER_S / TRACKER_PERIOD_NS) + 1
+        frames = []
+        for frame in simulation.frames(Jitter(), np.random.default_rng([seed, 1])):
+            frames.append(frame)
+            on_frame((frame.stamp.ns - FIRST_STAMP_NS) // TRACKER_PERIOD_NS + 1, total)
         _write(partial, simulation, frames, seed, urdf, tool_link)
 
 

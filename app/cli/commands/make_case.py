@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from app.cli.options import folder_path
+from app.cli.progress import progress_with_total
 
 SUMMARY = "write a simulated case with ground truth"
 DEFAULT_SEED = 1
@@ -37,6 +38,7 @@ def run(options: argparse.Namespace) -> int:
         # An empty folder is replaced at the end: a shell in it would stay in the deleted one.
         raise InputError(f"{options.folder} is the current folder; expected another one")
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
-    simulate_case(options.folder, seed=options.seed, arm=arm)
+    with progress_with_total("simulating frame") as report:
+        simulate_case(options.folder, seed=options.seed, arm=arm, on_frame=report)
     print(f"wrote {options.folder}")
     return 0
