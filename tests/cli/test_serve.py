@@ -164,7 +164,7 @@ def test_signal_ends_replay_and_its_result_is_sent(served, domain_id):
             30.0,
             feedback=lambda _: under_way.set(),
         )
-        assert under_way.wait(30.0)
+        assert under_way.wait(120.0)  # compiles kernels in a new checkout
         served.send_signal(signal.SIGTERM)
         with pytest.raises(GoalAbortedError, match="cancelled after 1 frames"):
             goal.result(30.0)
