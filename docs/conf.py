@@ -66,6 +66,7 @@ nitpick_ignore_regex = [
 ]
 
 html_theme = "furo"
+pygments_dark_style = "monokai"
 html_title = "MarginGuard"
 html_static_path = ["site/static"]
 html_css_files = ["site.css"]
