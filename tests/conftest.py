@@ -69,6 +69,7 @@ SLOW = {
         "tests/session/test_following.py",
         "tests/synthetic/test_simulation.py",
         "tests/synthetic/test_writing.py",
+        "tests/tools/test_wheel.py",
     ),
     "computes for more than about 3 s": (
         "tests/case/test_schema_agreement.py",

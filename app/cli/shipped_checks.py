@@ -25,6 +25,7 @@ SHIPPED = {
     "launch files": tuple(
         Path("launch", f"{name}.launch.py") for name in ("live", "replay", "rviz")
     ),
+    "examples": (Path("examples", "README.md"),),
     "benchmarks": (Path("benchmarks", "registration", "__main__.py"),),
 }
 """Name of a check -> files that must exist and not be empty."""
