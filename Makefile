@@ -53,7 +53,7 @@ test-fast: $(test)
 test-long: $(test)
 	@$(python) -m pytest --long $(PYTEST_ARGS)
 
-# Takes about six minutes: two builds, 2 GB of packages, all kernels compiled.
+# About five minutes of processor time: two builds, 2 GB of packages, all kernels compiled.
 test-wheel: $(test)
 	@$(python) -m pytest tests/tools/installed_wheel.py $(PYTEST_ARGS)
 
