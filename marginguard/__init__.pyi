@@ -17,6 +17,7 @@ from .constraints import (
     constraint_stream,
     limit_twist,
     plain_constraint,
+    prepare_ros,
     read_constraint,
 )
 from .margins import (
@@ -75,6 +76,7 @@ __all__ = [
     "plain_constraint",
     "plot_margin",
     "predict_tre",
+    "prepare_ros",
     "read_constraint",
     "register_points",
     "replay",

@@ -31,6 +31,7 @@ __all__ = [
     "constraint_stream",
     "limit_twist",
     "plain_constraint",
+    "prepare_ros",
     "read_constraint",
 ]
 
@@ -75,11 +76,26 @@ def constraint_stream(
     if not isinstance(topic, str):
         raise InputError(f"topic: is {topic!r}; expected the name of a topic as str")
     with needs("ROS 2"):
-        from app.bridge import prepare_environment
         from app.bridge.constraint_reader import ConstraintReader
-    prepare_environment()
+    prepare_ros()
     with ConstraintReader(topic, timeout_s=timeout_s) as reader:
         yield reader
+
+
+def prepare_ros() -> str:
+    """Keep ROS nodes of this process on this machine, as MarginGuard's commands do.
+
+    Call it before ``rclpy.init()``; without it the whole network sees a node of your own, which is
+    ROS's default. A range that ``ROS_AUTOMATIC_DISCOVERY_RANGE`` sets is kept. Returns one line
+    that says which range holds. Needs the extra ``ros``. Raises `InputError` without it.
+
+    >>> import marginguard as mg
+    >>> mg.prepare_ros().startswith("ROS discovery")
+    True
+    """
+    with needs("ROS 2"):
+        from app.bridge import prepare_environment
+    return prepare_environment()
 
 
 def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:

@@ -14,13 +14,13 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped, TwistStamped
 from marginguard_msgs.msg import FixtureConstraint
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 import marginguard as mg
-from app.bridge import prepare_environment
 
 MM_PER_M = 1000.0
 
@@ -94,13 +94,14 @@ def main() -> int:
     """Run the node until it is interrupted."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frame", default="tumor", help="frame of the constraint")
-    print(prepare_environment())  # the nodes on this machine, unless the variables of ROS say else
-    rclpy.init()
+    print(mg.prepare_ros())  # the nodes on this machine, unless the variables of ROS say else
+    # Without the handlers of rclpy, so that a last message can be published after Ctrl-C.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = TwistFilter(parser.parse_args(rclpy.utilities.remove_ros_args(sys.argv)[1:]).frame)
     try:
         rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        node.safe.publish(TwistStamped())
+    except KeyboardInterrupt:
+        node.safe.publish(TwistStamped(header=Header(frame_id=node.frame)))
     finally:
         rclpy.try_shutdown()
     return 0
