@@ -8,12 +8,15 @@ vectors are along the axes of the constraint's frame, in m and m/s.
 """
 
 import argparse
+import signal
 import sys
+import threading
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped, TwistStamped
 from marginguard_msgs.msg import FixtureConstraint
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -95,15 +98,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frame", default="tumor", help="frame of the constraint")
     print(mg.prepare_ros())  # the nodes on this machine, unless the variables of ROS say else
-    # Without the handlers of rclpy, so that a last message can be published after Ctrl-C.
+    # The handlers of rclpy end its context at once; these let the last message be published.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
     node = TwistFilter(parser.parse_args(rclpy.utilities.remove_ros_args(sys.argv)[1:]).frame)
-    try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
-        node.safe.publish(TwistStamped(header=Header(frame_id=node.frame)))
-    finally:
-        rclpy.try_shutdown()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stopped.is_set():
+        executor.spin_once()  # returns at each control step
+    node.safe.publish(TwistStamped(header=Header(frame_id=node.frame)))
+    rclpy.shutdown()
     return 0
 
 
