@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app.cli.progress import with_progress
 from app.fixture import MarginState, ProximityEngine
 from app.geometry import FloatArray
 from benchmarks.fixture_oracle import Oracle
@@ -180,7 +181,8 @@ def main() -> None:
                     for seed in range(0, options.directions, 4 if scene == QUIET else 1)
                 ]
                 name = f"{scene}, fixture {'on' if fixture else 'off'}"
-                outcomes[name] = list(pool.map(_outcome, pushes, chunksize=4))
+                pushed = pool.map(_outcome, pushes, chunksize=4)
+                outcomes[name] = list(with_progress(pushed, name, total=len(pushes)))
                 _print(name, summary(outcomes[name]))
     figures = {name: summary(table) for name, table in outcomes.items()}
     wrong = faults(figures)

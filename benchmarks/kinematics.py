@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
+from app.cli.progress import with_progress
 from app.geometry import FloatArray, MarginGuardError
 from app.robot import Robot, robot_from_text
 
@@ -149,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rng = np.random.default_rng(options.seed)
     started = time.perf_counter()
     results, not_loaded = [], []
-    for urdf in example_urdfs():
+    for urdf in with_progress(example_urdfs(), "robot"):
         agreement = compare(urdf, options.samples, rng)
         if agreement is None:
             not_loaded.append("/".join(urdf.parts[-3:]))

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.bridge.environment import prepare_environment
+from app.cli.progress import announce_duration
 from benchmarks.case_options import case_options
 
 RATE_HZ = 1000
@@ -192,6 +193,7 @@ def send_line(part: subprocess.Popen[str], word: str) -> None:
 
 def main() -> int:
     options = case_options("rate", __doc__)
+    announce_duration("publishing", options.seconds)
     found = run(options.seconds, options.case)
     print(f"{found.sent} constraints in {found.seconds:.2f} s beside {found.steps} steps")
     print(

@@ -22,6 +22,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from app.cli.progress import with_progress
 from benchmarks.case_options import RECORDED_CASE, case_folder
 from benchmarks.long_case import write_long_case
 
@@ -102,7 +103,7 @@ def main() -> None:
         if options.minutes is not None:
             case = Path(folder) / "case"
             write_long_case(case, options.case, 60.0 * options.minutes)
-        runs = [run(case, report) for _ in range(options.runs)]
+        runs = [run(case, report) for _ in with_progress(range(options.runs), "run")]
         report_summary = json.loads((report / "summary.json").read_text())
     found = summary(runs, report_summary["duration_s"], report_summary["frames"])
     for name, seconds in found["phases_s"].items():

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from app.case import TrackingFrame
+from app.cli.progress import announce_duration
 from app.fixture import MarginState, Proximity, SweptProximity
 from app.geometry import FloatArray, Stamp, Transform
 from app.runtime import prepare_case
@@ -197,6 +198,7 @@ def main() -> int:
     options = case_options("session", __doc__)
     prepared = prepare_case(options.case)
     source = Trajectory(list(prepared.case.frames()), RATE_HZ)
+    announce_duration("stepping", options.seconds + min(options.seconds, _BARE_S))
     figures = measure(prepared.setup, source, max(1, round(options.seconds * RATE_HZ)))
     print(f"{figures.steps} steps at {RATE_HZ} Hz      p50 ms   p99 ms   max ms")
     for name, spread in (

@@ -64,7 +64,8 @@ def over_pairs(
         if done == len(tasks) or now - last_report > _REPORT_INTERVAL_S:
             last_report = now
             print(
-                f"{what}: {done} of {len(tasks)} parts in {now - begin:.0f} s ({pair.name})",
+                f"{what}: {done} of {len(tasks)} parts in {now - begin:.0f} s, "
+                f"{(now - begin) * (len(tasks) / done - 1.0):.0f} s left ({pair.name})",
                 file=sys.stderr,
                 flush=True,
             )

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 
+from app.cli.progress import with_progress
 from benchmarks.registration.bad_input import bad_input
 from benchmarks.registration.covariances import calibration_of_covariances
 from benchmarks.registration.figures import Figure
@@ -39,9 +40,9 @@ TOPICS: tuple[tuple[Callable[[int], Iterator[Figure]], int, int], ...] = (
 
 def run(*, quick: bool, only: str = "") -> Iterator[Figure]:
     """Yield the figures of the topics whose name contains ``only``, as they are computed."""
-    for topic, full, short in TOPICS:
-        if only in topic.__name__:
-            yield from topic(short if quick else full)
+    topics = [each for each in TOPICS if only in each[0].__name__]
+    for topic, full, short in with_progress(topics, "topic"):
+        yield from topic(short if quick else full)
 
 
 def main() -> int:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, sync_playwright
 
+from app.cli.progress import announce_duration
 from benchmarks.case_options import case_options
 from benchmarks.view.chromium import launch
 from benchmarks.view.results import ViewFigures, failures, figures, ratios
@@ -60,6 +61,7 @@ def main() -> int:
     options = case_options("view", __doc__)
     with sync_playwright() as playwright:
         browser = launch(playwright)
+        announce_duration("showing two pages", 2.0 * options.seconds)
         ours, peer = (
             watch(browser, options.case, schedule, options.seconds)
             for schedule in ("ours", "default")

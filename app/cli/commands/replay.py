@@ -6,8 +6,10 @@ signal: the report is then complete or does not exist.
 
 import argparse
 import json
+import sys
 import time
 from contextlib import nullcontext
+from typing import TYPE_CHECKING
 
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
@@ -17,6 +19,9 @@ from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter
 from app.cli.signals import SignalState, note_signals
 from app.cli.stopwatch import Stopwatch
 from app.cli.summary_text import as_text
+
+if TYPE_CHECKING:
+    from app.runtime import ReplayRun
 
 SUMMARY = "replay a case, publish it over ROS 2, write a report"
 
@@ -118,7 +123,7 @@ def _replay(
     received.stops(replay.stop)
     real_time = options.rate is not None
     with nullcontext() if options.no_ros else published(replay, real_time=real_time):
-        for _ in with_progress(replay.steps(), "replaying frame"):
+        for _ in with_progress(replay.steps(), "replaying frame", total=_frames(replay, options)):
             pass
     watch.lap("read the frames and step")
     if received.number is not None:
@@ -142,6 +147,13 @@ def _replay(
         watch.print_laps()
     print(json.dumps(summary, indent=2) if options.json else as_text(summary, options.report))
     return 0 if all_passed(summary) else 1
+
+
+def _frames(replay: "ReplayRun", options: argparse.Namespace) -> int | None:
+    """Number of frames, for the progress; not counted for a fast replay, which it would delay."""
+    if options.rate is None or options.loop or not sys.stderr.isatty():
+        return None
+    return replay.prepared.extent.frames
 
 
 def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.cli.options import add_json
+from app.cli.progress import progress_with_total
 
 if TYPE_CHECKING:
     from app.case import BuiltTumor
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 SUMMARY = "make a tumour's mesh from contoured points or a segmentation, or check one"
 UNITS = ("mm", "cm", "m")
 NOT_SOUND = 1
+_STAGES = 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,8 +55,13 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None:
         check_mesh_path(options.output)
         _check_not_source(options)
-    tumor, reason = _checked(_tumor(options), str(options.source), repair=options.repair)
-    found = _described(options.source, tumor, reason)
+    with progress_with_total("building the surface, checking, measuring") as report:
+        report(0, _STAGES)
+        built = _tumor(options)
+        report(1, _STAGES)
+        tumor, reason = _checked(built, str(options.source), repair=options.repair)
+        report(2, _STAGES)
+        found = _described(options.source, tumor, reason)
     print(json.dumps(found, indent=2) if options.json else _as_text(found))
     if not found["sound"]:
         return NOT_SOUND
