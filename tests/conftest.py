@@ -128,6 +128,7 @@ EARLY = (
     "tests/cli/test_serve.py",
     "tests/slicer_module/test_marginguard_replay.py",
     "tests/viewer/test_page.py",
+    "tests/docs/test_start_pages.py",
 )
 """Folders and files that run first, in this order; the others follow in the collected order."""
 

@@ -89,6 +89,7 @@ def build_parser() -> CommandParser:
         subparser.add_argument(
             "--debug", action="store_true", help="show the traceback of an error"
         )
+    parser.set_defaults(parser=parser)  # 'completion' describes it
     return parser
 
 

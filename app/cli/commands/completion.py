@@ -22,11 +22,8 @@ def run(options: argparse.Namespace) -> int:
     """Print the script."""
     import shtab
 
-    from app.cli.main import build_parser
-
-    parser = build_parser()
-    _complete_paths(parser, shtab.FILE, shtab.DIRECTORY)
-    print(shtab.complete(parser, options.shell))
+    _complete_paths(options.parser, shtab.FILE, shtab.DIRECTORY)
+    print(shtab.complete(options.parser, options.shell))
     return 0
 
 
