@@ -92,7 +92,7 @@ $(python):
 
 # The interfaces are installed together with the ROS wheels, which they load.
 $(run): $(declared) $(interfaces) | $(python)
-	@$(python) tools/install.py -e '.[ros,scene]' ./interfaces
+	@$(python) tools/install.py -e '.[ros,scene,notebook]' ./interfaces
 	@touch $@
 
 $(test): $(run)

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -21,6 +22,9 @@ from tests.bridge.conftest import start_receiver as start_receiver
 from tests.ros_domain import domain_id as domain_id
 
 DEADLINE_S = 90.0
+
+
+LOCAL_TIME = re.compile(r"^\d{4}-\d\d-\d\dT[\d:.]+[+-]\d\d:\d\d ")
 
 
 class Child:
@@ -47,11 +51,15 @@ class Child:
         self._deadline.start()
 
     def line(self, accept: Callable[[str], bool] = lambda line: True) -> str:
-        """Wait for the next line that ``accept`` accepts; skip the lines before it."""
+        """Wait for the next line that ``accept`` accepts; skip the lines before it.
+
+        The local time that begins a line of a live session is removed.
+        """
         assert self.process.stdout is not None
         self.extend_deadline()
         skipped = []
-        for line in iter(self.process.stdout.readline, ""):
+        for printed in iter(self.process.stdout.readline, ""):
+            line = LOCAL_TIME.sub("", printed)
             if accept(line):
                 return line.strip()
             skipped.append(line)
