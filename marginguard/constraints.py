@@ -118,7 +118,7 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     >>> down = [0.0, 0.0, -100.0, 0.0, 0.0, 0.0]  # mm/s, rad/s; 3 mm are left
     >>> decision = rule.allow(down, [0.0, 0.0, 8.0], now_ns=2_000_000)
     >>> decision.permission is mg.RulePermission.WITHIN_PLANES, decision.twist[2].round(3).item()
-    (True, -60.0)
+    (True, -50.0)
     >>> rule.allow(down, [0.0, 0.0, 8.0], now_ns=70_000_000).permission.name  # not valid any more
     'NO_MOTION'
     """

@@ -88,7 +88,8 @@ def rows_of(message, origin_mm: FloatArray, *, latched: bool) -> tuple[FloatArra
     n, p = message.normals, message.points_on_tool_mm
     rows = np.array([[*ni, *np.cross(pi - origin_mm, ni)] for ni, pi in zip(n, p, strict=True)])
     clearances = (n * p).sum(axis=1) - message.offsets_mm
-    approach = np.minimum(-clearances / PARAMETERS.tau_s, PARAMETERS.retreat_mm_s)
+    tau_s = max(PARAMETERS.tau_s, (message.valid_until_ns - message.stamp_ns) / 1e9)
+    approach = np.minimum(-clearances / tau_s, PARAMETERS.retreat_mm_s)
     if message.hold or message.state == 3 or latched:
         approach[:] = 0.0
     tumor = (n * message.tumor_velocities_mm_s).sum(axis=1) * (not latched)

@@ -33,7 +33,7 @@ enum class Permission { kNoMotion, kRetreat, kWithinPlanes };
 enum class Reason {
   kAllowed,
   kHold,              // the guard is on hold
-  kInstanceChanged,   // another run of the guard sends; latched until rearm()
+  kInstanceChanged,   // another run of the guard sends, or two guards do; latched until rearm()
   kSeqNotIncreasing,  // a message was repeated or overtaken; latched until rearm()
   kNoMessage,
   kSilent,     // the last message arrived too long ago
@@ -144,7 +144,13 @@ class FixtureRule {
     if (latched_) {  // the velocity of the tumour is no longer known
       for (HalfSpace& plane : planes) plane.tumor_velocity = {};
     }
-    decision.twist = limit_twist(desired, planes, count_, hold, tip, parameters_.limiter);
+    // The planes are those of the stamp: until the message expires, the tool must not travel further
+    // than its clearance.
+    LimiterParameters limits = parameters_.limiter;
+    const double validity_s =
+        static_cast<double>(valid_until_ns_ - stamp_ns_) / static_cast<double>(kNsPerS);
+    limits.tau_s = std::max(limits.tau_s, validity_s);
+    decision.twist = limit_twist(desired, planes, count_, hold, tip, limits);
     return decision;
   }
 
@@ -210,6 +216,8 @@ class FixtureRule {
   // Why no motion is allowed at `now_ns`; kAllowed if planes are known and valid.
   Reason problem(std::int64_t now_ns) {
     check_clock(now_ns);
+    // Of two guards, retreat from the planes of one may approach the other's.
+    if (latched_ && latch_reason_ == Reason::kInstanceChanged) return Reason::kInstanceChanged;
     if (!has_message_) return clock_jumped_ ? Reason::kClock : Reason::kNoMessage;
     if (defect_ != Reason::kAllowed) return defect_;
     if (now_ns >= valid_until_ns_) return Reason::kExpired;
