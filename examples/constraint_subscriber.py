@@ -1,7 +1,8 @@
 """Print the constraint of a running session: plain rclpy, nothing of MarginGuard but its message.
 
 Start a session in another terminal, then this one; Ctrl-C ends it. Expect one line per constraint,
-with lengths in metres, as everywhere in ROS.
+with lengths in metres, as everywhere in ROS. A plain node communicates with the whole network,
+unless ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST is set.
 
     marginguard replay package://marginguard/recorded_case --rate 1
     python examples/constraint_subscriber.py

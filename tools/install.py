@@ -28,7 +28,7 @@ EXPLANATIONS = (
     (r"(?P<what>\S+) (was )?not found: install (?P<rest>.*)", "{what} not found: install {rest}"),
     (r"fatal error: (?P<what>Python\.h)", "{what} is missing: apt install python3-dev"),
     (r"fatal error: (?P<what>.+)", "the ROS interfaces do not compile: {what}"),
-    (r"No space left on device", "the disk is full: the environment takes about 3 GB"),
+    (r"No space left on device", "the disk is full; expected 2 GB, with the tests 4 GB"),
     (r"ERROR: (?P<what>.+)", "{what}"),
 )
 

@@ -17,6 +17,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+import marginguard as mg
+
 PERIOD_S = 0.01
 SPEED_M_S = 0.05
 NEWEST = QoSProfile(depth=1)
@@ -69,6 +71,7 @@ class Push(Node):
 
 def main() -> int:
     """Push until interrupted."""
+    mg.prepare_ros()
     rclpy.init()
     try:
         rclpy.spin(Push())

@@ -1,4 +1,4 @@
-"""Monitor the margin live: as 'replay', but with samples as they arrive over ROS 2.
+"""Monitor the margin live: as 'replay', but with samples from ROS 2 or OpenIGTLink.
 
 Prints a line for each change of the state or the hold, and for worse reasons, at once; for better
 reasons after they have lasted. Each line begins with the local time of the step's stamp, or, with
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from app.bridge.node import RosNode
     from app.session import StepResult
 
-SUMMARY = "monitor the margin live, with samples as they arrive over ROS 2"
+SUMMARY = "monitor the margin live, with samples from ROS 2 or OpenIGTLink"
 
 MAX_HZ = 1000.0
 """Highest rate at which the constraint can be repeated."""

@@ -1,5 +1,8 @@
 """Show the hold of a running guard and end it, as the service ~/rearm does.
 
+The guard is the running session that publishes the constraint: 'live' or 'view --live'. On hold
+only motion away from the planes and along them is allowed, until an operator re-arms.
+
 Exit status: 0 when the guard is re-armed or not on hold; 1 when it refuses, or when the question is
 answered with no; 2 when there is no guard.
 """

@@ -1,8 +1,8 @@
 """Watch a margin in the browser: a recorded case, or, with --live, samples as they arrive.
 
-A page of this machine, with a token in its address: the first address that is printed opens it with
-its controls, the second one only shows. Runs until SIGINT (exit status 130) or SIGTERM
-(143); exit status 2 on bad input.
+Prints two URLs of a page on this machine, each with a token. Open the first one; the second one
+('view only:') has no controls. Runs until SIGINT (exit status 130) or SIGTERM (143); exit status 2
+on bad input.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 // ROS 2 node: passes on the part of a desired twist that the virtual fixture allows now.
 //
 // Subscribes /marginguard/constraint, desired_twist and tip (geometry_msgs/PointStamped), publishes
-// safe_twist at 200 Hz, and serves ~/rearm for the operator of this controller. All vectors are
-// along the axes of the constraint's frame, in m and m/s. The node's clock must be that of the
+// safe_twist at 200 Hz, and serves controller_rearm for the operator of this controller. All
+// vectors are along the axes of the constraint's frame, in m and m/s. The node's clock must be that of the
 // stamps: `source.clock: host` in live.yaml, with PTP between two machines.
 //
 // The watchdog is the timer: at each period the rule decides anew, and a guard that is silent, lost
@@ -69,7 +69,8 @@ class TwistFilter : public rclcpp::Node {
           tip_ = Timed<marginguard::Vector3>{now_ns(), vector_of(message.point)};
         });
     rearm_ = create_service<Trigger>(
-        "~/rearm", [this](const Trigger::Request::SharedPtr, Trigger::Response::SharedPtr reply) {
+        "controller_rearm",
+        [this](const Trigger::Request::SharedPtr, Trigger::Response::SharedPtr reply) {
           rule_.rearm();
           reply->success = true;
         });
