@@ -13,7 +13,8 @@ Open a case, step through it, and read the margin as a table:
 
 The names of ``__all__`` are stable; every other name of this package and of ``app`` may change.
 Lengths are in mm, angles in rad, times in s or integer ns; the name of a value ends with its unit.
-Every error is a `MarginGuardError` with one line. ``docs/python_api.md`` is the guide.
+A wrong value or file raises a `MarginGuardError` with one line; a wrong type may raise `TypeError`
+or `AttributeError` of Python. ``docs/python_api.md`` is the guide.
 """
 
 import lazy_loader

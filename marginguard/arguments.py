@@ -15,7 +15,7 @@ Value = TypeVar("Value")
 def as_path(value: str | os.PathLike[str], name: str) -> Path:
     """``value`` as a path; raises `InputError` for another type and for an empty text."""
     if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
-        raise InputError(f"{name}: is {_described(value)}; expected a path as str or Path")
+        raise InputError(f"{name}: is {described(value)}; expected a path as str or Path")
     if not os.fspath(value):
         raise InputError(f"{name}: is empty; expected a path")
     return Path(value)
@@ -24,7 +24,7 @@ def as_path(value: str | os.PathLike[str], name: str) -> Path:
 def checked(value: object, kind: type[Value], name: str, hint: str = "") -> Value:
     """``value`` if it is a ``kind``; raises `InputError` otherwise, with ``hint`` at the end."""
     if not isinstance(value, kind):
-        raise InputError(f"{name}: is {_described(value)}; expected a {kind.__name__}{hint}")
+        raise InputError(f"{name}: is {described(value)}; expected a {kind.__name__}{hint}")
     return value
 
 
@@ -32,9 +32,15 @@ def checked_list(
     values: Iterable[Any], kind: type[Value], name: str, hint: str = ""
 ) -> list[Value]:
     """``values`` as a list of ``kind``; raises `InputError` for the first one of another type."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InputError(f"{name}: is {_described(values)}; expected several {kind.__name__}{hint}")
+    checked_iterable(values, name, f"several {kind.__name__}{hint}")
     return [checked(value, kind, f"{name}[{index}]", hint) for index, value in enumerate(values)]
+
+
+def checked_iterable(values: Iterable[Value], name: str, expected: str) -> Iterable[Value]:
+    """``values`` if it can be iterated and is no text; raises `InputError` otherwise."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InputError(f"{name}: is {described(values)}; expected {expected}")
+    return values
 
 
 @contextmanager
@@ -46,7 +52,8 @@ def needs(what: str) -> Iterator[None]:
         raise InputError(f"{what} cannot be loaded ({error}): {install_hint(error)}") from error
 
 
-def _described(value: object) -> str:
+def described(value: object) -> str:
+    """``value`` and its type, in one line for messages."""
     text = " ".join(repr(value).split())
     shown = text if len(text) <= 60 else f"{text[:57]}..."
     return f"{shown} ({type(value).__name__})"

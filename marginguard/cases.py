@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from numbers import Real
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +16,13 @@ from app.fixture import MarginParameters
 from app.geometry import NS_PER_S, InputError, Stamp, SurfaceMesh, TrackedTransform, Transform
 from app.runtime import PreparedCase, ReplayRun, prepare_case
 from app.session import StepResult
-from marginguard.arguments import as_path, checked, checked_list
+from marginguard.arguments import (
+    as_path,
+    checked,
+    checked_iterable,
+    checked_list,
+    described,
+)
 
 __all__ = [
     "PreparedCase",
@@ -56,7 +63,8 @@ def open_case(
     ('simulated lumpectomy 1', 3741)
     """
     as_path(folder, "folder")
-    dirs = [as_path(each, "package_dirs") for each in package_dirs]
+    checked_iterable(package_dirs, "package_dirs", "a sequence of paths")
+    dirs = [as_path(each, f"package_dirs[{i}]") for i, each in enumerate(package_dirs)]
     return prepare_case(input_path(os.fspath(folder)), package_dirs=dirs, tip_only=tip_only)
 
 
@@ -162,6 +170,7 @@ def write_case(
     11
     """
     path = as_path(folder, "folder")
+    checked_iterable(poses, "poses", "pairs of a time in s and its poses")
     checked(margins, MarginParameters, "margins")
     for text, what in ((name, "name"), (source, "source"), (licence, "licence")):
         checked(text, str, what)
@@ -189,7 +198,11 @@ def _frames(poses: Iterable[tuple[float, Sequence[Transform]]]) -> Iterator[case
     for index, entry in enumerate(poses):
         try:
             time_s, transforms = entry
-            ns = round(time_s * NS_PER_S)
+            if isinstance(time_s, bool) or not isinstance(time_s, Real):
+                raise InputError(
+                    f"poses[{index}]: time is {described(time_s)}; expected a number of s"
+                )
+            ns = round(float(time_s) * NS_PER_S)
         except (TypeError, ValueError, OverflowError) as error:
             raise InputError(
                 f"poses[{index}]: is not a time in s and its poses; expected a pair"

@@ -6,9 +6,8 @@ Prints one line when the peer of a benchmark is not installed; peers come with t
 import runpy
 import sys
 
+from app.cli.errors import BAD_INPUT
 from app.files.extras import extra_with, install_command, install_hint
-
-BAD_INPUT = 2
 
 
 def main() -> None:

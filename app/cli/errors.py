@@ -8,11 +8,16 @@ BAD_INPUT = 2
 
 
 def wants_json(arguments: Sequence[str]) -> bool:
-    """True if ``--json`` is given; behind ``bench NAME`` it is an option of the benchmark."""
+    """True if ``--json`` is given; behind the command ``bench`` it is an option of the benchmark.
+
+    For usage errors only: the parsed options also know abbreviations.
+    """
     before_end = list(arguments)
-    for end in ("--", "bench"):
-        if end in before_end:
-            before_end = before_end[: before_end.index(end)]
+    if "--" in before_end:
+        before_end = before_end[: before_end.index("--")]
+    command = next((word for word in before_end if not word.startswith("-")), None)
+    if command == "bench":
+        before_end = before_end[: before_end.index(command)]
     return "--json" in before_end
 
 

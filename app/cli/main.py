@@ -98,13 +98,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Skip the garbage collection at exit, which takes half a second.
     atexit.register(gc.freeze)
     given = sys.argv[1:] if arguments is None else list(arguments)
-    as_json = wants_json(given)
     try:
         options = build_parser().parse_args(given)
     except UsageError as error:
-        print_error(error.message, "usage", as_json=as_json)
+        print_error(error.message, "usage", as_json=wants_json(given))
         raise
-    options.json = getattr(options, "json", False) or options.all_json
+    as_json = options.json = getattr(options, "json", False) or options.all_json
     try:
         with raise_signals():
             status: int = COMMANDS[options.command].run(options)

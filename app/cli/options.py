@@ -77,6 +77,7 @@ def file_path(ending: str) -> Callable[[str], Path]:
             )
         return Path(text)
 
+    checked.is_file_path = True  # type: ignore[attr-defined]  # for `completion`
     return checked
 
 

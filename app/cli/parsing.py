@@ -1,11 +1,11 @@
 """Argument parser that reports a usage error in one line, with a suggestion for a misspelt word."""
 
 import argparse
-import difflib
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
-BAD_INPUT = 2
+from app.cli.errors import BAD_INPUT
+from app.files.suggestions import did_you_mean
 
 
 class UsageError(SystemExit):
@@ -40,7 +40,7 @@ class CommandParser(argparse.ArgumentParser):
             choices = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(
                 action,
-                f"invalid choice: {value!r}{did_you_mean(str(value), choices)}; "
+                f"invalid choice: {value!r}{did_you_mean(value, choices)}; "
                 f"expected one of {', '.join(choices)}",
             )
 
@@ -54,9 +54,3 @@ class CommandParser(argparse.ArgumentParser):
                 suggestion = did_you_mean(name, known)
                 if suggestion:
                     yield f"; {name}: unknown option{suggestion}"
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Text ``, did you mean 'X'?`` for the most similar known word; empty if none is similar."""
-    similar = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
-    return f", did you mean {similar[0]!r}?" if similar else ""

@@ -5,7 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from app.cli.system_checks import Check, checked
-from app.files.extras import DISTRIBUTION
+from app.files.extras import DISTRIBUTION, GUIDE
 from app.files.shipped import checkout, shipped
 
 CASE = Path("data", "recorded_case")
@@ -72,4 +72,4 @@ def _listed(paths: list[Path]) -> str:
 def _remedy() -> str:
     if checkout() is not None:
         return "restore the files of the checkout: `git status` lists them"
-    return f"install it again: `pip install --force-reinstall --no-deps {DISTRIBUTION}`"
+    return f"install it again: `pip install --force-reinstall --no-deps WHEEL_FILE` ({GUIDE})"

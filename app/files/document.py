@@ -4,10 +4,8 @@ A misspelt key of a safety setting must not fall back to a default. So every map
 `Block`, which declares its keys, and every error names the place (``case.yaml: tool.mesh.unit``).
 """
 
-import difflib
 import math
 import reprlib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,6 +22,7 @@ from app.files.keys import (
     Text,
     unit_of,
 )
+from app.files.suggestions import did_you_mean
 from app.files.yaml_file import load_yaml
 from app.geometry import FrameError, InputError, check_frame
 
@@ -31,12 +30,6 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 1, 60, 60
 
 _Declared = TypeVar("_Declared", bound=Key)
-
-
-def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'stop_mm'?`` if one of ``known`` resembles ``name``, or nothing."""
-    similar = difflib.get_close_matches(str(name), known, n=1)
-    return f"; did you mean {similar[0]!r}?" if similar else ""
 
 
 class Section:

@@ -32,14 +32,16 @@ class Push(Node):
         self.plane = None
         self.frame = ""
         self.text = ""
-        self.create_subscription(FixtureConstraint, "/marginguard/constraint", self.see, NEWEST)
-        self.create_subscription(TwistStamped, "safe_twist", self.feel, NEWEST)
+        self.create_subscription(
+            FixtureConstraint, "/marginguard/constraint", self.on_constraint, NEWEST
+        )
+        self.create_subscription(TwistStamped, "safe_twist", self.on_safe_twist, NEWEST)
         self.desired = self.create_publisher(TwistStamped, "desired_twist", NEWEST)
         self.tip = self.create_publisher(PointStamped, "tip", NEWEST)
         self.create_timer(PERIOD_S, self.push)
         self.create_timer(1.0, lambda: print(self.text, flush=True))
 
-    def see(self, message: FixtureConstraint) -> None:
+    def on_constraint(self, message: FixtureConstraint) -> None:
         """Keep the governing plane."""
         self.frame = message.header.frame_id
         self.plane = message.half_spaces[0] if message.half_spaces else None
@@ -56,7 +58,7 @@ class Push(Node):
         self.desired.publish(twist)
         self.tip.publish(tip)
 
-    def feel(self, message: TwistStamped) -> None:
+    def on_safe_twist(self, message: TwistStamped) -> None:
         """Compare what is allowed with the push."""
         if self.plane is None:
             return

@@ -79,7 +79,8 @@ class TwistFilter(Node):
         """One control step. A command or a tip that is missing or old is no motion."""
         now_ns, twist, reason = self.now_ns(), np.zeros(6), "no_command"
         inputs = (self.desired, self.tip)
-        if all(each is not None and now_ns - each[0] <= MAX_COMMAND_AGE_NS for each in inputs):
+        # A time ahead of the clock has an unknown age: the clock was set back.
+        if all(each and 0 <= now_ns - each[0] <= MAX_COMMAND_AGE_NS for each in inputs):
             decision = self.rule.allow(self.desired[1], self.tip[1], now_ns)
             twist, reason = decision.twist, str(decision.reason)
         if reason != self.logged:

@@ -70,8 +70,11 @@ def test_command_prints_and_writes_the_schema(
     assert (tmp_path / "case.schema.json").read_text() == schema_text("case")
     case = tmp_path / "case.yaml"
     case.write_text("schema: 1\n")
-    assert main(["schema", "case", "-o", str(case)]) == 2
-    assert capsys.readouterr().err.endswith("case.yaml is not a schema file; expected .json\n")
+    with pytest.raises(SystemExit) as stop:
+        main(["schema", "case", "-o", str(case)])
+    assert stop.value.code == 2
+    expected = "case.yaml'; expected a file name that ends with .json\n"
+    assert capsys.readouterr().err.endswith(expected)
     assert case.read_text() == "schema: 1\n"
 
 

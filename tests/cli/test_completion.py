@@ -39,12 +39,17 @@ def script(tmp_path, capsys):
         (["bench", "lat"], {"latency"}),
         (["info", "ca"], {"cases"}),
         (["live", "--config", "live"], {"live.yaml"}),
+        (["replay", "x", "--package-dir", "mo"], {"movies"}),
+        (["replay", "x", "--movie", "mo"], {"movies", "movie.gif"}),
+        (["schema", "case", "--output", "mo"], {"movies", "movie.gif"}),
     ],
 )
 def test_bash_completes(script, tmp_path, words, expected):
     path = script("bash")
     (tmp_path / "cases").mkdir()
     (tmp_path / "live.yaml").touch()
+    (tmp_path / "movies").mkdir()
+    (tmp_path / "movie.gif").touch()
     done = subprocess.run(
         ["bash", "-c", COMPLETE, "bash", str(path), "marginguard", *words],
         capture_output=True,

@@ -7,6 +7,11 @@ import pytest
 from app.cli.main import main
 
 
+def test_json_behind_the_name_of_a_benchmark_is_not_of_the_command(capsys):
+    error = usage_error(["bench", "bogus", "--json", "x.json"], capsys)
+    assert error.startswith("marginguard bench: error: ")
+
+
 def usage_error(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)
@@ -37,7 +42,15 @@ def test_word_without_similar_one_gets_no_suggestion(capsys):
     assert "did you mean" not in error
 
 
-@pytest.mark.parametrize("arguments", [["--json", "repaly"], ["info", "--json", "x", "--bogus"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--json", "repaly"],
+        ["info", "--json", "x", "--bogus"],
+        ["info", "bench", "--json", "--bogus"],
+        ["--json", "bench", "bogus"],
+    ],
+)
 def test_usage_error_as_json(arguments, capsys):
     error = json.loads(usage_error(arguments, capsys))["error"]
     assert (error["kind"], error["exit_status"]) == ("usage", 2)
@@ -45,9 +58,18 @@ def test_usage_error_as_json(arguments, capsys):
 
 
 @pytest.mark.parametrize(
-    "arguments", [["info", "/nowhere", "--json"], ["--json", "convert", "/nowhere", "new"]]
+    "arguments",
+    [
+        ["info", "/nowhere", "--json"],
+        ["info", "/nowhere", "--js"],
+        ["--js", "info", "/nowhere"],
+        ["info", "/nowhere", "--package-dir", "bench", "--json"],
+        ["--json", "convert", "/nowhere", "new"],
+    ],
 )
-def test_input_error_as_json(arguments, capsys):
+def test_input_error_as_json(arguments, capsys, tmp_path, monkeypatch):
+    (tmp_path / "bench").mkdir()
+    monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""

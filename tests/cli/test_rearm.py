@@ -1,6 +1,7 @@
 """``marginguard rearm``: its text, and its exit status without a guard and without a terminal."""
 
 import io
+import math
 
 import pytest
 
@@ -47,6 +48,16 @@ def test_text_names_state_reasons_begin_and_ids():
     assert rows["distance"] == "4.20 mm"
     assert (rows["tumour"], rows["registration"], rows["guard"]) == ("sha256:1", "none", "00ff")
     assert rows["seq, nonce"] == "7, 9"
+
+
+def test_unknown_distance_is_no_number_in_the_text():
+    unknown = FixtureConstraint(
+        state=FixtureConstraint.UNKNOWN, hold=True, reasons=["silent"], signed_distance=math.nan
+    )
+    text = rearm.hold_text(unknown, "/c", 1.0)
+    assert text.startswith("/c: UNKNOWN, on hold\n")
+    assert "  distance       unknown\n" in text
+    assert "nan" not in text
 
 
 def test_text_of_a_free_guard_is_one_line():

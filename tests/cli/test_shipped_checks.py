@@ -53,7 +53,9 @@ def test_remedy_names_pip_in_a_wheel_only(share: Path, monkeypatch: pytest.Monke
     shutil.rmtree(share)
     monkeypatch.setattr("app.files.shipped._SHARE", share)
     share.mkdir()
-    assert "pip install --force-reinstall" in shipped_checks.check_shipped()[0].remedy
+    remedy = shipped_checks.check_shipped()[0].remedy
+    assert "pip install --force-reinstall --no-deps WHEEL_FILE" in remedy
+    assert "docs/installation.md" in remedy
     share.rmdir()
     monkeypatch.setattr(shipped_checks, "PAGE", ("no.html",))
     (page,) = [c for c in shipped_checks.check_shipped() if c.name == "page"]

@@ -62,6 +62,8 @@ class PageRun:
         finally:
             for terminal in self._terminals.values():
                 terminal.kill()
+            if self._python is not None:
+                self._python.kill()
 
     def _run(self, block: PageBlock) -> None:
         if "not run" in block.keys:

@@ -1,8 +1,12 @@
 """A Python session of a reader: blocks in one namespace, as in an interactive interpreter."""
 
 import json
+import os
+import signal
 import subprocess
 from pathlib import Path
+
+from tests.docs.terminal import TIMEOUT_S
 
 DRIVER = """
 import contextlib, io, json, sys, traceback
@@ -47,5 +51,11 @@ class PythonSession:
 
     def close(self) -> None:
         """End the process."""
-        self._process.communicate()
+        self._process.communicate(timeout=TIMEOUT_S)
         assert self._process.returncode == 0
+
+    def kill(self) -> None:
+        """End the process at once if it runs; for the end of a test that failed."""
+        if self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.communicate()

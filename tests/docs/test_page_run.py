@@ -1,5 +1,6 @@
 """The runner of pages: a block that fails, prints something else or is skipped is an error."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,18 @@ def test_a_page_that_works_passes(tmp_path: Path, page: str) -> None:
 def test_a_page_that_does_not_work_fails_with_the_line(tmp_path: Path, page: str) -> None:
     with pytest.raises(AssertionError, match=r"page\.md:\d+|after Ctrl-C"):
         run(tmp_path, page)
+
+
+def test_no_python_session_is_left_after_an_error(tmp_path: Path) -> None:
+    page = (
+        "```sh\n. .venv/bin/activate\n```\n"
+        "```python\nimport os\nprint(os.getpid(), file=open('pid', 'w'))\n1 / 0\n```\n"
+    )
+    with pytest.raises(AssertionError, match="ZeroDivisionError"):
+        run(tmp_path, page)
+    pid = int((tmp_path / "run" / "marginguard" / "pid").read_text())
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
 
 
 def test_blocks_that_are_not_run_are_listed_with_their_reason(tmp_path: Path) -> None:

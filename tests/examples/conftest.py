@@ -28,13 +28,12 @@ def numbers(pattern: str, text: str) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Variables of a new user; the fields of tumours are computed once for all examples."""
+    """Variables of a new user; all examples share the cache of fields in its HOME."""
     kept = ("PATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
     return {
         **{name: os.environ[name] for name in kept if name in os.environ},
         "HOME": str(tmp_path_factory.mktemp("home")),
         "PYTHONPATH": str(ROOT),
-        "MARGINGUARD_FIELD_CACHE": str(tmp_path_factory.mktemp("fields")),
     }
 
 

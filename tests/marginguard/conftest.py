@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(autouse=True, scope="package")
 def shared_fields(tmp_path_factory: pytest.TempPathFactory, no_field_cache: None) -> Iterator[Path]:
-    """A cache of fields of this run alone."""
+    """Cache of fields for these tests alone; other tests have none (`no_field_cache`)."""
     folder = tmp_path_factory.mktemp("fields")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MARGINGUARD_FIELD_CACHE", str(folder))
+        patch.delenv("MARGINGUARD_FIELD_CACHE")
+        patch.setenv("XDG_CACHE_HOME", str(folder))
         yield folder

@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 import marginguard as mg
+from app.fixture.proximity.field_cache import cache_folder
 from app.report import ReplayLog, record_of, write_report
 from app.runtime import ReplayRun, prepare_case
 
@@ -111,6 +112,13 @@ def test_distances_are_those_of_two_balls(steps: list[mg.StepResult]) -> None:
             assert abs(distance - (25.0 - 2.0 * float(str(index)) - 11.0)) < 0.15
 
 
+def test_fields_are_cached_in_the_folder_of_the_run(
+    steps: list[mg.StepResult], shared_fields: Path
+) -> None:
+    assert cache_folder().parent == shared_fields
+    assert list(cache_folder().glob("*.field"))
+
+
 def test_breaches_are_the_frames_with_a_negative_distance(
     case: mg.PreparedCase, steps: list[mg.StepResult]
 ) -> None:
@@ -149,6 +157,18 @@ def test_signed_distance_is_that_of_the_replay(steps: list[mg.StepResult]) -> No
     [
         (lambda case, steps: mg.open_case(3), "folder: is 3 (int); expected a path"),
         (lambda case, steps: mg.open_case(""), "folder: is empty; expected a path"),
+        (
+            lambda case, steps: mg.open_case("x", package_dirs="/my/dirs"),
+            "package_dirs: is '/my/dirs' (str); expected a sequence of paths",
+        ),
+        (
+            lambda case, steps: mg.open_case("x", package_dirs=3),
+            "package_dirs: is 3 (int); expected a sequence of paths",
+        ),
+        (
+            lambda case, steps: mg.open_case("x", package_dirs=[3]),
+            "package_dirs[0]: is 3 (int); expected a path",
+        ),
         (lambda case, steps: mg.open_case("package://none/x"), "unknown package"),
         (lambda case, steps: mg.replay("my_case"), "expected a PreparedCase, as open_case returns"),
         (lambda case, steps: mg.replay(case, start_s=-1.0), "start_s: is -1.0; expected seconds"),
@@ -188,6 +208,10 @@ def test_wrong_arguments_are_named_in_one_line(
         ({"poses": [(0.0, []), (0.0, [])]}, "poses[1]: time is 0.0 s; expected more than 0 s"),
         ({"poses": [(-1.0, [])]}, "poses[0]: time is -1.0 s; expected 0 s or more"),
         ({"poses": [3]}, "poses[0]: is not a time in s and its poses"),
+        ({"poses": 3}, "poses: is 3 (int); expected pairs of a time in s and its poses"),
+        ({"poses": [("0.02", [])]}, "poses[0]: time is '0.02' (str); expected a number of s"),
+        ({"poses": [(True, [])]}, "poses[0]: time is True (bool); expected a number of s"),
+        ({"poses": [(math.nan, [])]}, "poses[0]: is not a time in s and its poses"),
         ({"poses": [(0.0, [3])]}, "poses[0][0]: is 3 (int); expected a Transform"),
         ({"margins": 1.0}, "margins: is 1.0 (float); expected a MarginParameters"),
         ({"provenance": "guessed"}, "expected one of"),

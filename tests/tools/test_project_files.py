@@ -71,6 +71,19 @@ def test_dockerfile_stages_are_defined_before_use(project_root: Path) -> None:
     assert text.rstrip().splitlines()[-2].startswith("ENTRYPOINT ")
 
 
+def test_source_distribution_has_the_files_that_tests_read(project_root: Path) -> None:
+    manifest = [line.split() for line in (project_root / "MANIFEST.in").read_text().splitlines()]
+    included = {name for words in manifest if words[:1] != ["#"] for name in words[1:]}
+    included |= {"LICENSE", "MANIFEST.in", "README.md", "pyproject.toml"}  # of setuptools itself
+    sources = [path.read_text() for path in (project_root / "tests").rglob("*.py")]
+    named = {
+        name for text in sources for name in re.findall(r'(?i:root) / "([^"/]+)(?:/[^"]*)?"', text)
+    }
+    read = {name for name in named if (project_root / name).exists()}
+    assert {"CITATION.cff", "Dockerfile", "examples"} <= read
+    assert read - included - {".git"} == set()
+
+
 def test_pages_clone_from_the_address_of_the_metadata(
     project_root: Path, project: dict[str, Any]
 ) -> None:

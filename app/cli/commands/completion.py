@@ -6,11 +6,15 @@ of $fpath. tcsh: save it and source it in ~/.tcshrc.
 
 import argparse
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+
+from app.cli.options import existing_folder, folder_path, input_argument
 
 SUMMARY = "print the completion script of a shell"
 SHELLS = ("bash", "zsh", "tcsh")
-_FOLDERS = frozenset({"folder_path", "existing_folder"})
+_FOLDERS = (folder_path, existing_folder)
+_FILES = (Path, input_argument)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,8 +40,7 @@ def _complete_paths(
             for subparser in set(action.choices.values()):
                 _complete_paths(subparser, file, folder)
         elif action.type is not None and action.choices is None:
-            name = getattr(action.type, "__name__", "")
-            if name in _FOLDERS:
+            if action.type in _FOLDERS:
                 action.complete = folder  # type: ignore[attr-defined]
-            elif name in ("Path", "input_argument", "checked"):
+            elif action.type in _FILES or hasattr(action.type, "is_file_path"):
                 action.complete = file  # type: ignore[attr-defined]

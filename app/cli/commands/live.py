@@ -13,7 +13,13 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
-from app.cli.options import LIVE_EXAMPLE, add_json, add_package_dirs, input_argument
+from app.cli.options import (
+    LIVE_EXAMPLE,
+    add_json,
+    add_namespace,
+    add_package_dirs,
+    input_argument,
+)
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import SignalState, note_signals
 
@@ -39,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"an example: {LIVE_EXAMPLE}",
     )
     add_package_dirs(parser)
-    parser.add_argument("--namespace", default="", metavar="NS", help="ROS namespace of the node")
+    add_namespace(parser)
     parser.add_argument(
         "--constraint-hz",
         type=_rate_hz,
@@ -70,7 +76,7 @@ def _rate_hz(text: str) -> float:
 
 def run(options: argparse.Namespace) -> int:
     """Step and publish until a signal comes."""
-    shown = _Shown(as_json=options.json)
+    shown = _StepOutput(as_json=options.json)
     with note_signals() as received:
         load_bridge("which a live session needs")
         print_reach()
@@ -84,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
     return received.exit_status
 
 
-def _run_managed(options: argparse.Namespace, received: SignalState, shown: "_Shown") -> None:
+def _run_managed(options: argparse.Namespace, received: SignalState, shown: "_StepOutput") -> None:
     """Run as a lifecycle node until a signal comes or its session fails."""
     from app.bridge.control import LifecycleRosNode
     from app.bridge.live import LiveNodeLifecycle
@@ -114,7 +120,7 @@ def _run_managed(options: argparse.Namespace, received: SignalState, shown: "_Sh
 def _opened(
     options: argparse.Namespace,
     received: SignalState,
-    shown: "_Shown",
+    shown: "_StepOutput",
     ros: "RosNode | None" = None,
 ) -> Iterator["LiveNode"]:
     with received.ends_at_once():
@@ -133,14 +139,14 @@ def _opened(
         yield node
 
 
-def _print_changes(steps: "Iterator[StepResult]", shown: "_Shown") -> None:
+def _print_changes(steps: "Iterator[StepResult]", shown: "_StepOutput") -> None:
     from app.cli.state_changes import state_changes
 
     for step in state_changes(steps):
         shown.print(step)
 
 
-class _Shown:
+class _StepOutput:
     """Prints the steps of the node that was opened last."""
 
     def __init__(self, *, as_json: bool) -> None:

@@ -8,6 +8,7 @@ answered with no; 2 when there is no guard.
 """
 
 import argparse
+import math
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -78,10 +79,11 @@ def hold_text(seen: "FixtureConstraint", topic: str, now_s: float) -> str:
         return f"{topic}: {MarginState(seen.state).name}, not on hold"
     since_s = seen.hold_since.sec + seen.hold_since.nanosec * 1e-9
     begin = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(since_s))
+    distance_mm = 1000.0 * seen.signed_distance
     rows = {
         "reasons": ", ".join(seen.reasons),
         "on hold since": f"{begin} ({now_s - since_s:.0f} s)",
-        "distance": f"{1000.0 * seen.signed_distance:.2f} mm",
+        "distance": f"{distance_mm:.2f} mm" if math.isfinite(distance_mm) else "unknown",
         "tumour": seen.model_id,
         "registration": seen.registration_id or "none",
         "guard": seen.instance_id,

@@ -11,7 +11,7 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from app.cli.options import add_package_dirs, folder_path, input_argument
+from app.cli.options import add_namespace, add_package_dirs, folder_path, input_argument
 from app.cli.ros import load_bridge, print_reach
 from app.cli.signals import note_signals
 
@@ -60,9 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TOPIC",
         help=f"record these instead of {', '.join(TOPICS + SESSION_TOPICS)}; full names",
     )
-    parser.add_argument(
-        "--namespace", default="", metavar="NS", help="ROS namespace of the session's node"
-    )
+    add_namespace(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,8 @@ cannot be stated in JSON Schema: it lists them as comments.
 """
 
 import argparse
-from pathlib import Path
+
+from app.cli.options import file_path
 
 SUMMARY = "print the JSON Schema of case.yaml, live.yaml or expected.yaml"
 NAMES = ("case", "live", "expected")
@@ -16,7 +17,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard schema``."""
     parser.add_argument("document", choices=NAMES, help="the file that the schema describes")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="write the schema to FILE (.json)"
+        "-o",
+        "--output",
+        type=file_path(".json"),
+        metavar="FILE",
+        help="write the schema to FILE (.json)",
     )
 
 
@@ -24,14 +29,11 @@ def run(options: argparse.Namespace) -> int:
     """Print the schema, or write it to a file."""
     from app.case import schema_text
     from app.files import write_file
-    from app.geometry import InputError
 
     text = schema_text(options.document)
     if options.output is None:
         print(text, end="")
         return 0
-    if options.output.suffix.lower() != ".json":
-        raise InputError(f"--output {options.output} is not a schema file; expected .json")
     write_file(options.output, text.encode())
     print(f"wrote {options.output}")
     return 0

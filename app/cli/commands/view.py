@@ -10,7 +10,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from app.cli.options import CASE_HELP, LIVE_EXAMPLE, add_package_dirs, input_argument
+from app.cli.options import (
+    CASE_HELP,
+    LIVE_EXAMPLE,
+    add_namespace,
+    add_package_dirs,
+    input_argument,
+)
 from app.cli.signals import SignalState, note_signals
 
 if TYPE_CHECKING:
@@ -31,9 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help=f"live.yaml for --live: docs/live.md; an example: {LIVE_EXAMPLE}",
     )
-    parser.add_argument(
-        "--namespace", default="", metavar="NS", help="ROS namespace of the live session's node"
-    )
+    add_namespace(parser)
     add_package_dirs(parser)
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
