@@ -106,7 +106,8 @@ def test_command_that_is_old_or_ahead_of_the_clock_is_no_motion(graph, monkeypat
     _, controller, _ = graph
     now_ns = controller.now_ns()
     monkeypatch.setattr(controller, "now_ns", lambda: now_ns)
-    controller.desired = controller.tip = (now_ns - age_ns, np.ones(6))
+    controller.desired = (now_ns - age_ns, np.ones(6))
+    controller.tip = (now_ns - age_ns, np.zeros(3))
     controller.step()
     assert controller.logged == reason
 
