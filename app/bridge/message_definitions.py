@@ -6,6 +6,7 @@ differ and then decodes the bytes by the wrong definition, so that hashes have t
 
 import json
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
 from pathlib import Path
@@ -38,6 +39,9 @@ EXPECTED: Mapping[str, str] = MappingProxyType(
 _REMEDY = "install the same marginguard_msgs on both sides ('pip install ./interfaces')"
 _INSTALL = "run 'pip install ./interfaces', or build and source the ROS package again"
 _SHOWN_DIGITS = 12
+_RECHECK_S = 0.1
+"""Least time between two checks while there is a problem and the same number of endpoints."""
+
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """Name that rmw gives to the node of an endpoint until the node has announced itself."""
 
@@ -104,7 +108,8 @@ class DefinitionWatch:
 
     ``endpoints()`` lists them, ``count()`` is the number of those that are connected. `problem` is
     a text while an endpoint has another definition, otherwise empty; ``changed(text)`` is called
-    with each new one, as soon as the names of the nodes are known. Thread-safe.
+    with each new one, as soon as the names of the nodes are known. ``clock_s`` is monotonic.
+    Thread-safe.
     """
 
     def __init__(
@@ -115,6 +120,7 @@ class DefinitionWatch:
         endpoints: Callable[[], Iterable[TopicEndpointInfo]],
         count: Callable[[], int],
         changed: Callable[[str], None],
+        clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._topic = topic
         self._type = message_type
@@ -122,18 +128,23 @@ class DefinitionWatch:
         self._endpoints = endpoints
         self._count = count
         self._changed = changed
+        self._clock_s = clock_s
         self._lock = threading.Lock()
         self._checked: int | None = None
+        self._checked_s = 0.0
         self._logged = ""
         self.problem = ""
 
     def is_clean(self) -> bool:
         """True if no connected endpoint has another definition.
 
-        Checks anew if the number of endpoints has changed. False as well while the graph does not
-        know all connected endpoints yet.
+        Checks anew if the number of endpoints has changed, and at 10 Hz at most while there is a
+        problem: an endpoint that never connected can leave without a change of that number. False
+        as well while the graph does not know all connected endpoints yet.
         """
-        if self._checked != self._count():
+        if self._checked != self._count() or (
+            self.problem and self._clock_s() - self._checked_s >= _RECHECK_S
+        ):
             self.check()
         return self._checked is not None and not self.problem
 
@@ -145,6 +156,7 @@ class DefinitionWatch:
             foreign = foreign_endpoints(endpoints, self._type)
             is_complete = len(endpoints) >= count and are_named(foreign)
             self._checked = count if is_complete else None
+            self._checked_s = self._clock_s()
             self.problem = self._text(foreign) if foreign else ""
             is_new = is_complete and self.problem not in ("", self._logged)
             if is_complete:

@@ -26,6 +26,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header
 
 from app.bridge.errors import BridgeError
+from app.case import CaseManifest
 from app.case.frames.samples import JointSample
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 
@@ -102,3 +103,9 @@ def color_message(rgb: Iterable[float], alpha: float = 1.0) -> ColorRGBA:
     """Color from red, green, blue and opacity, each from 0 to 1."""
     r, g, b = (float(value) for value in rgb)
     return ColorRGBA(r=r, g=g, b=b, a=alpha)
+
+
+def playback_text(manifest: CaseManifest) -> str:
+    """Name and provenance of a recording, for its announcement on `app.bridge.topics.PLAYBACK`."""
+    provenance = manifest.provenance
+    return f"{manifest.name} ({provenance.kind}: {provenance.source})"

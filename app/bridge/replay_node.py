@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from app.bridge.messages import playback_text
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.session_publisher import SessionPublisher
@@ -16,10 +17,15 @@ HEARTBEAT_HZ = 100.0
 def replay_node(run: ReplayRun, *, real_time: bool) -> Iterator[RosNode]:
     """Publish the steps of ``run`` over ROS and let other nodes control its player.
 
-    ``real_time``: the replay follows a clock, so the constraint is repeated between its steps.
+    ``real_time``: the replay follows a clock, so the constraint is repeated between its steps. The
+    recorded poses are announced on `app.bridge.topics.PLAYBACK` before the first one.
     """
     heartbeat_hz = HEARTBEAT_HZ if real_time else None
-    with SessionPublisher(run.commands.content, heartbeat_hz=heartbeat_hz) as publisher:
+    with SessionPublisher(
+        run.commands.content,
+        heartbeat_hz=heartbeat_hz,
+        playback=playback_text(run.prepared.case.manifest),
+    ) as publisher:
         PlayerServices(publisher.ros, run.player)
         run.outputs.append(publisher)
         try:

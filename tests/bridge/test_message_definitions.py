@@ -47,15 +47,22 @@ class Graph:
     def __init__(self, *endpoints):
         self.endpoints = list(endpoints)
         self.connected = len(endpoints)
+        self.listed = 0
+        self.now_s = 0.0
         self.logged = []
         self.watch = DefinitionWatch(
             "~/constraint",
             FixtureConstraint,
             "so that its messages are not used",
-            lambda: self.endpoints,
+            self.list,
             lambda: self.connected,
             self.logged.append,
+            lambda: self.now_s,
         )
+
+    def list(self):
+        self.listed += 1
+        return self.endpoints
 
     def connect(self, *endpoints):
         self.endpoints, self.connected = list(endpoints), len(endpoints)
@@ -150,6 +157,22 @@ def test_messages_are_not_used_while_a_foreign_publisher_is_connected():
     take("four")
     assert received == ["one", "four"]
     assert (len(graph.logged), graph.watch.problem) == (1, "")
+
+
+def test_foreign_endpoint_that_never_connected_blocks_only_until_it_leaves():
+    graph = Graph(endpoint())
+    graph.endpoints.append(endpoint(OTHER, "other"))
+    assert not graph.watch.is_clean()
+    graph.endpoints.pop()  # the number of connected endpoints stays 1
+    graph.now_s = 0.05
+    assert not graph.watch.is_clean()
+    assert graph.listed == 1, "at most 10 checks a second"
+    graph.now_s = 0.2
+    assert graph.watch.is_clean()
+    assert graph.watch.problem == ""
+    graph.now_s = 9.0
+    assert graph.watch.is_clean()
+    assert graph.listed == 2, "no check without a problem"
 
 
 def test_publisher_that_the_graph_does_not_know_yet_is_not_used():

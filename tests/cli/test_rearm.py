@@ -1,7 +1,12 @@
-"""``marginguard rearm``: its text, and its exit status without a guard and without a terminal."""
+"""``marginguard rearm``: its text, its question and its exit status."""
 
 import io
 import math
+import os
+import sys
+import threading
+import time
+from unittest.mock import patch
 
 import pytest
 
@@ -10,6 +15,12 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint
 
+from app.bridge.errors import BridgeError
+from app.bridge.live import RearmClient, RearmService
+from app.bridge.node import RosNode
+from app.bridge.publishing.constraint_stream import ConstraintStream
+from app.bridge.qos import NEWEST, Topic
+from app.bridge.topics import CONSTRAINT
 from app.cli.commands import rearm
 from app.cli.main import main
 from tests.ros_domain import domain_id as domain_id
@@ -26,6 +37,191 @@ def test_without_terminal_the_operator_has_to_say_yes(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
     assert main(["rearm"]) == 2
     assert "standard input is not a terminal" in capsys.readouterr().err
+
+
+def test_output_without_terminal_displays_no_hold(terminal, capsys):
+    terminal.stdout.close()
+    terminal.stdout = io.StringIO()
+    assert terminal.rearm() == 2
+    assert "standard output is not a terminal" in capsys.readouterr().err
+
+
+class Guard:
+    """Node with the topic and the service of a guard on hold; counts how often it is re-armed."""
+
+    def __init__(self, ros):
+        self.rearmed = 0
+        self.stream = ConstraintStream(ros.publisher(CONSTRAINT), 50.0)
+        RearmService(ros, self.stream, self)
+        self.publish()
+
+    def publish(self, state=FixtureConstraint.WARNING, reasons=("latched",)):
+        message = FixtureConstraint(state=state, hold=True, reasons=list(reasons))
+        self.stream.publish(message)
+
+    def rearm(self, check):
+        """As `OperatorCommands.rearm`, without a session."""
+        check()
+        self.rearmed += 1
+
+
+@pytest.fixture
+def guard(domain_id):
+    with RosNode("marginguard", domain_id=domain_id) as ros:
+        found = Guard(ros)
+        yield found
+        found.stream.close()
+
+
+class Terminal:
+    """Pseudo-terminal whose user answers each question after ``before_answer()``."""
+
+    def __init__(self):
+        self.keyboard, self.program = os.openpty()
+        self.stdin = os.fdopen(os.dup(self.program), "r")
+        self.stdout = os.fdopen(os.dup(self.program), "w")
+        self.text = ""
+        self.answer, self.before_answer = "y", lambda: None
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def rearm(self):
+        """Run ``marginguard rearm`` in this terminal; returns its exit status."""
+        with (
+            patch.object(sys, "stdin", self.stdin),
+            patch.object(sys, "stdout", self.stdout),
+        ):
+            return main(["rearm"])
+
+    def type(self, text):
+        os.write(self.keyboard, text.encode())
+
+    def _read(self):
+        while chunk := os.read(self.keyboard, 4096):
+            self.text += chunk.decode()
+            if self.text.endswith("\x04"):
+                return
+            if self.text.endswith("[y/N] "):
+                self.before_answer()
+                self.type(f"{self.answer}\n")
+
+    def printed(self):
+        """Everything that was printed; nothing is read afterwards."""
+        if self._thread.is_alive():
+            os.write(self.program, b"\x04")
+        self._thread.join(30.0)
+        return self.text.rstrip("\x04")
+
+    def close(self):
+        for stream in (self.stdin, self.stdout):
+            stream.close()
+        for descriptor in (self.keyboard, self.program):
+            os.close(descriptor)
+
+
+@pytest.fixture
+def terminal():
+    found = Terminal()
+    yield found
+    found.printed()
+    found.close()
+
+
+def test_answer_to_the_displayed_hold_rearms_it(guard, terminal):
+    assert terminal.rearm() == 0
+    assert guard.rearmed == 1
+    assert terminal.printed().splitlines()[-1] == "re-armed"
+
+
+def test_answer_typed_before_the_hold_is_displayed_is_discarded(guard, terminal):
+    terminal.answer = "n"
+    terminal.type("y\n")
+    assert terminal.rearm() == 1
+    assert guard.rearmed == 0
+    assert terminal.printed().splitlines()[-1] == "not re-armed"
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (
+            lambda guard: (
+                guard.publish(FixtureConstraint.UNKNOWN, ["latched", "stale"]),
+                guard.publish(),
+            ),
+            "the displayed hold was replaced by another one",
+        ),
+        (
+            lambda guard: guard.publish(FixtureConstraint.POSITIVE),
+            "the state is POSITIVE by now",
+        ),
+        (
+            lambda guard: guard.publish(reasons=["latched", "drift"]),
+            "reasons were added: drift",
+        ),
+    ],
+    ids=["nonce", "state", "reasons"],
+)
+def test_answer_is_refused_when_the_hold_is_worse_than_the_displayed_one(
+    guard, terminal, change, text
+):
+    terminal.before_answer = lambda: change(guard)
+    assert terminal.rearm() == 1
+    assert guard.rearmed == 0
+    line = terminal.printed().splitlines()[-1]
+    assert line == f"not re-armed: {text}; start again to see the present hold"
+
+
+def test_improved_hold_is_the_displayed_one_and_an_ended_hold_is_not():
+    seen = FixtureConstraint(state=2, hold=True, reasons=["tissue", "latched"], rearm_nonce=9)
+    better = FixtureConstraint(state=0, hold=True, reasons=["latched", "clear"], rearm_nonce=9)
+    assert rearm.changes_for_the_worse(seen, better) == []
+    ended = FixtureConstraint(state=0, reasons=["clear"])
+    assert rearm.changes_for_the_worse(seen, ended)[0] == "the displayed hold has ended"
+
+
+def test_refusal_is_printed_with_the_next_constraint(guard, capsys):
+    guard.publish(FixtureConstraint.UNKNOWN)  # a fault, whose cause persists
+
+    def refuse(check):
+        raise BridgeError("the state is UNKNOWN")
+
+    guard.rearm = refuse
+    assert main(["rearm", "--yes"]) == 1
+    nonce = guard.stream.rearm_nonce
+    assert capsys.readouterr().out.splitlines()[-2:] == [
+        "refused: the state is UNKNOWN",
+        f"next constraint: on hold, nonce {nonce} (reasons: latched)",
+    ]
+
+
+def test_refusal_is_printed_when_the_guard_leaves(guard, monkeypatch, capsys):
+    monkeypatch.setattr(rearm, "TIMEOUT_S", 2.0)
+
+    def refuse(check):
+        guard.stream.close()
+        raise BridgeError("the state is UNKNOWN")
+
+    guard.rearm = refuse
+    assert main(["rearm", "--yes"]) == 1
+    refused, after = capsys.readouterr().out.splitlines()[-2:]
+    assert refused == "refused: the state is UNKNOWN"
+    assert after.startswith("the hold after the refusal is not known: /marginguard/constraint: no")
+
+
+def test_no_request_is_sent_when_a_second_guard_has_started(guard, domain_id):
+    with RosNode("operator", domain_id=domain_id) as ros:
+        client = RearmClient(ros, "marginguard")
+        seen = client.constraint(30.0)
+        with RosNode("second", domain_id=domain_id) as second:
+            topic = Topic("/marginguard/constraint", FixtureConstraint, NEWEST)
+            second.publisher(topic)
+            assert second.wait_for_subscribers(topic, 1, 30.0)
+            while ros.node.count_publishers(topic.name) < 2:
+                time.sleep(0.02)
+            with pytest.raises(BridgeError, match="2 publishers; expected a single guard"):
+                client.rearm(seen, 30.0)
+    assert guard.rearmed == 0
 
 
 def test_text_names_state_reasons_begin_and_ids():

@@ -21,7 +21,11 @@ class RearmClient:
         self.topic = str(ros.subscribe(topic, self._latest.put).topic_name)
 
     def constraint(self, timeout_s: float) -> FixtureConstraint:
-        """Wait for a constraint. Raises `BridgeError` if none arrives or several guards send."""
+        """Wait for the next constraint, not one that has arrived before the call.
+
+        Raises `BridgeError` if none arrives or several guards send.
+        """
+        self._latest.take(0.0)
         found = self._latest.take(timeout_s)
         problems = self._ros.definition_problems
         if problems:
@@ -31,14 +35,19 @@ class RearmClient:
                 f"{self.topic}: no constraint within {timeout_s:g} s; expected a running guard "
                 "('marginguard live') in this ROS domain and namespace"
             )
-        publishers = self._ros.node.count_publishers(self.topic)
-        if publishers > 1:
-            raise BridgeError(f"{self.topic}: {publishers} publishers; expected a single guard")
+        self._check_single()
         return found
 
     def rearm(self, seen: FixtureConstraint, timeout_s: float) -> Rearm.Response:
         """Request the end of the hold that the operator saw. Raises `CallError`.
 
-        The request is sent once, because its nonce is valid once.
+        Raises `BridgeError` and sends nothing if several guards are known by now: one could re-arm
+        and another refuse. The request is sent once, because its nonce is valid once.
         """
+        self._check_single()
         return self._service.call(Rearm.Request(seq=seen.seq, nonce=seen.rearm_nonce), timeout_s)
+
+    def _check_single(self) -> None:
+        publishers = self._ros.node.count_publishers(self.topic)
+        if publishers > 1:
+            raise BridgeError(f"{self.topic}: {publishers} publishers; expected a single guard")

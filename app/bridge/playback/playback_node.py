@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from app.bridge import topics
-from app.bridge.messages import joint_state_message
+from app.bridge.messages import joint_state_message, playback_text
 from app.bridge.node import RosNode
 from app.bridge.playback.sole_source import SoleSource
 from app.bridge.qos import STREAM, Topic
@@ -63,10 +63,7 @@ class PlaybackNode:
             return False
         # The announcement is created first: other nodes discover endpoints in this order.
         announcement = self._ros.publisher(topics.PLAYBACK)
-        provenance = self._manifest.provenance
-        announcement.publish(
-            String(data=f"{self._manifest.name} ({provenance.kind}: {provenance.source})")
-        )
+        announcement.publish(String(data=playback_text(self._manifest)))
         self._tracker = TrackerPublisher(self._ros, self._pose_topic)
         if self._joint_topic is not None:
             self._robot = self._ros.publisher(self._joint_topic)

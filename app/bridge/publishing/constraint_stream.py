@@ -23,6 +23,14 @@ _CDR_HEADER_BYTES = 4
 
 _SHORT_SWITCH_INTERVAL_S = 0.0005
 
+
+class _HoldIdentity(NamedTuple):
+    """What identifies a hold to its receivers."""
+
+    nonce: int
+    since: Time
+
+
 RandomBits = Callable[[int], int]
 """Returns a random integer of that many bits, as `secrets.randbits` does."""
 
@@ -68,7 +76,8 @@ class ConstraintStream:
 
     The stream sets ``instance_id``, which is constant, ``hold_since`` by ``clock_ns`` (system
     time), and ``rearm_nonce``: 0 unless the hold has to be re-armed, otherwise a random number that
-    is replaced with each fault and ends with `spend`. ``random_bits`` creates both.
+    is replaced with each fault and ends with `spend`. ``random_bits`` creates both. A hold that
+    begins with a stale message keeps its nonce and its begin in the messages that follow.
 
     Above 100 Hz the interpreter's switch interval is 0.5 ms until `close`
     (`sys.setswitchinterval`, for the whole process). With the default of 5 ms a busy thread would
@@ -90,6 +99,7 @@ class ConstraintStream:
         self.instance_id = f"{random_bits(64):016x}"
         self._nonce = 0
         self._next_nonce = self._draw()
+        self._replacement: _HoldIdentity | None = None
         self._last: FixtureConstraint | None = None
         self._faulty = False
         self._fault_seq = 0
@@ -118,7 +128,7 @@ class ConstraintStream:
             message.hold = True
             reasons = {*map(Reason, message.reasons), Reason.LATCHED}
             message.reasons = [str(reason) for reason in worst_first(reasons)]
-            self._renew_nonce()  # the one that the stale message has already published
+            self._continue_hold()
             self._identify(message)
             first = self._begin(message, valid_ns)
         if first is not None and in_time and faulty and not self._faulty:
@@ -147,7 +157,13 @@ class ConstraintStream:
 
     def hold(self, reason: str) -> None:
         """Publish a last message on hold with ``reason``, then nothing until the next `publish`."""
-        last = None if self._last is None else RawConstraint.of(self._held(self._last, reason))
+        last = None
+        if self._last is not None:
+            if self._heartbeat.ended and self._replacement is not None:
+                self._hold_since = self._replacement.since  # the stale message has begun the hold
+            held = self._held(self._last, reason)
+            last = RawConstraint.of(held)
+            self._replacement = _HoldIdentity(held.rearm_nonce, held.hold_since)
         self._last = None
         self._heartbeat.pause(last)
 
@@ -191,14 +207,18 @@ class ConstraintStream:
     def _begin(
         self, message: FixtureConstraint, valid_ns: int | None, *, unless_ended: bool = False
     ) -> int | None:
-        return self._heartbeat.update(
+        stale = None if valid_ns is None else self._held(message, "stale", valid_ns)
+        first = self._heartbeat.update(
             RawConstraint.of(message),
             valid_ns=valid_ns,
-            replacement=None
-            if valid_ns is None
-            else RawConstraint.of(self._held(message, "stale", valid_ns)),
+            replacement=None if stale is None else RawConstraint.of(stale),
             unless_ended=unless_ended,
         )
+        if first is not None:
+            self._replacement = (
+                None if stale is None else _HoldIdentity(stale.rearm_nonce, stale.hold_since)
+            )
+        return first
 
     def _draw(self) -> int:
         """A random number other than 0."""
@@ -208,6 +228,15 @@ class ConstraintStream:
 
     def _renew_nonce(self) -> None:
         self._nonce, self._next_nonce = self._next_nonce, self._draw()
+
+    def _continue_hold(self) -> None:
+        """Use the nonce and the begin of the hold that the replacement has already published."""
+        if self._replacement is None:
+            self._renew_nonce()
+            return
+        self._nonce, self._hold_since = self._replacement
+        if self._next_nonce == self._nonce:
+            self._next_nonce = self._draw()
 
     def _identify(self, message: FixtureConstraint) -> None:
         """Set the instance and the nonce of ``message``."""

@@ -46,9 +46,10 @@ class SessionPublisher:
     published latched on construction. ``heartbeat_hz`` repeats the constraint from a thread
     between steps, for a session that follows real time; None publishes one constraint a step.
     ``policy`` selects the shared topics that this node publishes, ``counts`` are those of a live
-    source, for diagnostics. `publish` and the switch of `prepare` are for one thread at a time.
-    With ``ros`` it uses an existing node and leaves it open; it is then closed in that node's
-    thread.
+    source, for diagnostics. ``playback`` describes the recording that the poses come from; it is
+    announced on `app.bridge.topics.PLAYBACK`. `publish` and the switch of `prepare` are for one
+    thread at a time. With ``ros`` it uses an existing node and leaves it open; it is then closed in
+    that node's thread.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class SessionPublisher:
         policy: PublishPolicy = PUBLISH_ALL,
         counts: Callable[[], Mapping[str, int]] | None = None,
         ros: RosNode | None = None,
+        playback: str = "",
     ) -> None:
         self._policy = policy
         self._content = content
@@ -74,6 +76,9 @@ class SessionPublisher:
             )
             if ros is not None:
                 opening.callback(self._destroy_publishers)
+            if playback:
+                # Created first: other nodes discover endpoints in this order.
+                self._publisher(topics.PLAYBACK).publish(String(data=playback))
             self._publishers = {
                 topic.name: self._publisher(topic)
                 for topic in topics.EVERY_STEP

@@ -3,8 +3,8 @@
 The guard is the running session that publishes the constraint: 'live' or 'view --live'. On hold
 only motion away from the planes and along them is allowed, until an operator re-arms.
 
-Exit status: 0 when the guard is re-armed or not on hold; 1 when it refuses, or when the question is
-answered with no; 2 when there is no guard.
+Exit status: 0 when the guard is re-armed or not on hold; 1 when it refuses, when the question is
+answered with no, or when the hold has changed before the answer; 2 when there is no guard.
 """
 
 import argparse
@@ -18,6 +18,8 @@ from app.cli.ros import load_bridge, print_reach
 
 if TYPE_CHECKING:
     from marginguard_msgs.msg import FixtureConstraint
+
+    from app.bridge.live import RearmClient
 
 SUMMARY = "show the hold of a running guard, and end it"
 
@@ -37,8 +39,9 @@ def run(options: argparse.Namespace) -> int:
     """Show the hold, ask, re-arm."""
     from app.geometry import InputError
 
-    if not options.yes and not sys.stdin.isatty():
-        raise InputError("standard input is not a terminal; expected a terminal, or --yes")
+    for name, stream in (("input", sys.stdin), ("output", sys.stdout)):
+        if not options.yes and not stream.isatty():
+            raise InputError(f"standard {name} is not a terminal; expected a terminal, or --yes")
     load_bridge("which 'rearm' needs")
     print_reach()
     from app.bridge import RosNode
@@ -54,21 +57,67 @@ def run(options: argparse.Namespace) -> int:
         if seen.rearm_nonce == 0:
             print("refused: this hold ends by itself, with its reasons")
             return 1
-        if not options.yes and not _confirmed():
-            print("not re-armed")
-            return 1
-        response = client.rearm(seen, TIMEOUT_S)
-        if response.success:
-            print("re-armed")
-            return 0
-        now = client.constraint(TIMEOUT_S)
-        print(f"refused: {response.message} (reasons now: {', '.join(now.reasons)})")
-        return 1
+        if not options.yes:
+            if not _confirmed():
+                print("not re-armed")
+                return 1
+            now = client.constraint(TIMEOUT_S)
+            changes = changes_for_the_worse(seen, now)
+            if changes:
+                print(f"not re-armed: {'; '.join(changes)}; start again to see the present hold")
+                return 1
+            seen = now
+        return _rearm(client, seen)
 
 
 def _confirmed() -> bool:
+    import termios
+
+    # An answer that was typed before the hold was displayed is none.
+    sys.stdout.flush()
+    termios.tcflush(sys.stdin, termios.TCIFLUSH)
     print("Re-arm? [y/N] ", end="", flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def changes_for_the_worse(seen: "FixtureConstraint", now: "FixtureConstraint") -> list[str]:
+    """Why an operator who saw the hold ``seen`` has not seen that of ``now``; empty if they have.
+
+    Another nonce, a worse state or more reasons.
+    """
+    from app.fixture import MarginState, Reason
+
+    changes = []
+    if not now.hold:
+        changes.append("the displayed hold has ended")
+    elif now.rearm_nonce != seen.rearm_nonce:
+        changes.append("the displayed hold was replaced by another one")
+    if now.state > seen.state:
+        changes.append(f"the state is {MarginState(now.state).name} by now")
+    seen_or_good = {*seen.reasons, str(Reason.CLEAR)}
+    added = [reason for reason in now.reasons if reason not in seen_or_good]
+    if added:
+        changes.append(f"reasons were added: {', '.join(added)}")
+    return changes
+
+
+def _rearm(client: "RearmClient", seen: "FixtureConstraint") -> int:
+    """Request the end of the hold ``seen``, print the reply; the exit status."""
+    from app.bridge import BridgeError
+
+    response = client.rearm(seen, TIMEOUT_S)
+    if response.success:
+        print("re-armed")
+        return 0
+    print(f"refused: {response.message}", flush=True)
+    try:
+        now = client.constraint(TIMEOUT_S)
+    except BridgeError as error:
+        print(f"the hold after the refusal is not known: {error}")
+        return 1
+    hold = f"on hold, nonce {now.rearm_nonce}" if now.hold else "not on hold"
+    print(f"next constraint: {hold} (reasons: {', '.join(now.reasons)})")
+    return 1
 
 
 def hold_text(seen: "FixtureConstraint", topic: str, now_s: float) -> str:

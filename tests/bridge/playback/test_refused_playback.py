@@ -1,6 +1,7 @@
 """A playback on the graph of a session with provenance.kind ``recorded``."""
 
 import signal
+from pathlib import Path
 
 import pytest
 import yaml
@@ -61,3 +62,18 @@ def test_playback_is_not_recorded_as_a_patient(start, playing, config, tmp_path)
     recorder = start("-m", "app.cli", "record", "-o", str(case), "--config", config)
     assert recorder.process.wait() == 2
     assert "a recording is played on this graph" in recorder.log.read_text()
+
+
+def test_session_of_a_patient_uses_no_pose_of_a_replay(start, config, project_root):
+    values = yaml.safe_load(Path(config).read_text())
+    values["source"] = {"tf": {}, "clock": "estimate"}
+    Path(config).write_text(yaml.safe_dump(values))
+    case = str(project_root / "data" / "recorded_case")
+    replay = start("-m", "app.cli", "replay", case, "--rate", "1")
+    session = start("-m", "app.cli", "live", "--config", config)
+    session.line(lambda line: line.startswith("UNKNOWN: invalid") and "[PLAYBACK]" in line)
+    assert replay.process.poll() is None
+    assert session.end(signal.SIGINT) == 130
+    log = session.log.read_text()
+    assert log.count(REFUSED) == 1
+    assert "NEGATIVE" not in log

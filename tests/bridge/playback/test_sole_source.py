@@ -1,13 +1,18 @@
 """A playback is alone on its topics."""
 
+import re
 import threading
 
+import pytest
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
 from app.bridge import topics
+from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
+from app.bridge.playback import SoleSource
+from app.bridge.publishing.session_publisher import SessionPublisher
 from app.bridge.qos import STREAM, Topic
 from app.bridge.tracker_publisher import TRACKED_TRANSFORMS
 
@@ -60,3 +65,14 @@ def test_tf_is_shared_except_for_the_poses_of_the_playback(playing, domain_id):
         tf.publish(transform("cautery", 100))
         error = error_of(running)
     assert f"/tf: another node publishes poses of 'cautery'; {ALONE}" in error
+
+
+def test_playback_is_refused_beside_a_replay_that_sends_nothing(domain_id, content):
+    text = "a case (simulated: a test)"
+    with (
+        SessionPublisher(content, domain_id=domain_id, playback=text),
+        RosNode("marginguard_tracker", domain_id=domain_id) as ros,
+    ):
+        source = SoleSource(ros, [TRACKED_TRANSFORMS.name], {"cautery"})
+        with pytest.raises(BridgeError, match=re.escape(f"runs on this graph: {text}")):
+            source.wait_for_discovery(threading.Event())

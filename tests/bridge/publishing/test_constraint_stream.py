@@ -162,6 +162,55 @@ def test_nonce_of_the_stale_message_is_that_of_the_hold_that_follows():
     assert sent.messages[-1].rearm_nonce not in (before, stale, sent.messages[-2].rearm_nonce)
 
 
+@pytest.mark.parametrize("before", [constraint, latched])
+@pytest.mark.parametrize("following", [faulty, latched, constraint])
+def test_hold_that_begins_stale_keeps_its_nonce_and_begin(before, following):
+    times = count(10 * 10**9, 10**9)
+    sent = Sent()
+    stream = ConstraintStream(sent, None, random_bits=counted_bits(), clock_ns=lambda: next(times))
+    stream.publish(before(), valid_ns=0)  # expires at once: the stale message is published
+    assert not stream.publish(following())
+    stream.publish(faulty())  # the session has latched the hold
+    stream.publish(latched())
+    stale, *after = sent.messages
+    assert stale.hold
+    assert stale.rearm_nonce != 0
+    for message in after if following is faulty else after[:1]:
+        assert (message.rearm_nonce, message.hold_since) == (stale.rearm_nonce, stale.hold_since)
+    if following is not faulty:  # then the step that became UNKNOWN is another fault
+        assert {message.rearm_nonce for message in after[1:]} & {stale.rearm_nonce} == set()
+        assert {message.hold_since.sec for message in after} == {stale.hold_since.sec}
+
+
+def test_spent_nonce_of_a_stale_message_is_not_used_again():
+    sent = Sent()
+    stream = ConstraintStream(sent, None, random_bits=counted_bits())
+    for _ in range(2):
+        stream.publish(constraint(), valid_ns=0)
+        stream.publish(faulty())
+        stream.publish(latched())
+        stream.spend(stream.rearm_nonce)
+        stream.publish(constraint())
+    stream.publish(constraint())
+    stream.hold("inactive")
+    stream.publish(faulty())
+    holds = [message.rearm_nonce for message in sent.messages if message.hold]
+    first, second, third = holds[:3], holds[3:6], holds[6:]
+    assert [len(set(nonces)) for nonces in (first, second, third)] == [1, 1, 1]
+    assert len({first[0], second[0], third[0], 0}) == 4
+
+
+def test_last_message_after_a_stale_one_keeps_nonce_and_begin_of_the_hold():
+    times = count(10 * 10**9, 10**9)
+    sent = Sent()
+    stream = ConstraintStream(sent, None, random_bits=counted_bits(), clock_ns=lambda: next(times))
+    stream.publish(constraint(), valid_ns=0)
+    stream.hold("inactive")
+    stream.publish(faulty())
+    assert [message.reasons[0] for message in sent.messages] == ["stale", "inactive", "stale"]
+    assert len({(message.rearm_nonce, message.hold_since.sec) for message in sent.messages}) == 1
+
+
 def test_hold_since_is_the_begin_of_the_hold():
     times = count(10 * 10**9, 10**9)
     sent = Sent()
