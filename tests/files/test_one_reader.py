@@ -37,6 +37,7 @@ PARSED_IN = {
 """The files of ``app`` that may name a parser, or a temporary file of an atomic write."""
 
 READS_OWN_FILES = {
+    "bridge/message_definitions.py": "definitions of this project's messages, as installed",
     "bridge/open_ports.py": "a table of the kernel",
     "case/messages/definition.py": "message definitions of this project",
     "cli/replay_page.py": "the report that this process wrote",
