@@ -96,7 +96,9 @@ def until_cancelled(domain_id):
         return LookupTransform.Result(), GoalOutcome.CANCELLED
 
     def on_statuses(message):
-        if any(each.status == GoalStatus.STATUS_ABORTED for each in message.status_list):
+        # The empty list of a closing server can replace the status before it is read.
+        statuses = [each.status for each in message.status_list]
+        if active.is_set() and (not statuses or GoalStatus.STATUS_ABORTED in statuses):
             ended.set()
 
     statuses = Topic("/marginguard/lookup/_action/status", GoalStatusArray, LATCHED)
