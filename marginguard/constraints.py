@@ -109,6 +109,7 @@ def plain_constraint(message: "FixtureConstraint") -> PlainConstraint:
     >>> floor = HalfSpace(offset=0.005)  # 5 mm above the origin
     >>> floor.normal.z, floor.point_on_tool.z = 1.0, 0.008
     >>> message = FixtureConstraint(instance_id="a", seq=1, half_spaces=[floor])
+    >>> message.planes_current = True  # and not message.simulated
     >>> message.header.frame_id, message.valid_until.nanosec = "tumor", 60_000_000
     >>> plain = mg.plain_constraint(message)
     >>> isinstance(plain, mg.PlainConstraint), plain.offsets_mm.tolist()

@@ -104,6 +104,10 @@ def _received(message: FixtureConstraint, topic: str) -> ReceivedConstraint:
         registration_id=message.registration_id,
         instance_id=message.instance_id,
         rearm_nonce=message.rearm_nonce,
+        hold_causes=tuple(message.hold_causes),
+        simulated=message.simulated,
+        planes_current=message.planes_current,
+        single_source=message.single_source,
     )
 
 

@@ -20,6 +20,8 @@ def plain_constraint(message: FixtureConstraint) -> PlainConstraint:
         valid_until_ns=_ns(message.valid_until),
         state=message.state,
         hold=message.hold,
+        simulated=message.simulated,
+        planes_current=message.planes_current,
         normals=_vectors([plane.normal for plane in planes]),
         offsets_mm=MM_PER_M * np.array([plane.offset for plane in planes]),
         points_on_tool_mm=MM_PER_M * _vectors([plane.point_on_tool for plane in planes]),

@@ -22,7 +22,7 @@ class SessionContent:
     ``tumor`` is in the frame ``tumor.frame``; ``tool`` in ``tip_frame``, or None where only the
     tip is known. ``static_edges`` are the calibrations and the registration, each child frame
     once. ``robot`` is None for a tool that is held by hand. ``robot_file`` with ``package_dirs``
-    is where the robot's description is read from.
+    is where the robot's description is read from. ``simulated``: the poses are not a patient's.
     """
 
     name: str
@@ -34,6 +34,7 @@ class SessionContent:
     robot: RobotSetup | None = None
     robot_file: Path | None = None
     package_dirs: tuple[Path, ...] = ()
+    simulated: bool = False
 
     def __post_init__(self) -> None:
         children = [edge.source for edge in self.tf_static_edges]
@@ -87,6 +88,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         robot=setup.robot,
         robot_file=None if setup.robot is None else case.robot_urdf(),
         package_dirs=case.package_dirs,
+        simulated=case.manifest.provenance.kind == "simulated",
     )
 
 

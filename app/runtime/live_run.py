@@ -51,7 +51,7 @@ class LiveRun:
             timing = StepTiming(spent_ns=self.live.spent_ns(), in_time=in_time)
             if not output.publish(step, timing) and in_time:
                 in_time = False
-                self.live.hold()
+                self.live.hold("a step came later than its data are valid")
                 for each in self.outputs:
                     each.revoke()
 

@@ -14,7 +14,10 @@ class ReceivedConstraint:
     first, as text, since a newer publisher may have others. ``stop_total_mm`` and ``warn_total_mm``
     are the applied margins. A number that the message does not have is None. Another
     ``instance_id`` is another run of the session, which does not know earlier holds: stop.
-    ``rearm_nonce`` identifies a hold that has to be re-armed, 0 if none has.
+    ``rearm_nonce`` identifies a hold that has to be re-armed, 0 if none has. ``hold_causes`` are
+    texts on what began and prolonged the hold. ``simulated``: the poses are not those of a patient.
+    ``planes_current``: the half-spaces belong to the tool's present pose; otherwise no motion is
+    allowed. ``single_source``: nothing independent can contradict the tracker.
 
     >>> import marginguard as mg
     >>> before_the_first_pose = mg.ReceivedConstraint(
@@ -24,6 +27,10 @@ class ReceivedConstraint:
     ...     model_id="", registration_id="",
     ...     instance_id="",
     ...     rearm_nonce=0,
+    ...     hold_causes=(),
+    ...     simulated=False,
+    ...     planes_current=False,
+    ...     single_source=True,
     ... )
     >>> before_the_first_pose.hold
     True
@@ -45,3 +52,7 @@ class ReceivedConstraint:
     registration_id: str
     instance_id: str
     rearm_nonce: int
+    hold_causes: tuple[str, ...]
+    simulated: bool
+    planes_current: bool
+    single_source: bool

@@ -1,17 +1,18 @@
 """Session of a live source: one step per frame, and one whenever a pose becomes stale."""
 
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
 from app.case import JointSample, TrackingFrame
+from app.fixture import Reason
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform, stale_in_ns
 from app.session.live_clock import SourceClock
 from app.session.live_frames import LiveFrames
 from app.session.playback_rule import NO_PLAYBACK, PlaybackRule
 from app.session.pose_tree import Edge
-from app.session.session import Session, StepResult
+from app.session.session import NOTHING_OUTSIDE, Session, StepResult
 
 TICK_NS = 100 * NS_PER_MS
 """Period of the steps while the source is silent."""
@@ -27,6 +28,8 @@ class LiveSession:
     stale, the session steps at once with a frame without poses, and again every `TICK_NS`: an old
     margin is never left standing. ``host_ns`` reads the host's clock, ``wait`` waits on it.
     ``playback`` decides whether samples are used while a recording is played on the graph.
+    ``outside`` returns the faults that are present outside the samples (a second sender, say), with
+    a text for each; it is called once before each step and must be quick.
     """
 
     def __init__(
@@ -37,6 +40,7 @@ class LiveSession:
         stamps_of_host: bool,
         edges: Sequence[Edge] = (),
         playback: PlaybackRule = NO_PLAYBACK,
+        outside: Callable[[], Mapping[Reason, str]] = lambda: NOTHING_OUTSIDE,
         wait: Wait = threading.Condition.wait,
     ) -> None:
         self._session = session
@@ -45,6 +49,7 @@ class LiveSession:
         self._clock = SourceClock(stamps_of_host=stamps_of_host)
         self._frames = LiveFrames(session.setup, self._clock, edges)
         self._playback = playback
+        self._outside = outside
         self._changed = threading.Condition()
         self._stepping = threading.Lock()
         self._stopped = False
@@ -83,9 +88,12 @@ class LiveSession:
         """Time in ns since the frame of the last step was taken; its data are older by it now."""
         return max(0, self._host_ns() - self._taken_ns)
 
-    def hold(self) -> None:
-        """Latch ``hold`` from the next step on. Call it while consuming a step of `steps`."""
-        self._session.hold()
+    def hold(self, cause: str) -> None:
+        """Latch ``hold`` from the next step on. Call it while consuming a step of `steps`.
+
+        ``cause`` is a text for the operator.
+        """
+        self._session.hold(cause)
 
     @contextmanager
     def between_steps(self) -> Iterator[Session]:
@@ -115,7 +123,8 @@ class LiveSession:
                 frame = self._take()
                 # Checked after the samples were taken: a playback is discovered before them.
                 playback = self._playback.found()
-                step = self._session.step(self._playback.checked(frame, playback))
+                checked = self._playback.checked(frame, playback)
+                step = self._session.step(checked, self._outside())
                 step = self._with_source_problems(step, playback)
                 self._watch_ns = self._next_watch_ns(step)
                 yield step

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from app.case import JointSample, TrackingFrame
 from app.fixture import (
@@ -29,6 +30,12 @@ from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.tumor_velocity import TumorVelocity
 
+MAX_CAUSES = 8
+"""Most causes of a hold that are kept."""
+
+NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
+"""No faults outside the frames."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResult:
@@ -41,6 +48,8 @@ class StepResult:
     joints and registration, None if one of them is not known. ``frames_problem`` describes an
     error in the frames that the tracker measures, empty if there is none. ``playback`` describes a
     recording that is played on the graph of a live session, empty if there is none.
+    ``hold_causes`` are texts on what began and prolonged the present hold, oldest first; empty
+    without a hold. ``single_source`` is True if nothing independent can contradict the tracker.
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -60,6 +69,8 @@ class StepResult:
     drift: RegistrationDrift | None = None
     frames_problem: str = ""
     playback: str = ""
+    hold_causes: tuple[str, ...] = ()
+    single_source: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,10 +103,15 @@ class Session:
         self._frames_problem = ""
         self._last: _LastPose | None = None
         self._virtual_fixture: Transform | None = None
+        self._hold_causes: tuple[str, ...] = ()
         self._index = -1
 
-    def step(self, frame: TrackingFrame) -> StepResult:
+    def step(
+        self, frame: TrackingFrame, outside: Mapping[Reason, str] = NOTHING_OUTSIDE
+    ) -> StepResult:
         """Make ``frame`` the present and decide on the margin.
+
+        ``outside``: faults that the caller found outside the frame, with a text for each.
 
         Never raises for bad data from a tracker or a robot: bad samples make the margin UNKNOWN
         and are named in the decision's reasons. If the tool passed through the tumour since the
@@ -135,12 +151,13 @@ class Session:
                 stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
                 proximity=proximity,
                 swept=swept,
-                problems=problems | tool.problems | registration_problems,
+                problems=problems | tool.problems | registration_problems | outside.keys(),
                 sigma_tre_mm=sigma_tre_mm,
                 unchanged_ns=max(pose.unchanged_ns for pose in used),
                 tumor_twist=self._tumor_twist(frame.stamp),
             )
         )
+        self._note_hold(decision, outside)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
@@ -153,16 +170,22 @@ class Session:
             joints=self._joints,
             robot_problem=robot_problem,
             drift=drift,
-            frames_problem=self._frames_problem,
+            frames_problem="; ".join(filter(None, [self._frames_problem, *outside.values()])),
+            hold_causes=self._hold_causes,
         )
 
-    def hold(self) -> None:
-        """Latch ``hold`` from the next step on, for a fault that is not visible in the frames."""
+    def hold(self, cause: str) -> None:
+        """Latch ``hold`` from the next step on, for a ``cause`` that is not visible in the frames.
+
+        ``cause`` is a text for the operator, which `StepResult.hold_causes` shows until `rearm`.
+        """
         self._monitor.hold()
+        self._add_cause(cause)
 
     def rearm(self) -> None:
         """Release the hold of an earlier fault; raises `NotRearmableError` while UNKNOWN."""
         self._monitor.rearm()
+        self._hold_causes = ()
 
     def use(self, setup: SessionSetup) -> None:
         """Replace the setup from the next step on. Not to be called during a step.
@@ -213,6 +236,20 @@ class Session:
     def frames_problem(self) -> str:
         """Error in the frames that the tracker has measured so far; empty if there is none."""
         return self._frames_problem
+
+    def _note_hold(self, decision: FixtureDecision, outside: Mapping[Reason, str]) -> None:
+        """Update the causes of the hold after ``decision``."""
+        if not decision.hold:
+            self._hold_causes = ()
+            return
+        for reason in decision.reasons:
+            if reason.is_fault and reason is not Reason.RECOVERING:
+                self._add_cause(outside.get(reason) or reason.text)
+
+    def _add_cause(self, cause: str) -> None:
+        """Append ``cause``; beyond `MAX_CAUSES` the first ones and the newest are kept."""
+        if cause not in self._hold_causes:
+            self._hold_causes = (*self._hold_causes[: MAX_CAUSES - 1], cause)
 
     def _is_base_measured(self) -> bool:
         """True if the tracker measures the robot's base, which the registration places.

@@ -5,6 +5,8 @@ Subscribes ``/marginguard/constraint``, ``desired_twist`` and ``tip`` (``PointSt
 vectors are along the axes of the constraint's frame, in m and m/s.
 
     python examples/controller/twist_filter.py --frame tumor
+
+Poses that are recorded or simulated allow no motion, unless ``--accept-simulated`` is given.
 """
 
 import argparse
@@ -35,9 +37,9 @@ NEWEST = QoSProfile(depth=1)
 class TwistFilter(Node):
     """Node around `mg.FixtureRule`; its clock is that of the tracker's stamps (``clock: host``)."""
 
-    def __init__(self, frame: str) -> None:
+    def __init__(self, frame: str, *, accept_simulated: bool = False) -> None:
         super().__init__("twist_filter")
-        self.rule = mg.FixtureRule(frame=frame)
+        self.rule = mg.FixtureRule(frame=frame, accept_simulated=accept_simulated)
         self.frame = frame
         self.desired: tuple[int, np.ndarray] | None = None
         self.tip: tuple[int, np.ndarray] | None = None
@@ -98,13 +100,19 @@ def main() -> int:
     """Run the node until it is interrupted."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frame", default="tumor", help="frame of the constraint")
+    parser.add_argument(
+        "--accept-simulated",
+        action="store_true",
+        help="allow motion by recorded or simulated poses; never where a robot can hurt somebody",
+    )
     print(mg.prepare_ros())  # the nodes on this machine, unless the variables of ROS say else
     # The handlers of rclpy end its context at once; these let the last message be published.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
-    node = TwistFilter(parser.parse_args(rclpy.utilities.remove_ros_args(sys.argv)[1:]).frame)
+    args = parser.parse_args(rclpy.utilities.remove_ros_args(sys.argv)[1:])
+    node = TwistFilter(args.frame, accept_simulated=args.accept_simulated)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not stopped.is_set():

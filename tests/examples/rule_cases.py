@@ -77,7 +77,7 @@ def events(rng: np.random.Generator) -> Iterator[Event]:
             ["none"] * 12
             + ["seq", "instance", "no id", "nan", "inf", "huge", "normal", "count", "frame"]
             + ["state", "unknown", "hold", "expired", "future", "long", "back", "silent", "rearm"]
-            + ["desired", "fast"]
+            + ["desired", "fast", "simulated", "other pose"]
         )
         yield from _step(rng, str(fault), now_ns, seq, instance)
         if fault == "instance" and rng.random() < 0.5:
@@ -96,6 +96,8 @@ def _step(
         valid_until_ns=now_ns + 120 * NS_PER_MS,
         state=int(rng.integers(3)),
         hold=bool(rng.random() < 0.1),
+        simulated=False,
+        planes_current=True,
         **random_planes(rng, count),
     )
     if fault == "rearm":
@@ -126,6 +128,8 @@ def _broken(rng: np.random.Generator, fault: str, message: PlainConstraint) -> P
         "state": {"state": int(rng.choice([-1, 4]))},
         "unknown": {"state": int(MarginState.UNKNOWN), "hold": bool(rng.integers(2))},
         "hold": {"hold": True},
+        "simulated": {"simulated": True},
+        "other pose": {"planes_current": False},
         "expired": {"valid_until_ns": message.stamp_ns + 30 * NS_PER_MS},
         "future": {"stamp_ns": message.stamp_ns + 40 * NS_PER_MS},
         "long": {"valid_until_ns": message.stamp_ns + 10_001 * NS_PER_MS},
@@ -156,7 +160,7 @@ def as_line(event: Event) -> str:
     return (
         f"receive {event.now_ns} {message.instance_id or '-'} {message.seq} {message.frame} "
         f"{message.stamp_ns} {message.valid_until_ns} {message.state} {int(message.hold)} "
-        f"{len(planes)} {_text(planes)}"
+        f"{int(message.simulated)} {int(message.planes_current)} {len(planes)} {_text(planes)}"
     )
 
 

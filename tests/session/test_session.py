@@ -305,7 +305,9 @@ def test_age_of_the_reference_counts_for_a_robot(touch):
     assert step.decision.margin.age_mm == pytest.approx(50.0 * 0.1)
     by_hand = Session(make_setup())
     by_hand.step(frame(0, reference(0), needle(0), cautery_at(40.0, 0)))
-    step = by_hand.step(frame(100, needle(100), cautery_at(40.1, 100)))
+    moved = needle(100).transform @ Transform("needle", "needle", np.eye(3), [0.0, 0.0, 1e-3])
+    sample = TrackedTransform(moved, Stamp(100 * NS_PER_MS), TrackingStatus.OK)
+    step = by_hand.step(frame(100, sample, cautery_at(40.1, 100)))
     assert step.decision.margin.age_mm == 0.0
 
 

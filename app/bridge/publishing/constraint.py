@@ -1,6 +1,7 @@
 """Convert a fixture decision to ``marginguard_msgs/FixtureConstraint``, in m and m/s."""
 
 import math
+from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace
@@ -32,8 +33,18 @@ class ConstraintBuilder:
         self._model_id = content.model_id
         self._registration_id = content.registration_id
 
-    def message(self, decision: FixtureDecision) -> FixtureConstraint:
-        """Convert ``decision``; the publisher sets ``seq``."""
+    def message(
+        self,
+        decision: FixtureDecision,
+        *,
+        hold_causes: Sequence[str] = (),
+        simulated: bool = True,
+        single_source: bool = True,
+    ) -> FixtureConstraint:
+        """Convert ``decision``; the publisher sets ``seq``.
+
+        ``simulated``: the poses are recorded or simulated. ``single_source``: nothing checks them.
+        """
         known = decision.state is not MarginState.UNKNOWN
         if decision.constraint is None:
             self._planes_from = None
@@ -44,6 +55,10 @@ class ConstraintBuilder:
             state=int(decision.state),
             reasons=[str(reason) for reason in decision.reasons],
             hold=decision.hold,
+            hold_causes=list(hold_causes),
+            simulated=simulated,
+            planes_current=decision.constraint_is_current,
+            single_source=single_source,
             signed_distance=math.nan,
             lower_bound=math.nan,
             stop_distance=math.nan,

@@ -274,6 +274,10 @@ def _held(message: FixtureConstraint, reason: str) -> FixtureConstraint:
         state=FixtureConstraint.UNKNOWN,
         reasons=[reason, *(known for known in message.reasons if known == "latched")],
         hold=True,
+        hold_causes=[*message.hold_causes, f"the constraint is {reason}"],
+        simulated=message.simulated,
+        planes_current=False,
+        single_source=message.single_source,
         half_spaces=[
             HalfSpace(normal=plane.normal, offset=plane.offset, point_on_tool=plane.point_on_tool)
             for plane in message.half_spaces

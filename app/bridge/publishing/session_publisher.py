@@ -68,6 +68,7 @@ class SessionPublisher:
     ) -> None:
         self._policy = policy
         self._content = content
+        self._simulated = content.simulated or bool(playback)
         self._created: list[Publisher] = []
         self._surfaces_state: MarginState | None = None
         with ExitStack() as opening:
@@ -112,7 +113,12 @@ class SessionPublisher:
         for sample in step.frame.joints if self._policy.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
         in_time = self.constraints.publish(
-            self._constraint_builder.message(step.decision),
+            self._constraint_builder.message(
+                step.decision,
+                hold_causes=step.hold_causes,
+                simulated=self._simulated or bool(step.playback),
+                single_source=step.single_source,
+            ),
             valid_ns=self._valid_ns(step, timing.spent_ns),
         )
         self._publish_margin(step.decision)
@@ -153,7 +159,11 @@ class SessionPublisher:
         if shapes is not self._shapes or content.static_edges != before.static_edges:
             self._shapes = shapes
             # Do this first: the planes of the previous content are not valid for the new one.
-            message = self._constraint_builder.message(_UNKNOWN_DECISION)
+            message = self._constraint_builder.message(
+                _UNKNOWN_DECISION,
+                hold_causes=[Reason.STARTING.text],
+                simulated=self._simulated,
+            )
             has_started = self.constraints.invalidate(message)
             self._latch(content)
             if has_started:

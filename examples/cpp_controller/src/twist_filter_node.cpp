@@ -50,7 +50,7 @@ class TwistFilter : public rclcpp::Node {
   TwistFilter()
       : Node("twist_filter"),
         frame_(declare_parameter<std::string>("frame", "tumor")),
-        rule_(frame_) {
+        rule_(frame_, parameters()) {
     const auto newest = rclcpp::QoS(1);
     constraints_ = create_subscription<FixtureConstraint>(
         "/marginguard/constraint", newest,
@@ -79,6 +79,13 @@ class TwistFilter : public rclcpp::Node {
   }
 
  private:
+  marginguard::RuleParameters parameters() {
+    marginguard::RuleParameters found;
+    // True only where no patient and no robot is: allows motion by recorded or simulated poses.
+    found.accept_simulated = declare_parameter<bool>("accept_simulated", false);
+    return found;
+  }
+
   std::int64_t now_ns() { return get_clock()->now().nanoseconds(); }
 
   template <typename Value>
@@ -97,6 +104,8 @@ class TwistFilter : public rclcpp::Node {
     plain.valid_until_ns = ns_of(message.valid_until);
     plain.state = message.state;
     plain.hold = message.hold;
+    plain.simulated = message.simulated;
+    plain.planes_current = message.planes_current;
     plain.count = message.half_spaces.size();
     for (std::size_t k = 0; k < std::min(plain.count, marginguard::kMaxPlanes); ++k) {
       const auto& plane = message.half_spaces[k];

@@ -2,7 +2,7 @@
 //
 //   new FRAME                                        a new rule
 //   rearm
-//   receive NOW ID SEQ FRAME STAMP UNTIL STATE HOLD COUNT [normal offset point velocity]*COUNT
+//   receive NOW ID SEQ FRAME STAMP UNTIL STATE HOLD SIMULATED CURRENT COUNT [normal offset point velocity]*COUNT
 //   allow NOW TWIST(6) TIP(3)                        prints: PERMISSION REASON LATCHED TWIST(6)
 //
 // Times are in ns, lengths in m. "-" is an empty id. Numbers may be nan or inf.
@@ -32,13 +32,15 @@ std::array<double, N> numbers(std::istream& in) {
 void receive(marginguard::FixtureRule& rule, std::istream& in) {
   std::int64_t now_ns = 0;
   std::string id, frame;
-  int hold = 0;
+  int hold = 0, simulated = 0, current = 0;
   marginguard::PlainConstraint message;
   in >> now_ns >> id >> message.seq >> frame >> message.stamp_ns >> message.valid_until_ns >>
-      message.state >> hold >> message.count;
+      message.state >> hold >> simulated >> current >> message.count;
   message.instance_id = id == "-" ? std::string_view{} : std::string_view{id};
   message.frame = frame;
   message.hold = hold != 0;
+  message.simulated = simulated != 0;
+  message.planes_current = current != 0;
   for (std::size_t k = 0; k < std::min(message.count, marginguard::kMaxPlanes); ++k) {
     marginguard::HalfSpace& plane = message.planes[k];
     plane.normal = numbers<3>(in);

@@ -41,6 +41,8 @@ enum class Reason {
   kClock,      // time runs backwards, or the message is from the future or valid for too long
   kMalformed,  // no planes, too many, no unit normals, values beyond 1 km, another frame, bad id
   kNotFinite,  // a plane, the desired twist or the tip contains NaN or infinity
+  kSimulated,  // the poses are recorded or simulated, and the rule does not accept them
+  kOtherPose,  // the planes belong to an earlier pose of the tool
 };
 
 inline const char* name_of(Permission permission) {
@@ -63,6 +65,8 @@ inline const char* name_of(Reason reason) {
     case Reason::kClock: return "clock";
     case Reason::kMalformed: return "malformed";
     case Reason::kNotFinite: return "not_finite";
+    case Reason::kSimulated: return "simulated";
+    case Reason::kOtherPose: return "other_pose";
     case Reason::kNoMessage: break;
   }
   return "no_message";
@@ -77,6 +81,8 @@ struct PlainConstraint {
   std::int64_t valid_until_ns = 0;
   int state = kStateUnknown;
   bool hold = true;
+  bool simulated = true;
+  bool planes_current = false;
   std::size_t count = 0;                       // length of half_spaces in the message
   std::array<HalfSpace, kMaxPlanes> planes{};  // the first kMaxPlanes of them
 };
@@ -91,6 +97,7 @@ struct RuleParameters {
   LimiterParameters limiter{};
   std::int64_t max_silence_ns = 100 * kNsPerMs;
   std::int64_t future_tolerance_ns = 5 * kNsPerMs;
+  bool accept_simulated = false;  // true only where no patient and no robot is
 };
 
 // Use in one thread: receive() at each message, allow() at each control step.
@@ -184,6 +191,8 @@ class FixtureRule {
     stamp_ns_ = message.stamp_ns;
     valid_until_ns_ = message.valid_until_ns;
     hold_ = message.hold || message.state == kStateUnknown;
+    simulated_ = message.simulated;
+    planes_current_ = message.planes_current;
     count_ = defect == Reason::kAllowed ? message.count : 0;
     planes_ = message.planes;
     defect_ = defect;
@@ -220,6 +229,7 @@ class FixtureRule {
     if (latched_ && latch_reason_ == Reason::kInstanceChanged) return Reason::kInstanceChanged;
     if (!has_message_) return clock_jumped_ ? Reason::kClock : Reason::kNoMessage;
     if (defect_ != Reason::kAllowed) return defect_;
+    if (simulated_ && !parameters_.accept_simulated) return Reason::kSimulated;
     if (now_ns >= valid_until_ns_) return Reason::kExpired;
     // valid_until_ns_ is later than now_ns; if one of these is absurd, a difference could overflow.
     constexpr std::int64_t kAbsurd = std::numeric_limits<std::int64_t>::max() / 4;
@@ -232,7 +242,7 @@ class FixtureRule {
       return Reason::kClock;
     }
     if (now_ns - received_ns_ > parameters_.max_silence_ns) return Reason::kSilent;
-    return Reason::kAllowed;
+    return planes_current_ ? Reason::kAllowed : Reason::kOtherPose;
   }
 
   std::string frame_;
@@ -251,6 +261,8 @@ class FixtureRule {
   std::int64_t stamp_ns_ = 0;
   std::int64_t valid_until_ns_ = 0;
   bool hold_ = true;
+  bool simulated_ = true;
+  bool planes_current_ = false;
   Reason defect_ = Reason::kNoMessage;
   std::size_t count_ = 0;
   std::array<HalfSpace, kMaxPlanes> planes_{};

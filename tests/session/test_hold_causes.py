@@ -1,0 +1,68 @@
+"""Texts that tell the operator why the session is on hold."""
+
+import pytest
+
+from app.fixture import NotRearmableError, Reason
+from app.geometry import TrackingStatus
+from app.session import Session
+from app.session.session import MAX_CAUSES
+from tests.session.test_session import cautery_at, frame, lost, make_setup, needle, steps
+
+
+def good(session, at_ms, count=1):
+    for index in range(count):
+        now_ms = at_ms + 20 * index
+        step = session.step(frame(now_ms, needle(now_ms), cautery_at(30.0 + 0.1 * index, now_ms)))
+    return step
+
+
+@pytest.fixture
+def session():
+    session = Session(make_setup())
+    steps(session, [30.0, 30.1])
+    return session
+
+
+def test_no_hold_has_no_causes(session):
+    assert good(session, 40).hold_causes == ()
+
+
+def test_faults_are_listed_in_the_order_in_which_they_occurred_until_rearmed(session):
+    gone = lost("tracker", "cautery", 40, TrackingStatus.INVALID)
+    session.step(frame(40, needle(40), gone))
+    session.step(frame(500))
+    expected = (Reason.INVALID.text, Reason.STALE.text)
+    step = good(session, 520, count=20)
+    assert (step.decision.hold, step.hold_causes) == (True, expected)
+    session.rearm()
+    assert good(session, 940).hold_causes == ()
+
+
+def test_causes_stay_when_rearming_is_refused(session):
+    step = session.step(frame(500))
+    with pytest.raises(NotRearmableError):
+        session.rearm()
+    assert session.step(frame(520)).hold_causes == step.hold_causes != ()
+
+
+def test_hold_by_the_caller_has_its_text(session):
+    session.hold("stop_mm lowered from 2 to 1")
+    session.hold("stop_mm lowered from 2 to 1")
+    assert good(session, 40).hold_causes == ("stop_mm lowered from 2 to 1",)
+
+
+def test_fault_from_outside_is_a_fault_with_its_own_text(session):
+    step = session.step(
+        frame(40, needle(40), cautery_at(30.0, 40)),
+        {Reason.SECOND_SENDER: "tracker -> needle has two senders"},
+    )
+    assert step.decision.reasons[0] is Reason.SECOND_SENDER
+    assert step.frames_problem == "tracker -> needle has two senders"
+    assert step.hold_causes == ("tracker -> needle has two senders",)
+
+
+def test_the_first_causes_and_the_newest_are_kept(session):
+    for number in range(20):
+        session.hold(f"cause {number}")
+    expected = [*(f"cause {number}" for number in range(MAX_CAUSES - 1)), "cause 19"]
+    assert list(good(session, 40).hold_causes) == expected
