@@ -14,6 +14,7 @@ from app.geometry import (
     Transform,
     freshness_of,
 )
+from app.session.repetition import SensorRepetition, SourceRepetition
 
 MAX_TRANSLATION_MM = 10_000.0
 """No tracker of an operating room measures beyond 10 m. Drivers send larger numbers for a missing
@@ -44,7 +45,8 @@ class MeasuredPose:
     """``transform`` from the latest samples along the path, or the reasons why there is none.
 
     ``oldest`` is the earliest acquisition stamp of those samples, None when there are none.
-    ``unchanged_ns`` is the longest time for which one of them has repeated the same values.
+    ``unchanged_ns`` is the longest time since a change of one of them, among those whose repetition
+    is improbable in their own history (`app.session.repetition`); 0 if there are none.
     """
 
     transform: Transform | None
@@ -61,12 +63,13 @@ class _EdgeState:
     latest: TrackedTransform
     latest_at: Stamp
     """The latest sample's stamp, or its time of arrival if that was earlier."""
+    repetition: SensorRepetition
     latest_good: Transform | None = None
     unchanged_since: Stamp | None = None
     bad: frozenset[Reason] = _NOTHING
     """Problems of the latest sample that do not depend on its age."""
 
-    def update(self, sample: TrackedTransform, now: Stamp) -> bool:
+    def update(self, sample: TrackedTransform, now: Stamp, limits: FreshnessLimits) -> bool:
         """Make ``sample`` the latest; return True if the pose has changed.
 
         Lost samples in between do not end a frozen run. A stamp from the future counts as
@@ -82,14 +85,16 @@ class _EdgeState:
             return False
         self.bad = _NOTHING
         known, self.latest_good = self.latest_good, sample.transform
-        if known is not None and _same_numbers(known, sample.transform):
+        if known is None or self.unchanged_since is None:
+            self.unchanged_since = self.latest_at
+            self.repetition.begin(sample.transform, self.latest_at.ns)
+            return False
+        if _same_numbers(known, sample.transform):
+            self.repetition.repeat(self.latest_at.ns - self.unchanged_since.ns)
             return False
         self.unchanged_since = self.latest_at
-        return known is not None
-
-    def unchanged_ns(self) -> int:
-        """Time in ns for which the good samples up to the latest have repeated the same values."""
-        return 0 if self.unchanged_since is None else self.latest_at.ns - self.unchanged_since.ns
+        self.repetition.change(sample.transform, self.latest_at.ns, limits)
+        return True
 
 
 @dataclass(slots=True)
@@ -98,16 +103,21 @@ class PoseTree:
 
     The latest sample is the one acquired last: a sample that arrives after a newer one is ignored.
 
-    A pose that repeats the same values for longer than ``limits.frozen_after_ns`` is frozen. An
-    edge that has *never* changed, including before a jump of the clock, is treated as a fixed
-    transform (recordings carry calibrations among the measured ones), except the edges that touch
-    ``moving_frames``: each of these has a sensor.
+    A pose that repeats the same values for longer than ``limits.frozen_after_ns`` is frozen, unless
+    its sensor rests and has repeated as long before; the poses of a tracker whose sensors all
+    repeat at once, and never did before, are frozen once they are as old as a stale one
+    (`app.session.repetition`). An edge that has *never* changed, including before a jump of the
+    clock, is treated as a fixed transform (recordings carry calibrations among the measured ones),
+    except the edges that touch ``moving_frames``: each of these has a sensor.
     """
 
     limits: FreshnessLimits
     moving_frames: tuple[str, ...]
     _edges: dict[Edge, _EdgeState] = field(default_factory=dict)
     _changed: set[Edge] = field(default_factory=set)
+    _sensors: dict[Edge, SensorRepetition] = field(default_factory=dict)
+    _sources: dict[str, SourceRepetition] = field(default_factory=dict)
+    """By the frame in which a tracker measures its sensors."""
     _paths: dict[Edge, tuple[Edge, ...] | None] = field(default_factory=dict)
     _now: Stamp | None = None
 
@@ -121,9 +131,20 @@ class PoseTree:
         if jumped:
             self._edges.clear()
             self._paths.clear()
+            for sensor in self._sensors.values():
+                sensor.restart()
+            for source in self._sources.values():
+                source.restart()
         self._now = frame.stamp
+        durations_ns: dict[str, list[int]] = {}
         for sample in frame.poses:
-            self._insert_sample(sample, frame.stamp)
+            state = self._insert_sample(sample, frame.stamp)
+            edge = (sample.target, sample.source)
+            if state is not None and not state.bad and self._has_to_move(edge):
+                durations_ns.setdefault(sample.target, []).append(state.repetition.duration_ns)
+        for tracker, each_ns in durations_ns.items():
+            source = self._sources.setdefault(tracker, SourceRepetition())
+            source.observe(each_ns, self.limits.stale_after_ns)
         return _JUMPED if jumped else _NOTHING
 
     def pose(self, target: str, source: str) -> MeasuredPose:
@@ -145,6 +166,8 @@ class PoseTree:
             if edge_unchanged_ns > unchanged_ns:
                 unchanged_ns = edge_unchanged_ns
             problems |= state.bad or self._age_problems(stamp, self._now, edge_unchanged_ns)
+            if state.repetition.repeats and self._is_stuck(edge):
+                problems |= _FROZEN
         transform = None if problems else _along(target, samples)
         return MeasuredPose(transform, oldest, unchanged_ns, problems)
 
@@ -161,22 +184,31 @@ class PoseTree:
         """Names of all frames of measured edges, in alphabetical order."""
         return tuple(sorted({name for edge in self._edges for name in edge}))
 
-    def _insert_sample(self, sample: TrackedTransform, now: Stamp) -> None:
+    def _insert_sample(self, sample: TrackedTransform, now: Stamp) -> _EdgeState | None:
+        """The state of the edge after ``sample``; None if a newer one is known."""
         stamp = sample.stamp
         stamp.age_ns(now)  # raises for another clock; below, only numbers are compared
         edge = (sample.target, sample.source)
         state = self._edges.get(edge)
         if state is None:
-            state = self._edges[edge] = _EdgeState(sample, now)
+            sensor = self._sensors.setdefault(edge, SensorRepetition())
+            state = self._edges[edge] = _EdgeState(sample, now, sensor)
             self._paths.clear()
         elif stamp.ns < state.latest.stamp.ns <= now.ns:
-            return
-        if state.update(sample, now):
+            return None
+        if state.update(sample, now, self.limits):
             self._changed.add(edge)
+        return state
 
     def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
-        unchanged_ns = state.unchanged_ns()
-        return unchanged_ns if unchanged_ns == 0 or self._has_to_move(edge) else 0
+        sensor = state.repetition
+        if sensor.repeats == 0 or not self._has_to_move(edge):
+            return 0
+        return sensor.unchanged_ns(self.limits, self._sources.get(edge[0]))
+
+    def _is_stuck(self, edge: Edge) -> bool:
+        source = self._sources.get(edge[0])
+        return source is not None and source.is_stuck(self.limits.stale_after_ns)
 
     def _has_to_move(self, edge: Edge) -> bool:
         target, source = edge

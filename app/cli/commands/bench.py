@@ -19,6 +19,7 @@ BENCHMARKS = {
     "fixture-agreement": "benchmarks.fixture_agreement",
     "push": "benchmarks.fixture_push",
     "session": "benchmarks.session",
+    "frozen": "benchmarks.frozen",
     "rate": "benchmarks.rate",
     "latency": "benchmarks.latency",
     "kinematics": "benchmarks.kinematics",
