@@ -1,21 +1,65 @@
-"""Bounded reads: no file fills the memory, and every failure is an error of the caller's type."""
+"""Bounded reads of regular files: the one way to open a file of a user.
 
+A pipe, a socket or a device is refused without waiting for it. No file fills the memory, and every
+failure is an error of the caller's type.
+"""
+
+import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import IO
 
 from app.geometry import InputError, MarginGuardError
 
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def open_regular(path: Path, error: type[MarginGuardError] = InputError) -> BufferedReader:
+    """Open the regular file at ``path`` for reading bytes; the caller closes it.
+
+    Raises ``error`` for a file that cannot be opened and for anything but a regular file. The kind
+    is that of the opened file, so that a file that is replaced meanwhile is not read. A pipe
+    without a writer does not block.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    except (OSError, ValueError) as problem:  # ValueError: a null character in the name
+        reason = getattr(problem, "strerror", None) or problem
+        raise error(f"{path} cannot be read: {reason}") from problem
+    kind = stat.S_IFMT(os.fstat(descriptor).st_mode)
+    if kind != stat.S_IFREG:
+        os.close(descriptor)
+        found = _KINDS.get(kind, "of an unknown kind")
+        raise error(f"{path} cannot be read: it is {found}; expected a regular file")
+    return os.fdopen(descriptor, "rb")
+
+
+def check_regular(path: Path, error: type[MarginGuardError] = InputError) -> None:
+    """Raise ``error`` unless ``path`` is a regular file that can be read.
+
+    For a library that opens files by name; where it accepts an open file, give it `open_regular`.
+    """
+    open_regular(path, error).close()
+
 
 @contextmanager
-def open_for_reading(path: Path, error: type[MarginGuardError] = InputError) -> Iterator[IO[bytes]]:
-    """Open the file at ``path`` for reading bytes.
+def open_for_reading(
+    path: Path, error: type[MarginGuardError] = InputError
+) -> Iterator[BufferedReader]:
+    """Open the regular file at ``path`` for reading bytes, see `open_regular`.
 
     An `OSError` of the body, too, becomes ``error``.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path, error) as file:
             yield file
     except OSError as problem:
         raise error(f"{path} cannot be read: {problem.strerror or problem}") from problem
@@ -31,3 +75,24 @@ def read_bounded(path: Path, max_bytes: int, error: type[MarginGuardError] = Inp
     if len(content) > max_bytes:
         raise error(f"{path} has more than the {max_bytes} bytes allowed")
     return content
+
+
+def is_file(path: Path) -> bool:
+    """True if ``path`` is a regular file; false, too, for a name that no file can have."""
+    return stat.S_ISREG(_mode(path))
+
+
+def is_folder(path: Path) -> bool:
+    """True if ``path`` is a folder; false, too, for a name that no folder can have."""
+    return stat.S_ISDIR(_mode(path))
+
+
+def _mode(path: Path) -> int:
+    """Mode of the file with links followed, 0 where there is none.
+
+    `Path.is_file` raises an `OSError` for a name of more than 255 bytes.
+    """
+    try:
+        return path.stat().st_mode
+    except (OSError, ValueError):
+        return 0

@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from app.files.bounded_io import is_file, is_folder
 from app.files.shipped import shipped
 from app.files.xml_guard import parse_xml, read_xml
 from app.geometry import InputError
@@ -56,7 +57,7 @@ class PackageFolders:
         if package == OWN_PACKAGE:
             yield PROJECT_DATA
         for prefix in self._path_variable("AMENT_PREFIX_PATH"):
-            if (prefix / "share" / package).is_dir():
+            if is_folder(prefix / "share" / package):
                 yield prefix / "share" / package
         for folder in self._path_variable("ROS_PACKAGE_PATH"):
             yield from _as_or_in(folder, package)
@@ -80,7 +81,7 @@ def split_package_dir(entry: str | Path) -> tuple[str | None, Path]:
     """``NAME=FOLDER`` to both; a folder whose own name contains ``=`` is not split."""
     text = os.fspath(entry)
     name, sign, folder = text.partition("=")
-    if sign and "/" not in name and not Path(text).is_dir():
+    if sign and "/" not in name and not is_folder(Path(text)):
         return name, Path(folder)
     return None, Path(text)
 
@@ -89,13 +90,13 @@ def _as_or_in(folder: Path, package: str) -> Iterator[Path]:
     """``folder`` itself where it is the package, and its subfolder of that name."""
     if folder.name == package or _declared_name(folder) == package:
         yield folder
-    if (folder / package).is_dir():
+    if is_folder(folder / package):
         yield folder / package
 
 
 def _declared_name(folder: Path) -> str | None:
     manifest = folder / "package.xml"
-    if not manifest.is_file():
+    if not is_file(manifest):
         return None
     try:
         root = parse_xml(read_xml(manifest, InputError), manifest, InputError)

@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
+from app.files.bounded_io import is_file, is_folder, open_for_reading
 from app.files.packages import (
     OWN_PACKAGE,
     PACKAGE_SCHEME,
@@ -36,11 +37,12 @@ def resolve_inside(folder: Path, name: str, where: str) -> Path:
     root = folder.resolve()
     try:
         path = (root / name).resolve()
-    except (OSError, RuntimeError) as error:  # a loop of symbolic links
-        raise InputError(f"{where} is {name!r}: the links cannot be followed ({error})") from error
+    except (OSError, RuntimeError) as error:  # a loop of symbolic links, or a name too long
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{where} is {name!r}: the links cannot be followed ({reason})") from error
     if not path.is_relative_to(root):
         raise InputError(f"{where} is {name!r}: it leaves the folder {folder} by a symbolic link")
-    if not path.exists():
+    if not (is_file(path) or is_folder(path)):
         raise InputError(f"{where} is {name!r}: no such file in {folder}")
     return path
 
@@ -63,7 +65,7 @@ def resolve_file(
             searched = ", ".join(str(path) for path in package_dirs) or "no --package-dir"
             raise InputError(f"{where} is {name!r}: package {package!r} not found ({searched})")
         path = resolve_inside(root, rest, where)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{where} is {name!r}: {path} is not a file")
     return path
 
@@ -83,6 +85,6 @@ def input_path(text: str) -> Path:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file as 64 hexadecimal digits."""
-    with path.open("rb") as file:
+    """Return the SHA-256 of a file as 64 hexadecimal digits; raise `InputError` if unreadable."""
+    with open_for_reading(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -3,6 +3,11 @@
 A message is one line with the place, the rejected value and the allowed values.
 """
 
+MAX_MESSAGE = 1200
+"""Limit for the characters of a message: names and values of a file can have any length."""
+
+_KEPT = MAX_MESSAGE // 2 - 20
+
 
 class MarginGuardError(Exception):
     """Base class of all errors that MarginGuard raises deliberately.
@@ -13,7 +18,13 @@ class MarginGuardError(Exception):
     ... except mg.MarginGuardError as error:
     ...     print(error)
     rotation of needle_from_tumor has shape (); expected (3, 3)
+
+    A message that contains text of a file stays one printable line: line breaks become spaces,
+    other control characters their escapes, and the middle of a long message is left out.
     """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(_one_line(str(message)))
 
 
 class FrameError(MarginGuardError):
@@ -42,3 +53,14 @@ class InputError(MarginGuardError):
     ...     print(error)
     no_such_case is not a case: no such folder
     """
+
+
+def _one_line(message: str) -> str:
+    """Return ``message`` as one printable line of at most `MAX_MESSAGE` characters."""
+    if len(message) > MAX_MESSAGE:
+        left_out = len(message) - 2 * _KEPT
+        message = f"{message[:_KEPT]}...({left_out} characters)...{message[-_KEPT:]}"
+    if message.isprintable():
+        return message
+    line = " ".join(message.splitlines())
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)

@@ -48,8 +48,32 @@ READS_OWN_FILES = {
 }
 """Files of ``app`` with an unbounded read, and what they read."""
 
-READS_STREAMS = {"files/bounded_io.py", "files/paths.py"}
-"""Files that open a file for reading bytes: the bounded read, and the hash of a whole file."""
+OPENING = ("open", "fopen", "fdopen", "fromfile", "loadtxt", "genfromtxt", "memmap", "ZipFile")
+OPENING = (*OPENING, "TarFile", "mmap")
+LOADERS = ("np.load", "numpy.load", "nrrd.read", "nrrd.read_header", "sqlite3.connect")
+NOT_FILES = {
+    "self._zip.open": "a member of an archive that the bounded read opened",
+    "files.open": "a reader of MRML scenes, which uses the bounded read",
+    "webbrowser.open": "a page",
+    "mmap.mmap": "memory",
+}
+"""Calls of these names that open no file of a user, and what they open."""
+
+OPENS_FILES = {
+    "files/bounded_io.py": {"os.open", "os.fdopen"},
+    # Members of an open file, and an open file's header.
+    "case/readers/mrml/files.py": {"zipfile.ZipFile"},
+    "case/tumor/nrrd_file.py": {"nrrd.read_header"},
+    # Writers.
+    "case/recorder/bag_writer.py": {"self._path.open"},
+    "case/recorder/recorder.py": {"self._partial.open"},
+    "fixture/proximity/field_cache.py": {"os.fdopen"},
+    "scene/scene_file.py": {"zipfile.ZipFile"},
+    # A pipe to a child process, and the folder of own caches.
+    "cli/scene_process.py": {"os.fdopen"},
+    "cli/caches.py": {"os.open"},
+}
+"""Files of ``app`` that open files otherwise than by the bounded read."""
 
 
 @cache
@@ -79,20 +103,28 @@ def test_the_table_names_no_file_without_its_parser(name: str) -> None:
     assert files_that_use(name) == PARSED_IN[name]
 
 
-def opens_bytes(path: Path) -> bool:
-    """True if ``path`` calls ``open("rb")``."""
+def opening_calls(path: Path) -> set[str]:
+    """Calls in ``path`` that open a file by its name, as ``open`` or ``module.open``."""
+    found = set()
     for node in ast.walk(ast.parse(path.read_text(), str(path))):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name):
-            called = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
-            constants = [each.value for each in node.args if isinstance(each, ast.Constant)]
-            if called == "open" and "rb" in constants:
-                return True
-    return False
+        if not isinstance(node, ast.Call):
+            continue
+        name = ast.unparse(node.func)
+        if (name.split(".")[-1] in OPENING or name in LOADERS) and name not in NOT_FILES:
+            found.add(name)
+    return found
 
 
-def test_files_are_opened_for_bytes_by_the_bounded_read_only() -> None:
-    found = {str(path.relative_to(APP)) for path in APP.rglob("*.py") if opens_bytes(path)}
-    assert found == READS_STREAMS
+def test_only_the_bounded_read_opens_files() -> None:
+    found = {str(path.relative_to(APP)): opening_calls(path) for path in APP.rglob("*.py")}
+    assert {path: calls for path, calls in found.items() if calls} == OPENS_FILES
+
+
+def test_an_opening_call_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("open('a')\nPath('a').open('rb')\nnumpy.load(path)\nio.open(name)\n")
+    expected = {"open", "Path('a').open", "numpy.load", "io.open"}
+    assert opening_calls(path) == expected
 
 
 def test_files_of_users_are_not_read_without_a_bound() -> None:

@@ -25,6 +25,7 @@ BENCHMARKS = {
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
     "view": "benchmarks.view",
+    "fuzz": "benchmarks.fuzz",
 }
 
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
+from app.files.bounded_io import is_file, is_folder
 from app.files.packages import PROJECT_DATA, PackageFolders, split_package_name
 from app.robot.errors import RobotMeshError, UrdfError
 
@@ -46,7 +47,7 @@ class MeshLocator:
             environment=os.environ if environment is None else environment,
         )
         for entry, (_, folder) in zip(package_dirs, self._packages.given, strict=True):
-            if not folder.is_dir():
+            if not is_folder(folder):
                 raise UrdfError(f"package folder {str(entry)!r} is not a folder")
         self._allowed.extend(folder for _, folder in self._packages.given)
 
@@ -119,7 +120,4 @@ def _inside(name: str, rest: str) -> PurePosixPath:
 
 
 def _existing(path: Path) -> Path | None:
-    try:
-        return path if path.is_file() else None
-    except (OSError, ValueError):  # the name is too long, or contains a null character
-        return None
+    return path if is_file(path) else None

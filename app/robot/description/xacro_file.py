@@ -20,7 +20,7 @@ from xml.parsers.expat import ExpatError
 import xacro
 import xacro.substitution_args
 
-from app.files.bounded_io import read_bounded
+from app.files.bounded_io import is_file, read_bounded
 from app.files.xml_guard import read_xml
 from app.robot.errors import UrdfError
 
@@ -71,9 +71,7 @@ class _Reader:
 
     def __init__(self, path: Path, find_package: FindPackage) -> None:
         folder = path.resolve().parent
-        above = (
-            parent for parent in (folder, *folder.parents) if (parent / "package.xml").exists()
-        )
+        above = (parent for parent in (folder, *folder.parents) if is_file(parent / "package.xml"))
         self._folders = [next(above, folder)]
         self._find_package = find_package
 
@@ -84,7 +82,7 @@ class _Reader:
             raise UrdfError(
                 f"xacro file {path} is outside the allowed folders; expected one of {allowed}"
             )
-        if not path.is_file():  # xacro ignores this error for an optional include
+        if not is_file(path):  # xacro ignores this error for an optional include
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
         if path.suffix.lower() in (".yaml", ".yml"):
             return BytesIO(read_bounded(path, MAX_FILE_BYTES, UrdfError))

@@ -1,0 +1,1 @@
+"""Mutations of documents: bytes, text and numbers, lines, JSON, XML, binary fields."""

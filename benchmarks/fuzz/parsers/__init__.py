@@ -1,0 +1,1 @@
+"""Registered parsers, by package of `app`."""
