@@ -34,6 +34,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
         self._name = ""
         self._members: dict[MemberKey, Member] = {}
         self._spinning: set[Member] = set()
+        self._spins = False
         self._observer: tuple[vtkMRMLScene, int] | None = None
         self._buffer: TransformBuffer | None = None
         self._broadcaster: TfBroadcaster | None = None
@@ -76,6 +77,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
         Reentrant: an observer may call it, also through Slicer's timer (``processEvents``). The
         member whose event is being processed is then skipped, so that its events keep their order.
         """
+        self._spins = True
         for key, member in tuple(self._members.items()):
             if self._members.get(key) is not member or member in self._spinning:
                 continue  # removed by an observer, or its event is being processed
@@ -88,6 +90,15 @@ class RosHost(vtkMRMLScriptedModuleNode):
                 logging.exception(f"{member.GetName()} failed")
             finally:
                 self._spinning.discard(member)
+
+    def GetSpinning(self) -> bool:
+        """True once `Spin` was called on a created node, until `Destroy`."""
+        return self._spins and self.IsCreated()
+
+    def WarnIfNotSpinning(self, contextMessage: str) -> None:
+        """Log a warning that names the context if nothing calls `Spin`."""
+        if not self.GetSpinning():
+            logging.warning(f"{contextMessage}: {self.GetName()} is not spinning; call Spin")
 
     def GetROS2NodeName(self) -> str:
         """Name on the ROS graph."""
@@ -173,7 +184,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
             return None
         prepare(member)
         scene.AddNode(member)
-        if not member.AddToROS2Node(self.GetID(), *names):
+        if not member.add_to(self.GetID(), names):
             scene.RemoveNode(member)
             return None
         return member
@@ -199,11 +210,15 @@ class RosHost(vtkMRMLScriptedModuleNode):
         self._remove_member(member)
         return True
 
+    def release(self, member: Member) -> None:
+        """Remove a member from the graph; it stays in the scene and can be added again."""
+        self._members = {key: each for key, each in self._members.items() if each is not member}
+        member.leave()
+
     def _remove_member(self, member: Member) -> None:
         scene = member.GetScene()
-        self._members = {key: each for key, each in self._members.items() if each is not member}
         try:
-            member.leave()
+            self.release(member)
         finally:
             if scene is not None:
                 scene.RemoveNode(member)

@@ -52,6 +52,9 @@ class Owner(Protocol):
     def remove(self, member: "Member | None", what: str) -> bool:
         """Remove a member from graph and scene."""
 
+    def release(self, member: "Member") -> None:
+        """Remove a member from the graph; it stays in the scene."""
+
 
 class Member(_Node):
     """Mixin for MRML node classes; `ROLE` and `key` identify the member on its ROS node.
@@ -62,6 +65,7 @@ class Member(_Node):
 
     ROLE = ""
     _owner: Owner | None = None
+    _names: tuple[str, ...] = ()
 
     def GetClassName(self) -> str:
         """Class name as in SlicerROS2; the scene uses the name of the MRML base class."""
@@ -69,16 +73,30 @@ class Member(_Node):
 
     def AddToROS2Node(self, nodeId: str, *names: str) -> bool:
         """Join the graph as a member of ROS node ``nodeId``; on error log it, return False."""
+        return self.add_to(nodeId, names)
+
+    def add_to(self, node_id: str, names: tuple[str, ...]) -> bool:
+        """As `AddToROS2Node`, with the names in the order of `_start`."""
         scene = self.GetScene()
-        owner = None if scene is None else scene.GetNodeByID(nodeId)
+        owner = None if scene is None else scene.GetNodeByID(node_id)
         if owner is None or not hasattr(owner, "adopt"):
-            logging.error(f"{self.GetClassName()}: no ROS 2 node {nodeId!r} in its scene")
+            logging.error(f"{self.GetClassName()}: no ROS 2 node {node_id!r} in its scene")
             return False
         try:
             owner.adopt(self, names)
         except MarginGuardError as error:
             logging.error(str(error))
             return False
+        return True
+
+    def RemoveFromROS2Node(self, nodeId: str, *names: str) -> bool:
+        """Leave the graph and stay in the scene; False, with a log line, if it is not there."""
+        owner = self._owner
+        if owner is None or owner.GetID() != nodeId or (names and self._names != names):
+            what = " ".join(names)
+            logging.error(f"{self.GetName()} is not on ROS 2 node {nodeId!r} {what}".rstrip())
+            return False
+        owner.release(self)
         return True
 
     def IsAddedToROS2Node(self) -> bool:
@@ -88,7 +106,7 @@ class Member(_Node):
     def join(self, owner: Owner, names: tuple[str, ...]) -> None:
         """Become a member of ``owner``. Called by the ROS node only."""
         self._start(owner, *names)
-        self._owner = owner
+        self._owner, self._names = owner, names
         self.SetNodeReferenceID("node", owner.GetID())
 
     def leave(self) -> None:

@@ -49,6 +49,10 @@ class vtkMRMLROS2NodeNode(RosHost):
         """The member; None if there is none."""
         return self.find(vtkMRMLROS2ServiceClientNode, service)
 
+    def GetServiceClientNodeByTopic(self, topic: str) -> vtkMRMLROS2ServiceClientNode | None:
+        """As `GetServiceClientNodeByService`."""
+        return self.GetServiceClientNodeByService(topic)
+
     def RemoveAndDeletePublisherNode(self, topic: str) -> bool:
         """Remove it; False if there is none."""
         return self.remove(self.GetPublisherNodeByTopic(topic), f"publisher of {topic!r}")
@@ -117,6 +121,14 @@ class vtkMRMLROS2NodeNode(RosHost):
     def RemoveAndDeleteParameterNode(self, nodeName: str) -> bool:
         """Remove it; False if there is none."""
         return self.remove(self.GetParameterNodeByNode(nodeName), f"parameters of {nodeName!r}")
+
+    def GetParameterNodeByNodeID(self, nodeID: str) -> vtkMRMLROS2ParameterNode | None:
+        """The member; None if there is none."""
+        return self.find_by_id(vtkMRMLROS2ParameterNode, nodeID)
+
+    def RemoveAndDeleteParameterNodeByNodeID(self, nodeID: str) -> bool:
+        """Remove it; False if there is none."""
+        return self.remove(self.GetParameterNodeByNodeID(nodeID), f"parameter node {nodeID!r}")
 
     # tf.
 

@@ -1,6 +1,7 @@
 """Parameters of other nodes."""
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
@@ -8,6 +9,7 @@ from slicer import vtkMRMLScriptedModuleNode
 from app.bridge.calls.parameter_values import TYPE_NAMES, Plain, parameter_value
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
+from ROS2Lib.output_argument import set_output
 from ROS2Lib.parameter_watch import ParameterWatch
 
 _USER_EVENT = 1000
@@ -73,37 +75,48 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
             return "array"
         return TYPE_NAMES[parameter_value(value).type].replace("[]", "_array")
 
-    def GetParameterAsBool(self, parameterName: str) -> bool:
-        """The value; raises `Ros2Error` if it is not known or of another type."""
-        return bool(self._value(parameterName, "bool"))
+    def GetParameterAsBool(self, parameterName: str, result: Any = None) -> Any:
+        """The value; raises `Ros2Error` if it is not known or of another type.
 
-    def GetParameterAsInteger(self, parameterName: str) -> int:
+        With ``result``, a `vtk.reference`, this and the following calls set it and return True;
+        they return False and leave it if the value is not known or of another type.
+        """
+        return self._get(parameterName, "bool", bool, result)
+
+    def GetParameterAsInteger(self, parameterName: str, result: Any = None) -> Any:
         """The value."""
-        return int(self._value(parameterName, "integer"))
+        return self._get(parameterName, "integer", int, result)
 
-    def GetParameterAsDouble(self, parameterName: str) -> float:
+    def GetParameterAsDouble(self, parameterName: str, result: Any = None) -> Any:
         """The value."""
-        return float(self._value(parameterName, "double"))
+        return self._get(parameterName, "double", float, result)
 
-    def GetParameterAsString(self, parameterName: str) -> str:
+    def GetParameterAsString(self, parameterName: str, result: Any = None) -> Any:
         """The value."""
-        return str(self._value(parameterName, "string"))
+        return self._get(parameterName, "string", str, result)
 
-    def GetParameterAsVectorOfBools(self, parameterName: str) -> tuple[bool, ...]:
+    def GetParameterAsVectorOfBools(self, parameterName: str, result: Any = None) -> Any:
         """The values."""
-        return tuple(self._value(parameterName, "bool_array"))
+        return self._get(parameterName, "bool_array", tuple, result)
 
-    def GetParameterAsVectorOfIntegers(self, parameterName: str) -> tuple[int, ...]:
+    def GetParameterAsVectorOfIntegers(self, parameterName: str, result: Any = None) -> Any:
         """The values."""
-        return tuple(self._value(parameterName, "integer_array"))
+        return self._get(parameterName, "integer_array", tuple, result)
 
-    def GetParameterAsVectorOfDoubles(self, parameterName: str) -> tuple[float, ...]:
+    def GetParameterAsVectorOfDoubles(self, parameterName: str, result: Any = None) -> Any:
         """The values."""
-        return tuple(self._value(parameterName, "double_array"))
+        return self._get(parameterName, "double_array", tuple, result)
 
-    def GetParameterAsVectorOfStrings(self, parameterName: str) -> tuple[str, ...]:
+    def GetParameterAsVectorOfStrings(self, parameterName: str, result: Any = None) -> Any:
         """The values."""
-        return tuple(self._value(parameterName, "string_array"))
+        return self._get(parameterName, "string_array", tuple, result)
+
+    def PrintParameterValue(self, parameterName: str, result: Any = None) -> str | bool:
+        """As `PrintParameter`; with ``result``, a `vtk.reference`, as `GetParameterAsBool`."""
+        if result is None:
+            return self.PrintParameter(parameterName)
+        known = self._values.get(parameterName) is not None
+        return set_output(result, self.PrintParameter(parameterName) if known else None)
 
     def PrintParameter(self, parameterName: str) -> str:
         """The value as text, for any type."""
@@ -139,6 +152,16 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         if new:
             self._values.update(new)
             self.InvokeEvent(self.ParameterModifiedEvent)
+
+    def _get(self, name: str, kind: str, convert: Callable[[Any], Any], result: Any) -> Any:
+        """The converted value, or its copy to ``result`` and whether it is known."""
+        if result is None:
+            return convert(self._value(name, kind))
+        try:
+            return set_output(result, convert(self._value(name, kind)))
+        except Ros2Error as error:
+            logging.warning(f"{self.GetName()}: {error}")
+            return False
 
     def _value(self, name: str, kind: str) -> Any:
         found = self.GetParameterType(name)

@@ -27,10 +27,6 @@ class vtkMRMLROS2PublisherNode(TopicNode):
         """Frame of messages with an empty one."""
         return self._frame_id
 
-    def GetBlankMessage(self) -> Any:
-        """An empty value to fill in and publish."""
-        return self.kind.blank()
-
     def Publish(self, value: Any) -> int:
         """Publish a value; returns the number of subscribers.
 

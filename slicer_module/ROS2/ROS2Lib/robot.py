@@ -25,6 +25,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
 
     def __init__(self) -> None:
         self._settings: RobotSettings | None = None
+        self._name = ""
         self._description: DescriptionListener | None = None
         self._described: LatestValue[Robot] = LatestValue()
         self._robot: Robot | None = None
@@ -36,7 +37,32 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
 
     def GetRobotName(self) -> str:
         """The robot's name."""
-        return "" if self._settings is None else self._settings.name
+        return self._name if self._settings is None else self._settings.name
+
+    def SetRobotName(self, robotName: str) -> None:
+        """Set the name with which `AddToROS2Node` adds the robot."""
+        if self.IsAddedToROS2Node():
+            raise Ros2Error(
+                f"{self.GetName()}: the name must be set before it is added to a ROS node"
+            )
+        self._name = robotName
+        self.SetName(f"ros2:robot:{robotName}")
+
+    def AddToROS2Node(  # type: ignore[override]  # SlicerROS2's order of names
+        self,
+        nodeId: str,
+        parameterNodeName: str,
+        parameterName: str = "robot_description",
+        robotName: str = "",
+        fixedFrame: str = "",
+        tfPrefix: str = "",
+    ) -> bool:
+        """Add it to a ROS node; on error log it, return False.
+
+        ``robotName``: by default that of `SetRobotName`, or ``robot``.
+        """
+        name = robotName or self._name or "robot"
+        return self.add_to(nodeId, (name, parameterNodeName, parameterName, fixedFrame, tfPrefix))
 
     def GetLinkNames(self) -> tuple[str, ...]:
         """Names of the links, the root first; empty before the description is received."""

@@ -61,6 +61,18 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         """``std_srvs/srv/Trigger``."""
         return type_name(self._type)
 
+    def GetSlicerTypeIn(self) -> str:
+        """Class name of the requests."""
+        return type(self.CreateBlankRequest()).__name__
+
+    def GetSlicerTypeOut(self) -> str:
+        """Class name of the responses."""
+        return type(value_of(self._type.Response())).__name__
+
+    def PreRequestCheck(self) -> bool:
+        """True if a request can be sent now: it is on a ROS node and none is under way."""
+        return self._client is not None and self._call is None
+
     def CreateBlankRequest(self) -> Any:
         """An empty request to fill in and send."""
         return value_of(self._type.Request())

@@ -4,11 +4,13 @@ import logging
 from typing import Any
 
 from slicer import vtkMRMLModelNode, vtkMRMLVolumeNode
+from vtkmodules.vtkCommonCore import vtkVariant
 
 from app.bridge.convert import TopicQueue
 from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Owner
+from ROS2Lib.output_argument import set_output
 from ROS2Lib.topic_node import TopicNode
 from ROS2Lib.yaml_text import yaml_text
 
@@ -32,14 +34,23 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
         self._lost = 0
         self._target = ""
 
-    def GetLastMessage(self) -> Any:
+    def GetLastMessage(self, message: Any = None) -> Any:
         """Value of the last message; None before the first.
+
+        With ``message`` (a `vtk.reference`, or a VTK object of the kind) the value is copied into
+        it, and the result is True, or False before the first message.
 
         Raises `MarginGuardError` for a message that cannot be converted: invalid bytes, an integer
         beyond VTK's 32 bits, a quaternion that is no rotation.
         """
-        message = self._read()
-        return None if message is None else self.kind.read(message)
+        read = self._read()
+        value = None if read is None else self.kind.read(read)
+        return value if message is None else set_output(message, value)
+
+    def GetLastMessageVariant(self) -> vtkVariant:
+        """Value of the last message as a vtkVariant, invalid before the first."""
+        value = self.GetLastMessage()
+        return vtkVariant() if value is None else vtkVariant(value)
 
     def GetLastMessageYAML(self) -> str:
         """The last message as YAML, lengths in m; empty before the first."""

@@ -5,32 +5,24 @@ import logging
 from slicer import vtkMRMLScriptedModuleNode, vtkMRMLTransformNode
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-from app.geometry import MarginGuardError, Stamp, check_frame
+from app.geometry import MarginGuardError, Stamp
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member, Owner
+from ROS2Lib.frame_pair import FramePair
+from ROS2Lib.member import Owner
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
 from ROS2Lib.vtk_values import transform
 
 
-class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
+class vtkMRMLROS2Tf2BroadcasterNode(FramePair, vtkMRMLScriptedModuleNode):
     """``Broadcast(matrix)`` sends ``parent_from_child``, in mm in the scene and m in tf."""
 
     ROLE = "broadcaster"
+    PREFIX = "ros2:tf2broadcaster:"
 
     def __init__(self) -> None:
-        self._parent = ""
-        self._child = ""
         self._count = 0
         self._observed: vtkMRMLTransformNode | None = None
         self._observer = 0
-
-    def GetParentID(self) -> str:
-        """The parent's frame."""
-        return self._parent
-
-    def GetChildID(self) -> str:
-        """The child's frame."""
-        return self._child
 
     def GetNumberOfBroadcasts(self) -> int:
         """Number of sent transforms."""
@@ -72,12 +64,6 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
             )
             self._moved(node, "")
 
-    @classmethod
-    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """Parent and child."""
-        parent, child = names
-        return (check_frame(parent), check_frame(child))
-
     def status(self) -> str:
         """Number of sent transforms."""
         return f"{self._count} sent"
@@ -91,8 +77,7 @@ class vtkMRMLROS2Tf2BroadcasterNode(Member, vtkMRMLScriptedModuleNode):
     def _start(self, owner: Owner, parent: str, child: str) -> None:
         if parent == child:
             raise Ros2Error(f"frame {child!r} is its own parent; expected two different frames")
-        self._parent, self._child = parent, child
-        self.SetName(f"ros2:tf2broadcaster:{parent}To{child}")
+        self.set_frames(parent, child)
         self.SetModuleName("ROS2")
 
     def _stop(self) -> None:

@@ -4,15 +4,16 @@ from slicer import vtkMRMLLinearTransformNode
 
 from app.bridge.robots.settings import STALE_AFTER_NS, pose_limits
 from app.bridge.tf import Lookup, TfError
-from app.geometry import NS_PER_S, Freshness, check_frame, freshness_of
+from app.geometry import NS_PER_S, Freshness, freshness_of
 from app.scene.nodes.convert import is_at, vtk_matrix
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.member import Member, Owner
+from ROS2Lib.frame_pair import FramePair
+from ROS2Lib.member import Owner
 
 MISSING, VALID, STALE = "missing", "valid", "stale"
 
 
-class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
+class vtkMRMLROS2Tf2LookupNode(FramePair, vtkMRMLLinearTransformNode):
     """``parent_from_child`` in mm; one ``TransformModifiedEvent`` per new sample.
 
     Its state is ``missing`` before the first sample, ``valid``, or ``stale``: while tf has no
@@ -24,26 +25,13 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
     """
 
     ROLE = "lookup"
+    PREFIX = "ros2:tf2lookup:"
 
     def __init__(self) -> None:
-        self._parent = ""
-        self._child = ""
         self._found: Lookup | None = None
         self._problem = ""
         self._stale_after_ns = STALE_AFTER_NS
         self._always_modified = False
-
-    def GetParentID(self) -> str:
-        """The parent's frame."""
-        return self._parent
-
-    def GetChildID(self) -> str:
-        """The child's frame."""
-        return self._child
-
-    def IsParentAndChildSet(self) -> bool:
-        """True if both frames are set."""
-        return bool(self._parent and self._child)
 
     def SetModifiedOnLookup(self, always: bool) -> None:
         """Set whether every `Spin` with a pose invokes the event, new or not; default False."""
@@ -95,12 +83,6 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
         """Largest age in s of a valid pose."""
         return self._stale_after_ns / NS_PER_S
 
-    @classmethod
-    def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
-        """Parent and child."""
-        parent, child = names
-        return (check_frame(parent), check_frame(child))
-
     def status(self) -> str:
         """State and age."""
         age = self.GetAgeSeconds()
@@ -139,10 +121,9 @@ class vtkMRMLROS2Tf2LookupNode(Member, vtkMRMLLinearTransformNode):
             self.SetAttribute("ros2.state", state)
 
     def _start(self, owner: Owner, parent: str, child: str) -> None:
-        self._parent, self._child = parent, child
+        self.set_frames(parent, child)
         self._found, self._problem = None, ""
         _ = owner.buffer  # starts listening to tf
-        self.SetName(f"ros2:tf2lookup:{parent}To{child}")
         self._update_state_attribute()
 
     def _stop(self) -> None:

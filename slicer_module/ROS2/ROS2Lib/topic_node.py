@@ -35,6 +35,10 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
         """``geometry_msgs/msg/Pose``."""
         return type_name(self.kind.type)
 
+    def GetBlankMessage(self) -> Any:
+        """An empty value of the kind."""
+        return self.kind.blank()
+
     def GetSlicerType(self) -> str:
         """Class name of the values."""
         blank = self.kind.blank()
