@@ -22,6 +22,7 @@ BENCHMARKS = {
     "frozen": "benchmarks.frozen",
     "rate": "benchmarks.rate",
     "latency": "benchmarks.latency",
+    "faults": "benchmarks.faults",
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
     "view": "benchmarks.view",

@@ -1,0 +1,249 @@
+"""Guard, tracker and foreign nodes as programs, and a controller that judges the guard."""
+
+import json
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from app.files.shipped import shipped
+from benchmarks.faults.child import Child, ChildError
+from benchmarks.faults.controller import Controller
+from benchmarks.faults.records import TOLERANCE_NS, Constraint, Verdict, judge
+from benchmarks.faults.scene import Scene, write_scene
+
+HERE = Path(__file__).resolve().parent
+LIVE_YAML = Path("data/live_example/live.yaml")
+NS_PER_MS = 1_000_000
+START_S = 90.0
+"""A guard that starts may compile kernels."""
+
+STABLE_S = 0.5
+"""The session is permissive for so long, without an interruption, before a fault begins."""
+
+MIN_PUSHED = 5
+"""Answers that approach in that time: without them a twist could not be judged."""
+
+
+class UnmeasuredError(RuntimeError):
+    """The fault could not be injected, or its effect could not be separated from another."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """``constraint_hz`` of the guard; ``stale_ms`` of its configuration, None for the shipped."""
+
+    constraint_hz: float = 1000.0
+    stale_ms: float | None = None
+
+
+class Bench:
+    """Starts what a row needs, keeps it for the next rows, and judges what follows a fault."""
+
+    def __init__(self, folder: Path, options: Options) -> None:
+        self.folder = folder
+        self.options = options
+        self._scene_path = folder / "scene.json"
+        self.scene: Scene = write_scene(self._scene_path, time.time_ns())
+        self.controller = Controller(self.scene)
+        self.guard: Child | None = None
+        self.tracker: Child | None = None
+        self._with_robot: bool | None = None
+        self._started = 0
+        self.stale_ns = 0
+
+    def close(self) -> None:
+        """End all programs."""
+        for child in (self.tracker, self.guard):
+            if child is not None:
+                child.end()
+        self.controller.close()
+
+    def prepare(self, *, robot: bool, joints: bool) -> None:
+        """Run a guard with or without a robot, and a tracker with or without joints."""
+        if self.guard is None or not self.guard.running or self._with_robot != robot:
+            self.start_guard(robot=robot)
+        if self.tracker is None or not self.tracker.running:
+            self.start_tracker()
+        self.set_fault(joints=None if joints else False)
+
+    def start_guard(self, *, robot: bool | None = None, wait: bool = True) -> Child:
+        """Start `marginguard live`; the one before ends first."""
+        if robot is not None:
+            self._with_robot = robot
+        if self.guard is not None:
+            self.guard.end()
+        self.guard = self.another_guard()
+        if wait:
+            self.wait_for_guard()
+        return self.guard
+
+    def another_guard(self) -> Child:
+        """Start a further `marginguard live` with the same configuration."""
+        path = self.folder / "live.yaml"
+        values = yaml.safe_load((shipped() / LIVE_YAML).read_text())
+        if not self._with_robot:
+            for key in ("robot", "registration", "clock"):
+                values.pop(key, None)
+        if self.options.stale_ms is not None:
+            values["margins"]["stale_after_ms"] = self.options.stale_ms
+        self.stale_ns = round(values["margins"]["stale_after_ms"] * NS_PER_MS)
+        path.write_text(yaml.safe_dump(values))
+        rate = str(self.options.constraint_hz)
+        return self.child(
+            "guard",
+            ["-m", "app.cli", "live", "--constraint-hz", rate, "--config", str(path)],
+        )
+
+    def wait_for_guard(self) -> None:
+        """Wait for a first constraint of the guard that runs now."""
+        self.controller.forget()
+        guard = self.guard
+        assert guard is not None
+        deadline = time.monotonic() + START_S
+        while not self.controller.wait(lambda: self.controller.latest() is not None, 0.5):
+            if not guard.running or time.monotonic() > deadline:
+                raise ChildError(f"the guard did not start: {guard.tail()}")
+
+    def start_tracker(self) -> Child:
+        """Start the tracker's process; the motion continues where it would be now."""
+        state = {"shift": self.scene.shift}
+        self.tracker = self.sender("tracker", state)
+        self.tracker.expect("first")
+        return self.tracker
+
+    def sender(self, name: str, state: dict[str, Any]) -> Child:
+        """A process that sends poses and joints with the faults ``state``."""
+        script = str(HERE / "tracker_peer.py")
+        return self.child(name, [script, str(self._scene_path), json.dumps(state), f"{name}_peer"])
+
+    @contextmanager
+    def foreign(self) -> Iterator[Child]:
+        """A foreign node that takes requests; ends with the block."""
+        node = self.child("foreign", [str(HERE / "foreign_peer.py")])
+        try:
+            node.expect("ready")
+            yield node
+        finally:
+            self.leave(node)
+
+    def leave(self, node: Child) -> None:
+        """End a peer so that it leaves the graph."""
+        assert node.process.stdin is not None
+        with suppress(OSError):
+            node.process.stdin.close()
+        node.end(signal.SIGCONT)
+
+    def child(self, name: str, arguments: list[str]) -> Child:
+        """Start a program of the bench, with its own log file."""
+        self._started += 1
+        return Child(name, arguments, self.folder / f"{self._started:03}_{name}.log")
+
+    def set_fault(self, when: str | None = None, **state: Any) -> dict[str, Any]:
+        """Change the tracker's faults; the event with the times of the change."""
+        assert self.tracker is not None
+        self.tracker.send(set=state, **({} if when is None else {"when": when}))
+        event = self.tracker.expect("set")
+        self.scene.shift, self.scene.rest_at = event["shift"], event["rest_at"]
+        return event
+
+    def free(self, timeout_s: float = 25.0) -> None:
+        """Re-arm until the session has been permissive for `STABLE_S`.
+
+        Raises `UnmeasuredError` if it does not become so in time.
+        """
+        deadline = time.monotonic() + timeout_s
+        controller = self.controller
+        refusal = ""
+        controller.forget()
+        while time.monotonic() < deadline:
+            if self.guard is not None and not self.guard.running:
+                raise ChildError(f"the guard ended: {self.guard.tail()}")
+            controller.wait(lambda: controller.latest() is not None, 0.5)
+            latest = controller.latest()
+            if latest is None:
+                continue
+            if latest.permissive:
+                if self._is_stable():
+                    return
+            elif latest.content.nonce and latest.content.state != 3:
+                done, refusal = controller.rearm(latest)
+                controller.forget()
+                if not done:
+                    controller.wait(lambda: False, 0.1)
+                continue
+            controller.wait(lambda: False, 0.02)
+        latest = controller.latest()
+        state = "no constraint" if latest is None else ", ".join(latest.content.reasons)
+        raise UnmeasuredError(f"not permissive before the fault: {state}; {refusal}")
+
+    def _is_stable(self) -> bool:
+        constraints, twists = self.controller.records()
+        since_ns = time.time_ns() - round(STABLE_S * 1e9)
+        if not constraints or constraints[0].sent_ns > since_ns:
+            return False
+        recent = [each for each in constraints if each.sent_ns > since_ns]
+        pushed = [each for each in twists if each.sent_ns > since_ns and each.permissive]
+        held = [each for each in constraints if not each.permissive]
+        if held and held[-1].sent_ns > since_ns:
+            return False
+        return bool(recent) and (len(pushed) >= MIN_PUSHED or not self.controller.pushing)
+
+    def observe(
+        self,
+        begin_ns: int,
+        *,
+        limit_ms: float,
+        observe_ms: float,
+        tolerance_ns: int = TOLERANCE_NS,
+    ) -> Verdict:
+        """Wait, and judge what was sent from ``begin_ns`` on."""
+        self.controller.wait_until(begin_ns + round(observe_ms * NS_PER_MS))
+        constraints, twists = self.controller.records()
+        if not constraints:
+            raise UnmeasuredError("no constraint arrived after the fault")
+        return judge(
+            constraints,
+            twists,
+            begin_ns=begin_ns,
+            limit_ns=begin_ns + round(limit_ms * NS_PER_MS),
+            tolerance_ns=tolerance_ns,
+        )
+
+    def latest(self) -> Constraint:
+        """The last constraint; raises `UnmeasuredError` if none arrives within 5 s."""
+        controller = self.controller
+        controller.wait(lambda: controller.latest() is not None, 5.0)
+        latest = controller.latest()
+        if latest is None:
+            raise UnmeasuredError("no constraint arrives")
+        return latest
+
+    def put_on_hold(self) -> Constraint:
+        """Interrupt the poses so that the guard is on hold, with valid poses again afterwards."""
+        self.set_fault(silent=["reference", "needle", "cautery"])
+        self.wait_for(lambda seen: seen.content.hold, "no hold after silence")
+        self.set_fault(silent=None)
+        return self.wait_for(
+            lambda seen: seen.content.hold and seen.content.state != 3,
+            "no valid pose on hold",
+        )
+
+    def wait_for(
+        self, accept: Callable[[Constraint], bool], what: str, timeout_s: float = 10.0
+    ) -> Constraint:
+        """Wait for a constraint; raises `UnmeasuredError` with ``what`` if none comes."""
+        controller = self.controller
+
+        def accepted() -> bool:
+            latest = controller.latest()
+            return latest is not None and accept(latest)
+
+        if not controller.wait(accepted, timeout_s):
+            raise UnmeasuredError(what)
+        return self.latest()

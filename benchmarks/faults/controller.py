@@ -1,0 +1,200 @@
+"""A controller on the graph: pushes towards the tumour, and records what it is permitted."""
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import TwistStamped
+from marginguard_msgs.msg import FixtureConstraint
+from marginguard_msgs.srv import Rearm
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+
+from benchmarks.faults.records import Constraint, Content, Twist
+from benchmarks.faults.scene import Scene
+from benchmarks.rate_receiver import seq_of
+
+PUSH_MM_S = 50.0
+PUSH_PERIOD_S = 0.02
+NS = 10**9
+DOUBLE = 3
+
+
+class Controller:
+    """Node ``controller``. ``frame`` is that of the desired twists: ``tumor`` or ``robot_base``.
+
+    It is the operator, too: it re-arms and sets parameters. ``scene`` is the truth, by which the
+    answers are judged.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.frame = "tumor"
+        self.pushing = True
+        self._constraints: list[Constraint] = []
+        self._twists: list[Twist] = []
+        self._contents: OrderedDict[bytes, Content] = OrderedDict()
+        self._changed = threading.Condition()
+        self._closing = threading.Event()
+        rclpy.init()
+        self.node = rclpy.create_node("controller")
+        self.node.create_subscription(
+            FixtureConstraint,
+            "/marginguard/constraint",
+            self._take_constraint,
+            QoSProfile(depth=2000),
+            raw=True,
+        )
+        self.node.create_subscription(
+            TwistStamped, "/marginguard/allowed_twist", self._take_twist, QoSProfile(depth=100)
+        )
+        self._desired = self.node.create_publisher(
+            TwistStamped, "/marginguard/desired_twist", QoSProfile(depth=1)
+        )
+        self._rearm = self.node.create_client(Rearm, "/marginguard/rearm")
+        self._set = self.node.create_client(
+            SetParametersAtomically, "/marginguard/set_parameters_atomically"
+        )
+        executor = SingleThreadedExecutor()
+        executor.add_node(self.node)
+        self._threads = [
+            threading.Thread(target=executor.spin, daemon=True),
+            threading.Thread(target=self._push, daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._closing.set()
+        self._threads[1].join()
+        rclpy.shutdown()
+        self._threads[0].join()
+
+    def latest(self) -> Constraint | None:
+        """The last received constraint since `forget`."""
+        with self._changed:
+            return self._constraints[-1] if self._constraints else None
+
+    def forget(self) -> None:
+        """Drop all records."""
+        with self._changed:
+            self._constraints.clear()
+            self._twists.clear()
+
+    def records(self) -> tuple[list[Constraint], list[Twist]]:
+        """All records since `forget`, in the order of sending."""
+        with self._changed:
+            return (
+                sorted(self._constraints, key=lambda each: each.sent_ns),
+                sorted(self._twists, key=lambda each: each.sent_ns),
+            )
+
+    def wait(self, accept: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until ``accept`` is true; it is called after each new content and each answer."""
+        with self._changed:
+            return self._changed.wait_for(accept, timeout_s)
+
+    def wait_until(self, ns: int) -> None:
+        """Wait until the system time ``ns``."""
+        while (ahead_ns := ns - time.time_ns()) > 0:
+            time.sleep(ahead_ns / NS)
+
+    def rearm(self, seen: Constraint, timeout_s: float = 2.0) -> tuple[bool, str]:
+        """Re-arm as the operator who saw ``seen``; success and message of the reply."""
+        request = Rearm.Request(seq=seen.seq, nonce=seen.content.nonce)
+        reply = self._call(self._rearm, request, timeout_s)
+        return (False, "no reply") if reply is None else (reply.success, reply.message)
+
+    def set_parameters(self, timeout_s: float = 5.0, **values: float) -> tuple[bool, str]:
+        """Set parameters of the guard that are doubles, as the operator."""
+        request = SetParametersAtomically.Request(
+            parameters=[
+                Parameter(name=name, value=ParameterValue(type=DOUBLE, double_value=value))
+                for name, value in values.items()
+            ]
+        )
+        reply = self._call(self._set, request, timeout_s)
+        if reply is None:
+            return False, "no reply"
+        return reply.result.successful, reply.result.reason
+
+    def _call(self, client: Any, request: Any, timeout_s: float) -> Any:
+        if not client.wait_for_service(timeout_s):
+            return None
+        done = threading.Event()
+        future = client.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        return future.result() if done.wait(timeout_s) else None
+
+    def _take_constraint(self, raw: bytes, info: dict[str, int]) -> None:
+        arrived_ns = time.time_ns()
+        seq = seq_of(raw)
+        at = raw.find(seq.to_bytes(8, "little"), 12)
+        key = raw[:at] + raw[at + 8 :]
+        content = self._contents.get(key)
+        new = content is None
+        if content is None:
+            content = self._contents[key] = _content(raw)
+            if len(self._contents) > 8:
+                self._contents.popitem(last=False)
+        with self._changed:
+            self._constraints.append(Constraint(info["source_timestamp"], arrived_ns, seq, content))
+            if new:
+                self._changed.notify_all()
+
+    def _take_twist(self, answer: TwistStamped, info: dict[str, int]) -> None:
+        arrived_ns, sent_ns = time.time_ns(), info["source_timestamp"]
+        linear = answer.twist.linear
+        velocity = 1000.0 * np.array([linear.x, linear.y, linear.z])
+        approach = float(velocity @ self._direction(sent_ns, answer.header.frame_id))
+        with self._changed:
+            self._twists.append(Twist(sent_ns, arrived_ns, approach))
+            self._changed.notify_all()
+
+    def _direction(self, ns: int, frame: str) -> Any:
+        """Unit vector towards the tumour in ``frame``, by the truth."""
+        truth = self.scene.at(ns)
+        return truth.approach if frame == "tumor" else truth.base_from_tumor @ truth.approach
+
+    def _push(self) -> None:
+        while not self._closing.wait(PUSH_PERIOD_S):
+            if not self.pushing:
+                continue
+            now_ns, frame = time.time_ns(), self.frame
+            push = PUSH_MM_S / 1000.0 * self._direction(now_ns, frame)
+            message = TwistStamped()
+            message.header.frame_id = frame
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, NS)
+            linear = message.twist.linear
+            linear.x, linear.y, linear.z = map(float, push)
+            self._desired.publish(message)
+
+
+def _content(raw: bytes) -> Content:
+    message = deserialize_message(raw, FixtureConstraint)
+    return Content(
+        instance_id=message.instance_id,
+        stamp_ns=_ns(message.header.stamp),
+        valid_until_ns=_ns(message.valid_until),
+        state=message.state,
+        reasons=tuple(message.reasons),
+        hold=message.hold,
+        nonce=message.rearm_nonce,
+        signed_distance_mm=1000.0 * message.signed_distance,
+        stop_mm=1000.0 * message.stop_distance,
+        single_source=getattr(message, "single_source", None),
+        model_id=message.model_id,
+        raw=raw,
+    )
+
+
+def _ns(stamp: Any) -> int:
+    return int(stamp.sec * NS + stamp.nanosec)

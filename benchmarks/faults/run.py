@@ -1,0 +1,71 @@
+"""Run rows of the fault matrix, one after the other, on one bench."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from fnmatch import fnmatch
+
+from benchmarks.faults.bench import Bench, UnmeasuredError
+from benchmarks.faults.child import ChildError
+from benchmarks.faults.results import RowResult
+from benchmarks.faults.row import Row, Variant
+from benchmarks.faults.rows.foreign_rows import foreign_rows
+from benchmarks.faults.rows.guard_rows import guard_rows
+from benchmarks.faults.rows.tracker_rows import tracker_rows
+
+MAX_ATTEMPTS = 3
+"""A trial is repeated so often if its effect could not be separated from another."""
+
+
+def all_rows() -> list[Row]:
+    """The whole matrix, ordered so that a guard serves as many rows as possible."""
+    order = list(Variant)
+    rows = [*tracker_rows(), *foreign_rows(), *guard_rows()]
+    return sorted(rows, key=lambda row: order.index(row.variant))
+
+
+def selected(patterns: Sequence[str]) -> list[Row]:
+    """Rows whose label contains one of ``patterns`` or matches it as a wildcard; all without."""
+    rows = all_rows()
+    if not patterns:
+        return rows
+    return [
+        row
+        for row in rows
+        if any(each in row.label or fnmatch(row.label, each) for each in patterns)
+    ]
+
+
+def run_rows(
+    bench: Bench, rows: Sequence[Row], trials: int, log: Callable[[str], None]
+) -> Iterator[RowResult]:
+    """Run each row ``trials`` times, or as often as it declares; yield the results."""
+    for row in rows:
+        result = RowResult(row)
+        for _ in range(row.trials or trials):
+            if not _trial(bench, row, result):
+                break
+        log(f"{row.label}: {result.outcome}")
+        if row.restarts and bench.guard is not None:
+            bench.guard.end()
+        yield result
+
+
+def _trial(bench: Bench, row: Row, result: RowResult) -> bool:
+    """Add one trial to ``result``; False if the row needs no further one."""
+    why = ""
+    for _ in range(MAX_ATTEMPTS):
+        try:
+            bench.prepare(
+                robot=row.variant is not Variant.NO_ROBOT,
+                joints=row.variant is Variant.LIVE_JOINTS,
+            )
+            result.trials.append(row.run(bench))
+            return True
+        except (UnmeasuredError, ChildError) as error:
+            why = str(error)
+            if row.variant is Variant.SILENT_JOINTS and "redundancy_lost" in why:
+                result.held_before = "on hold before the fault: redundancy_lost"
+                return False
+            print(f"  {row.label}: {why}", file=sys.stderr)
+    result.unmeasured.append(why)
+    return len(result.unmeasured) < MAX_ATTEMPTS

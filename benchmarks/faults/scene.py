@@ -1,0 +1,137 @@
+"""True motion of tool, tumour and robot: a part of the recorded case, played to and fro."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.geometry import FloatArray, Transform
+from app.runtime import prepare_case
+from app.session import Session
+from benchmarks.case_options import RECORDED_CASE
+
+FIRST_FRAME, FRAMES = 100, 700
+"""The tool moves between landmarks, 30 to 65 mm from the tumour; all poses are tracked."""
+
+PERIOD_NS = 20_000_000
+TOOL, TUMOR, REFERENCE, TRACKER = "cautery", "needle", "reference", "tracker"
+EDGES = ((TRACKER, REFERENCE), (TRACKER, TUMOR), (TRACKER, TOOL))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """True situation at one time.
+
+    ``approach`` (3,) is the unit vector from the tool to the tumour at their closest points in the
+    tumour's frame; ``base_from_tumor`` (3, 3) turns it to the robot's base.
+    """
+
+    distance_mm: float
+    approach: FloatArray
+    base_from_tumor: FloatArray
+
+
+@dataclass(slots=True, eq=False)
+class Scene:
+    """Frames of the motion, and the time at which each is true.
+
+    Frame ``k`` is true at ``begin_ns + (k + shift) * PERIOD_NS``. ``rest_at`` is the frame at which
+    the motion stands still, if it does.
+    """
+
+    truths: list[Truth]
+    begin_ns: int
+    shift: int = 0
+    rest_at: int | None = None
+
+    def at(self, ns: int) -> Truth:
+        """The true situation at the system time ``ns``."""
+        frame = self.rest_at
+        if frame is None:
+            frame = (ns - self.begin_ns) // PERIOD_NS - self.shift
+        return self.truths[to_and_fro(frame, len(self.truths))]
+
+
+def to_and_fro(frame: int, count: int) -> int:
+    """Index below ``count`` of a motion that turns round at both ends without a repetition."""
+    index = frame % (2 * count - 2)
+    return index if index < count else 2 * count - 2 - index
+
+
+def write_scene(path: Path, begin_ns: int) -> Scene:
+    """Write the frames for ``tracker_peer.py`` to ``path``; return what is true meanwhile."""
+    prepared = prepare_case(RECORDED_CASE)
+    session = Session(prepared.setup)
+    frames: list[dict[str, Any]] = []
+    truths = []
+    for frame in prepared.case.frames():
+        step = session.step(frame)
+        if step.index < FIRST_FRAME:
+            continue
+        found = {pose.source: pose.transform for pose in frame.poses}
+        constraint, proximity = step.decision.constraint, step.decision.proximity
+        tool, needle = found[TOOL], found[TUMOR]
+        if constraint is None or proximity is None or tool is None or needle is None:
+            raise RuntimeError(f"frame {step.index} of {RECORDED_CASE} is not tracked")
+        approach = -constraint.normals[0]
+        tracker_from_tumor = needle @ prepared.setup.frame_from_tumor
+        frames.append(
+            {
+                "edges": [_plain(found[child]) for _, child in EDGES],
+                "stamp_ns": frame.stamp.ns,
+                "joints": [
+                    {"ns": each.stamp.ns, "positions": list(each.positions)}
+                    for each in frame.joints
+                ],
+                "away": (-tracker_from_tumor.rotation @ approach).tolist(),
+            }
+        )
+        truths.append(Truth(proximity.signed_distance_mm, approach, _base_from(step, prepared)))
+        if len(frames) == FRAMES:
+            break
+    _interpolate_joints(frames)
+    for frame, other in zip(frames, frames[1:] + frames[-2:-1], strict=True):
+        moved = np.subtract(frame["edges"][2][:3], other["edges"][2][:3])
+        frame["speed_mm_s"] = float(np.linalg.norm(moved)) * 1e12 / PERIOD_NS
+    names = list(next(frame for frame in prepared.case.frames() if frame.joints).joints[0].names)
+    offset_ns = prepared.case.manifest.clock.offset_robot_to_tracker_ns
+    document = {
+        "period_ns": PERIOD_NS,
+        "begin_ns": begin_ns,
+        "edges": EDGES,
+        "joint_names": names,
+        "joint_offset_ns": offset_ns,
+        "frames": frames,
+    }
+    path.write_text(json.dumps(document))
+    return Scene(truths, begin_ns)
+
+
+def _base_from(step: Any, prepared: Any) -> FloatArray:
+    """Rotation from the tumour to the robot's base (3, 3), by the session's registration."""
+    robot = prepared.setup.robot
+    registration = robot.registration.transform  # reference from base
+    poses = {pose.source: pose.transform for pose in step.frame.poses}
+    tracker_from_base = poses[REFERENCE] @ registration
+    tracker_from_tumor = poses[TUMOR] @ prepared.setup.frame_from_tumor
+    rotation: FloatArray = tracker_from_base.rotation.T @ tracker_from_tumor.rotation
+    return rotation
+
+
+def _plain(pose: Transform | None) -> list[float]:
+    """Translation in m and quaternion xyzw."""
+    if pose is None:
+        raise RuntimeError(f"a pose of {RECORDED_CASE} is not tracked")
+    return [*(pose.translation_mm / 1000.0), *pose.quaternion_xyzw]
+
+
+def _interpolate_joints(frames: list[dict[str, Any]]) -> None:
+    """Replace the joints of each frame by their positions at the frame's stamp."""
+    samples = [sample for frame in frames for sample in frame["joints"]]
+    times = np.array([sample["ns"] for sample in samples], dtype=np.float64)
+    positions = np.array([sample["positions"] for sample in samples])
+    for frame in frames:
+        at = float(frame.pop("stamp_ns"))
+        frame["joints"] = [float(np.interp(at, times, column)) for column in positions.T]
