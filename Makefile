@@ -20,7 +20,7 @@ interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path 
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast test-playback test-long test-wheel docs lint format doctor clean
+.PHONY: help demo test test-fast test-playback test-long test-wheel docs lint format doctor clean bench-faults
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
@@ -28,6 +28,7 @@ help:
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests: examples of docstrings, examples on whole cases, types'
 	@echo 'make test-playback  play the whole recorded case to a live session (75 s), compare with a replay'
+	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
 	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'
 	@echo 'make lint       ruff and mypy'
@@ -66,6 +67,10 @@ docs: $(site)
 # Plays the recorded case in real time to a live session, which takes 75 s; waits 20 s for a lease.
 test-playback: $(test)
 	@$(python) -m pytest tests/bridge/playback/killed_playback.py tests/bridge/playback/whole_recording.py $(PYTEST_ARGS)
+
+# Exit status 1 if a controller is permitted to approach during a fault that can be detected.
+bench-faults: $(test)
+	@$(venv)/bin/marginguard bench faults $(BENCH_ARGS)
 
 lint: $(test)
 	@$(python) -m ruff check

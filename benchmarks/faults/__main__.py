@@ -72,6 +72,7 @@ def run(options: argparse.Namespace, domain: int, folder: Path) -> int:
     prepare(domain, folder)
     # Load ROS only now: it reads the variables when it is loaded.
     from benchmarks.faults.bench import Bench, Options
+    from benchmarks.faults.child import GuardStartError
     from benchmarks.faults.results import results_table
     from benchmarks.faults.run import run_rows, selected
 
@@ -91,6 +92,9 @@ def run(options: argparse.Namespace, domain: int, folder: Path) -> int:
                     "rows": [each.document() for each in results],
                 }
                 options.json.write_text(json.dumps(document, indent=1) + "\n")
+    except GuardStartError as error:
+        print(f"marginguard: error: {error}", file=sys.stderr)
+        return 1
     finally:
         bench.close()
     console = Console(width=None if sys.stdout.isatty() else 200)

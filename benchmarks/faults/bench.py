@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from app.files.shipped import shipped
-from benchmarks.faults.child import Child, ChildError
+from benchmarks.faults.child import Child, ChildError, GuardStartError
 from benchmarks.faults.controller import Controller
 from benchmarks.faults.records import TOLERANCE_NS, Constraint, Verdict, judge
 from benchmarks.faults.scene import Scene, write_scene
@@ -101,14 +101,14 @@ class Bench:
         )
 
     def wait_for_guard(self) -> None:
-        """Wait for a first constraint of the guard that runs now."""
+        """Wait for a first constraint of the guard that runs now; raises `GuardStartError`."""
         self.controller.forget()
         guard = self.guard
         assert guard is not None
         deadline = time.monotonic() + START_S
         while not self.controller.wait(lambda: self.controller.latest() is not None, 0.5):
             if not guard.running or time.monotonic() > deadline:
-                raise ChildError(f"the guard did not start: {guard.tail()}")
+                raise GuardStartError(f"the guard did not start: {guard.tail()}")
 
     def start_tracker(self) -> Child:
         """Start the tracker's process; the motion continues where it would be now."""
@@ -118,7 +118,7 @@ class Bench:
         return self.tracker
 
     def sender(self, name: str, state: dict[str, Any]) -> Child:
-        """A process that sends poses and joints with the faults ``state``."""
+        """A process that sends poses and joints with the faults ``state``; ``wait``: on request."""
         script = str(HERE / "tracker_peer.py")
         return self.child(name, [script, str(self._scene_path), json.dumps(state), f"{name}_peer"])
 
@@ -201,12 +201,19 @@ class Bench:
         limit_ms: float,
         observe_ms: float,
         tolerance_ns: int = TOLERANCE_NS,
+        free_at_ns: int | None = -1,
     ) -> Verdict:
-        """Wait, and judge what was sent from ``begin_ns`` on."""
+        """Wait, and judge what was sent from ``begin_ns`` on.
+
+        Raises `UnmeasuredError` if nothing arrives, or if the session was not permissive at
+        ``free_at_ns``, by default ``begin_ns``; None: it may be on hold.
+        """
         self.controller.wait_until(begin_ns + round(observe_ms * NS_PER_MS))
         constraints, twists = self.controller.records()
         if not constraints:
             raise UnmeasuredError("no constraint arrived after the fault")
+        if free_at_ns is not None:
+            self._check_free(begin_ns if free_at_ns < 0 else free_at_ns)
         return judge(
             constraints,
             twists,
@@ -214,6 +221,27 @@ class Bench:
             limit_ns=begin_ns + round(limit_ms * NS_PER_MS),
             tolerance_ns=tolerance_ns,
         )
+
+    def keep_records(self, label: str) -> None:
+        """Write what the controller has received to the folder, one line per message."""
+        constraints, twists = self.controller.records()
+        name = "".join(letter if letter.isalnum() else "_" for letter in label)
+        lines = [
+            (each.sent_ns, f"constraint {each.permissive} {each.seq} {each.content.reasons}")
+            for each in constraints
+        ]
+        lines += [(each.sent_ns, f"twist {each.approach_mm_s:.1f}") for each in twists]
+        text = "".join(f"{ns} {line}\n" for ns, line in sorted(lines))
+        (self.folder / f"late_{name}.txt").write_text(text)
+
+    def _check_free(self, ns: int) -> None:
+        """Raise `UnmeasuredError` unless the session was permissive at ``ns``, for some time."""
+        since_ns = ns - round(0.1 * 1e9)
+        before = [each for each in self.controller.records()[0] if since_ns <= each.sent_ns < ns]
+        held = next((each for each in before if not each.permissive), None)
+        if held is not None or not before:
+            why = "no constraint" if held is None else ", ".join(held.content.reasons)
+            raise UnmeasuredError(f"not permissive when the fault began: {why}")
 
     def latest(self) -> Constraint:
         """The last constraint; raises `UnmeasuredError` if none arrives within 5 s."""

@@ -18,6 +18,10 @@ class ChildError(RuntimeError):
     """The process ended, or did not print an event in time."""
 
 
+class GuardStartError(RuntimeError):
+    """The program under test does not start, so that no row can be measured."""
+
+
 class Child:
     """Process that reads lines of JSON and prints events as lines of JSON; other lines are kept."""
 
@@ -87,7 +91,7 @@ class Child:
 
     def tail(self) -> str:
         """The last lines of output and log."""
-        return " | ".join([*self.lines[-3:], *self.log.read_text().splitlines()[-3:]])
+        return " | ".join([*self.lines[-1:], *self.log.read_text().splitlines()[-1:]])
 
     def _read(self) -> None:
         assert self.process.stdout is not None

@@ -4,6 +4,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from marginguard_msgs.msg import FixtureConstraint
 from marginguard_msgs.srv import Rearm
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -65,7 +66,7 @@ class Controller:
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
         self._threads = [
-            threading.Thread(target=executor.spin, daemon=True),
+            threading.Thread(target=self._spin, args=(executor,), daemon=True),
             threading.Thread(target=self._push, daemon=True),
         ]
         for thread in self._threads:
@@ -163,6 +164,10 @@ class Controller:
         """Unit vector towards the tumour in ``frame``, by the truth."""
         truth = self.scene.at(ns)
         return truth.approach if frame == "tumor" else truth.base_from_tumor @ truth.approach
+
+    def _spin(self, executor: SingleThreadedExecutor) -> None:
+        with suppress(ExternalShutdownException):
+            executor.spin()
 
     def _push(self) -> None:
         while not self._closing.wait(PUSH_PERIOD_S):

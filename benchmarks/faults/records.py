@@ -103,9 +103,17 @@ def judge(
         late_constraints=sum(each.permissive and each.sent_ns > late_ns for each in constraints),
         late_twists=sum(each.permissive and each.sent_ns > late_ns for each in twists),
         max_approach_mm_s=max((each.approach_mm_s for each in twists), default=0.0),
-        reasons=held[0].content.reasons if held else (),
+        reasons=_reasons(held),
         single_source=_single_source(constraints),
     )
+
+
+def _reasons(held: Sequence[Constraint]) -> tuple[str, ...]:
+    """Reasons of the first hold; ``expired`` if the last valid constraint was only repeated."""
+    for each in held:
+        if each.content.hold or each.content.state == UNKNOWN:
+            return each.content.reasons
+    return ("expired",) if held else ()
 
 
 def _single_source(constraints: Sequence[Constraint]) -> bool | None:

@@ -7,7 +7,7 @@ from enum import StrEnum
 from benchmarks.faults.bench import Bench
 from benchmarks.faults.records import Verdict
 
-DROPOUT = frozenset({"stale", "missing", "latched", "starting", "recovering", "clear"})
+DROPOUT = frozenset({"stale", "missing", "latched", "starting", "recovering", "clear", "expired"})
 """Reasons of a hold that a busy machine causes, too."""
 
 

@@ -2,17 +2,18 @@
 
     tracker_peer.py SCENE.json [STATE [NODE]]
 
-Reads changes as lines of JSON from standard input, ``{"set": {KEY: VALUE}, "when": "moving"}``, and
-prints events as lines of JSON: ``matched`` when the poses have a subscriber, ``first`` at the first
-sample, then ``set`` for each change with the times of the last sample before it and of the first
-with it. STATE is the initial state as JSON. It does not import the project.
+Reads changes as lines of JSON from standard input, ``{"set": {KEY: VALUE}, "when": "moving"}``.
+Prints events as lines of JSON: ``ready``, ``matched`` when the poses have a subscriber, ``first``
+at the first sample, and ``set`` for each change, with the times of the last sample before it and of
+the first with it. STATE is the initial state as JSON. It does not import the project.
 
 Keys, each off with null: ``joints`` (false: not sent), ``joint_offset_rad`` of the first joint,
 ``silent`` (children that are not sent), ``status`` and ``nan`` of the tool, ``shift_ms`` of the
 stamps of ``shifted`` children, ``offset_mm`` and ``creep_mm_s`` of the tool away from the tumour,
 ``turn_deg`` of the tool about its x axis, ``swap`` of tool and tumour, ``frozen`` tool, ``rest``
 (the true motion stands still). At the start only: ``shift`` (frames by which the motion is late),
-``poses`` (false: no publisher of poses); with ``joints`` false there is no publisher of joints.
+``poses`` (false: no publisher of poses), ``wait`` (for a line of input before the publishers);
+with ``joints`` false there is no publisher of joints.
 """
 
 import json
@@ -52,16 +53,24 @@ class Tracker:
         self.last_ns = 0
         self.random = np.random.default_rng(1)
         self.node = rclpy.create_node(name)
+        self.poses = self.joints = None
+
+    def join(self):
+        """Create the publishers, after a line of input if so configured; False at its end."""
+        state = self.state
+        print_event(event="ready")
+        if state.get("wait") and "end" in self.changes.get():
+            return False
         qos = QoSProfile(depth=100)
         matched = PublisherEventCallbacks(matched=lambda _: print_event(event="matched"))
         # A second sender of one kind must not appear as one of the other kind.
-        self.poses = self.joints = None
         if state.get("poses") is not False:
             self.poses = self.node.create_publisher(
                 TrackedTransform, "/tracked_transforms", qos, event_callbacks=matched
             )
         if state.get("joints") is not False:
             self.joints = self.node.create_publisher(JointState, "/joint_states", qos)
+        return True
 
     def run(self):
         """Send until standard input ends."""
@@ -210,7 +219,8 @@ def main():
 
     threading.Thread(target=read, daemon=True).start()
     threading.Thread(target=lambda: rclpy.spin(tracker.node), daemon=True).start()
-    tracker.run()
+    if tracker.join():
+        tracker.run()
     rclpy.shutdown()
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
+from benchmarks.faults.child import Child
 from benchmarks.faults.records import NS_PER_MS, judge
 from benchmarks.faults.row import Row, Trial, Variant
 from benchmarks.faults.rows.tracker_rows import AFTER_MS, ALL, check_cause
@@ -68,9 +69,11 @@ def foreign_rows() -> Iterator[Row]:
 
 
 def _second_sender(bench: Bench, state: dict[str, Any]) -> Trial:
-    bench.free()
-    sender = bench.sender("second", {**state, "shift": bench.scene.shift})
+    sender = bench.sender("second", {**state, "shift": bench.scene.shift, "wait": True})
     try:
+        sender.expect("ready")
+        bench.free()
+        sender.send(go=True)
         event = sender.expect("first")
         verdict = bench.observe(
             event["ns"], limit_ms=SECOND_SENDER_MS, observe_ms=SECOND_SENDER_MS + AFTER_MS
@@ -82,8 +85,13 @@ def _second_sender(bench: Bench, state: dict[str, Any]) -> Trial:
 
 def _tf_static(bench: Bench) -> Trial:
     """Turn the robot's base while on hold; ask for twists along its axes."""
-    bench.free()
-    bench.put_on_hold()
+    with bench.foreign() as node:
+        bench.free()
+        bench.put_on_hold()
+        return _turn_base(bench, node)
+
+
+def _turn_base(bench: Bench, node: Child) -> Trial:
     controller = bench.controller
     controller.frame = "robot_base"
     try:
@@ -98,17 +106,16 @@ def _tf_static(bench: Bench) -> Trial:
         # Half a turn about an axis across the approach, so that an approach appears as a retreat.
         axis = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
         axis /= np.linalg.norm(axis)
-        with bench.foreign() as node:
-            controller.forget()
-            node.send(
-                do="tf_static",
-                parent="reference",
-                child="robot_base",
-                translation=[-0.1466, -0.1401, -0.2105],
-                quaternion=[*axis.tolist(), 0.0],
-            )
-            event = node.expect("done")
-            verdict = bench.observe(event["ns"], limit_ms=0.0, observe_ms=1000.0)
+        controller.forget()
+        node.send(
+            do="tf_static",
+            parent="reference",
+            child="robot_base",
+            translation=[-0.1466, -0.1401, -0.2105],
+            quaternion=[*axis.tolist(), 0.0],
+        )
+        event = node.expect("done")
+        verdict = bench.observe(event["ns"], limit_ms=0.0, observe_ms=1000.0, free_at_ns=None)
         return Trial(verdict, note=f"{verdict.max_approach_mm_s:.0f} mm/s at most")
     finally:
         controller.frame = "tumor"
@@ -116,13 +123,15 @@ def _tf_static(bench: Bench) -> Trial:
 
 def _longer_stale(bench: Bench) -> Trial:
     stale_ms = bench.stale_ns / NS_PER_MS
-    bench.free()
     try:
         with bench.foreign() as node:
+            bench.free()
             reply = _request(node, do="parameters", values={"stale_after_ms": 10_000.0})
             bench.controller.wait_until(reply["reply_ns"] + round(LEAD_MS * NS_PER_MS))
             event = bench.set_fault(silent=ALL)
-            verdict = bench.observe(event["last_ns"], limit_ms=stale_ms, observe_ms=1500.0)
+            verdict = bench.observe(
+                event["last_ns"], limit_ms=stale_ms, observe_ms=1500.0, free_at_ns=reply["ns"]
+            )
         return Trial(verdict, note="set" if reply["success"] else f"refused: {reply['message']}")
     finally:
         bench.set_fault(silent=None)
@@ -131,12 +140,15 @@ def _longer_stale(bench: Bench) -> Trial:
 
 def _lower_stop(bench: Bench) -> Trial:
     stale_ms = bench.stale_ns / NS_PER_MS
-    bench.free()
     try:
         with bench.foreign() as node:
+            bench.free()
             reply = _request(node, do="parameters", values={"stop_mm": 0.0})
             verdict = bench.observe(
-                reply["reply_ns"], limit_ms=stale_ms, observe_ms=stale_ms + AFTER_MS
+                reply["reply_ns"],
+                limit_ms=stale_ms,
+                observe_ms=stale_ms + AFTER_MS,
+                free_at_ns=reply["ns"],
             )
         if not reply["success"]:
             return Trial(replace(verdict, late_constraints=0, late_twists=0), note="refused")
@@ -146,34 +158,34 @@ def _lower_stop(bench: Bench) -> Trial:
 
 
 def _rearm(bench: Bench) -> Trial:
-    bench.free()
-    bench.put_on_hold()
     with bench.foreign() as node:
+        bench.free()
+        bench.put_on_hold()
         bench.controller.forget()
         seen = bench.latest()
         first = _request(node, do="rearm", seq=MAX_SEQ, nonce=0)
         second = _request(node, do="rearm", seq=seen.seq, nonce=seen.content.nonce ^ 1)
-        verdict = bench.observe(first["ns"], limit_ms=0.0, observe_ms=1000.0)
+        verdict = bench.observe(first["ns"], limit_ms=0.0, observe_ms=1000.0, free_at_ns=None)
     accepted = first["success"] or second["success"]
     return Trial(verdict, note="accepted" if accepted else "refused")
 
 
 def _rearm_as_operator(bench: Bench) -> Trial:
     """A peer that reads the constraint can do what an operator's program does."""
-    bench.free()
-    seen = bench.put_on_hold()
     with bench.foreign() as node:
+        bench.free()
+        seen = bench.put_on_hold()
         bench.controller.forget()
         reply = _request(node, do="rearm", seq=seen.seq, nonce=seen.content.nonce)
-        verdict = bench.observe(reply["ns"], limit_ms=0.0, observe_ms=1000.0)
+        verdict = bench.observe(reply["ns"], limit_ms=0.0, observe_ms=1000.0, free_at_ns=None)
     return Trial(verdict, note="accepted" if reply["success"] else "refused")
 
 
 def _constraint(bench: Bench, instance_id: str) -> Trial:
     """Publish forged constraints; judge the guard's own ones and the controller's rule."""
-    bench.free()
-    seen = bench.latest()
     with bench.foreign() as node:
+        bench.free()
+        seen = bench.latest()
         node.send(do="constraint", raw=seen.content.raw.hex(), instance_id=instance_id, hz=200.0)
         event = node.expect("done")
         bench.observe(
@@ -192,10 +204,10 @@ def _constraint(bench: Bench, instance_id: str) -> Trial:
 
 def _set_tumor(bench: Bench) -> Trial:
     """Shrink the tumour, and re-arm with the nonce of an earlier hold."""
-    bench.free()
-    old = bench.put_on_hold()
-    bench.free()
     with bench.foreign() as node:
+        bench.free()
+        old = bench.put_on_hold()
+        bench.free()
         reply = _request(
             node,
             do="set_tumor",
@@ -209,14 +221,16 @@ def _set_tumor(bench: Bench) -> Trial:
         bench.controller.wait_until(reply["reply_ns"] + round(LEAD_MS * NS_PER_MS))
         again = _request(node, do="rearm", seq=bench.latest().seq, nonce=old.content.nonce)
         stale_ms = bench.stale_ns / NS_PER_MS
-        verdict = bench.observe(reply["reply_ns"], limit_ms=stale_ms, observe_ms=1500.0)
+        verdict = bench.observe(
+            reply["reply_ns"], limit_ms=stale_ms, observe_ms=1500.0, free_at_ns=None
+        )
     return Trial(verdict, note=f"re-arm {'accepted' if again['success'] else 'refused'}")
 
 
 def _large_tumor(bench: Bench) -> Trial:
     """A tumour that takes seconds to prepare must not interrupt the constraint."""
-    bench.free()
     with bench.foreign() as node:
+        bench.free()
         node.send(
             do="set_tumor",
             frame="needle",
@@ -226,7 +240,9 @@ def _large_tumor(bench: Bench) -> Trial:
         )
         reply = node.expect("done", 120.0)
         stale_ms = bench.stale_ns / NS_PER_MS
-        verdict = bench.observe(reply["reply_ns"], limit_ms=stale_ms, observe_ms=1000.0)
+        verdict = bench.observe(
+            reply["reply_ns"], limit_ms=stale_ms, observe_ms=1000.0, free_at_ns=None
+        )
     sent = [each.sent_ns for each in bench.controller.records()[0] if each.sent_ns > reply["ns"]]
     gap_ms = max(np.diff(sent)) / NS_PER_MS
     seconds = (reply["reply_ns"] - reply["ns"]) / 1e9
@@ -234,7 +250,7 @@ def _large_tumor(bench: Bench) -> Trial:
     return Trial(verdict, note=note if reply["success"] else f"refused: {reply['message']}")
 
 
-def _request(node: Any, **request: Any) -> dict[str, Any]:
+def _request(node: Child, **request: Any) -> dict[str, Any]:
     node.send(**request)
     reply: dict[str, Any] = node.expect("done", 30.0)
     return reply

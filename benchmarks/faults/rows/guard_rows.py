@@ -40,20 +40,23 @@ def _stopped(bench: Bench) -> Trial:
     guard = bench.guard
     assert guard is not None
     seconds = random.uniform(MIN_STOP_S, MAX_STOP_S)
+    stopped_ns = time.time_ns()
     guard.send_signal(signal.SIGSTOP)
     try:
         bench.controller.wait_until(time.time_ns() + round(seconds * 1e9))
     finally:
         woken_ns = time.time_ns()
         guard.send_signal(signal.SIGCONT)
-    verdict = bench.observe(woken_ns, limit_ms=0.0, observe_ms=600.0, tolerance_ns=0)
+    verdict = bench.observe(
+        woken_ns, limit_ms=0.0, observe_ms=600.0, tolerance_ns=0, free_at_ns=stopped_ns
+    )
     return Trial(verdict)
 
 
 def _restarted(bench: Bench, on_hold: bool) -> Trial:
     """A guard that starts after SIGKILL must be on hold until it is re-armed."""
     killed_ns = _kill_and_restart(bench, on_hold)
-    verdict = bench.observe(killed_ns, limit_ms=0.0, observe_ms=0.0)
+    verdict = bench.observe(killed_ns, limit_ms=0.0, observe_ms=0.0, free_at_ns=None)
     return Trial(verdict, note=_first_known(bench))
 
 
@@ -131,7 +134,7 @@ def _second_instance(bench: Bench) -> Trial:
         refused = not other.running
         after_s = 0.5 if refused else AFTER_RESTART_S
         bench.controller.wait_until(time.time_ns() + round(after_s * 1e9))
-        verdict = bench.observe(begin_ns, limit_ms=0.0, observe_ms=0.0)
+        verdict = bench.observe(begin_ns, limit_ms=0.0, observe_ms=0.0, free_at_ns=None)
     finally:
         status = other.end(signal.SIGINT)
     note = f"refused, status {status}" if refused else "started"

@@ -159,7 +159,7 @@ def _frozen(bench: Bench, when: str, state: dict[str, Any]) -> Trial:
         stop_mm = min(each.content.stop_mm for each in _permissive(bench))
         fault = {key: value for key, value in state.items() if key != "rest"}
         event = bench.set_fault(when=None if at_rest else when, **fault)
-        begin_ns = event["last_ns"]
+        begin_ns = event["ns"]
         verdict = bench.observe(begin_ns, limit_ms=FROZEN_MS, observe_ms=FROZEN_MS + AFTER_MS)
     finally:
         bench.set_fault(frozen=None, rest=None)
