@@ -23,6 +23,7 @@ BENCHMARKS = {
     "rate": "benchmarks.rate",
     "latency": "benchmarks.latency",
     "faults": "benchmarks.faults",
+    "soak": "benchmarks.soak",
     "kinematics": "benchmarks.kinematics",
     "replay": "benchmarks.replay",
     "view": "benchmarks.view",

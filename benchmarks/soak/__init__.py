@@ -1,0 +1,1 @@
+"""A live session and its recorder under constant load for a long time."""
