@@ -5,7 +5,7 @@
 Real processes: `marginguard live` with the shipped live.yaml sends its constraint at 1 kHz and gets
 the poses of three sensors and the joints 200 times a second; `marginguard record` records both. A
 receiver measures the gaps between constraints, beside those of a bare sender at 1 kHz on the same
-machine. The resident memory is read every 5 s. Its slope is that of Theil and Sen (the median of the
+machine. The resident memory is read every 5 s. Its slope is that of Theil and Sen (median of the
 slopes of all pairs) after a warm-up of a fifth of the time.
 
 Exit status 1 when the memory of the session grows by 1 MB an hour or more, when a process ends, or
