@@ -100,6 +100,7 @@ LONG = {
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",
     ),
+    "kills twenty recorders": ("tests/benchmarks/test_long_recorder.py",),
     "checks types in a new cache": ("tests/marginguard/test_typing.py",),
     "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
     "runs examples on whole cases, or beside a replay in real time": (

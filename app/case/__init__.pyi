@@ -1,5 +1,6 @@
 from .case import Case, open_case
 from .convert import convert_case
+from .copying import recover_recording
 from .frames.assembly import agreed_sample
 from .frames.inventory import EdgeCount, RecordingInventory
 from .frames.playback import Playback, PlayedSamples
@@ -119,6 +120,7 @@ __all__ = [
     "read_recording",
     "recording_formats",
     "recording_kinds",
+    "recover_recording",
     "schema_text",
     "tumor_from_contour",
     "tumor_from_segmentation",

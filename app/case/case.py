@@ -19,8 +19,9 @@ from app.case.manifest.entries import (
     SegmentationEntry,
 )
 from app.case.manifest.expected import Expected, load_expected
-from app.case.readers.recording_format import JointSource, RecordingFormat
+from app.case.readers.recording_format import JointSource, RecordingFormat, note_to
 from app.case.readers.registry import format_of, read_recording, recording_kinds
+from app.case.readers.rosbag2.messages import RawMessage
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.files.meshes import load_mesh
 from app.files.packages import PACKAGE_SCHEME
@@ -70,7 +71,25 @@ class Case:
             )
         topic = robot.joint_states if robot else None
         joints = JointSource(topic, clock.offset_robot_to_tracker_ns)
-        return read_recording(path, self._notes.append, joints)
+        return read_recording(path, note_to(self._notes), joints)
+
+    def recorded_messages(self) -> Iterator[RawMessage] | None:
+        """Yield all messages of the recording as recorded; None for a format without messages."""
+        path = self.recording_path
+        messages = None if path is None else format_of(path).messages
+        if path is None or messages is None:
+            return None
+        self._notes.clear()
+        return messages(path, note_to(self._notes))
+
+    def copied_frames(self, path: Path) -> Iterator[TrackingFrame]:
+        """Yield the frames of ``path``, a copy of the recording; its notes follow the present ones.
+
+        Joint stamps stay on the robot's clock.
+        """
+        robot = self.manifest.robot
+        topic = robot.joint_states if robot else None
+        return read_recording(path, note_to(self._notes), JointSource(topic))
 
     def with_joint_offset(self, offset_ns: int) -> "Case":
         """A copy of the case with a known clock offset: tracker = robot + ``offset_ns``."""

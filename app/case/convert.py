@@ -1,4 +1,4 @@
-"""Converts a case to MCAP; stamps and statuses are kept."""
+"""Converts a case to MCAP. Stamps and statuses are kept, of a bag all messages of all topics."""
 
 import shutil
 from pathlib import Path, PurePosixPath
@@ -6,6 +6,7 @@ from pathlib import Path, PurePosixPath
 import yaml
 
 from app.case.case import Case
+from app.case.copying import write_messages
 from app.case.manifest.case_file import MANIFEST_NAME
 from app.case.messages.ros_messages import JOINT_STATES_TOPIC
 from app.case.recorder.recorder import write_recording
@@ -34,12 +35,19 @@ def _write(case: Case, folder: Path) -> None:
     copy_named_files(case, folder)
     recording = folder / RECORDING_NAME
     robot = case.manifest.robot
-    write_recording(
-        recording,
-        case.recorded_frames(),
-        robot_to_tracker_offset_ns=case.manifest.clock.offset_robot_to_tracker_ns,
-        joint_states_topic=(robot and robot.joint_states) or JOINT_STATES_TOPIC,
-    )
+    messages = case.recorded_messages()
+    if messages is None:
+        write_recording(
+            recording,
+            case.recorded_frames(),
+            robot_to_tracker_offset_ns=case.manifest.clock.offset_robot_to_tracker_ns,
+            joint_states_topic=(robot and robot.joint_states) or JOINT_STATES_TOPIC,
+        )
+    else:
+        write_messages(recording, messages)
+        # Refuse a recording that cannot be replayed, and note what a replay skips.
+        for _ in case.copied_frames(recording):
+            pass
     # Not parsed again: it was checked when the case was opened, and stays but for the recording.
     manifest = load_yaml(case.folder / MANIFEST_NAME)
     manifest["recording"] = {"path": RECORDING_NAME, "sha256": sha256_of(recording)}

@@ -9,6 +9,7 @@ from functools import lru_cache
 
 from app.geometry.errors import FrameError
 
+MAX_FRAME_CHARS = 1024
 FRAME_NAME = re.compile(r"[A-Za-z0-9_.-]+(?:/[A-Za-z0-9_.-]+)*")
 # A word starts at a capital after a lower-case letter or a digit ("StylusTip"), and at the last
 # capital of an acronym if a lower-case letter follows ("RASTip").
@@ -18,10 +19,10 @@ _TO = re.compile(r"(?<=[A-Za-z0-9])To(?=[A-Z0-9])")
 
 def check_frame(name: str) -> str:
     """Return ``name`` if it is a valid tf frame name; raise `FrameError` otherwise."""
-    if not isinstance(name, str) or not _is_frame(name):
+    if not isinstance(name, str) or len(name) > MAX_FRAME_CHARS or not _is_frame(name):
         raise FrameError(
             f"frame name {name!r} is not allowed; expected letters, digits, '_', '-' and '.', in "
-            "non-empty parts joined by '/', without a leading '/'"
+            f"non-empty parts joined by '/', without a leading '/', {MAX_FRAME_CHARS} or fewer"
         )
     return name
 

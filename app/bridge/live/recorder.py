@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from app.bridge.errors import BridgeError
@@ -27,6 +29,9 @@ from app.case import BagTopic, BagWriter, message_definition
 from app.geometry import NS_PER_S, InputError, MarginGuardError
 
 _DEPTH = 1000
+_MAX_AT_ONCE = 50
+"""Messages of a topic that are taken in one turn of the executor; other topics come next."""
+
 _MAX_REMEMBERED = 10_000
 _INFINITE_NS = 2**63 - 1
 
@@ -34,10 +39,10 @@ _INFINITE_NS = 2**63 - 1
 class RosRecorder:
     """Records ``topics`` (full names) as they appear, with the types found on the graph.
 
-    Call `discover` and `flush` periodically; a killed process loses messages since the last
-    `flush`. Messages are written in the node's thread. `refused` maps each topic that cannot be
-    recorded to the reason. An error of the bag is raised by the next `flush`; nothing is written
-    after it.
+    Call `discover`, `flush` and `sync` periodically, from any threads; a killed process loses
+    messages since the last `flush`. Messages are written in the node's thread. `refused` maps each
+    topic that cannot be recorded to the reason. An error of the bag is raised by every later
+    `flush` and `sync`; nothing is written after it.
 
     Each publisher is recorded with the reliability it offers, also one that joins later with a
     weaker policy. A topic has a subscription for each combination of policies, and a message that
@@ -85,9 +90,20 @@ class RosRecorder:
     def flush(self) -> None:
         """Write buffered messages to the operating system; raises an earlier error of the bag."""
         with self._lock:
-            if self._error is not None:
-                raise self._error
-            self._bag.flush()
+            self._guarded(self._bag.flush)
+
+    def sync(self) -> None:
+        """Write flushed messages to the disk; raises an earlier error of the bag."""
+        self._guarded(self._bag.sync)  # without the lock: the disk may take long
+
+    def _guarded(self, act: Callable[[], None]) -> None:
+        if self._error is None:
+            try:
+                act()
+            except MarginGuardError as error:
+                self._error = self._error or error
+        if self._error is not None:
+            raise self._error
 
     def _start_topic(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
         kinds = {info.topic_type for info in publishers}
@@ -123,8 +139,11 @@ class RosRecorder:
                 continue
             recorded.qos_policies.add(policies)
             topic = Topic(recorded.name, recorded.message_class, _matching_qos(*policies))
+            subscriptions: list[Subscription] = []  # empty while the callback may already be called
+            take_all = partial(recorded.take_all, subscriptions)
             # rclpy passes the times to a callback with two parameters.
-            self._ros.subscribe(topic, recorded.take, raw=True)  # type: ignore[arg-type]
+            subscription = self._ros.subscribe(topic, take_all, raw=True)
+            subscriptions.append(subscription)
 
     def _write(self, name: str, data: bytes, received_ns: int, published_ns: int) -> None:
         with self._lock:
@@ -149,6 +168,22 @@ class _Recorded:
         self._write = write
         self._seen: set[tuple[int, int, int]] = set()
         self._in_order: deque[tuple[int, int, int]] = deque()
+
+    def take_all(
+        self, subscriptions: Sequence[Subscription], data: bytes, info: Mapping[str, int]
+    ) -> None:
+        """Write a message and those that wait behind it.
+
+        The executor takes one message per turn, and a turn takes longer than a message.
+        """
+        self.take(data, info)
+        for subscription in subscriptions:
+            for _ in range(_MAX_AT_ONCE):
+                with subscription.handle:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    return
+                self.take(*taken)
 
     def take(self, data: bytes, info: Mapping[str, int]) -> None:
         """Write a message unless it has already arrived by another subscription."""

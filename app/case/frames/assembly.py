@@ -12,7 +12,9 @@ from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus
 REORDER_NS = 500 * NS_PER_MS
 """How late a sample may arrive and still be sorted into the order of acquisition."""
 
-_MAX_PENDING_JOINTS = 100_000
+_MAX_PENDING_JOINTS = 20_000
+_MAX_PENDING_FRAMES = 10_000
+"""Stamps in the buffer: 20 kHz, which no tracker reaches."""
 
 
 @dataclass(slots=True)
@@ -61,6 +63,7 @@ class FrameAssembler:
             newest = ns
         else:
             complete = bisect_left(self._order, newest - REORDER_NS)
+            complete = max(complete, len(self._order) - _MAX_PENDING_FRAMES)
             finished = [self._finished(stamp) for stamp in self._order[:complete]]
             del self._order[:complete]
         self._newest_ns = newest

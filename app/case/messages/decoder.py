@@ -1,19 +1,17 @@
-"""Decoders of ROS messages: from CDR bytes to the values of `app.case.messages.values`."""
+"""Decoders of ROS messages: from CDR bytes to the values of `app.case.messages.values`.
 
-import struct
+A recording has its own definitions of the types, which may be hostile. Their text is limited,
+because the parser of rosbags needs up to 0.1 ms per character, and so is the number of values that
+a message has by its definition, because rosbags creates all of them.
+"""
+
 from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
-from rosbags.serde import SerdeError
-from rosbags.typesys import (
-    Stores,
-    TypesysError,
-    get_types_from_idl,
-    get_types_from_msg,
-    get_typestore,
-)
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from app.case.messages.cdr_reader import bytes_reader
@@ -27,8 +25,12 @@ from app.case.messages.ros_messages import (
 from app.case.messages.values import joint_values, tf_values, time_values, tracked_values
 from app.geometry import InputError
 
-_DEFINITION_ERRORS = (TypesysError, KeyError, RecursionError)
-"""What rosbags raises for unusable definitions; a type that contains itself never ends."""
+MAX_DEFINITION_CHARS = 16 * 1024
+"""Maximum length of a definition with its nested ones; those used here have 3 thousand."""
+
+_MAX_VALUES = 10_000
+_MAX_DEPTH = 16
+"""Of types within types; more only occurs where a type contains itself."""
 
 _VALUES_OF: dict[str, Callable[[Any], Any]] = {
     TRACKED_TRANSFORM: tracked_values,
@@ -44,17 +46,7 @@ def values_reader(message_type: str) -> Callable[[bytes], Any]:
     It returns the values that `app.case.messages.values` defines for the type, and raises
     `InputError` for bytes that are not such a message.
     """
-    decode = message_decoder(message_type)
-
-    def read(data: bytes) -> Any:
-        try:
-            return decode(data)
-        # What rosbags raises for damaged bytes.
-        except (SerdeError, ValueError, IndexError, struct.error, MemoryError) as error:
-            reason = (str(error) or type(error).__name__).splitlines()[0]
-            raise InputError(f"{len(data)} bytes are not a {message_type}: {reason}") from error
-
-    return read
+    return message_decoder(message_type)
 
 
 def message_decoder(
@@ -64,7 +56,7 @@ def message_decoder(
 
     ``definition`` is a ``ros2msg`` schema, or a ``ros2idl`` one where ``idl``; without one the type
     is taken as ROS 2 Jazzy has it. Raises `InputError` for an unusable definition. The decoder
-    raises what rosbags raises for bytes that are not such a message.
+    raises it for bytes that are not such a message.
     """
     definitions = _definitions(message_type, definition, idl=idl)
     read_bytes = bytes_reader(definitions, message_type)
@@ -79,7 +71,16 @@ def message_decoder(
 
     def decode(data: bytes) -> Any:
         values = None if read_bytes is None else read_bytes(data)
-        return values_of(types().deserialize_cdr(data, message_type)) if values is None else values
+        if values is not None:
+            return values
+        try:
+            return values_of(types().deserialize_cdr(data, message_type))
+        except InputError:
+            raise
+        except Exception as error:  # rosbags raises many kinds of errors for damaged bytes
+            raise InputError(
+                f"{len(data)} bytes are not a {message_type}: {_reason(error)}"
+            ) from error
 
     return decode
 
@@ -87,12 +88,45 @@ def message_decoder(
 def _definitions(message_type: str, definition: str, *, idl: bool) -> Typesdict:
     if not definition:  # bags from before ROS 2 Iron have none
         return ros_types().fielddefs
+    if len(definition) > MAX_DEFINITION_CHARS:
+        raise InputError(
+            f"the definition of {message_type} in the recording cannot be used: it has "
+            f"{len(definition)} characters; expected {MAX_DEFINITION_CHARS} or less"
+        )
     try:
         if idl:
-            return get_types_from_idl(definition)
-        return get_types_from_msg(definition, message_type)
-    except _DEFINITION_ERRORS as error:
-        raise _unusable(message_type, error) from error
+            found = get_types_from_idl(definition)
+        else:
+            found = get_types_from_msg(definition, message_type)
+        count = _count_values(found, message_type, 0)
+    except Exception as error:  # rosbags raises many kinds of errors for hostile text
+        raise _unusable(message_type, _reason(error)) from error
+    if count > _MAX_VALUES:
+        raise _unusable(message_type, f"more than {_MAX_VALUES} values; expected fewer")
+    return found
+
+
+def _count_values(definitions: Typesdict, message_type: str, depth: int) -> int:
+    """Number of values of a message, each sequence counted as one item; stops above the limit.
+
+    Raises `ValueError` for a type that contains itself, and `KeyError` for an unknown one.
+    """
+    if depth > _MAX_DEPTH:
+        raise ValueError(f"types are nested deeper than {_MAX_DEPTH}")
+    count = 0
+    # A field is (kind, content): a name, (basic type, bound) or ((kind, content), number of items).
+    fields: list[tuple[str, Any]] = list(definitions[message_type][1])
+    for _, (kind, of) in fields:
+        items = 1
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            items = int(of[1]) if kind == Nodetype.ARRAY else 1
+            kind, of = of[0]
+        count += items * (
+            _count_values(definitions, str(of), depth + 1) if kind == Nodetype.NAME else 1
+        )
+        if count > _MAX_VALUES:
+            return count
+    return count
 
 
 def _typestore(definitions: Typesdict, message_type: str) -> Typestore:
@@ -100,11 +134,14 @@ def _typestore(definitions: Typesdict, message_type: str) -> Typestore:
     try:
         store.register(definitions)
         store.get_msgdef(message_type)
-    except _DEFINITION_ERRORS as error:
-        raise _unusable(message_type, error) from error
+    except Exception as error:  # as for the definitions
+        raise _unusable(message_type, _reason(error)) from error
     return store
 
 
-def _unusable(message_type: str, error: Exception) -> InputError:
-    reason = str(error).splitlines()[0]
+def _unusable(message_type: str, reason: str) -> InputError:
     return InputError(f"the definition of {message_type} in the recording cannot be used: {reason}")
+
+
+def _reason(error: Exception) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0][:200]

@@ -7,9 +7,28 @@ from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
+    from app.case.readers.rosbag2.messages import RawMessage
 
 Note: TypeAlias = Callable[[str], None]
 """Takes one sentence about what a reader skipped or assumed."""
+
+_MAX_NOTES = 100
+_MAX_NOTE_CHARS = 500
+
+
+def note_to(notes: list[str]) -> Note:
+    """A `Note` that adds to ``notes``, a limited number of notes of a limited length.
+
+    A damaged or hostile recording may cause a note for each of its records.
+    """
+
+    def add(text: str) -> None:
+        if len(notes) < _MAX_NOTES:
+            notes.append(text if len(text) <= _MAX_NOTE_CHARS else f"{text[:_MAX_NOTE_CHARS]} ...")
+        elif len(notes) == _MAX_NOTES:
+            notes.append(f"more than {_MAX_NOTES} notes: the others are left out")
+
+    return add
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +44,7 @@ class JointSource:
 
 
 ReadFrames: TypeAlias = "Callable[[Path, Note, JointSource], Iterator[TrackingFrame]]"
+ReadMessages: TypeAlias = "Callable[[Path, Note], Iterator[RawMessage]] | None"
 
 
 def _accept(path: Path) -> None:
@@ -40,7 +60,8 @@ class RecordingFormat:
     joints)`` yields the frames, and reports to ``note`` what it skipped; it raises `InputError` for
     a file that cannot be read. ``check``: raises `InputError` for a file that cannot be replayed,
     before anything is read. ``has_joints``: whether the format can hold joints of a robot.
-    ``is_fallback``: whether it is tried after all other formats.
+    ``messages``: yields all messages of a recording that holds ROS messages, also those that frames
+    do not need; None for other formats. ``is_fallback``: whether it is tried after all others.
     """
 
     kinds: tuple[str, ...]
@@ -48,6 +69,7 @@ class RecordingFormat:
     read: ReadFrames
     check: Callable[[Path], None] = _accept
     has_joints: bool = False
+    messages: ReadMessages = None
     is_fallback: bool = False
 
 

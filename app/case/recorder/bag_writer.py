@@ -1,15 +1,15 @@
 """Writes a rosbag2 folder in MCAP that stays readable up to the last flush after a crash."""
 
-import os
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import yaml
 from mcap.writer import CompressionType, Writer
 
+from app.case.recorder.complete_file import CompleteFile
 from app.files.atomic_io import write_files
 from app.geometry import InputError
 
@@ -35,9 +35,9 @@ class BagTopic:
 class BagWriter:
     """Writes messages to the new rosbag2 folder ``folder``: `add_topic`, `write`, `flush`, `close`.
 
-    ``folder`` must not exist. Messages are in ``NAME_0.mcap``. Flushed messages survive a crash of
-    the process, synced ones a power cut. `close` adds the index and ``metadata.yaml``; without them
-    MCAP players read the file from its beginning.
+    ``folder`` must not exist. Messages are in ``NAME_0.mcap``, which is a complete MCAP file after
+    each flush. Flushed messages survive a crash of the process, synced ones a power cut. `close`
+    adds the index and ``metadata.yaml``; without them players read the file from its beginning.
 
     Raises `InputError` when something cannot be written, such as on a full disk. Messages written
     before remain, and every later write raises.
@@ -48,12 +48,13 @@ class BagWriter:
         self._path = folder / f"{folder.name}_0.mcap"
         try:
             folder.mkdir(parents=True)
-            self._file = self._path.open("xb")
+            self._file = CompleteFile(self._path)
         except FileExistsError as error:
             raise InputError(f"{folder} already exists; refusing to overwrite it") from error
         except OSError as error:
             raise InputError(f"{folder} cannot be written: {error.strerror}") from error
-        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        stream = cast(IO[bytes], self._file)
+        self._writer = Writer(stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._topics: dict[str, tuple[BagTopic, int]] = {}
         self._schemas: dict[str, int] = {}
         self._counts: Counter[str] = Counter()
@@ -61,6 +62,7 @@ class BagWriter:
         self._last_ns = 0
         self._failed = False
         self._guarded(lambda: self._writer.start(profile="ros2", library="marginguard"))
+        self.flush()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -100,7 +102,7 @@ class BagWriter:
 
     def sync(self) -> None:
         """Write flushed messages to the disk. Slow; may be called from a thread beside `write`."""
-        self._guarded(lambda: os.fsync(self._file.fileno()))
+        self._guarded(self._file.sync)
 
     def close(self) -> None:
         """Write the index of the file and ``metadata.yaml``; a second call does nothing."""
@@ -109,7 +111,7 @@ class BagWriter:
         try:
             if not self._failed:
                 self._guarded(self._writer.finish)
-                self._guarded(self._file.flush)
+                self._guarded(self._file.finish)
                 self.sync()
                 self._write_metadata()
         finally:

@@ -28,6 +28,7 @@ BENCHMARKS = {
     "replay": "benchmarks.replay",
     "view": "benchmarks.view",
     "fuzz": "benchmarks.fuzz",
+    "record": "benchmarks.recorder",
 }
 
 

@@ -7,7 +7,6 @@ The recording stays readable however it ends, also by SIGKILL or on a full disk.
 import argparse
 import sys
 import threading
-import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
@@ -30,11 +29,8 @@ SESSION_TOPICS = (CONSTRAINT, "/marginguard/margin_mm")
 MARKERS = "/marginguard/markers"
 """Holds the tumour's surface; recorded once a session has replaced its tumour."""
 
-FLUSH_S = 0.1
-"""A crash of the process loses the messages since the last flush."""
-
-SYNC_S = 1.0
-"""A power cut loses the messages since the last sync."""
+_POLL_S = 0.1
+"""Interval between looks at the graph for new topics and publishers."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -127,32 +123,31 @@ def _record(
     from app.bridge.live import RosRecorder, SessionWatch
     from app.case import RECORDING_FOLDER
     from app.case.live_recording import write_changes
+    from app.case.recorder.periodic_flush import PeriodicFlush
 
     constraint = _session_topic(CONSTRAINT, options)
     session = SessionWatch()
     recorder = RosRecorder(ros, bag, topics)
-    synced_s = time.monotonic()
-    while not stop.wait(FLUSH_S):
-        if of_patient and ros.node.count_publishers(PLAYBACK):
-            raise BridgeError(
-                f"a recording is played on this graph; {options.output} is closed and may hold "
-                f"its first samples; expected provenance.kind 'simulated' in {options.config}"
-            )
-        for topic in recorder.discover():
-            print(f"recording {topic}", flush=True)
-        for topic in [*recorder.refused]:
-            print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
-        publishers = ros.node.count_publishers(constraint) if constraint in topics else 0
-        if session.has_new_publisher(publishers):
-            print(
-                f"{constraint} has {publishers} publishers; several sessions may be running",
-                flush=True,
-            )
-        if session.has_changed(recorder.last(constraint)):
-            print("tumour or registration of the session were replaced", flush=True)
-            write_changes(session.changes, options.output / RECORDING_FOLDER)
-            recorder.add(_session_topic(MARKERS, options))
-        recorder.flush()
-        if time.monotonic() - synced_s >= SYNC_S:
-            bag.sync()
-            synced_s = time.monotonic()
+    with PeriodicFlush(recorder.flush, recorder.sync):
+        while not stop.wait(_POLL_S):
+            if of_patient and ros.node.count_publishers(PLAYBACK):
+                raise BridgeError(
+                    f"a recording is played on this graph; {options.output} is closed and may hold "
+                    "its first samples; expected provenance.kind 'simulated' in "
+                    f"{options.config}"
+                )
+            for topic in recorder.discover():
+                print(f"recording {topic}", flush=True)
+            for topic in [*recorder.refused]:
+                print(f"{topic} is not recorded: {recorder.refused.pop(topic)}", file=sys.stderr)
+            publishers = ros.node.count_publishers(constraint) if constraint in topics else 0
+            if session.has_new_publisher(publishers):
+                print(
+                    f"{constraint} has {publishers} publishers; several sessions may be running",
+                    flush=True,
+                )
+            if session.has_changed(recorder.last(constraint)):
+                print("tumour or registration of the session were replaced", flush=True)
+                write_changes(session.changes, options.output / RECORDING_FOLDER)
+                recorder.add(_session_topic(MARKERS, options))
+            recorder.flush()  # raises an error of the bag

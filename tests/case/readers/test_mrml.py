@@ -227,7 +227,8 @@ def test_scene_cannot_name_a_file_outside_its_folder(tmp_path: Path) -> None:
 
 def test_oversized_content_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_SCENE_BYTES", 10_000)
-    monkeypatch.setattr("app.case.readers.mrml.files._MAX_HEADER_BYTES", 10_000)
+    monkeypatch.setattr("app.case.readers.mrml.files._MAX_RATIO", 0)
+    monkeypatch.setattr("app.case.readers.mrml.files._FREE_BYTES", 10_000)
     monkeypatch.setattr("app.case.readers.mrml.files._MAX_MEMBERS", 5)
     much = b" " * 20_000
     for files, message in (
@@ -272,7 +273,8 @@ def test_size_limit_covers_sequences_that_share_a_header(
     nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(3)]
     held = header("NeedleToTracker", ("0.5", NEEDLE))
     files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": held}
-    monkeypatch.setattr("app.case.readers.mrml.files._MAX_HEADER_BYTES", 2 * len(held) + 7)
+    monkeypatch.setattr("app.case.readers.mrml.files._MAX_RATIO", 0)
+    monkeypatch.setattr("app.case.readers.mrml.files._FREE_BYTES", 2 * len(held) + 7)
     with pytest.raises(InputError, match=rf"unpacks to {len(held)} bytes; expected 7 or less"):
         list(read_mrml(bundle(tmp_path / "x.mrb", files), print))
 

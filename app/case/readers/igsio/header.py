@@ -39,6 +39,8 @@ FramesOf = Callable[[str], tuple[str, str] | None]
 _FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(\S+)", re.ASCII)
 _STATUS_SUFFIX, _TRANSFORM_SUFFIX = "TransformStatus", "Transform"
 _MAX_LINE_BYTES = 1_000_000
+_MAX_FRAME_FIELDS = 1024
+_MAX_TRANSFORMS = 1024
 
 
 def check_igsio_header(path: Path) -> None:
@@ -82,6 +84,11 @@ def read_header(
                 yield frame
             draft = None
         draft = draft or _Draft(index)
+        if len(draft.fields) >= _MAX_FRAME_FIELDS:
+            raise InputError(
+                f"{path} line {line}: frame {index} has more than {_MAX_FRAME_FIELDS} fields; "
+                f"expected {_MAX_FRAME_FIELDS} or fewer"
+            )
         if match[2] in draft.fields:
             raise InputError(
                 f"{path} line {line} (frame {index}): {match[2]} is repeated, first in line "
@@ -164,6 +171,10 @@ class FrameNames:
     def of(self, name: str) -> tuple[str, str] | None:
         """Source and target of a transform; None for a name that cannot be split."""
         if name not in self._known:
+            if len(self._known) >= _MAX_TRANSFORMS:
+                raise InputError(
+                    f"transform {name!r} is one too many; expected {_MAX_TRANSFORMS} or fewer"
+                )
             self._known[name] = self._split(name)
         return self._known[name]
 

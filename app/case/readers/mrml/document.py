@@ -1,5 +1,7 @@
 """Parses an MRML scene file for its sequences of transforms and its plain transforms."""
 
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from urllib.parse import unquote
 
@@ -9,6 +11,9 @@ from app.geometry import InputError
 _TRANSFORM_NODES = ("vtkMRMLLinearTransformNode", "vtkMRMLTransformNode")
 _TRANSFORM_TAGS = ("LinearTransform", "Transform")
 _STORAGE_ENDING = "SequenceStorage"
+_ITEM = re.compile("[^;]+")
+_MAX_ITEMS = 2_000_000
+_MAX_SEQUENCES = 256
 _LOST = "MarginGuard.Lost"
 _DERIVED = "MarginGuard.Derived"
 
@@ -18,13 +23,13 @@ class SequenceEntry:
     """A sequence of transforms over time.
 
     ``name``: the transform's name if the scene has it, else the sequence's. ``file_name``: relative
-    to the scene. ``index``: item IDs and their times in s, in order. ``lost``: times in s and
-    statuses of samples that the sequence does not hold.
+    to the scene. ``index``: text of item IDs and their times in s, for `index_items`. ``lost``:
+    times in s and statuses of samples that the sequence does not hold.
     """
 
     name: str
     file_name: str
-    index: tuple[tuple[str, str], ...]
+    index: str
     lost: tuple[tuple[str, str], ...]
 
 
@@ -44,27 +49,51 @@ class MrmlDocument:
     transforms: dict[str, TransformEntry] = field(default_factory=dict)
 
 
-def read_mrml_document(content: bytes, where: str) -> MrmlDocument:
-    """Parse an MRML scene file; ``where`` names it in messages.
+class ItemLimit:
+    """Limit of the elements, index items and attributes in all scenes of one recording."""
+
+    def __init__(self) -> None:
+        self._left = _MAX_ITEMS
+
+    def count(self, items: int, where: str) -> None:
+        """Count ``items`` more; `InputError` beyond the limit."""
+        self._left -= items
+        if self._left < 0:
+            raise InputError(
+                f"{where}: the scenes of a recording have more than {_MAX_ITEMS} elements and "
+                f"items of sequences; expected {_MAX_ITEMS} or fewer"
+            )
+
+
+def read_mrml_document(content: bytes, where: str, limit: ItemLimit) -> MrmlDocument:
+    """Parse an MRML scene file; ``where`` names it in messages, ``limit`` counts its items.
 
     Sequences that were computed from measured ones and those of other nodes are left out. Raises
     `InputError` for text that is not MRML, for a document type, and for a sequence of transforms
     that is not over time in seconds or has no file.
     """
-    scene = _Parser(where)
+    scene = _Parser(where, limit)
     walk_xml(content, where, start=scene.start)
     return scene.document()
+
+
+def index_items(index: str, where: str) -> Iterator[tuple[str, str]]:
+    """Yield item IDs and times in s of `SequenceEntry.index`."""
+    for match in _ITEM.finditer(index):
+        yield _split(match[0], ":", where)
 
 
 @dataclass(slots=True)
 class _Parser:
     where: str
+    limit: ItemLimit
     is_mrml: bool = False
     storages: dict[str, str] = field(default_factory=dict)
     sequences: list[dict[str, str]] = field(default_factory=list)
     transforms: dict[str, TransformEntry] = field(default_factory=dict)
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self.limit.count(1, self.where)
         if not self.is_mrml:
             if tag != "MRML":
                 raise InputError(f"{self.where} is a {tag[:60]!r}; expected an MRML scene")
@@ -75,16 +104,21 @@ class _Parser:
         elif tag.endswith(_STORAGE_ENDING):
             self.storages[identity] = unquote(attributes.get("fileName", ""))
         elif tag in _TRANSFORM_TAGS:
-            status = _pairs(attributes.get("attributes", "")).get("TransformStatus", "OK")
+            status = self._pairs(attributes.get("attributes", "")).get("TransformStatus", "OK")
             matrix = attributes.get("matrixTransformToParent", "")
             self.transforms[identity] = TransformEntry(matrix, status)
 
     def document(self) -> MrmlDocument:
+        if len(self.sequences) > _MAX_SEQUENCES:
+            raise InputError(
+                f"{self.where} has {len(self.sequences)} sequences; "
+                f"expected {_MAX_SEQUENCES} or fewer"
+            )
         entries = [self._entry(attributes) for attributes in self.sequences]
         return MrmlDocument([entry for entry in entries if entry is not None], self.transforms)
 
     def _entry(self, node: dict[str, str]) -> SequenceEntry | None:
-        known = _pairs(node.get("attributes", ""))
+        known = self._pairs(node.get("attributes", ""))
         if known.get("DataNodeClassName") not in _TRANSFORM_NODES or _DERIVED in known:
             return None
         name = node.get("name", "")
@@ -98,25 +132,25 @@ class _Parser:
             raise InputError(
                 f"{where} is over {over[0]!r} in {over[1]!r} ({over[2]}); expected time in 's'"
             )
-        storage = _pairs(node.get("references", "")).get("storage", "")
+        storage = self._pairs(node.get("references", "")).get("storage", "")
         if not self.storages.get(storage):
             raise InputError(f"{where} has no file: storage {storage!r} is not in the scene")
+        lost = known.get(_LOST, "")
         return SequenceEntry(
             known.get("Sequences.Source") or name,
             self.storages[storage],
-            tuple(_split(item, ":", where) for item in _items(node.get("indexValues", ""))),
-            tuple(_split(item, "=", where) for item in known.get(_LOST, "").split()),
+            self._counted(node.get("indexValues", ""), ";"),
+            tuple(_split(item, "=", where) for item in self._counted(lost, "=").split()),
         )
 
+    def _counted(self, text: str, separator: str) -> str:
+        self.limit.count(text.count(separator), self.where)
+        return text
 
-def _items(text: str) -> list[str]:
-    return [item for item in text.split(";") if item]
-
-
-def _pairs(text: str) -> dict[str, str]:
-    """Parse ``name:value;name:value``; separators within a name or value are percent-encoded."""
-    pairs = (item.partition(":") for item in _items(text))
-    return {unquote(name): unquote(value) for name, _, value in pairs}
+    def _pairs(self, text: str) -> dict[str, str]:
+        """Parse ``name:value;name:value``; separators within either are percent-encoded."""
+        pairs = (item.partition(":") for item in self._counted(text, ";").split(";") if item)
+        return {unquote(name): unquote(value) for name, _, value in pairs}
 
 
 def _split(item: str, at: str, where: str) -> tuple[str, str]:

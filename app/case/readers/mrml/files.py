@@ -13,10 +13,13 @@ from app.files.bounded_io import open_for_reading
 from app.files.paths import resolve_inside
 from app.geometry import InputError, MarginGuardError
 
-_MAX_SCENE_BYTES = 256_000_000
+_MAX_SCENE_BYTES = 128_000_000
 """Of all scenes of one recording together: the sequences of a scene are read side by side."""
-_MAX_HEADER_BYTES = 4_000_000_000
-"""Of all files of sequences in one bundle together, unpacked."""
+_MAX_RATIO = 256
+_FREE_BYTES = 16_000_000
+"""All files of sequences in one bundle unpack to `_MAX_RATIO` times its size, and this, at most."""
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Compression of bundles of 3D Slicer; `zipfile` unpacks the others without a limit."""
 _MAX_MEMBERS = 20_000
 _CHUNK_BYTES = 1_000_000
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, ValueError, RuntimeError)
@@ -100,11 +103,11 @@ class _Folder:
 class _Bundle:
     """A ZIP file with one scene; its members are streamed and never unpacked to disk."""
 
-    def __init__(self, bundle: zipfile.ZipFile, where: str, budget: _Budget) -> None:
+    def __init__(self, bundle: zipfile.ZipFile, where: str, budget: _Budget, size: int) -> None:
         self.where = where
         self.budget = budget
         self._zip = bundle
-        self._left_bytes = _MAX_HEADER_BYTES
+        self._left_bytes = _FREE_BYTES + _MAX_RATIO * size
         names = bundle.namelist()
         scenes = [PurePosixPath(name) for name in names if name.lower().endswith(".mrml")]
         # A sequence may be an .mrml file too, in a deeper folder.
@@ -121,7 +124,10 @@ class _Bundle:
                 raise InputError(
                     f"{where} has {len(bundle.filelist)} files; expected {_MAX_MEMBERS} or less"
                 )
-            yield cls(bundle, where, budget)
+            methods = {info.compress_type for info in bundle.filelist}
+            if not methods <= set(_METHODS):
+                raise InputError(f"{where} holds files that are not deflated; expected a .mrb file")
+            yield cls(bundle, where, budget, file.seek(0, 2))
 
     def scene(self) -> bytes:
         name = str(self._scenes[0])

@@ -14,7 +14,13 @@ from app.case.frames.assembly import FrameAssembler
 from app.case.frames.samples import TrackingFrame
 from app.case.readers.igsio.header import read_header, tracked_sample
 from app.case.readers.mrml import MRML_ENDINGS
-from app.case.readers.mrml.document import MrmlDocument, SequenceEntry, read_mrml_document
+from app.case.readers.mrml.document import (
+    ItemLimit,
+    MrmlDocument,
+    SequenceEntry,
+    index_items,
+    read_mrml_document,
+)
 from app.case.readers.mrml.files import MrmlFiles, inner_scene, open_mrml
 from app.case.readers.recording_format import Note
 from app.files.numbers import parse_numbers
@@ -47,9 +53,10 @@ def read_mrml(path: Path, note: Note) -> Iterator[TrackingFrame]:
     transforms.
     """
     with open_mrml(path) as files:
-        scene = read_mrml_document(files.scene(), files.where)
+        limit = ItemLimit()
+        scene = read_mrml_document(files.scene(), files.where, limit)
         tracks = [
-            _samples(files, entry, frames, note)
+            _samples(files, entry, frames, limit, note)
             for entry in scene.sequences
             if (frames := _frames_of(entry.name, note)) is not None
         ]
@@ -79,11 +86,15 @@ def _frames_of(name: str, note: Note) -> tuple[str, str] | None:
 
 
 def _samples(
-    files: MrmlFiles, entry: SequenceEntry, frames: tuple[str, str], note: Note
+    files: MrmlFiles,
+    entry: SequenceEntry,
+    frames: tuple[str, str],
+    limit: ItemLimit,
+    note: Note,
 ) -> Iterator[TrackedTransform]:
     """Yield all samples of a sequence in the order of time, lost ones included."""
     where = f"{files.where}: {entry.file_name}"
-    held = _held(files, entry, frames, where, note)
+    held = _held(files, entry, frames, limit, where, note)
     lost = [
         TrackedTransform.lost(frames[1], frames[0], _stamp(time, where), _lost_status(word, where))
         for time, word in entry.lost
@@ -92,7 +103,12 @@ def _samples(
 
 
 def _held(
-    files: MrmlFiles, entry: SequenceEntry, frames: tuple[str, str], where: str, note: Note
+    files: MrmlFiles,
+    entry: SequenceEntry,
+    frames: tuple[str, str],
+    limit: ItemLimit,
+    where: str,
+    note: Note,
 ) -> Iterator[TrackedTransform]:
     name = entry.file_name.lower()
     count = 0
@@ -106,7 +122,7 @@ def _held(
                 count += len(frame.poses)
                 yield from frame.poses
         elif name.endswith(MRML_ENDINGS):
-            inner = read_mrml_document(inner_scene(files, file, name, where), where)
+            inner = read_mrml_document(inner_scene(files, file, name, where), where, limit)
             for sample in _items(inner, entry, frames, where):
                 count += 1
                 yield sample
@@ -122,7 +138,7 @@ def _held(
 def _items(
     scene: MrmlDocument, entry: SequenceEntry, frames: tuple[str, str], where: str
 ) -> Iterator[TrackedTransform]:
-    for identity, time in entry.index:
+    for identity, time in index_items(entry.index, where):
         node = scene.transforms.get(identity)
         if node is None:
             raise InputError(

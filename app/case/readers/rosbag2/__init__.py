@@ -8,6 +8,7 @@ from app.case.readers.recording_format import JointSource, Note, RecordingFormat
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
+    from app.case.readers.rosbag2.messages import RawMessage
 
 CHANGES_NAME = "changes.yaml"
 """File in the folder of a live recording: when tumour or registration were replaced meanwhile."""
@@ -20,7 +21,23 @@ def _recognises(path: Path) -> bool:
 def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
     from app.case.readers.rosbag2.frames import read_mcap  # loads rosbags
 
+    _note_changes(path, note)
     return read_mcap(path, note, joint_states_topic=joints.topic, offset_ns=joints.offset_ns)
+
+
+def _messages(path: Path, note: Note) -> "Iterator[RawMessage]":
+    from app.case.readers.rosbag2.bag import read_bag
+
+    _note_changes(path, note)
+    return read_bag(path, note)
+
+
+def _note_changes(path: Path, note: Note) -> None:
+    if (path / CHANGES_NAME).is_file():
+        note(
+            f"{path.name}/{CHANGES_NAME}: tumour or registration were replaced during this "
+            "recording; here they are those of the case throughout"
+        )
 
 
 FORMAT = RecordingFormat(
@@ -28,5 +45,6 @@ FORMAT = RecordingFormat(
     recognises=_recognises,
     read=_read,
     has_joints=True,
+    messages=_messages,
     is_fallback=True,
 )

@@ -1,48 +1,48 @@
-"""The messages of a bag: one MCAP file, or a rosbag2 folder of MCAP files or of a database."""
+"""The messages of a bag: one MCAP file, or a rosbag2 folder of MCAP files or of databases."""
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from app.case.readers.rosbag2.mcap_file import Connection, RawMessage, read_mcap_messages
+from app.case.readers.rosbag2.database_file import read_database
+from app.case.readers.rosbag2.mcap_file import read_mcap_messages
+from app.case.readers.rosbag2.messages import RawMessage
 from app.geometry import InputError
 
-if TYPE_CHECKING:
-    from rosbags.interfaces import Connection as BagConnection
+_MAX_FILES = 10_000
 
 
 def read_bag(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
-    """Yield the messages of the file or folder ``path``; `InputError` where it cannot be read."""
+    """Yield the messages of the file or folder ``path``; `InputError` where it cannot be read.
+
+    ``metadata.yaml`` is not read: it is missing after a crash.
+    """
     if path.is_file():
         yield from read_mcap_messages(path, note)
         return
-    # rosbag2 numbers the parts of a bag: _2 comes before _10. metadata.yaml is missing after a
-    # crash, so it is not used.
-    parts = sorted(path.glob("*.mcap"), key=lambda part: (len(part.name), part.name))
-    if parts:
-        for part in parts:
-            yield from read_mcap_messages(part, note)
-    else:
-        yield from _sqlite_messages(path)
+    parts = _parts(path, ".mcap")
+    read = read_mcap_messages if parts else read_database
+    for part in parts or _databases(path):
+        yield from read(part, note)
 
 
-def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
-    from rosbags.rosbag2 import Reader  # slow to load
+def _databases(folder: Path) -> list[Path]:
+    databases = _parts(folder, ".db3")
+    if not databases:
+        found = "; unpack its .db3.zstd files first (zstd -d)" if _parts(folder, ".zstd") else ""
+        raise InputError(
+            f"{folder} is not a readable rosbag2 recording: no .mcap and no .db3 file{found}"
+        )
+    return databases
 
+
+def _parts(folder: Path, ending: str) -> list[Path]:
+    """The files with ``ending``. rosbag2 numbers the parts of a bag: _2 comes before _10."""
     try:
-        with Reader(path) as bag:
-            connections = {known.id: _connection(known) for known in bag.connections}
-            for known, _, data in bag.messages():
-                yield connections[known.id], bytes(data)
-    except Exception as error:  # damaged bytes raise anything here
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(f"{path} is not a readable rosbag2 recording: {reason}") from error
-
-
-def _connection(known: "BagConnection") -> Connection:
-    from rosbags.interfaces import MessageDefinitionFormat
-
-    idl = known.msgdef.format is MessageDefinitionFormat.IDL
-    return Connection(
-        known.topic, known.msgtype, known.msgdef.data, "ros2idl" if idl else "ros2msg"
-    )
+        names = [each.name for each in islice(folder.iterdir(), _MAX_FILES + 1)]
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror or error}") from error
+    if len(names) > _MAX_FILES:
+        raise InputError(f"{folder} has more than {_MAX_FILES} files; expected a recording")
+    found = [name for name in names if name.endswith(ending)]
+    return [folder / name for name in sorted(found, key=lambda name: (len(name), name))]

@@ -7,11 +7,8 @@ is not read because it holds no measurements. Message types come from the record
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
 from pathlib import Path
 from typing import Any
-
-from rosbags.serde import SerdeError
 
 from app.case.frames.assembly import FrameAssembler
 from app.case.frames.samples import TrackingFrame
@@ -27,10 +24,18 @@ from app.case.messages.ros_messages import (
 )
 from app.case.messages.values import JointValues, PoseValues, TimeValues
 from app.case.readers.recording_format import Note
-from app.case.readers.rosbag2 import CHANGES_NAME
 from app.case.readers.rosbag2.bag import read_bag
-from app.case.readers.rosbag2.mcap_file import Connection, RawMessage
+from app.case.readers.rosbag2.messages import Connection, RawMessage
 from app.geometry import InputError, MarginGuardError, Stamp
+
+_UNUSABLE = (MarginGuardError, AttributeError, TypeError, ValueError, OverflowError)
+"""What a message raises that cannot be used; its type may have fields of other types."""
+
+_MAX_DEFINITION_CHARS = 32 * 1024
+"""Of all definitions that are used in a recording; four real ones have 12 thousand."""
+
+_MAX_UNREADABLE = 10_000
+"""A topic with more unreadable messages, and more of them than readable ones, is not read on."""
 
 
 def read_mcap(
@@ -42,11 +47,6 @@ def read_mcap(
     unreadable parts are skipped and reported to ``note``. Raises `InputError` when the recording
     holds no tracked transform at all.
     """
-    if (path / CHANGES_NAME).is_file():
-        note(
-            f"{path.name}/{CHANGES_NAME}: tumour or registration were replaced during this "
-            "recording; here they are those of the case throughout"
-        )
     frames = 0
     for frame in _FrameReader(note, joint_states_topic, offset_ns).frames(read_bag(path, note)):
         frames += 1
@@ -66,6 +66,9 @@ class _FrameReader:
         self._assembler = FrameAssembler(note)
         self._tracked_edges: set[tuple[str, str]] = set()
         self._unreadable: Counter[str] = Counter()
+        self._readable: Counter[str] = Counter()
+        self._decoders: dict[tuple[str, bytes], Callable[[bytes], Any] | InputError] = {}
+        self._definition_chars = 0
         self._uses: dict[str, tuple[str, Callable[[Any], Iterable[TrackingFrame]]]] = {
             TRACKED_TRANSFORMS_TOPIC: (TRACKED_TRANSFORM, self._add_tracked),
             TF_TOPIC: (TF_MESSAGE, self._add_tf),
@@ -76,13 +79,20 @@ class _FrameReader:
         self._handlers: dict[Connection, Callable[[bytes], Iterable[TrackingFrame]]] = {}
 
     def frames(self, messages: Iterator[RawMessage]) -> Iterator[TrackingFrame]:
-        for connection, data in messages:
+        for connection, data, _, _, _ in messages:
             handle = self._handlers.get(connection)
             if handle is None:
                 handle = self._handlers[connection] = self._handler(connection)
             try:
                 yield from handle(data)
-            except (SerdeError, MarginGuardError, AttributeError, TypeError) as error:
+            # A type with the known name may have fields of other types.
+            except (
+                MarginGuardError,
+                AttributeError,
+                TypeError,
+                ValueError,
+                OverflowError,
+            ) as error:
                 self._skip(connection.topic, error)
         yield from self._assembler.flush()
         for topic, count in self._unreadable.items():
@@ -92,7 +102,7 @@ class _FrameReader:
     def _handler(self, connection: Connection) -> Callable[[bytes], Iterable[TrackingFrame]]:
         """Adds a message of ``connection`` and returns the frames that are complete then."""
         expected_type, add = self._uses.get(connection.topic, ("", None))
-        if add is None:
+        if add is None or connection.message_encoding != "cdr":
             return lambda data: ()
         if connection.message_type != expected_type:
             raise InputError(
@@ -100,15 +110,47 @@ class _FrameReader:
                 f"expected {expected_type}"
             )
 
-        @cache  # called for a message, so that an unusable definition is reported for each
-        def decoder() -> Callable[[bytes], Any]:
+        return lambda data: self._read(connection, data, add)
+
+    def _read(
+        self,
+        connection: Connection,
+        data: bytes,
+        add: Callable[[Any], Iterable[TrackingFrame]],
+    ) -> Iterable[TrackingFrame]:
+        topic = connection.topic
+        if self._unreadable[topic] > max(_MAX_UNREADABLE, self._readable[topic]):
+            self._unreadable[topic] += 1
+            return ()
+        values = self._decoder(connection)(data)
+        self._readable[topic] += 1
+        return add(values)
+
+    def _decoder(self, connection: Connection) -> Callable[[bytes], Any]:
+        """The decoder of a definition, made once; raises `InputError` for an unusable one."""
+        key = (connection.message_type, connection.schema)
+        if key not in self._decoders:
+            self._decoders[key] = self._new_decoder(connection)
+        found = self._decoders[key]
+        if isinstance(found, InputError):
+            raise found
+        return found
+
+    def _new_decoder(self, connection: Connection) -> Callable[[bytes], Any] | InputError:
+        self._definition_chars += len(connection.schema)
+        if self._definition_chars > _MAX_DEFINITION_CHARS:
+            return InputError(
+                f"the definitions of the recording have {self._definition_chars} characters or "
+                f"more; expected {_MAX_DEFINITION_CHARS} or less"
+            )
+        try:
             return message_decoder(
                 connection.message_type,
                 connection.definition,
-                idl=connection.definition_encoding == "ros2idl",
+                idl=connection.schema_encoding == "ros2idl",
             )
-
-        return lambda data: add(decoder()(data))
+        except InputError as error:
+            return error
 
     def _skip(self, topic: str, error: Exception) -> None:
         self._unreadable[topic] += 1

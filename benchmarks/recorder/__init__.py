@@ -1,0 +1,1 @@
+"""What a killed recorder loses: `marginguard bench record`."""
