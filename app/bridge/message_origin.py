@@ -1,0 +1,181 @@
+"""Identity of the publisher that has sent a message.
+
+rclpy passes the times and the sequence number of a message to a callback, and not the identifier
+(GID) of its publisher, although the middleware delivers it. It is read here with the C functions of
+the rcl library that rclpy has loaded. The identifier is that of
+``TopicEndpointInfo.endpoint_gid`` with Fast DDS; Cyclone DDS has its own, which is unique, too.
+"""
+
+import ctypes
+import os
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.subscription import Subscription
+
+from app.bridge.errors import BridgeError
+
+_TAKE_FAILED = 401
+"""``RCL_RET_SUBSCRIPTION_TAKE_FAILED``: no message is there."""
+
+_GID_BYTES = 16
+"""``RMW_GID_STORAGE_SIZE`` since ROS 2 Iron."""
+
+_UNSUPPORTED = 2**64 - 1
+"""``RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED``."""
+
+
+class Origin(NamedTuple):
+    """Where a message comes from.
+
+    ``sender`` identifies the publisher; None if the middleware's interface is another one than
+    that of ROS 2 Jazzy. ``sequence`` is the number of the message at its publisher; None with
+    Cyclone DDS.
+    """
+
+    sender: bytes | None
+    sequence: int | None
+
+
+ReceiveFrom = Callable[[bytes, Origin], None]
+"""Receives the bytes of a message and its origin."""
+
+
+class _Allocator(ctypes.Structure):
+    _fields_ = tuple(
+        (name, ctypes.c_void_p)
+        for name in ("allocate", "deallocate", "reallocate", "zero_allocate", "state")
+    )
+
+
+class _Bytes(ctypes.Structure):
+    _fields_ = (
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    )
+
+
+class _Info(ctypes.Structure):
+    """``rmw_message_info_t`` of ROS 2 Jazzy, with room for a longer one."""
+
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("publication_sequence_number", ctypes.c_uint64),
+        ("reception_sequence_number", ctypes.c_uint64),
+        ("implementation", ctypes.c_void_p),
+        ("gid", ctypes.c_uint8 * _GID_BYTES),
+        ("rest", ctypes.c_uint8 * 256),
+    )
+
+
+class _Rcl:
+    """The functions of the loaded libraries; raises `OSError` or `AttributeError` without them."""
+
+    def __init__(self) -> None:
+        # The interpreter lock is kept, as rclpy does: a busy thread would delay its return.
+        loaded = os.RTLD_NOLOAD | os.RTLD_NOW
+        rcl = ctypes.PyDLL("librcl.so", mode=loaded)
+        self.take = rcl.rcl_take_serialized_message
+        self.take.argtypes = (ctypes.c_void_p,) * 4
+        self.reset_error = rcl.rcutils_reset_error
+        self.init_bytes = rcl.rcutils_uint8_array_init
+        self.init_bytes.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
+        self.free_bytes = rcl.rcutils_uint8_array_fini
+        self.free_bytes.argtypes = (ctypes.c_void_p,)
+        self.default_allocator = rcl.rcutils_get_default_allocator
+        self.default_allocator.restype = _Allocator
+        rcl.rmw_get_implementation_identifier.restype = ctypes.c_void_p
+        self.implementation = rcl.rmw_get_implementation_identifier()
+
+
+@cache
+def _loaded_rcl() -> _Rcl | None:
+    try:
+        return _Rcl()
+    except (OSError, AttributeError):  # another build of ROS, or another operating system
+        return None
+
+
+class MessageTaker:
+    """Takes messages of one subscription with their origin. For one thread at a time."""
+
+    def __init__(self, rcl: _Rcl) -> None:
+        self._rcl = rcl
+        self._info = _Info()
+        self._bytes = _Bytes()
+        allocator = rcl.default_allocator()
+        if rcl.init_bytes(ctypes.byref(self._bytes), 0, ctypes.byref(allocator)) != 0:
+            raise BridgeError("buffer of a subscription: out of memory")
+
+    def take(self, subscription: int) -> tuple[bytes, Origin] | None:
+        """The next message of the ``rcl_subscription_t`` at this address; None without one."""
+        result = self._rcl.take(
+            subscription, ctypes.byref(self._bytes), ctypes.byref(self._info), None
+        )
+        if result != 0:
+            self._rcl.reset_error()
+            if result == _TAKE_FAILED:
+                return None
+            raise BridgeError(f"subscription: rcl cannot take a message (error {result})")
+        data = ctypes.string_at(self._bytes.buffer, self._bytes.length)
+        sequence = self._info.publication_sequence_number
+        # The address of the middleware's name shows that the structure is the expected one.
+        is_known = self._info.implementation == self._rcl.implementation
+        return data, Origin(
+            bytes(self._info.gid) if is_known else None,
+            None if sequence == _UNSUPPORTED else sequence,
+        )
+
+    def __del__(self) -> None:
+        self._rcl.free_bytes(ctypes.byref(self._bytes))
+
+
+class OriginExecutor(SingleThreadedExecutor):
+    """Executor that passes the origin of each message to the subscriptions of `add_receiver`."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._takers: dict[Subscription, MessageTaker] = {}
+
+    def add_receiver(self, subscription: Subscription) -> None:
+        """Take the messages of ``subscription``, whose callback is of `receiver`, with origin."""
+        rcl = _loaded_rcl()
+        if rcl is not None:
+            self._takers[subscription] = MessageTaker(rcl)
+
+    def remove_receiver(self, subscription: Subscription) -> None:
+        """Forget ``subscription``, which is about to be destroyed."""
+        self._takers.pop(subscription, None)
+
+    def _take_subscription(self, sub: Subscription) -> Any:
+        taker = self._takers.get(sub)
+        if taker is None:
+            return super()._take_subscription(sub)
+        with sub.handle:
+            taken = taker.take(sub.handle.pointer)
+        if taken is None:
+            return None
+
+        async def execute() -> None:
+            sub.callback(*taken)
+
+        return execute
+
+
+def receiver(callback: ReceiveFrom) -> Callable[[bytes, Any], None]:
+    """Callback of a raw subscription that calls ``callback`` with each message and its origin.
+
+    Without `OriginExecutor` the sender is unknown, and the sequence number that of rclpy.
+    """
+
+    def receive(data: bytes, info: Origin | Mapping[str, int]) -> None:
+        if not isinstance(info, Origin):
+            info = Origin(None, info["publication_sequence_number"])
+        callback(data, info)
+
+    return receive
