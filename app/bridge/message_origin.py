@@ -11,8 +11,11 @@ import os
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from app.bridge.errors import BridgeError
@@ -59,6 +62,16 @@ class _Bytes(ctypes.Structure):
     )
 
 
+class _Gid(ctypes.Structure):
+    """``rmw_gid_t`` of ROS 2 Jazzy, with room for a longer one."""
+
+    _fields_ = (
+        ("implementation", ctypes.c_void_p),
+        ("data", ctypes.c_uint8 * _GID_BYTES),
+        ("rest", ctypes.c_uint8 * 64),
+    )
+
+
 class _Info(ctypes.Structure):
     """``rmw_message_info_t`` of ROS 2 Jazzy, with room for a longer one."""
 
@@ -89,6 +102,11 @@ class _Rcl:
         self.free_bytes.argtypes = (ctypes.c_void_p,)
         self.default_allocator = rcl.rcutils_get_default_allocator
         self.default_allocator.restype = _Allocator
+        self.rmw_publisher = rcl.rcl_publisher_get_rmw_handle
+        self.rmw_publisher.argtypes = (ctypes.c_void_p,)
+        self.rmw_publisher.restype = ctypes.c_void_p
+        self.gid_of_publisher = rcl.rmw_get_gid_for_publisher
+        self.gid_of_publisher.argtypes = (ctypes.c_void_p,) * 2
         rcl.rmw_get_implementation_identifier.restype = ctypes.c_void_p
         self.implementation = rcl.rmw_get_implementation_identifier()
 
@@ -99,6 +117,19 @@ def _loaded_rcl() -> _Rcl | None:
         return _Rcl()
     except (OSError, AttributeError):  # another build of ROS, or another operating system
         return None
+
+
+def sender_of(publisher: Publisher) -> bytes | None:
+    """Identity of our own ``publisher``, as in `Origin`; None if it cannot be determined."""
+    rcl, gid = _loaded_rcl(), _Gid()
+    if rcl is None:
+        return None
+    with publisher.handle:
+        address = rcl.rmw_publisher(publisher.handle.pointer)
+        if not address or rcl.gid_of_publisher(address, ctypes.byref(gid)) != 0:
+            rcl.reset_error()
+            return None
+    return bytes(gid.data) if gid.implementation == rcl.implementation else None
 
 
 class MessageTaker:
@@ -123,12 +154,11 @@ class MessageTaker:
                 return None
             raise BridgeError(f"subscription: rcl cannot take a message (error {result})")
         data = ctypes.string_at(self._bytes.buffer, self._bytes.length)
-        sequence = self._info.publication_sequence_number
         # The address of the middleware's name shows that the structure is the expected one.
         is_known = self._info.implementation == self._rcl.implementation
         return data, Origin(
             bytes(self._info.gid) if is_known else None,
-            None if sequence == _UNSUPPORTED else sequence,
+            _sequence(self._info.publication_sequence_number),
         )
 
     def __del__(self) -> None:
@@ -140,7 +170,7 @@ class OriginExecutor(SingleThreadedExecutor):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        self._takers: dict[Subscription, MessageTaker] = {}
+        self._takers: WeakKeyDictionary[Subscription, MessageTaker] = WeakKeyDictionary()
 
     def add_receiver(self, subscription: Subscription) -> None:
         """Take the messages of ``subscription``, whose callback is of `receiver`, with origin."""
@@ -148,16 +178,15 @@ class OriginExecutor(SingleThreadedExecutor):
         if rcl is not None:
             self._takers[subscription] = MessageTaker(rcl)
 
-    def remove_receiver(self, subscription: Subscription) -> None:
-        """Forget ``subscription``, which is about to be destroyed."""
-        self._takers.pop(subscription, None)
-
     def _take_subscription(self, sub: Subscription) -> Any:
         taker = self._takers.get(sub)
         if taker is None:
-            return super()._take_subscription(sub)
-        with sub.handle:
-            taken = taker.take(sub.handle.pointer)
+            return super()._take_subscription(sub)  # type: ignore[no-untyped-call]
+        try:
+            with sub.handle:
+                taken = taker.take(sub.handle.pointer)
+        except InvalidHandle:  # it has been destroyed
+            return None
         if taken is None:
             return None
 
@@ -179,3 +208,7 @@ def receiver(callback: ReceiveFrom) -> Callable[[bytes, Any], None]:
         callback(data, info)
 
     return receive
+
+
+def _sequence(number: int) -> int | None:
+    return None if number == _UNSUPPORTED else number

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from typing import Any, Self
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import (
@@ -16,11 +18,11 @@ from rclpy.event_handler import (
     QoSRequestedIncompatibleQoSInfo,
     SubscriptionEventCallbacks,
 )
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
@@ -32,6 +34,7 @@ from app.bridge.message_definitions import (
     checked_callback,
     expected_digest,
 )
+from app.bridge.message_origin import OriginExecutor, ReceiveFrom, receiver
 from app.bridge.open_ports import listens_to_other_machines
 from app.bridge.qos import Topic
 from app.geometry import NS_PER_S
@@ -91,7 +94,7 @@ class RosNode:
                 f"{UDP_ON_THIS_MACHINE.name}; set {TRANSPORTS}=DEFAULT to stay on this machine "
                 "without it"
             )
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = OriginExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._publishers: list[tuple[Topic, Publisher]] = []
         self._watches: dict[object, DefinitionWatch] = {}
@@ -181,6 +184,19 @@ class RosNode:
         for watch in watched:
             self._watches[subscription] = watch
         return subscription
+
+    def subscribe_with_origin(self, topic: Topic, callback: ReceiveFrom) -> Subscription:
+        """As `subscribe` with ``raw``; ``callback(data, origin)`` also receives the origin."""
+        # rclpy passes the origin to a callback with two parameters.
+        subscription = self.subscribe(topic, receiver(callback), raw=True)  # type: ignore[arg-type]
+        self._executor.add_receiver(subscription)
+        return subscription
+
+    def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Call ``callback()`` in the node's thread every ``period_s`` of a steady clock."""
+        return self.node.create_timer(
+            period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     @property
     def definition_problems(self) -> list[str]:

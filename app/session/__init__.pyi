@@ -1,3 +1,4 @@
+from .frame_senders import FrameSenders, SenderConflict
 from .from_case import margin_parameters, robot_from_case, setup_from_case
 from .joint_clock import tip_signals, with_estimated_clock
 from .live import LiveSession
@@ -8,22 +9,32 @@ from .live_control import (
 )
 from .playback_rule import PlaybackRule
 from .pose_tree import MeasuredPose, PoseTree
+from .sender_trail import LEASE_NS, SILENT_NS, Sample, SenderTrail, has_ended
+from .sequence_trail import SequenceTrail
 from .session import Session, StepResult
 from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
 from .tumor_repair import with_repaired_tumor
 
 __all__ = [
+    "LEASE_NS",
     "REFERENCE",
+    "SILENT_NS",
+    "FrameSenders",
     "LiveSession",
     "MeasuredPose",
     "PlaybackRule",
     "PoseTree",
     "ProximityModel",
     "RobotSetup",
+    "Sample",
+    "SenderConflict",
+    "SenderTrail",
+    "SequenceTrail",
     "Session",
     "SessionSetup",
     "StepResult",
     "guidance_parameters",
+    "has_ended",
     "limiter_parameters",
     "margin_parameters",
     "robot_from_case",

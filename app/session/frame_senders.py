@@ -86,6 +86,15 @@ class FrameSenders:
             trail = self._sequences.setdefault(child, SequenceTrail())
             trail.observe(sequence, _of_edge(sample, edge), now_ns)
 
+    def has_conflict(self, child: str) -> bool:
+        """True if samples of the frame ``child`` are in a conflict, which may have ended."""
+        trail, sequences = self._trails.get(child), self._sequences.get(child)
+        return (
+            (trail is not None and bool(trail.conflict))
+            or (sequences is not None and sequences.conflict)
+            or any(edge[1] == child for edge in self._loops)
+        )
+
     def conflicts(
         self, used: Collection[Edge], frames: Collection[str], now_ns: int, is_present: Present
     ) -> Iterator[SenderConflict]:

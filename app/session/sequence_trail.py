@@ -44,6 +44,11 @@ class SequenceTrail:
                 self._conflict_ns = now_ns
         self._last = sequence
 
+    @property
+    def conflict(self) -> bool:
+        """True after a conflict, until `check` finds that it has ended."""
+        return self._conflict_ns is not None
+
     def check(self, now_ns: int) -> bool:
         """True if there are two senders."""
         if self._conflict_ns is not None and now_ns - self._conflict_ns >= ENDED_NS:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from sensor_msgs.msg import JointState
 
 from app.bridge.live.subscription import CountedSubscription
+from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
 from app.case import JointSample
@@ -13,11 +14,19 @@ from app.case.messages.values import JointValues
 
 
 def listen_to_joints(
-    ros: RosNode, topic: str, offset_ns: int, deliver: Callable[[JointSample], None]
+    ros: RosNode,
+    topic: str,
+    offset_ns: int,
+    deliver: Callable[[JointSample], None],
+    accepts: Callable[[JointValues, Origin], bool],
 ) -> CountedSubscription:
-    """Deliver each joint state of ``topic`` with ``offset_ns`` added to the robot's stamps."""
+    """Deliver each joint state of ``topic`` with ``offset_ns`` added to the robot's stamps.
 
-    def receive(values: JointValues) -> None:
-        deliver(values.sample(offset_ns=offset_ns))
+    Those that ``accepts`` refuses are not delivered.
+    """
+
+    def receive(values: JointValues, origin: Origin) -> None:
+        if accepts(values, origin):
+            deliver(values.sample(offset_ns=offset_ns))
 
     return CountedSubscription(ros, Topic(topic, JointState, INCOMING), JOINT_STATE, receive)

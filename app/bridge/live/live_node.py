@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
+from app.bridge import topics
 from app.bridge.control import (
     GuidancePublisher,
     MarginParameterServer,
@@ -21,6 +22,7 @@ from app.bridge.live.outputs import (
 )
 from app.bridge.live.playback_watch import PlaybackWatch
 from app.bridge.live.rearming import RearmService
+from app.bridge.live.sender_watch import SenderWatch, WatchedSession
 from app.bridge.live.source import source_of
 from app.bridge.node import RosNode
 from app.bridge.publishing.frame_tree import PublishPolicy
@@ -28,12 +30,13 @@ from app.bridge.publishing.session_publisher import SessionPublisher
 from app.bridge.qos import INCOMING
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
-from app.case import TfSourceEntry
+from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
 from app.runtime import LiveRun, OperatorCommands, Output, PreparedLive
 from app.session import (
     LiveSession,
     PlaybackRule,
     Session,
+    SessionSetup,
     StepResult,
     guidance_parameters,
     limiter_parameters,
@@ -98,15 +101,34 @@ def live_node(
         ros=ros,
     ) as publisher:
         node = publisher.ros
+        robot, named = case.manifest.robot, _named_edges(entry)
+        pose_topic, joint_topic = _pose_topic(entry), None if robot is None else robot.joint_states
+        inputs = [topic for topic in (pose_topic, joint_topic) if topic is not None]
+        playback = PlaybackWatch(node, inputs)
+        senders = SenderWatch(
+            node,
+            WatchedSession(
+                pose_topic=pose_topic,
+                joint_topic=joint_topic,
+                joint_names=_joint_names(setup),
+                edges=lambda: live.edges,
+                static_edges=lambda: run.commands.content.tf_static_edges,
+                restore_static=publisher.publish_static,
+                named=named,
+            ),
+            constraint=publisher.constraint_publisher,
+            own=publisher.publishers,
+            new_sender=playback.check,
+        )
         live = LiveSession(
             Session(setup),
             host_ns=_host_clock(config.stamps_of_host),
             stamps_of_host=config.stamps_of_host,
-            edges=entry.edges if isinstance(entry, TfSourceEntry) else (),
+            edges=named,
             playback=PlaybackRule(
-                PlaybackWatch(node).found,
-                accepted=case.manifest.provenance.kind == "simulated",
+                playback.found, accepted=case.manifest.provenance.kind == "simulated"
             ),
+            outside=senders.outside,
         )
         buffer = TransformBuffer()
         TfListener(node, buffer, clock=False, qos=INCOMING)
@@ -127,18 +149,21 @@ def live_node(
         RearmService(node, publisher.constraints, run.commands)
         margins = MarginParameterServer(node, setup.margins, run.commands.set_margins)
         OperatorServices(node, run.commands)
-        source = source_of(node, entry, live.add)
+        source = source_of(node, entry, live.add, senders)
+        senders.start(moving=not isinstance(entry, TfSourceEntry))
         counted += [
             live.left_out,
             source.counts,
+            senders.counts,
             lambda: {"callbacks that failed": node.failures},
             lambda: {f"twists refused: {why}": n for why, n in dict(twists.refused).items()},
         ]
-        robot = case.manifest.robot
-        if robot is not None and robot.joint_states is not None:
+        if joint_topic is not None:
             offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
             add_joints = partial(live.add_joints, of_host=config.joints_of_host)
-            joints = listen_to_joints(node, robot.joint_states, offset_ns, add_joints)
+            joints = listen_to_joints(
+                node, joint_topic, offset_ns, add_joints, senders.accepts_joints
+            )
             counted.append(joints.counts)
         try:
             yield LiveNode(run, margins)
@@ -146,6 +171,24 @@ def live_node(
             margins.close()
             twists.close()
             source.close()
+            senders.close()
+            playback.close()
+
+
+def _named_edges(entry: LiveSourceEntry) -> Sequence[tuple[str, str]]:
+    return entry.edges if isinstance(entry, TfSourceEntry) else ()
+
+
+def _pose_topic(entry: LiveSourceEntry) -> str | None:
+    """Topic of the measured poses; None for a source that is not on the graph."""
+    if isinstance(entry, TfSourceEntry):
+        return topics.TF.name
+    return entry.topic if isinstance(entry, TopicSourceEntry) else None
+
+
+def _joint_names(setup: SessionSetup) -> frozenset[str]:
+    robot = setup.robot
+    return frozenset() if robot is None else frozenset(robot.robot.actuated_joint_names)
 
 
 def _host_clock(stamps_of_host: bool) -> Callable[[], int]:

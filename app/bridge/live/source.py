@@ -1,12 +1,14 @@
 """Sources of tracked transforms on the ROS graph, and the source that a ``live.yaml`` names."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 from marginguard_msgs.msg import TrackedTransform as TrackedTransformMessage
 
 from app.bridge import topics
 from app.bridge.live.subscription import CountedSubscription
+from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, Topic
 from app.case import IgtlSourceEntry, LiveSourceEntry, TfSourceEntry
@@ -17,11 +19,22 @@ from app.igtl import IgtlSource
 from app.runtime import Deliver, Source
 
 
+class SampleFilter(Protocol):
+    """Decides which received samples are used, as `app.bridge.live.sender_watch` does."""
+
+    def accepts_pose(self, pose: PoseValues, origin: Origin) -> bool:
+        """Process a sample of the source; False if it must not be used."""
+
+    def take_tf(self, poses: Sequence[PoseValues], origin: Origin, *, latched: bool) -> None:
+        """Process a message of ``/tf``."""
+
+
 class TfSource:
     """Source of the transforms on ``/tf``, all with status OK because tf has no status."""
 
-    def __init__(self, ros: RosNode, deliver: Deliver) -> None:
+    def __init__(self, ros: RosNode, deliver: Deliver, senders: SampleFilter) -> None:
         self._deliver: Deliver | None = deliver
+        self._senders = senders
         tf = replace(topics.TF, qos=INCOMING)
         self._subscription = CountedSubscription(ros, tf, TF_MESSAGE, self._on_message)
 
@@ -33,9 +46,12 @@ class TfSource:
         """Deliver nothing more."""
         self._deliver = None
 
-    def _on_message(self, poses: tuple[PoseValues, ...]) -> None:
+    def _on_message(self, poses: tuple[PoseValues, ...], origin: Origin) -> None:
         samples = []
+        self._senders.take_tf(poses, origin, latched=False)
         for values in poses:
+            if not self._senders.accepts_pose(values, origin):
+                continue
             try:
                 samples.append(values.sample())
             except MarginGuardError as error:  # keep the valid samples of the message
@@ -47,8 +63,9 @@ class TfSource:
 class TrackedTransformSource:
     """Source on a topic of ``marginguard_msgs/TrackedTransform``: one sample per message."""
 
-    def __init__(self, ros: RosNode, topic: str, deliver: Deliver) -> None:
+    def __init__(self, ros: RosNode, topic: str, deliver: Deliver, senders: SampleFilter) -> None:
         self._deliver: Deliver | None = deliver
+        self._senders = senders
         self._subscription = CountedSubscription(
             ros,
             Topic(topic, TrackedTransformMessage, INCOMING),
@@ -64,15 +81,20 @@ class TrackedTransformSource:
         """Deliver nothing more."""
         self._deliver = None
 
-    def _on_message(self, values: PoseValues) -> None:
-        if self._deliver is not None:
+    def _on_message(self, values: PoseValues, origin: Origin) -> None:
+        if self._senders.accepts_pose(values, origin) and self._deliver is not None:
             self._deliver([values.sample()])
 
 
-def source_of(ros: RosNode, entry: LiveSourceEntry, deliver: Deliver) -> Source:
-    """Create the source that ``live.yaml`` configures."""
+def source_of(
+    ros: RosNode, entry: LiveSourceEntry, deliver: Deliver, senders: SampleFilter
+) -> Source:
+    """Create the source that ``live.yaml`` configures.
+
+    An OpenIGTLink source is one TCP connection, which has one sender: nothing is filtered.
+    """
     if isinstance(entry, IgtlSourceEntry):
         return IgtlSource(entry.host, entry.port, deliver, changed=ros.node.get_logger().info)
     if isinstance(entry, TfSourceEntry):
-        return TfSource(ros, deliver)
-    return TrackedTransformSource(ros, entry.topic, deliver)
+        return TfSource(ros, deliver, senders)
+    return TrackedTransformSource(ros, entry.topic, deliver, senders)

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from app.bridge import topics
 from app.bridge.errors import BridgeError
 from app.bridge.live.subscription import CountedSubscription
+from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING
 from app.case.messages.ros_messages import TF_MESSAGE
@@ -139,7 +140,7 @@ class SoleSource:
         if self._watching:
             self._announced = message.data[:_MAX_CHARS]
 
-    def _take_tf(self, poses: tuple[PoseValues, ...]) -> None:
+    def _take_tf(self, poses: tuple[PoseValues, ...], _: Origin) -> None:
         for pose in poses:
             if pose.source in self._frames and pose.ns not in self._sent:
                 self._tf_problem = f"/tf: another node publishes poses of {pose.source!r}"

@@ -145,6 +145,23 @@ class SessionPublisher:
         """Publish hold as the final constraint."""
         self.constraints.hold("inactive")
 
+    @property
+    def publishers(self) -> tuple[Publisher, ...]:
+        """All publishers of the session."""
+        return tuple(self._created)
+
+    @property
+    def constraint_publisher(self) -> Publisher:
+        """Publisher of the constraint."""
+        return self._publishers[topics.CONSTRAINT.name]
+
+    def publish_static(self) -> None:
+        """Publish the static transforms again. Thread-safe."""
+        static = Stamp(0)
+        self._static_publisher.publish(
+            tf_message((edge, static) for edge in self._content.tf_static_edges)
+        )
+
     def close(self) -> None:
         """End the heartbeat and leave the ROS graph. Idempotent."""
         self._open.close()
@@ -220,10 +237,8 @@ class SessionPublisher:
 
     def _latch(self, content: SessionContent) -> None:
         """Publish the static transforms of ``content`` and its surfaces in grey."""
-        edges = content.tf_static_edges
-        static = Stamp(0)
-        self._frame_tree = FrameTree(edges, self._policy)
-        self._static_publisher.publish(tf_message((edge, static) for edge in edges))
+        self._frame_tree = FrameTree(content.tf_static_edges, self._policy)
+        self.publish_static()
         self._surfaces_state = None
         self._show_surfaces(MarginState.UNKNOWN)
 

@@ -22,7 +22,9 @@ def main() -> None:
     buffer = TransformBuffer()
     with RosNode("target") as ros:
         tf = TfListener(ros, buffer)
-        states = listen_to_joints(ros, "/joint_states", 0, lambda sample: joints.append("good"))
+        states = listen_to_joints(
+            ros, "/joint_states", 0, lambda sample: joints.append("good"), lambda *_: True
+        )
         description = DescriptionListener(
             ros,
             RobotSettings("robot"),

@@ -30,6 +30,22 @@ SENDER = Path(__file__).with_name("sender.py")
 CYCLONE_TRACKER = Path(__file__).resolve().parents[1] / "cyclone_tracker.py"
 
 
+class EverySender:
+    """Test double of a `SenderWatch` that accepts the samples of every sender."""
+
+    def accepts_pose(self, pose, origin):
+        return True
+
+    def accepts_joints(self, joints, origin):
+        return True
+
+    def take_tf(self, poses, origin, *, latched):
+        pass
+
+
+EVERY_SENDER = EverySender()
+
+
 class Inbox:
     """Collects delivered samples. ``HELLO`` samples only establish the connection."""
 
@@ -84,7 +100,7 @@ def has_ended(samples):
 def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(nodes):
     session, tracker = nodes
     inbox = Inbox()
-    source = TfSource(session, inbox.take)
+    source = TfSource(session, inbox.take, EVERY_SENDER)
     publisher = tracker.publisher(topics.TF)
     publish_until_received(publisher, TFMessage(transforms=[edge(HELLO)]), inbox)
     publisher.publish(
@@ -120,7 +136,7 @@ def test_invalid_transforms_do_not_affect_valid_ones_of_a_message(nodes):
 def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
     session, tracker = nodes
     inbox = Inbox()
-    source = TrackedTransformSource(session, TRACKED.name, inbox.take)
+    source = TrackedTransformSource(session, TRACKED.name, inbox.take, EVERY_SENDER)
     publisher = tracker.publisher(TRACKED)
     publish_until_received(publisher, edge(HELLO, kind=TrackedTransform), inbox)
     publisher.publish(edge("cautery", kind=TrackedTransform, status=3))
@@ -135,7 +151,13 @@ def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
 def test_non_finite_joints_are_skipped(nodes):
     session, tracker = nodes
     inbox = Inbox()
-    joints = listen_to_joints(session, "/joint_states", 5, lambda sample: inbox.take([sample]))
+    joints = listen_to_joints(
+        session,
+        "/joint_states",
+        5,
+        lambda sample: inbox.take([sample]),
+        EVERY_SENDER.accepts_joints,
+    )
     publisher = tracker.publisher(topics.JOINT_STATES)
     publish_until_received(publisher, JointState(name=["a"], position=[0.25]), inbox)
     publisher.publish(JointState(name=["a", "b"], position=[1.0]))
@@ -154,10 +176,16 @@ def test_best_effort_drivers_are_received(domain_id, start, frames_file, kind):
     poses, joints = Inbox(), Inbox()
     with RosNode("session", domain_id=domain_id) as session:
         if kind == "tf":
-            TfSource(session, poses.take)
+            TfSource(session, poses.take, EVERY_SENDER)
         else:
-            TrackedTransformSource(session, TRACKED.name, poses.take)
-        listen_to_joints(session, "/joint_states", 0, lambda sample: joints.take([sample]))
+            TrackedTransformSource(session, TRACKED.name, poses.take, EVERY_SENDER)
+        listen_to_joints(
+            session,
+            "/joint_states",
+            0,
+            lambda sample: joints.take([sample]),
+            EVERY_SENDER.accepts_joints,
+        )
         sender = start(str(SENDER), str(frames_file), kind, "again", "best_effort")
         sender.line(lambda line: line.startswith("shift"))
         sample = poses.wait_until(bool)[0]
@@ -184,7 +212,7 @@ def test_lost_sample_delays_a_lookup_and_not_a_session(domain_id, start, monkeyp
     monkeypatch.setenv("CYCLONEDDS_URI", uri.replace("</Domain>", lossy))
     inbox, buffer = Inbox(), TransformBuffer()
     with RosNode("session", domain_id=domain_id) as session:
-        TfSource(session, inbox.take)
+        TfSource(session, inbox.take, EVERY_SENDER)
         TfListener(session, buffer)
         tracker = start(str(CYCLONE_TRACKER))
         assert tracker.line() == "ready"

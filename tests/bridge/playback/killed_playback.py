@@ -16,7 +16,7 @@ def test_killed_playback_can_be_started_again_and_its_announcement_ends(playing,
     second = playing()  # the endpoints of the first one are still on the graph
     pause = threading.Event()
     with RosNode("session", domain_id=domain_id) as ros:
-        watch = PlaybackWatch(ros)
+        watch = PlaybackWatch(ros, [])
         while "simulated lumpectomy 1" not in watch.found():
             pause.wait(0.05)
         second.end(signal.SIGKILL)

@@ -1,0 +1,90 @@
+"""Publishers of a topic on the graph: which senders are present, and the names of their nodes."""
+
+from collections.abc import Iterable
+
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from app.bridge.node import RosNode
+
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""Name that rmw gives to the node of an endpoint until the node has announced itself."""
+
+MAX_SHOWN = 4
+"""Nodes that one text lists."""
+
+_MAX_NAMED = 64
+_MAX_CHARS = 60
+
+
+class SenderNames:
+    """The publishers of one topic, as the graph listed them at the last `refresh`.
+
+    A node's name is what the node announces; nothing verifies it. Names of publishers that have
+    left are remembered. Not thread-safe.
+    """
+
+    def __init__(self, ros: RosNode, topic: str, own: Iterable[bytes | None] = ()) -> None:
+        self._ros = ros
+        self.topic = topic
+        self._own = frozenset(each for each in own if each is not None)
+        self._present: frozenset[bytes] = frozenset()
+        self._names: dict[bytes, str] = {}
+        self._has_matched = False
+
+    def refresh(self) -> None:
+        """Read the graph."""
+        if not self._ros.is_open:
+            return
+        infos = self._ros.node.get_publishers_info_by_topic(self.topic)
+        self._present = frozenset(bytes(each.endpoint_gid) for each in infos)
+        for each in infos:
+            sender = bytes(each.endpoint_gid)
+            if each.node_name != UNKNOWN_NODE and sender not in self._names:
+                self._names[sender] = node_name(each)
+                if len(self._names) > _MAX_NAMED:
+                    del self._names[next(iter(self._names))]
+
+    def is_own(self, sender: bytes | None) -> bool:
+        """True if ``sender`` is a publisher of this node."""
+        return sender in self._own
+
+    def is_known(self, sender: bytes) -> bool:
+        """True if the node of ``sender`` is known by name."""
+        return sender in self._names
+
+    def is_present(self, sender: object) -> bool:
+        """True if the graph lists ``sender``.
+
+        A middleware that identifies publishers and senders in different ways (Cyclone DDS) gives no
+        answer: then any publisher of another node counts as the sender.
+        """
+        if sender in self._present:
+            self._has_matched = True
+            return True
+        return not self._has_matched and bool(self._present - self._own)
+
+    def text(self, senders: Iterable[object]) -> str:
+        """Names of the nodes of ``senders``; of all other publishers if none of those is known."""
+        asked = list(senders)
+        found = [self._names[each] for each in asked if each in self._names]
+        if not found:
+            asked = list(self._present - self._own)
+            found = [self._names[each] for each in asked if each in self._names]
+        return nodes_text(found, len(asked) - len(found))
+
+
+def nodes_text(names: Iterable[str], unknown: int = 0) -> str:
+    """``nodes /a and /b``, with the number of those whose names are not known yet."""
+    known = sorted(set(names))
+    shown = known[:MAX_SHOWN]
+    more = unknown + len(known) - len(shown)
+    if more:
+        shown.append(f"{more} more" if shown else "without a known name")
+    return f"{'nodes' if len(known) + unknown > 1 else 'node'} {' and '.join(shown)}"
+
+
+def node_name(endpoint: TopicEndpointInfo) -> str:
+    """Full name of the node of ``endpoint``, shortened and printable."""
+    name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+    printable = "".join(each if each.isprintable() else "?" for each in name)
+    return printable if len(printable) <= _MAX_CHARS else f"{printable[:_MAX_CHARS]}..."

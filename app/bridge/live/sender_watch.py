@@ -1,0 +1,235 @@
+"""Detect second senders of what a live session measures and publishes."""
+
+import struct
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
+
+from rclpy.publisher import Publisher
+
+from app.bridge import topics
+from app.bridge.live.sender_names import UNKNOWN_NODE, SenderNames, node_name, nodes_text
+from app.bridge.live.static_watch import StaticWatch
+from app.bridge.live.subscription import CountedSubscription
+from app.bridge.message_origin import Origin, sender_of
+from app.bridge.node import RosNode
+from app.bridge.qos import INCOMING, STATIC_TF
+from app.case.messages.ros_messages import TF_MESSAGE
+from app.case.messages.values import JointValues, PoseValues
+from app.fixture import FIXTURE_FRAME, Reason
+from app.geometry import Transform
+from app.session import FrameSenders, Sample, SenderConflict, SenderTrail, SequenceTrail
+from app.session.live_frames import MAX_NAME_CHARS
+
+CHECK_S = 0.1
+"""Period in which the graph is read and ended faults are found."""
+
+_CONTENT = struct.Struct("<7dB")
+_NO_PROBLEM: Mapping[Reason, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WatchedSession:
+    """What a `SenderWatch` has to know of its session.
+
+    ``pose_topic``: where its poses arrive, None for a source that is not on the graph.
+    ``named``: the edges that the configuration names. ``joint_topic`` with ``joint_names``: the
+    robot's, None without. The functions return the present measured edges and the present static
+    transforms, without waiting for a step. ``restore_static`` publishes the static ones again.
+    """
+
+    pose_topic: str | None
+    joint_topic: str | None
+    joint_names: frozenset[str]
+    edges: Callable[[], Collection[tuple[str, str]]]
+    static_edges: Callable[[], Sequence[Transform]]
+    restore_static: Callable[[], None]
+    named: Collection[tuple[str, str]] = ()
+
+
+class SenderWatch:
+    """Finds frames, joints, static transforms and constraints that other nodes send as well.
+
+    `accepts_pose` and `accepts_joints` process each received sample in the node's thread, and
+    `take_tf` the messages of tf. `outside` returns the faults for the session's next step.
+    ``constraint`` is the session's publisher; every other publisher on its topic is a fault.
+    ``own`` are all publishers of this node. ``new_sender()`` is called in the node's thread before
+    the first sample of each sender is used.
+
+    A name of a node is what the node announces: it is a candidate and not an identity.
+    """
+
+    def __init__(
+        self,
+        ros: RosNode,
+        session: WatchedSession,
+        *,
+        constraint: Publisher,
+        own: Sequence[Publisher],
+        new_sender: Callable[[], None],
+    ) -> None:
+        self._ros = ros
+        self._session = session
+        self._new_sender = new_sender
+        senders = [sender_of(publisher) for publisher in own]
+        self._tf = SenderNames(ros, topics.TF.name, senders)
+        self._tf_static = SenderNames(ros, topics.TF_STATIC.name, senders)
+        self._poses = self._tf
+        if session.pose_topic not in (None, topics.TF.name):
+            self._poses = SenderNames(ros, str(session.pose_topic), senders)
+        self._joints = SenderNames(ros, session.joint_topic or "", senders)
+        self._constraint = constraint
+        self._own_constraint = sender_of(constraint)
+        self._names = list(dict.fromkeys([self._tf, self._tf_static, self._poses]))
+        if session.joint_topic is not None:
+            self._names.append(self._joints)
+        self._frames = FrameSenders(session.named)
+        self._published = FrameSenders()
+        self._static = StaticWatch(self._tf, self._tf_static)
+        self._joint_trail, self._joint_sequences = SenderTrail(), SequenceTrail()
+        self._seen: dict[bytes, None] = {}
+        self._texts: tuple[str, ...] = ()
+        self._refused = 0
+        self._timer = ros.every(CHECK_S, self._check)
+
+    def start(self, *, moving: bool) -> None:
+        """Subscribe to ``/tf_static``, and to ``/tf`` unless the session's source does."""
+        static = replace(topics.TF_STATIC, qos=STATIC_TF)
+        CountedSubscription(self._ros, static, TF_MESSAGE, partial(self.take_tf, latched=True))
+        if moving:
+            tf = replace(topics.TF, qos=INCOMING)
+            CountedSubscription(self._ros, tf, TF_MESSAGE, partial(self.take_tf, latched=False))
+
+    def outside(self) -> Mapping[Reason, str]:
+        """The fault of second senders with a text; empty if there is none. Thread-safe."""
+        texts = (*self._texts, *self._foreign_constraints())
+        return {Reason.SECOND_SENDER: "; ".join(texts)} if texts else _NO_PROBLEM
+
+    def accepts_pose(self, pose: PoseValues, origin: Origin) -> bool:
+        """Process a sample of the pose topic; False if it must not be used."""
+        self._meet(self._poses, origin)
+        return self._follow(self._frames, pose, origin)
+
+    def accepts_joints(self, joints: JointValues, origin: Origin) -> bool:
+        """Process joint positions; False if they must not be used."""
+        self._meet(self._joints, origin)
+        if self._session.joint_names.isdisjoint(joints.names):
+            return True  # of another robot
+        sample, now_ns = Sample(joints.ns, (joints.names, joints.positions)), time.monotonic_ns()
+        if origin.sender is None:
+            if origin.sequence is not None:
+                self._joint_sequences.observe(origin.sequence, sample, now_ns)
+            is_accepted = True
+        else:
+            is_accepted = self._joint_trail.observe(origin.sender, sample, now_ns)
+        if not is_accepted:
+            self._refused += 1
+        has_conflict = self._joint_trail.conflict or self._joint_sequences.check(now_ns)
+        if has_conflict and not self._texts:
+            self._check()
+        return is_accepted
+
+    def take_tf(self, poses: Sequence[PoseValues], origin: Origin, *, latched: bool) -> None:
+        """Process a message of ``/tf``, or of ``/tf_static`` with ``latched``."""
+        own, now_ns = self._own_static(), time.monotonic_ns()
+        contradicts = False
+        for pose in poses:
+            if max(map(len, pose.edge)) > MAX_NAME_CHARS:
+                continue
+            contradicts |= self._static.observe(pose, origin, own, now_ns, latched=latched)
+            if not latched and pose.source == FIXTURE_FRAME:
+                self._follow(self._published, pose, origin)
+        if contradicts:
+            self._check()
+
+    def counts(self) -> Mapping[str, int]:
+        """Number of samples that were not used, because another sender is heard as well."""
+        return {"samples of a second sender": self._refused} if self._refused else {}
+
+    def close(self) -> None:
+        """Stop watching the graph. Call it in the node's thread, or before the node closes."""
+        self._timer.cancel()
+
+    def _meet(self, names: SenderNames, origin: Origin) -> None:
+        """Read the graph before the first sample of a sender is used."""
+        if origin.sender is not None and origin.sender not in self._seen:
+            self._seen[origin.sender] = None
+            if len(self._seen) > 1024:
+                del self._seen[next(iter(self._seen))]
+            names.refresh()
+            self._new_sender()
+
+    def _follow(self, frames: FrameSenders, pose: PoseValues, origin: Origin) -> bool:
+        if max(map(len, pose.edge)) > MAX_NAME_CHARS:
+            return True  # refused by the session
+        sample = Sample(pose.ns, _CONTENT.pack(*pose.translation_m, *pose.quaternion, pose.status))
+        now_ns = time.monotonic_ns()
+        if origin.sender is not None:
+            is_accepted = frames.observe(pose.edge, origin.sender, sample, now_ns)
+        else:
+            is_accepted = True
+            if origin.sequence is not None:
+                frames.observe_sequence(pose.edge, origin.sequence, sample, now_ns)
+        if not is_accepted:
+            self._refused += 1
+        if not self._texts and frames.has_conflict(pose.source) and self._is_used(pose.source):
+            self._check()
+        return is_accepted
+
+    def _is_used(self, child: str) -> bool:
+        return child == FIXTURE_FRAME or any(child == used for _, used in self._session.edges())
+
+    def _own_static(self) -> dict[str, Transform]:
+        return {edge.source: edge for edge in self._session.static_edges()}
+
+    def _check(self) -> None:
+        """Read the graph and update the texts of the faults."""
+        for names in self._names:
+            names.refresh()
+        now_ns = time.monotonic_ns()
+        edges, own = self._session.edges(), self._own_static()
+        found = []
+        for conflicts, names in (
+            (self._frames.conflicts(edges, (), now_ns, self._poses.is_present), self._poses),
+            (
+                self._published.conflicts((), [FIXTURE_FRAME], now_ns, self._tf.is_present),
+                self._tf,
+            ),
+        ):
+            found += [_text(conflict, names) for conflict in conflicts]
+        joints = self._joint_trail.check(now_ns, self._joints.is_present)
+        if joints or self._joint_sequences.check(now_ns):
+            found.append(
+                f"second sender of joints on {self._joints.topic}, {self._joints.text(joints)}: "
+                "their positions must not mix; expected one sender"
+            )
+        if self._static.remove_ended(own, now_ns):
+            self._session.restore_static()
+        found += self._static.problems(own, {child for _, child in edges}, now_ns)
+        self._texts = tuple(found)
+
+    def _foreign_constraints(self) -> Sequence[str]:
+        """A text if the graph lists another publisher on our constraint topic."""
+        topic = self._constraint.topic_name
+        if not self._ros.is_open or self._ros.node.count_publishers(topic) <= 1:
+            return ()
+        infos = self._ros.node.get_publishers_info_by_topic(topic)
+        others = [info for info in infos if bytes(info.endpoint_gid) != self._own_constraint]
+        if not others:
+            return ()
+        names = [node_name(info) for info in others if info.node_name != UNKNOWN_NODE]
+        return (
+            f"second publisher of {topic}, {nodes_text(names, len(others) - len(names))}: "
+            "controllers cannot tell it from this one; expected one publisher",
+        )
+
+
+def _text(conflict: SenderConflict, names: SenderNames) -> str:
+    parent, child = conflict.edge
+    what = "closes a loop with edges of another sender" if conflict.loop else "poses must not mix"
+    return (
+        f"second sender of {parent} -> {child} on {names.topic}, {names.text(conflict.senders)}: "
+        f"{what}; expected one sender"
+    )

@@ -1,0 +1,95 @@
+"""``marginguard live`` beside a second sender of each of its inputs, in separate processes."""
+
+import signal
+from functools import partial
+from pathlib import Path
+
+import pytest
+from marginguard_msgs.msg import FixtureConstraint
+
+from tests.bridge.live.guard_monitor import monitored
+
+HERE = Path(__file__).resolve().parent
+SENDER, RIVAL = HERE / "sender.py", HERE / "rival.py"
+TF = {"tf": {}, "clock": "host"}
+UNKNOWN = FixtureConstraint.UNKNOWN
+TRACKED = {"tracked_transforms": {}, "clock": "host"}
+
+
+@pytest.fixture
+def guarded(start, live_yaml, frames_file, domain_id):
+    """``guarded(kind)`` starts a guard and a tracker; returns the guard and the tracker."""
+
+    def begin(kind):
+        config = live_yaml(TF if kind == "tf" else TRACKED)
+        command = ("live", "--constraint-hz", "100", "--config", str(config))
+        guard = start("-m", "app.cli", *command)
+        guard.line(lambda line: line.startswith("UNKNOWN"))
+        return guard, start(str(SENDER), str(frames_file), kind, "again")
+
+    return begin
+
+
+def rival_begins(rival):
+    rival.send("go")
+    return int(rival.line(lambda line: line.startswith("begun")).split()[1])
+
+
+def names_rival(text, received):
+    """The name of a node may become known some time after its first message."""
+    return any(text in cause and "/rival" in cause for cause in received.message.hold_causes)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rivals"),
+    [
+        ("tf", {"tf": "tracker -> cautery on /tf", "static": "reference -> robot_base on"}),
+        ("tracked", {"tracked": "tracker -> cautery on /tracked_transforms"}),
+        ("tracked", {"joints": "joints on /joint_states", "constraint": "/marginguard/constraint"}),
+    ],
+)
+def test_second_sender_is_a_fault_until_it_has_ended(
+    guarded, start, frames_file, domain_id, kind, rivals
+):
+    guard, _ = guarded(kind)
+    with monitored(domain_id) as monitor:
+        for what, text in rivals.items():
+            monitor.make_permissive()
+            rival = start(str(RIVAL), str(frames_file), what)
+            rival.line(lambda line: line == "ready\n")
+            fault = monitor.until(lambda each: each.has_second_sender, rival_begins(rival))
+            monitor.until(partial(names_rival, text), fault.at_ns)
+            rival.send("end")
+            assert rival.process.wait() == 0
+            ended = monitor.until(lambda each: not each.has_second_sender)
+            monitor.until(lambda each: each.message.state != UNKNOWN)
+            assert not any(each.is_permissive for each in monitor.since(fault.at_ns))
+            assert ended.message.hold
+        monitor.make_permissive()
+    assert all(text in guard.log.read_text() for text in rivals.values())
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["killed", "interrupted"])
+def test_restarted_tracker_is_no_second_sender(guarded, start, frames_file, domain_id, number):
+    _, tracker = guarded("tf")
+    with monitored(domain_id) as monitor:
+        for _ in range(3):
+            monitor.make_permissive()
+            tracker.end(number)
+            stale = monitor.until(lambda each: "stale" in each.message.reasons)
+            tracker = start(str(SENDER), str(frames_file), "tf", "again")
+            monitor.until(lambda each: "stale" not in each.message.reasons, stale.at_ns)
+        monitor.make_permissive()
+        assert not any(each.has_second_sender for each in monitor.received)
+
+
+def test_relay_of_the_same_samples_is_no_second_sender(guarded, start, frames_file, domain_id):
+    guarded("tf")
+    with monitored(domain_id) as monitor:
+        relay = start(str(RIVAL), str(frames_file), "copy")
+        relay.line(lambda line: line == "ready\n")
+        monitor.make_permissive()
+        begun_ns = rival_begins(relay)
+        monitor.until(lambda each: each.is_permissive, begun_ns + 2 * 10**9)
+        assert not any(each.has_second_sender for each in monitor.received)
+        assert all(each.is_permissive for each in monitor.since(begun_ns))

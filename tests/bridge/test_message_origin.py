@@ -1,0 +1,143 @@
+"""Origin of received messages: the publisher's identity and its sequence numbers."""
+
+import threading
+
+import pytest
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from app.bridge import message_origin
+from app.bridge.message_origin import Origin, receiver, sender_of
+from app.bridge.node import RosNode
+from app.bridge.qos import STREAM, Topic
+from app.bridge.topics import TF
+from tests.bridge.conftest import CYCLONE_ON_THIS_MACHINE, HERE
+from tests.bridge.live.conftest import start as start
+
+WORDS = Topic("/words", String, STREAM)
+DEADLINE_S = 30.0
+
+
+class Collector:
+    """Collects messages with their origin until there are ``count``."""
+
+    def __init__(self, count):
+        self.found = []
+        self._count = count
+        self._done = threading.Event()
+
+    def __call__(self, data, origin):
+        self.found.append((data, origin))
+        if len(self.found) >= self._count:
+            self._done.set()
+
+    def wait(self):
+        assert self._done.wait(DEADLINE_S)
+        return self.found
+
+
+def gids(node, topic):
+    return {bytes(each.endpoint_gid) for each in node.get_publishers_info_by_topic(topic)}
+
+
+def test_origin_is_the_publishers_identifier_on_the_graph_and_its_sequence_number(domain_id):
+    collector = Collector(6)
+    with (
+        RosNode("receiver", domain_id=domain_id) as ros,
+        RosNode("first", domain_id=domain_id) as first,
+        RosNode("second", domain_id=domain_id) as second,
+    ):
+        ros.subscribe_with_origin(WORDS, collector)
+        publishers = [node.publisher(WORDS) for node in (first, second)]
+        for node in (first, second):
+            assert node.wait_for_subscribers(WORDS, 1, DEADLINE_S)
+        for number in range(3):
+            for name, publisher in zip("ab", publishers, strict=True):
+                publisher.publish(String(data=f"{name}{number}"))
+        found = collector.wait()
+        senders = [sender_of(publisher) for publisher in publishers]
+        assert set(senders) == gids(ros.node, "/words")
+    received = {deserialize_message(data, String).data: origin for data, origin in found}
+    assert received == {
+        f"{name}{number}": Origin(sender, number + 1)
+        for name, sender in zip("ab", senders, strict=True)
+        for number in range(3)
+    }
+
+
+def test_sender_without_ros_is_identified_as_on_the_graph(domain_id, start, monkeypatch):
+    for name, value in CYCLONE_ON_THIS_MACHINE.items():
+        monkeypatch.setenv(name, value)
+    collector = Collector(3)
+    with RosNode("receiver", domain_id=domain_id) as ros:
+        ros.subscribe_with_origin(TF, collector)
+        ros.subscribe(TF, lambda message: None)  # the peer waits for two readers
+        peer = start(str(HERE / "cyclone_tracker.py"))
+        peer.line(lambda line: line == "ready\n")
+        for _ in range(3):
+            peer.send("")
+        found = collector.wait()
+        assert {origin.sender for _, origin in found} == gids(ros.node, "/tf")
+        assert [origin.sequence for _, origin in found] == [1, 2, 3]
+    assert deserialize_message(found[0][0], TFMessage).transforms[0].child_frame_id == "sent_0"
+
+
+def test_without_the_loaded_library_the_sender_is_unknown_and_rclpy_gives_the_sequence(
+    domain_id, monkeypatch
+):
+    monkeypatch.setattr(message_origin, "_loaded_rcl", lambda: None)
+    collector = Collector(2)
+    with RosNode("receiver", domain_id=domain_id) as ros:
+        ros.subscribe_with_origin(WORDS, collector)
+        publisher = ros.publisher(WORDS)
+        assert ros.wait_for_subscribers(WORDS, 1, DEADLINE_S)
+        for _ in range(2):
+            publisher.publish(String(data="word"))
+        found = collector.wait()
+        assert sender_of(publisher) is None
+    assert [origin for _, origin in found] == [Origin(None, 1), Origin(None, 2)]
+
+
+def test_structure_of_another_middleware_gives_no_sender(domain_id, monkeypatch):
+    """The address of the middleware's name is not where the structure of Jazzy has it."""
+    rcl = message_origin._Rcl()
+    rcl.implementation += 1
+    monkeypatch.setattr(message_origin, "_loaded_rcl", lambda: rcl)
+    collector = Collector(1)
+    with RosNode("receiver", domain_id=domain_id) as ros:
+        ros.subscribe_with_origin(WORDS, collector)
+        publisher = ros.publisher(WORDS)
+        assert ros.wait_for_subscribers(WORDS, 1, DEADLINE_S)
+        publisher.publish(String(data="word"))
+        ((data, origin),) = collector.wait()
+        assert sender_of(publisher) is None
+    assert origin == Origin(None, 1)
+    assert deserialize_message(data, String).data == "word"
+
+
+def test_large_and_empty_messages_arrive_unchanged(domain_id):
+    texts = ["", "x" * 1_000_000, "y"]
+    collector = Collector(len(texts))
+    with RosNode("receiver", domain_id=domain_id) as ros:
+        ros.subscribe_with_origin(WORDS, collector)
+        publisher = ros.publisher(WORDS)
+        assert ros.wait_for_subscribers(WORDS, 1, DEADLINE_S)
+        for text in texts:
+            publisher.publish(String(data=text))
+        found = collector.wait()
+    assert [deserialize_message(data, String).data for data, _ in found] == texts
+
+
+def test_receiver_accepts_the_mapping_of_rclpy():
+    found = []
+    receiver(lambda data, origin: found.append((data, origin)))(
+        b"data", {"publication_sequence_number": 7}
+    )
+    assert found == [(b"data", Origin(None, 7))]
+
+
+@pytest.mark.parametrize("sequence", [2**64 - 1])
+def test_unsupported_sequence_number_is_none(sequence):
+    assert message_origin._sequence(sequence) is None
+    assert message_origin._sequence(5) == 5
