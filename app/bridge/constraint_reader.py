@@ -1,6 +1,8 @@
 """Receive constraints of a running session as plain values, in mm and mm/s."""
 
 import math
+import threading
+import time
 from collections.abc import Iterator
 from typing import Self
 
@@ -8,13 +10,16 @@ from marginguard_msgs.msg import FixtureConstraint
 
 from app.bridge.convert.topics import create_endpoint, read_message
 from app.bridge.errors import BridgeError
+from app.bridge.message_origin import Origin
 from app.bridge.messages import MM_PER_M
 from app.bridge.node import RosNode
 from app.bridge.plain_constraint import plain_constraint
 from app.bridge.qos import NEWEST, Topic
+from app.bridge.sender_names import node_name, nodes_text
 from app.fixture import Constraint, MarginState, PlainConstraint
 from app.geometry import InputError
 from app.runtime import LatestValue, ReceivedConstraint
+from app.session import Sample, SenderTrail
 
 DEFAULT_TOPIC = "/marginguard/constraint"
 
@@ -23,7 +28,8 @@ class ConstraintReader:
     """``with ConstraintReader() as reader: reader.read()``: constraints as they arrive.
 
     Only the newest constraint is kept: a slow reader misses older ones. ``for received in reader``
-    yields constraints until none arrives for ``timeout_s``, which raises. Call
+    yields constraints until none arrives for ``timeout_s``, which raises. While two publishers send
+    constraints, `read` raises: nothing tells which of them is the session. Call
     `app.bridge.prepare_environment` before.
     """
 
@@ -34,6 +40,7 @@ class ConstraintReader:
         self._topic = Topic(topic, FixtureConstraint, NEWEST)
         self._timeout_s = timeout_s
         self._newest: LatestValue[bytes] = LatestValue()
+        self._senders, self._lock = SenderTrail(), threading.Lock()
         self._ros = RosNode("constraint_reader")
         try:
             create_endpoint(self._subscribe, topic)
@@ -42,15 +49,25 @@ class ConstraintReader:
             raise
 
     def _subscribe(self) -> object:
-        return self._ros.subscribe(self._topic, self._newest.put, raw=True)
+        return self._ros.subscribe_with_origin(self._topic, self._receive)
+
+    def _receive(self, data: bytes, origin: Origin) -> None:
+        if origin.sender is not None:
+            with self._lock:
+                sample = Sample(0, data)
+                if not self._senders.observe(origin.sender, sample, time.monotonic_ns()):
+                    return
+        self._newest.put(data)
 
     def read(self, timeout_s: float | None = None) -> ReceivedConstraint:
         """The newest constraint that has not been read yet; waits for it.
 
-        Raises `BridgeError` if none arrives in ``timeout_s`` and for an invalid message.
+        Raises `BridgeError` if none arrives in ``timeout_s``, for an invalid message, and while two
+        publishers send.
         """
         limit_s = self._timeout_s if timeout_s is None else timeout_s
         raw = self._newest.take(limit_s)
+        self._check_single()
         if raw is None:
             raise BridgeError(f"{self._topic.name}: no constraint in {limit_s:g} s{self._cause()}")
         return _received(read_message(raw, self._topic), self._topic.name)
@@ -68,6 +85,19 @@ class ConstraintReader:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _check_single(self) -> None:
+        with self._lock:
+            if not self._senders.conflict:
+                return
+            infos = self._ros.node.get_publishers_info_by_topic(self._topic.name)
+            present = {bytes(info.endpoint_gid) for info in infos}
+            conflict = self._senders.check(time.monotonic_ns(), present.__contains__)
+        if conflict:
+            names = nodes_text(node_name(info) for info in infos)
+            raise BridgeError(
+                f"{self._topic.name}: {len(conflict)} publishers send ({names}); expected one"
+            )
 
     def _cause(self) -> str:
         """Why no message may have arrived."""

@@ -8,14 +8,15 @@ from functools import partial
 from types import MappingProxyType
 
 from rclpy.publisher import Publisher
+from rclpy.timer import Timer
 
 from app.bridge import topics
-from app.bridge.live.sender_names import UNKNOWN_NODE, SenderNames, node_name, nodes_text
 from app.bridge.live.static_watch import StaticWatch
 from app.bridge.live.subscription import CountedSubscription
 from app.bridge.message_origin import Origin, sender_of
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, STATIC_TF
+from app.bridge.sender_names import UNKNOWN_NODE, SenderNames, node_name, nodes_text
 from app.case.messages.ros_messages import TF_MESSAGE
 from app.case.messages.values import JointValues, PoseValues
 from app.fixture import FIXTURE_FRAME, Reason
@@ -52,8 +53,9 @@ class WatchedSession:
 class SenderWatch:
     """Finds frames, joints, static transforms and constraints that other nodes send as well.
 
-    `accepts_pose` and `accepts_joints` process each received sample in the node's thread, and
-    `take_tf` the messages of tf. `outside` returns the faults for the session's next step.
+    Call `start` when the session exists. `accepts_pose` and `accepts_joints` process each received
+    sample in the node's thread, `take_tf` the messages of tf. `outside` returns the faults for the
+    session's next step.
     ``constraint`` is the session's publisher; every other publisher on its topic is a fault.
     ``own`` are all publishers of this node. ``new_sender()`` is called in the node's thread before
     the first sample of each sender is used.
@@ -92,10 +94,11 @@ class SenderWatch:
         self._seen: dict[bytes, None] = {}
         self._texts: tuple[str, ...] = ()
         self._refused = 0
-        self._timer = ros.every(CHECK_S, self._check)
+        self._timer: Timer | None = None
 
     def start(self, *, moving: bool) -> None:
-        """Subscribe to ``/tf_static``, and to ``/tf`` unless the session's source does."""
+        """Read the graph; subscribe to ``/tf_static``, with ``moving`` also to ``/tf``."""
+        self._timer = self._ros.every(CHECK_S, self._check)
         static = replace(topics.TF_STATIC, qos=STATIC_TF)
         CountedSubscription(self._ros, static, TF_MESSAGE, partial(self.take_tf, latched=True))
         if moving:
@@ -150,7 +153,8 @@ class SenderWatch:
 
     def close(self) -> None:
         """Stop watching the graph. Call it in the node's thread, or before the node closes."""
-        self._timer.cancel()
+        if self._timer is not None:
+            self._timer.cancel()
 
     def _meet(self, names: SenderNames, origin: Origin) -> None:
         """Read the graph before the first sample of a sender is used."""

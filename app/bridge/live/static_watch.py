@@ -3,8 +3,8 @@
 from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
-from app.bridge.live.sender_names import SenderNames
 from app.bridge.message_origin import Origin
+from app.bridge.sender_names import SenderNames
 from app.case.messages.values import PoseValues
 from app.geometry import MarginGuardError, Transform
 from app.session import SILENT_NS, has_ended
