@@ -97,6 +97,10 @@ SLOW = {
 """Reason -> folders and files whose tests have the marker ``slow``: `make test-fast` skips them."""
 
 LONG = {
+    "starts live sessions again and again": (
+        "tests/bridge/live/test_restart.py",
+        "tests/bridge/live/test_second_guard.py",
+    ),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",
     ),
@@ -179,6 +183,14 @@ def no_field_cache() -> Iterator[None]:
     """Tests neither read nor fill the user's cache of fields."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MARGINGUARD_FIELD_CACHE", "off")
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def own_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Tests neither read nor write the holds that the user's live sessions have left."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield
 
 

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,16 +28,25 @@ def reserved_domain() -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
+            shutil.rmtree(_state_home(domain), ignore_errors=True)
             yield domain
             return
     pytest.fail(f"all ROS domains from 1 to {MAX_DOMAIN} are in use by other tests")
 
 
+def _state_home(domain: int) -> Path:
+    return Path(tempfile.gettempdir()) / f"marginguard-state-{os.getuid()}-{domain}"
+
+
 def environment_of(domain: int) -> dict[str, str]:
-    """Environment variables that restrict a process to the domain and to this machine."""
+    """Environment variables that restrict a process to the domain and to this machine.
+
+    A hold that a test leaves behind is kept in the folder of its domain, not in the user's, and is
+    gone when another test reserves the domain.
+    """
     from app.bridge import prepare_environment  # loads ROS
 
-    environment = {"ROS_DOMAIN_ID": str(domain)}
+    environment = {"ROS_DOMAIN_ID": str(domain), "XDG_STATE_HOME": str(_state_home(domain))}
     prepare_environment(environment)
     return environment
 

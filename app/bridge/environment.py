@@ -17,6 +17,9 @@ import os
 from collections.abc import Mapping, MutableMapping, Sequence
 from pathlib import Path
 
+from app.bridge.errors import BridgeError
+
+DOMAIN = "ROS_DOMAIN_ID"
 DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -100,6 +103,15 @@ def _log_line(user_configuration: Sequence[str] = ()) -> str:
     names = " and ".join(user_configuration)
     unless = f", unless {names} configures otherwise" if names else ""
     return f"ROS discovery stays on this machine{unless}; set {DISCOVERY_RANGE}=SUBNET to extend it"
+
+
+def domain_of(environment: Mapping[str, str] | None = None) -> int:
+    """The ROS domain, 0 by default; raises `BridgeError` for a text that is no number."""
+    text = (os.environ if environment is None else environment).get(DOMAIN) or "0"
+    try:
+        return int(text)
+    except ValueError as error:
+        raise BridgeError(f"{DOMAIN} is {text!r}; expected a number") from error
 
 
 def without_bootstrap(environment: Mapping[str, str]) -> dict[str, str]:

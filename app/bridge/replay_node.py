@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from app.bridge.environment import domain_of
 from app.bridge.messages import playback_text
 from app.bridge.node import RosNode
 from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.session_publisher import SessionPublisher
-from app.runtime import ReplayRun
+from app.files.state_folder import state_folder
+from app.runtime import InstanceKey, ReplayRun, host_id, refuse_beside_guard
 
 HEARTBEAT_HZ = 100.0
 """How often the constraint is repeated while a replay follows real time."""
@@ -19,7 +21,10 @@ def replay_node(run: ReplayRun, *, real_time: bool) -> Iterator[RosNode]:
 
     ``real_time``: the replay follows a clock, so the constraint is repeated between its steps. The
     recorded poses are announced on `app.bridge.topics.PLAYBACK` before the first one.
+
+    Raises `SecondInstanceError` beside a guard, whose topics a replay would publish, too.
     """
+    refuse_beside_guard(state_folder(), InstanceKey(host_id(), domain_of(), "/", ""))
     heartbeat_hz = HEARTBEAT_HZ if real_time else None
     with SessionPublisher(
         run.commands.content,

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
+from app.cli.line_queue import LineQueue
 from app.geometry import NS_PER_S
 
 if TYPE_CHECKING:
@@ -53,10 +54,12 @@ def as_line(step: "StepResult", time_text: str = "", *, color: bool = False) -> 
     return f"{start}{state}{distance}: {reasons}{playback}"
 
 
-def as_json_line(step: "StepResult", time_text: str, content: "SessionContent") -> str:
+def as_json_line(
+    step: "StepResult", time_text: str, content: "SessionContent", *, dropped_lines: int = 0
+) -> str:
     """One JSON object with the keys that ``docs/command_line.md`` lists; unknown values are null.
 
-    The ids are those of ``content``.
+    The ids are those of ``content``. ``dropped_lines``: number of objects that were not printed.
     """
     decision = step.decision
     proximity, margin = decision.proximity, decision.margin
@@ -69,6 +72,7 @@ def as_json_line(step: "StepResult", time_text: str, content: "SessionContent") 
             "state": decision.state.name,
             "hold": decision.hold,
             "reasons": [str(reason) for reason in decision.reasons],
+            "hold_causes": list(step.hold_causes),
             "signed_distance_mm": None
             if proximity is None
             else _finite(proximity.signed_distance_mm),
@@ -80,30 +84,44 @@ def as_json_line(step: "StepResult", time_text: str, content: "SessionContent") 
             "playback": bool(step.playback),
             "model_id": content.model_id,
             "registration_id": content.registration_id or None,
+            "dropped_lines": dropped_lines,
         },
         allow_nan=False,
     )
 
 
 class LinePrinter:
-    """Prints steps on standard output; ``as_json`` selects JSON."""
+    """Prints steps on ``stream`` without waiting for its reader; ``as_json`` selects JSON.
+
+    Steps that a slow reader has missed are counted: in ``dropped_lines`` of the JSON objects, and
+    in a line of text before the next step.
+    """
 
     def __init__(self, stream: TextIO, *, as_json: bool, stamps_of_host: bool) -> None:
-        self._stream = stream
+        self._lines = LineQueue(stream)
+        self._reported = 0
         self._as_json = as_json
         self._stamps_of_host = stamps_of_host
         self._color = not as_json and uses_color(stream, os.environ)
 
     def print(self, step: "StepResult", content: "SessionContent") -> None:
-        """Print one line."""
+        """Print one line; raises the `OSError` of an earlier one."""
         stamp_ns = step.frame.stamp.ns
         text = local_time(stamp_ns, stamps_of_host=self._stamps_of_host, now_ns=time.time_ns())
-        line = (
-            as_json_line(step, text, content)
-            if self._as_json
-            else as_line(step, text, color=self._color)
-        )
-        print(line, file=self._stream, flush=True)
+        dropped = self._lines.dropped
+        if self._as_json:
+            self._lines.put(as_json_line(step, text, content, dropped_lines=dropped))
+            return
+        line = as_line(step, text, color=self._color)
+        if dropped > self._reported:
+            missed = dropped - self._reported
+            line = f"{missed} lines were dropped, because they were not read in time\n{line}"
+        if self._lines.put(line):
+            self._reported = dropped
+
+    def close(self) -> None:
+        """Wait for the reader, 1 s at most."""
+        self._lines.close()
 
 
 def _colored(state: "MarginState") -> str:

@@ -36,6 +36,30 @@ def write_file(path: Path, content: bytes, error: type[MarginGuardError] = Input
         partial.write_bytes(content)
 
 
+def write_durably(path: Path, content: bytes, error: type[MarginGuardError] = InputError) -> None:
+    """Write ``content`` to ``path`` so that it survives a crash and a power failure.
+
+    At every moment ``path`` is the earlier file or the complete new one. ``path`` has one writer at
+    a time: the temporary file beside it has a fixed name, and a killed writer leaves one at most.
+    """
+    partial = path.with_name(f"{path.name}.new")
+    try:
+        descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(descriptor)
+        partial.replace(path)
+        # The new name is durable once the folder is.
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as problem:
+        raise error(f"{path} cannot be written: {problem.strerror or problem}") from problem
+
+
 def write_files(folder: Path, contents: Mapping[str, bytes]) -> None:
     """Write several files, by name, into ``folder``; create the folder where it is missing.
 

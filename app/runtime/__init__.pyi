@@ -14,6 +14,10 @@ from .opening import (
     register_case,
 )
 from .outputs import Output, PassiveOutput, StepTiming, SwitchContent
+from .persistence.errors import SecondInstanceError, StateFileError
+from .persistence.hold_keeper import HoldKeeper
+from .persistence.instance_key import InstanceKey, arm_name, host_id
+from .persistence.live_state import LiveState, live_state, refuse_beside_guard
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .sources import Deliver, Source
@@ -24,8 +28,11 @@ __all__ = [
     "BetweenSteps",
     "Deliver",
     "DeliveredStep",
+    "HoldKeeper",
+    "InstanceKey",
     "LatestValue",
     "LiveRun",
+    "LiveState",
     "OperatorCommands",
     "Output",
     "PassiveOutput",
@@ -35,16 +42,22 @@ __all__ = [
     "RecordingExtent",
     "RegisteredCase",
     "ReplayRun",
+    "SecondInstanceError",
     "SessionContent",
     "Source",
+    "StateFileError",
     "StepRun",
     "StepThread",
     "StepTiming",
     "SwitchContent",
+    "arm_name",
     "content_of",
+    "host_id",
+    "live_state",
     "open_recording",
     "playback_of",
     "prepare_case",
     "prepare_live",
+    "refuse_beside_guard",
     "register_case",
 ]

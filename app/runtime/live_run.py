@@ -6,6 +6,7 @@ from contextlib import ExitStack, closing
 from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
 from app.runtime.outputs import Output, StepTiming
+from app.runtime.persistence.hold_keeper import HoldKeeper
 from app.session import LiveSession, StepResult
 
 
@@ -13,14 +14,20 @@ class LiveRun:
     """``for step in run.steps(): ...`` publishes each step to ``outputs``, in their order.
 
     When an output reports that a step came too late, the session latches a hold and all outputs
-    withdraw what they permitted. ``commands`` changes the session from any thread.
+    withdraw what they permitted. ``commands`` changes the session from any thread. ``keeper`` keeps
+    the hold of each step for the next run.
     """
 
     def __init__(
-        self, live: LiveSession, content: SessionContent, outputs: Sequence[Output]
+        self,
+        live: LiveSession,
+        content: SessionContent,
+        outputs: Sequence[Output],
+        keeper: HoldKeeper | None = None,
     ) -> None:
         self.live = live
         self.outputs = tuple(outputs)
+        self._keeper = keeper
         self.commands = OperatorCommands(live.between_steps, content, self.outputs)
 
     def steps(self) -> Generator[StepResult]:
@@ -35,10 +42,14 @@ class LiveRun:
                 at_end.callback(self._end, output)
             for output in self.outputs:
                 at_end.callback(output.revoke)
+            if self._keeper is not None:
+                at_end.enter_context(self._keeper.kept(self.live))
             # Close at once: otherwise an error would keep the session locked.
             with closing(self.live.steps()) as steps:
                 for step in steps:
                     self._publish(step)
+                    if self._keeper is not None:
+                        self._keeper.note(step)
                     yield step
 
     def stop(self) -> None:

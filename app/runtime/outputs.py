@@ -1,6 +1,7 @@
 """What receives the steps of a run: ROS publishers, the scene, a report, a recorder."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -46,10 +47,7 @@ class Output(Protocol):
         """Withdraw every permission of the last step at once; from any thread."""
 
     def end(self) -> None:
-        """Publish the final state, because no step follows. A live run calls it once, at its end.
-
-        The end of a replay leaves its last step published.
-        """
+        """Publish the final state, because no step follows. A run calls it once, at its end."""
 
 
 class PassiveOutput:
@@ -64,3 +62,15 @@ class PassiveOutput:
 
     def end(self) -> None:
         """Nothing to publish."""
+
+
+def end_outputs(outputs: Sequence[Output]) -> None:
+    """Let all ``outputs`` withdraw what they permitted, then end; the last one first.
+
+    The error of one does not keep the others from ending; it is raised afterwards.
+    """
+    with ExitStack() as at_end:
+        for output in outputs:
+            at_end.callback(output.end)
+        for output in outputs:
+            at_end.callback(output.revoke)

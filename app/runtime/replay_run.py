@@ -3,7 +3,7 @@
 import math
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 
 from app.case import Player
@@ -11,7 +11,7 @@ from app.geometry import NS_PER_S
 from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
 from app.runtime.opening import PreparedCase
-from app.runtime.outputs import Output, StepTiming
+from app.runtime.outputs import Output, StepTiming, end_outputs
 from app.session import Session, SessionSetup, StepResult
 
 
@@ -58,19 +58,27 @@ class ReplayRun:
         content = content or prepared.content
         self.commands = OperatorCommands(self.between_steps, content, self.outputs)
 
-    def steps(self) -> Iterator[StepResult]:
-        """Publish and yield the step of each frame, when it is due; ends with `stop`."""
-        for frame in self.player.play():
-            if frame.stamp.ns > self._end_ns:
-                break
+    def steps(self) -> Generator[StepResult]:
+        """Publish and yield the step of each frame, when it is due; ends with `stop`.
+
+        At the end, also after an error, every output has withdrawn what it permitted and has
+        published its final state, as in a `LiveRun`.
+        """
+        try:
+            for frame in self.player.play():
+                if frame.stamp.ns > self._end_ns:
+                    break
+                with self._stepping:
+                    began_ns = self._stopwatch_ns()
+                    step = self.session.step(frame)
+                    timing = StepTiming(duration_ns=self._stopwatch_ns() - began_ns)
+                    self.robot_problems.add(step)
+                    for output in self.outputs:
+                        output.publish(step, timing)
+                    yield step
+        finally:
             with self._stepping:
-                began_ns = self._stopwatch_ns()
-                step = self.session.step(frame)
-                timing = StepTiming(duration_ns=self._stopwatch_ns() - began_ns)
-                self.robot_problems.add(step)
-                for output in self.outputs:
-                    output.publish(step, timing)
-                yield step
+                end_outputs(self.outputs)
 
     def stop(self) -> None:
         """End `steps` soon; from any thread."""

@@ -182,6 +182,16 @@ class Session:
         self._monitor.hold()
         self._add_cause(cause)
 
+    @property
+    def latched(self) -> bool:
+        """True if ``hold`` is latched: a run that begins now must not begin without it."""
+        return self._monitor.latched
+
+    @property
+    def hold_causes(self) -> tuple[str, ...]:
+        """Causes of the present hold, as in `StepResult.hold_causes`."""
+        return self._hold_causes
+
     def rearm(self) -> None:
         """Release the hold of an earlier fault; raises `NotRearmableError` while UNKNOWN."""
         self._monitor.rearm()

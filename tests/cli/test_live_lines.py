@@ -2,10 +2,15 @@
 
 import io
 import json
+import os
+import select
+import threading
+from contextlib import suppress
 from dataclasses import replace
 
 import pytest
 
+from app.cli.line_queue import MAX_LINES, LineQueue
 from app.cli.live_lines import LinePrinter, as_json_line, as_line, local_time, uses_color
 from app.fixture import MarginState
 from tests.bridge.conftest import content as content
@@ -83,6 +88,68 @@ def test_unknown_values_are_null(make_step, content):
 @pytest.mark.parametrize("as_json", [True, False])
 def test_one_step_is_one_line(as_json, make_step, content):
     stream = io.StringIO()
-    LinePrinter(stream, as_json=as_json, stamps_of_host=True).print(make_step(1), content)
+    printer = LinePrinter(stream, as_json=as_json, stamps_of_host=True)
+    printer.print(make_step(1), content)
+    printer.close()
     assert stream.getvalue().count("\n") == 1
     assert ("\x1b" in stream.getvalue()) is False
+
+
+@pytest.fixture
+def pipe():
+    """A stream into a pipe, and the descriptor of its reader."""
+    reader, writer = os.pipe()
+    with os.fdopen(writer, "w") as stream:
+        yield stream, reader
+        with suppress(OSError):
+            os.close(reader)
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_reader_that_does_not_read_delays_nothing_and_misses_a_counted_part(
+    as_json, pipe, make_step, content
+):
+    stream, reader = pipe
+    printer = LinePrinter(stream, as_json=as_json, stamps_of_host=True)
+    step = make_step(1)
+    printed = MAX_LINES + 3000  # more than the pipe holds; returns although nothing is read
+    for _ in range(printed):
+        printer.print(step, content)
+    received = b""
+    while not printer._lines._lines.empty():
+        received += os.read(reader, 65536)
+    printer.print(step, content)
+    os.set_blocking(reader, True)
+    thread = threading.Thread(target=printer.close)
+    thread.start()
+    while thread.is_alive() or select.select([reader], [], [], 0)[0]:
+        if select.select([reader], [], [], 0.01)[0]:
+            received += os.read(reader, 65536)
+    lines = received.decode().splitlines()
+    if as_json:
+        missed = json.loads(lines[-1])["dropped_lines"]
+        kept = len(lines)
+    else:
+        (notice,) = [line for line in lines if "were dropped" in line]
+        missed = int(notice.split()[0])
+        kept = len(lines) - 1
+    assert missed > 1000
+    assert kept + missed == printed + 1
+
+
+def test_reader_that_has_closed_the_pipe_is_an_error_of_a_later_line(pipe, make_step, content):
+    stream, reader = pipe
+    os.close(reader)
+    printer = LinePrinter(stream, as_json=True, stamps_of_host=True)
+    with pytest.raises(BrokenPipeError):
+        while True:
+            printer.print(make_step(1), content)
+
+
+def test_close_does_not_wait_for_a_reader_that_does_not_read(pipe):
+    stream, _ = pipe
+    lines = LineQueue(stream, max_lines=2)
+    for _ in range(2000):
+        lines.put("x" * 1000)
+    lines.close()  # returns
+    assert lines.dropped > 0

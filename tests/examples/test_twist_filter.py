@@ -36,7 +36,7 @@ def graph(domain_id, project_root):
         """Keeps every published twist with the message and the time of its decision."""
 
         def __init__(self, frame):
-            super().__init__(frame)
+            super().__init__(frame, accept_simulated=True)
             self.steps = []
             self.decided_ns = None
             publish, allow = self.safe.publish, self.rule.allow
@@ -140,6 +140,12 @@ def test_controller_keeps_planes_stops_without_guard_and_holds_for_a_new_one(
     spin_until(executor, client.service_is_ready)
     reply = client.call_async(Trigger.Request())
     spin_until(executor, reply.done)
+    # The new guard keeps the hold of the killed one until its operator re-arms, too.
+    spin_until(executor, lambda: "hold" in reasons(controller)[rearmed:])
+    assert "allowed" not in reasons(controller)[rearmed:]
+    operator = start("-m", "app.cli", "rearm", "--yes")
+    spin_until(executor, lambda: operator.process.poll() is not None)
+    assert operator.process.returncode == 0
     spin_until(executor, lambda: "allowed" in reasons(controller)[rearmed:])
     assert_within_planes(controller.steps)
     assert sender.process.poll() is None

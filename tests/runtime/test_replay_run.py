@@ -55,6 +55,9 @@ class Recorder(PassiveOutput):
     def revoke(self):
         self.calls.append((self.name, "revoke"))
 
+    def end(self):
+        self.calls.append((self.name, "end"))
+
 
 def prepared_case(case=None, robot=None):
     tool_edge, tumor_edge, _ = CONTENT.static_edges
@@ -75,7 +78,34 @@ def test_outputs_receive_each_step_once_in_their_order():
     first, second = Recorder("first", calls), Recorder("second", calls)
     steps = list(replay(outputs=(first, second)).steps())
     assert [step.index for step in steps] == list(range(len(TIMES_MS)))
-    assert calls == [(name, step.index) for step in steps for name in ("first", "second")]
+    stepped = [(name, step.index) for step in steps for name in ("first", "second")]
+    ended = [(name, call) for call in ("revoke", "end") for name in ("second", "first")]
+    assert calls == [*stepped, *ended]
+
+
+def test_outputs_end_once_also_after_a_stop_and_after_an_error_of_the_reader():
+    for leave in (lambda run, steps: run.stop(), lambda run, steps: steps.close()):
+        calls = []
+        run = replay(outputs=(Recorder("output", calls),))
+        steps = run.steps()
+        next(steps)
+        leave(run, steps)
+        assert list(steps) == []
+        assert calls[-2:] == [("output", "revoke"), ("output", "end")]
+        assert calls.count(("output", "end")) == 1
+
+
+def test_error_of_an_output_ends_all_outputs():
+    calls = []
+
+    class Failing(PassiveOutput):
+        def publish(self, step, timing):
+            raise OSError("connection lost")
+
+    run = replay(outputs=(Recorder("output", calls), Failing()))
+    with pytest.raises(OSError, match="connection lost"):
+        list(run.steps())
+    assert calls == [("output", 0), ("output", "revoke"), ("output", "end")]
 
 
 def test_step_is_published_before_it_is_yielded():
@@ -183,7 +213,9 @@ def test_command_waits_until_step_is_taken():
     assert calls == [("output", 0)]  # the lock is held until the next step is requested
     steps.close()
     thread.join()
-    assert calls[1:] == [("output", "prepare"), ("output", "revoke"), ("output", "switch")]
+    command = [("output", "prepare"), ("output", "revoke"), ("output", "switch")]
+    began = calls.index(("output", "prepare"))
+    assert calls[began : began + 3] == command
 
 
 def test_robot_problem_is_counted_in_each_frame():

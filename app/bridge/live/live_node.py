@@ -13,6 +13,7 @@ from app.bridge.control import (
     OperatorServices,
     TwistLimiter,
 )
+from app.bridge.live.guard_start import guard_start
 from app.bridge.live.joints import listen_to_joints
 from app.bridge.live.outputs import (
     FramesProblemLog,
@@ -26,12 +27,12 @@ from app.bridge.live.sender_watch import SenderWatch, WatchedSession
 from app.bridge.live.source import source_of
 from app.bridge.node import RosNode
 from app.bridge.publishing.frame_tree import PublishPolicy
-from app.bridge.publishing.session_publisher import SessionPublisher
+from app.bridge.publishing.session_publisher import NODE_NAME, SessionPublisher
 from app.bridge.qos import INCOMING
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
-from app.runtime import LiveRun, OperatorCommands, Output, PreparedLive
+from app.runtime import HoldKeeper, LiveRun, OperatorCommands, Output, PreparedLive
 from app.session import (
     LiveSession,
     PlaybackRule,
@@ -85,6 +86,9 @@ def live_node(
 
     With ``ros`` it uses that node, in the node's own thread; the owner of the node destroys its
     services and subscriptions. ``outputs`` receive every step after the publishers.
+
+    Begins on hold if the last run with this namespace or arm was on hold or did not end in an
+    orderly way. Raises the errors of `guard_start`.
     """
     config, case, setup = prepared.config, prepared.case, prepared.setup
     entry = config.source
@@ -92,14 +96,17 @@ def live_node(
     counted: list[Callable[[], Mapping[str, int]]] = []
     # The nodes of the tracker and of the robot publish their own data.
     policy = PublishPolicy(clock=False, measured=not isinstance(entry, TfSourceEntry), robot=False)
-    with SessionPublisher(
-        prepared.content,
-        namespace=namespace,
-        heartbeat_hz=constraint_hz,
-        policy=policy,
-        counts=lambda: {name: n for counts in counted for name, n in counts().items()},
-        ros=ros,
-    ) as publisher:
+    with (
+        guard_start(prepared, NODE_NAME, namespace, ros) as start,
+        SessionPublisher(
+            prepared.content,
+            namespace=namespace,
+            heartbeat_hz=constraint_hz,
+            policy=policy,
+            counts=lambda: {name: n for counts in counted for name, n in counts().items()},
+            ros=ros,
+        ) as publisher,
+    ):
         node = publisher.ros
         robot, named = case.manifest.robot, _named_edges(entry)
         pose_topic, joint_topic = _pose_topic(entry), None if robot is None else robot.joint_states
@@ -128,7 +135,7 @@ def live_node(
             playback=PlaybackRule(
                 playback.found, accepted=case.manifest.provenance.kind == "simulated"
             ),
-            outside=senders.outside,
+            outside=lambda: {**senders.outside(), **start.faults(node)},
         )
         buffer = TransformBuffer()
         TfListener(node, buffer, clock=False, qos=INCOMING)
@@ -145,6 +152,7 @@ def live_node(
                 *guidance,
                 *outputs,
             ),
+            HoldKeeper(start.state, lambda: publisher.constraints.ended),
         )
         RearmService(node, publisher.constraints, run.commands)
         margins = MarginParameterServer(node, setup.margins, run.commands.set_margins)

@@ -26,6 +26,7 @@ from app.cli.signals import SignalState, note_signals
 if TYPE_CHECKING:
     from app.bridge.live import LiveNode
     from app.bridge.node import RosNode
+    from app.cli.live_lines import LinePrinter
     from app.session import StepResult
 
 SUMMARY = "monitor the margin live, with samples from ROS 2 or OpenIGTLink"
@@ -76,8 +77,7 @@ def _rate_hz(text: str) -> float:
 
 def run(options: argparse.Namespace) -> int:
     """Step and publish until a signal comes."""
-    shown = _StepOutput(as_json=options.json)
-    with note_signals() as received:
+    with note_signals() as received, closing(_StepOutput(as_json=options.json)) as shown:
         load_bridge("which a live session needs")
         print_reach()
         if options.lifecycle:
@@ -151,16 +151,25 @@ class _StepOutput:
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
+        self._printer: LinePrinter | None = None
 
     def begin(self, node: "LiveNode", *, stamps_of_host: bool) -> None:
         """Print the steps of ``node`` from now on."""
         from app.cli.live_lines import LinePrinter
 
+        self.close()
         self._node = node
         self._printer = LinePrinter(
             sys.stdout, as_json=self._as_json, stamps_of_host=stamps_of_host
         )
 
     def print(self, step: "StepResult") -> None:
-        """Print one line."""
-        self._printer.print(step, self._node.commands.content)
+        """Print one line; begin first."""
+        if self._printer is not None:
+            self._printer.print(step, self._node.commands.content)
+
+    def close(self) -> None:
+        """Wait for the reader of the lines, 1 s at most. Idempotent."""
+        printer, self._printer = self._printer, None
+        if printer is not None:
+            printer.close()

@@ -70,7 +70,10 @@ def test_session_of_a_patient_uses_no_pose_of_a_replay(start, config, project_ro
     Path(config).write_text(yaml.safe_dump(values))
     case = str(project_root / "data" / "recorded_case")
     replay = start("-m", "app.cli", "replay", case, "--rate", "1")
-    session = start("-m", "app.cli", "live", "--config", config)
+    beside = start("-m", "app.cli", "live", "--config", config)
+    assert beside.process.wait() == 2  # the replay publishes the same constraint
+    assert "node /marginguard publishes the constraint already" in beside.log.read_text()
+    session = start("-m", "app.cli", "live", "--config", config, "--namespace", "patient")
     session.line(lambda line: line.startswith("UNKNOWN: invalid") and "[PLAYBACK]" in line)
     assert replay.process.poll() is None
     assert session.end(signal.SIGINT) == 130

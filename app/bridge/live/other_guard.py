@@ -1,0 +1,123 @@
+"""Find another guard on the ROS graph before a live session publishes its first constraint."""
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from marginguard_msgs.msg import FixtureConstraint
+
+from app.bridge.errors import BridgeError
+from app.bridge.node import RosNode
+from app.bridge.qos import NEWEST, Topic
+from app.fixture import Reason
+
+DISCOVERY_S = 0.5
+"""Time in which a guard on this machine is found: 0.1 to 0.3 s on an idle one. Later ones are found
+while the session runs."""
+
+SILENCE_S = 1.0
+"""Time in which a guard that runs repeats its constraint."""
+
+LEASE_S = 25.0
+"""Time after which the middleware forgets a process that was killed: 20 s with Fast DDS."""
+
+NAME_S = 1.0
+"""Time in which the name of a node follows its first endpoint."""
+
+_POLL_S = 0.02
+_CHECK_S = 0.2
+_NOBODY: Mapping[Reason, str] = MappingProxyType({})
+
+
+def find_silent_publishers(name: str, namespace: str, domain_id: int | None) -> "SilentPublishers":
+    """Look for publishers of the constraint of the node ``name`` in ``namespace``.
+
+    Uses a node of its own for 0.5 s, so that a refused guard does not appear on the graph under the
+    guard's name. Raises `BridgeError` for a publisher that sends: another guard, or a replay.
+    Returns publishers that send nothing: of a process that was killed and is not forgotten yet, or
+    of an inactive one.
+    """
+    received = threading.Event()
+    with RosNode(f"{name}_start", namespace=namespace, domain_id=domain_id) as ros:
+        topic = Topic(f"{name}/constraint", FixtureConstraint, NEWEST)
+        subscription = ros.subscribe(topic, lambda _: received.set(), raw=True)
+        resolved = str(subscription.topic_name)
+        ends_s = time.monotonic() + DISCOVERY_S
+        found: frozenset[bytes] = frozenset()
+        while not received.is_set() and time.monotonic() < ends_s:
+            if not found and (found := _publishers(ros, resolved)):
+                ends_s = time.monotonic() + SILENCE_S
+            received.wait(_POLL_S)
+        found |= _publishers(ros, resolved)
+        ends_s = time.monotonic() + NAME_S
+        while received.is_set() and not _names(ros, resolved) and time.monotonic() < ends_s:
+            time.sleep(_POLL_S)
+        if received.is_set() or ros.definition_problems:
+            raise BridgeError(
+                f"{resolved}: {_nodes(ros, resolved)} publishes the constraint already; expected "
+                "one guard, and no replay, in this ROS domain and namespace: end the other one "
+                "first, or use --namespace"
+            )
+    return SilentPublishers(resolved, found)
+
+
+@dataclass(slots=True)
+class SilentPublishers:
+    """Publishers of ``topic`` that were there before this guard, by their ``gids``.
+
+    As long as one is left, `faults` keeps the session on hold.
+    """
+
+    topic: str
+    gids: frozenset[bytes]
+    _began_s: float = field(default_factory=time.monotonic)
+    _checked_s: float = 0.0
+
+    def faults(self, ros: RosNode) -> Mapping[Reason, str]:
+        """The fault that there is another publisher; empty when all have gone.
+
+        Raises `BridgeError` if one is left although the middleware would have forgotten a dead one.
+        """
+        if not self.gids:
+            return _NOBODY
+        now_s = time.monotonic()
+        # This node knows all others after some time.
+        if now_s - max(self._checked_s, self._began_s) > _CHECK_S and ros.is_open:
+            self._checked_s = now_s
+            if now_s - self._began_s > SILENCE_S:
+                self.gids &= _publishers(ros, self.topic)
+        if not self.gids:
+            return _NOBODY
+        if now_s - self._began_s > LEASE_S:
+            raise BridgeError(
+                f"{self.topic}: {_nodes(ros, self.topic, self.gids)} still has a publisher of the "
+                f"constraint after {LEASE_S:g} s; expected one guard in this ROS domain and "
+                "namespace: end the other one first, or use --namespace"
+            )
+        return {
+            Reason.SECOND_SENDER: "another guard is known on this topic and sends nothing: waiting "
+            f"up to {LEASE_S:g} s until the middleware has forgotten it"
+        }
+
+
+def _publishers(ros: RosNode, topic: str) -> frozenset[bytes]:
+    found = ros.node.get_publishers_info_by_topic(topic)
+    return frozenset(bytes(info.endpoint_gid) for info in found)
+
+
+def _nodes(ros: RosNode, topic: str, gids: frozenset[bytes] | None = None) -> str:
+    return ", ".join(_names(ros, topic, gids)) or "another node"
+
+
+def _names(ros: RosNode, topic: str, gids: frozenset[bytes] | None = None) -> list[str]:
+    """The known names of the nodes that publish ``topic``."""
+    return sorted(
+        {
+            f"node {info.node_namespace.rstrip('/')}/{info.node_name}"
+            for info in ros.node.get_publishers_info_by_topic(topic)
+            if not info.node_name.startswith("_NODE_")
+            and (gids is None or bytes(info.endpoint_gid) in gids)
+        }
+    )

@@ -1,0 +1,47 @@
+"""Keeps the hold of a live session in its `LiveState`, from its first step to its end."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from app.fixture import Reason
+from app.runtime.persistence.live_state import LiveState
+from app.session import LiveSession, StepResult
+
+
+class HoldKeeper:
+    """Begins a session on hold where ``state`` demands it, and notes how the session ends.
+
+    ``has_expired()`` is True while a constraint has become stale that no step has replaced yet: the
+    hold that it began is not latched in the session.
+    """
+
+    def __init__(self, state: LiveState, has_expired: Callable[[], bool]) -> None:
+        self._state = state
+        self._has_expired = has_expired
+        self._begun = False
+
+    @contextmanager
+    def kept(self, live: LiveSession) -> Iterator[None]:
+        """Within the context the steps of ``live`` are taken."""
+        if not self._begun:
+            self._begun = True
+            for cause in self._state.start_causes:
+                live.hold(cause)
+        self._state.resume()
+        try:
+            yield
+        except BaseException as error:  # also of the reader of the steps
+            reason = str(error) or type(error).__name__
+            self._state.update(True, (*self._causes(live), f"the session has failed: {reason}"))
+            raise
+        with live.between_steps() as session:
+            latched = session.latched or self._has_expired()
+            self._state.end(latched, session.hold_causes)
+
+    def note(self, step: StepResult) -> None:
+        """Note the hold of ``step``. Does not wait for the disk."""
+        self._state.update(Reason.LATCHED in step.decision.reasons, step.hold_causes)
+
+    def _causes(self, live: LiveSession) -> tuple[str, ...]:
+        with live.between_steps() as session:
+            return session.hold_causes

@@ -1,0 +1,183 @@
+"""What a live session keeps on disk while it runs: its locks and the record of its hold."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from app.files.atomic_io import write_durably
+from app.runtime.persistence.errors import SecondInstanceError, StateFileError
+from app.runtime.persistence.instance_key import InstanceKey, Slot
+from app.runtime.persistence.instance_lock import InstanceLock, check_no_guard, describe_holder
+from app.runtime.persistence.record_writer import RecordWriter
+from app.runtime.persistence.restart_causes import causes_of_damage, causes_of_record
+from app.runtime.persistence.run_record import HoldRecord, RunRecord, as_bytes, read_record
+
+
+@contextmanager
+def live_state(
+    folder: Path,
+    key: InstanceKey,
+    *,
+    clock_ns: Callable[[], int],
+    log: Callable[[str], None],
+) -> Iterator["LiveState"]:
+    """Lock the namespace and the arm of ``key``, read how the last run ended, note that one runs.
+
+    ``clock_ns`` is the system time. ``log`` gets a line if a record cannot be written later.
+
+    Raises `SecondInstanceError` if another guard runs, and `StateFileError` if ``folder`` cannot
+    be written: a guard that cannot keep a hold does not start.
+    """
+    with ExitStack() as opened:
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError as error:
+            raise StateFileError(
+                f"{folder} cannot be written: {error.strerror}; expected a writable folder "
+                "(XDG_STATE_HOME), because a hold has to survive the process"
+            ) from error
+        holder = describe_holder(key.namespace, key.arm)
+        locks: dict[Slot, InstanceLock] = {}
+        opened.callback(_close_all, locks)
+        for slot in key.slots:
+            locks[slot] = InstanceLock(lock_path(folder, slot), slot, holder)
+        state = LiveState(folder, key, locks, clock_ns=clock_ns, log=log)
+        try:
+            yield state
+        finally:
+            state.close()
+
+
+class LiveState:
+    """Use `live_state`. The files say that the run has not ended, until `close` after `end`.
+
+    So a killed process leaves a record that makes the next run begin on hold, at whatever moment it
+    is killed, and although `update` never waits for the disk. ``start_causes`` is empty if the run
+    may begin without hold. ``problem`` is not empty while another guard has the lock, because
+    somebody has removed the file of this one.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        key: InstanceKey,
+        locks: dict[Slot, InstanceLock],
+        *,
+        clock_ns: Callable[[], int],
+        log: Callable[[str], None],
+    ) -> None:
+        self._folder = folder
+        self._key = key
+        self._locks = locks
+        self._clock_ns = clock_ns
+        self._log = log
+        self.problem = ""
+        self.start_causes, since_ns = self._read()
+        now_ns = clock_ns()
+        hold = HoldRecord(since_ns or now_ns, self.start_causes) if self.start_causes else None
+        self._record = RunRecord(key, os.getpid(), now_ns, now_ns, ended=False, hold=hold)
+        # Before the first step: nothing is permitted while the files say that no guard runs.
+        self._write(self._record)
+        self._record = replace(self._record, ended=True)  # written if no step follows
+        self._writer = RecordWriter(self._write, self._beat, self._failed)
+
+    def update(self, latched: bool, causes: tuple[str, ...]) -> None:
+        """Note after a step whether a hold is latched, and its causes. Returns at once."""
+        hold = self._record.hold
+        if not latched:
+            if hold is None:
+                return
+            new = None
+        elif hold is None:
+            new = HoldRecord(self._clock_ns(), causes)
+        elif hold.causes == causes:
+            return
+        else:
+            new = HoldRecord(hold.since_ns, causes)
+        self._record = replace(self._record, hold=new, written_ns=self._clock_ns())
+        self._writer.put(self._record)
+
+    def end(self, latched: bool, causes: tuple[str, ...] = ()) -> None:
+        """Note an orderly end of the steps; `close` writes it. Undone by `resume`."""
+        self.update(latched, causes)
+        self._record = replace(self._record, ended=True)
+
+    def resume(self) -> None:
+        """Note that steps follow, for the first time or after `end`."""
+        self._record = replace(self._record, ended=False)
+
+    def close(self) -> None:
+        """Write the final record and end the thread; the locks are released afterwards."""
+        self._record = replace(self._record, written_ns=self._clock_ns())
+        if not self._writer.close(self._record):
+            self._log("the state folder does not answer: the next start will be on hold")
+
+    def _read(self) -> tuple[tuple[str, ...], int | None]:
+        """Causes of a hold at the start, and since when it has been latched."""
+        causes: dict[str, None] = {}
+        since: list[int] = []
+        seen = [lock.last_alive_ns for lock in self._locks.values()]
+        alive_ns = max(filter(None, seen), default=None)
+        for slot in self._locks:
+            try:
+                record = read_record(record_path(self._folder, slot), slot)
+            except StateFileError as error:
+                causes |= dict.fromkeys(causes_of_damage(error))
+                continue
+            if record is not None:
+                causes |= dict.fromkeys(causes_of_record(record, alive_ns))
+                if record.hold is not None:
+                    since.append(record.hold.since_ns)
+        return tuple(causes), min(since, default=None)
+
+    def _write(self, record: RunRecord) -> None:
+        for slot in self._locks:
+            write_durably(record_path(self._folder, slot), as_bytes(record), StateFileError)
+
+    def _beat(self) -> None:
+        for slot, lock in self._locks.items():
+            if lock.is_removed:
+                self._restore(slot)
+            self._locks[slot].touch()
+
+    def _restore(self, slot: Slot) -> None:
+        """Lock ``slot`` again after its file was removed, and write its record again."""
+        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        holder = describe_holder(self._key.namespace, self._key.arm)
+        try:
+            restored = InstanceLock(lock_path(self._folder, slot), slot, holder)
+        except SecondInstanceError as error:
+            self.problem = str(error)
+            return
+        self._locks[slot].close()
+        self._locks[slot], self.problem = restored, ""
+        self._write(self._record)
+
+    def _failed(self, why: str) -> None:
+        self._log(f"{why}; a restart will begin on hold, without the causes of later holds")
+
+
+def _close_all(locks: dict[Slot, InstanceLock]) -> None:
+    for lock in locks.values():
+        lock.close()
+
+
+def refuse_beside_guard(folder: Path, key: InstanceKey) -> None:
+    """Raise `SecondInstanceError` if a guard has the namespace of ``key``.
+
+    For replays, which publish its topics. Changes nothing on disk.
+    """
+    namespace = key.slots[0]
+    check_no_guard(lock_path(folder, namespace), namespace)
+
+
+def lock_path(folder: Path, slot: Slot) -> Path:
+    """The lock of ``slot``."""
+    return folder / f"{slot.stem}.lock"
+
+
+def record_path(folder: Path, slot: Slot) -> Path:
+    """The record of the last run with ``slot``."""
+    return folder / f"{slot.stem}.json"

@@ -1,0 +1,109 @@
+"""The record of a run: a small JSON file that tells the next run how this one ended."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from app.files.bounded_io import read_bounded
+from app.runtime.persistence.errors import StateFileError
+from app.runtime.persistence.instance_key import InstanceKey, Slot
+
+VERSION = 1
+MAX_BYTES = 64 * 1024
+MAX_CAUSES = 16
+MAX_CAUSE_CHARS = 400
+_MAX_NS = 253_402_300_799 * 10**9
+"""The last second of the year 9999: later times cannot be displayed."""
+
+
+@dataclass(frozen=True, slots=True)
+class HoldRecord:
+    """A latched hold: the system time at which it began, and its causes."""
+
+    since_ns: int
+    causes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """A run of a live session; times are system times in ns.
+
+    ``ended`` is False from the start of the run to its orderly end. So the record of a killed run
+    says that it did not end, whatever was written last. ``hold`` is None without a latched hold.
+    """
+
+    key: InstanceKey
+    pid: int
+    started_ns: int
+    written_ns: int
+    ended: bool
+    hold: HoldRecord | None
+
+    @property
+    def allows_start(self) -> bool:
+        """True if the next run may start without hold: orderly end, no hold latched."""
+        return self.ended and self.hold is None
+
+
+def as_bytes(record: RunRecord) -> bytes:
+    """The content of the file, with a digest over everything else."""
+    values = {"version": VERSION, **asdict(record)}
+    if record.hold is not None:
+        causes = [cause[:MAX_CAUSE_CHARS] for cause in record.hold.causes[:MAX_CAUSES]]
+        values["hold"] = {"since_ns": record.hold.since_ns, "causes": causes}
+    values["sha256"] = _digest(values)
+    return (json.dumps(values, indent=2) + "\n").encode()
+
+
+def read_record(path: Path, slot: Slot) -> RunRecord | None:
+    """Read the record of ``slot``; None if there is no file.
+
+    Raises `StateFileError` for a file that cannot be read, is damaged, is of a newer version or
+    belongs to another slot.
+    """
+    if not path.exists() and not path.is_symlink():
+        return None
+    content = read_bounded(path, MAX_BYTES, StateFileError)
+    try:
+        values = json.loads(content)
+        record = _record(values)
+    except RecursionError as error:
+        raise StateFileError(f"{path.name}: nested too deeply; expected a record") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise StateFileError(f"{path.name}: damaged; expected the record of a run") from error
+    if slot not in record.key.slots:
+        raise StateFileError(f"{path.name}: the record of another session; expected {slot}")
+    return record
+
+
+def _record(values: dict[str, Any]) -> RunRecord:
+    version = values["version"]
+    if type(version) is int and version > VERSION:
+        raise StateFileError(
+            f"the record has version {version}, of a newer program; expected {VERSION}"
+        )
+    digest = values.pop("sha256")
+    if version != VERSION or digest != _digest(values):
+        raise ValueError("digest")
+    del values["version"]
+    key, hold = values.pop("key"), values.pop("hold")
+    record = RunRecord(
+        **values,
+        key=InstanceKey(**key),
+        hold=None if hold is None else HoldRecord(hold["since_ns"], tuple(hold["causes"])),
+    )
+    times = [record.started_ns, record.written_ns, *([record.hold.since_ns] if record.hold else [])]
+    if type(record.ended) is not bool or not all(
+        type(time) is int and 0 <= time <= _MAX_NS for time in times
+    ):
+        raise ValueError("types")
+    if record.hold and not all(isinstance(cause, str) for cause in record.hold.causes):
+        raise ValueError("types")
+    return record
+
+
+def _digest(values: dict[str, Any]) -> str:
+    """Detects damage, not manipulation."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()

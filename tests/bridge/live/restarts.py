@@ -1,0 +1,42 @@
+"""What the tests of restarts and of second instances share."""
+
+from pathlib import Path
+
+import yaml
+
+CONSTRAINT = "/marginguard/constraint:marginguard_msgs/msg/FixtureConstraint:1000000"
+TRACKED = {"tracked_transforms": {}, "clock": "host"}
+REARM = ("-m", "app.cli", "rearm", "--yes")
+
+
+def live(config, *options):
+    """Arguments of ``marginguard live``."""
+    return ("-m", "app.cli", "live", "--constraint-hz", "100", "--config", str(config), *options)
+
+
+def other_arm(config: Path) -> Path:
+    """A copy of ``config`` whose robot has another topic of joints."""
+    values = yaml.safe_load(config.read_text())
+    values["robot"]["joint_states"] = "/other/joint_states"
+    path = config.with_name("other_arm.yaml")
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
+def first(receiver, accept):
+    """The first constraint that ``accept`` accepts."""
+    while True:
+        message = receiver.take(1)[0]["message"]
+        if accept(message):
+            return message
+
+
+def refusal(child):
+    """Wait for the end of a refused guard and return its error line."""
+    child.extend_deadline()
+    assert child.process.wait() == 2
+    (line,) = [
+        line for line in child.log.read_text().splitlines() if line.startswith("marginguard: error")
+    ]
+    assert "Traceback" not in child.log.read_text()
+    return line

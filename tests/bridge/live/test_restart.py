@@ -1,0 +1,86 @@
+"""A live session that was killed or stopped, and the one after it, in processes of their own."""
+
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.bridge.live.restarts import CONSTRAINT, REARM, TRACKED, first, live, refusal
+from tests.bridge.live.test_live_command import SENDER
+
+KILLED = re.compile(
+    r"guard restarted: the last run \(process (\d+)\) ended without a stop at about "
+    r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d"
+)
+
+
+@pytest.fixture
+def config(live_yaml):
+    return live_yaml(TRACKED, stale_after_ms=2000.0)
+
+
+def records():
+    folder = Path(os.environ["XDG_STATE_HOME"], "marginguard")
+    return sorted(folder.glob("*.json"))
+
+
+def test_killed_guard_restarts_on_hold_with_the_reason_until_an_operator_rearms(
+    start, start_receiver, config, frames_file
+):
+    guard = start(*live(config))
+    guard.line(lambda line: line.startswith("UNKNOWN"))
+    receiver = start_receiver(CONSTRAINT)
+    start(str(SENDER), str(frames_file), "tracked", "again")
+    free = first(receiver, lambda message: not message["hold"])
+    guard.end(signal.SIGKILL)
+
+    second = start(*live(config, "--json"))
+    held = first(receiver, lambda message: message["instance_id"] != free["instance_id"])
+    assert held["hold"]
+    (cause,) = [cause for cause in held["hold_causes"] if KILLED.match(cause)]
+    assert KILLED.match(cause).group(1) == str(guard.process.pid)
+    known = first(receiver, lambda message: message["state"] != 3)
+    assert known["hold"]
+    assert "latched" in known["reasons"]
+    assert cause in known["hold_causes"]
+    second.line(lambda line: cause in line)  # the JSON line has the causes
+    assert f"HOLD: {cause}" in second.log.read_text()
+    operator = start(*REARM)
+    operator.line(lambda line: line == "re-armed\n")
+    rearmed = first(receiver, lambda message: not message["hold"])
+    assert rearmed["instance_id"] == known["instance_id"]
+    assert rearmed["hold_causes"] == []
+
+    # An orderly end without hold allows the next one to start without.
+    assert second.end(signal.SIGTERM) == 143
+    third = start(*live(config))
+    again = first(
+        receiver,
+        lambda message: (
+            message["instance_id"] not in (free["instance_id"], rearmed["instance_id"])
+            and message["state"] != 3
+        ),
+    )
+    assert not again["hold"]
+    assert "HOLD" not in third.log.read_text()
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00random\xff", b'{"version": 2}'])
+def test_damaged_record_is_a_start_on_hold(start, config, content):
+    guard = start(*live(config))
+    guard.line(lambda line: line.startswith("UNKNOWN"))
+    assert guard.end(signal.SIGINT) == 130
+    for path in records():
+        path.write_bytes(content)
+    second = start(*live(config))
+    second.line(lambda line: line.startswith("UNKNOWN") and "latched" in line)
+    assert "HOLD: guard restarted: how the last run ended is not known: " in second.log.read_text()
+
+
+def test_state_that_cannot_be_written_refuses_the_start(start, config, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    line = refusal(start(*live(config)))
+    assert "cannot be written: Not a directory; expected a writable folder (XDG_STATE_HOME)" in line

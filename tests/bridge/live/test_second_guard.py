@@ -1,0 +1,59 @@
+"""A second guard of one namespace or one arm, on this machine or elsewhere."""
+
+import re
+import signal
+
+import pytest
+
+from tests.bridge.live.restarts import CONSTRAINT, TRACKED, first, live, other_arm, refusal
+
+
+@pytest.fixture
+def config(live_yaml):
+    return live_yaml(TRACKED)
+
+
+def test_second_guard_of_a_namespace_or_an_arm_is_refused(
+    start, start_receiver, config, project_root
+):
+    guard = start(*live(config))
+    guard.line(lambda line: line.startswith("UNKNOWN"))
+    receiver = start_receiver(CONSTRAINT)
+    names_it = re.compile(
+        rf"process {guard.process.pid} \(namespace '/', arm 'touch /joint_states'"
+    )
+    commands = [
+        live(config),
+        live(other_arm(config)),
+        live(config, "--namespace", "watch"),
+        ("-m", "app.cli", "view", "--live", "--config", str(config)),
+        ("-m", "app.cli", "replay", str(project_root / "data/recorded_case"), "--rate", "1"),
+    ]
+    lines = [refusal(start(*command)) for command in commands]
+    assert all(names_it.search(line) for line in lines)
+    assert ["arm" in line.partition(" in ROS")[0] for line in lines] == [
+        False,
+        False,
+        True,
+        False,
+        False,
+    ]
+    start(*live(other_arm(config), "--namespace", "watch")).line(
+        lambda line: line.startswith("UNKNOWN")
+    )
+    ids = {message["message"]["instance_id"] for message in receiver.take(30)}
+    assert len(ids) == 1  # no refused guard has published a constraint
+    # The lock of a killed guard is free at once.
+    guard.end(signal.SIGKILL)
+    start(*live(config))
+    first(receiver, lambda message: message["instance_id"] not in ids)
+
+
+def test_guard_elsewhere_that_sends_is_found_on_the_graph(start, config, monkeypatch, tmp_path):
+    guard = start(*live(config))
+    guard.line(lambda line: line.startswith("UNKNOWN"))
+    # Another machine or user has another state folder.
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "elsewhere"))
+    line = refusal(start(*live(config)))
+    assert "/marginguard/constraint: node /marginguard publishes the constraint already" in line
+    assert guard.process.poll() is None
