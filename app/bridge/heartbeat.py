@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from app.bridge.errors import BridgeError
+from app.bridge.steady_clock import steady_ns
 from app.geometry import NS_PER_S
 
 Message = TypeVar("Message")
@@ -58,14 +59,16 @@ class Heartbeat(Generic[Message]):
         message: Message,
         *,
         valid_ns: int | None = None,
+        since_ns: int | None = None,
         replacement: Message | None = None,
         unless_ended: bool = False,
     ) -> int | None:
         """Send ``message`` now and at every beat until the next call; returns its first ``seq``.
 
-        After ``valid_ns`` it is replaced by ``replacement``, or by nothing if that is None. Without
-        ``valid_ns`` it is repeated indefinitely. With ``unless_ended`` nothing is sent and None is
-        returned if the previous message has `ended`.
+        ``valid_ns`` after ``since_ns`` (of `steady_ns`, the present by default) it is replaced by
+        ``replacement``, or by nothing if that is None: the replacement alone is sent if that time
+        has passed. Without ``valid_ns`` it is repeated indefinitely. With ``unless_ended`` nothing
+        is sent and None is returned if the previous message has `ended`.
         """
         self._raise_error()
         with self._lock:
@@ -74,7 +77,8 @@ class Heartbeat(Generic[Message]):
                 return None
             first = self.seq
             self._message, self._replacement, self._ended = message, replacement, False
-            self._expires_ns = None if valid_ns is None else time.monotonic_ns() + valid_ns
+            begin_ns = steady_ns() if since_ns is None else since_ns
+            self._expires_ns = None if valid_ns is None else begin_ns + valid_ns
             self._send_current()
             return first
 
@@ -114,7 +118,7 @@ class Heartbeat(Generic[Message]):
             self.seq += 1
 
     def _check_expiry(self) -> None:
-        if self._expires_ns is not None and time.monotonic_ns() >= self._expires_ns:
+        if self._expires_ns is not None and steady_ns() >= self._expires_ns:
             self._end(self._replacement)
 
     def _end(self, replacement: Message | None) -> None:
@@ -123,7 +127,7 @@ class Heartbeat(Generic[Message]):
 
     def _beat(self, period_ns: int) -> None:
         ask_for_real_time()
-        due_ns = time.monotonic_ns() + period_ns
+        due_ns = steady_ns() + period_ns
         while self._wait_until(due_ns):
             try:
                 with self._lock:
@@ -132,7 +136,7 @@ class Heartbeat(Generic[Message]):
                 self._error = error
                 return
             due_ns += period_ns
-            late_ns = time.monotonic_ns() - due_ns
+            late_ns = steady_ns() - due_ns
             if late_ns >= _MAX_LATE_NS:
                 missed = late_ns // period_ns
                 self.missed += missed
@@ -140,7 +144,7 @@ class Heartbeat(Generic[Message]):
 
     def _wait_until(self, due_ns: int) -> bool:
         """Sleep until ``due_ns``; False if `close` was called."""
-        ahead_ns = due_ns - time.monotonic_ns()
+        ahead_ns = due_ns - steady_ns()
         if ahead_ns > _MAX_SLEEP_NS:
             self._closing.wait(ahead_ns / NS_PER_S)
         elif ahead_ns > 0:

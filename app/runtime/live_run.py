@@ -59,7 +59,9 @@ class LiveRun:
     def _publish(self, step: StepResult) -> None:
         in_time = True
         for output in self.outputs:
-            timing = StepTiming(spent_ns=self.live.spent_ns(), in_time=in_time)
+            timing = StepTiming(
+                spent_ns=self.live.spent_ns(), in_time=in_time, clock=self.live.spent_ns
+            )
             if not output.publish(step, timing) and in_time:
                 in_time = False
                 self.live.hold("a step came later than its data are valid")

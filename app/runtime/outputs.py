@@ -20,13 +20,22 @@ class StepTiming:
     """Timing of a step.
 
     ``duration_ns``: time that the session took to compute it. ``spent_ns``: time since its frame
-    was the present, 0 in a replay. ``in_time`` is False when an earlier output found the step too
-    late: it must not permit any motion then.
+    was the present, 0 in a replay; it goes on, and ``clock`` returns it at present. ``in_time`` is
+    False when an earlier output found the step too late: it must not permit any motion then.
     """
 
     duration_ns: int = 0
     spent_ns: int = 0
     in_time: bool = True
+    clock: Callable[[], int] | None = None
+
+    def spent_now_ns(self) -> int:
+        """Time in ns since the step's frame was the present.
+
+        A validity that begins now must subtract it, and read its own clock *before*: a stop of the
+        process between the two then shortens the validity.
+        """
+        return self.spent_ns if self.clock is None else self.clock()
 
 
 class Output(Protocol):

@@ -1,6 +1,7 @@
 from .frame_senders import FrameSenders, SenderConflict
 from .from_case import margin_parameters, robot_from_case, setup_from_case
 from .joint_clock import tip_signals, with_estimated_clock
+from .known_edges import NO_EDGES, KnownEdges
 from .live import LiveSession
 from .live_control import (
     guidance_parameters,
@@ -17,9 +18,11 @@ from .tumor_repair import with_repaired_tumor
 
 __all__ = [
     "LEASE_NS",
+    "NO_EDGES",
     "REFERENCE",
     "SILENT_NS",
     "FrameSenders",
+    "KnownEdges",
     "LiveSession",
     "MeasuredPose",
     "PlaybackRule",

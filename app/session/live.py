@@ -17,6 +17,14 @@ from app.session.session import NOTHING_OUTSIDE, Session, StepResult
 TICK_NS = 100 * NS_PER_MS
 """Period of the steps while the source is silent."""
 
+GAP_NS = 2 * TICK_NS
+"""Without a sign of life for longer, this process was stopped: it looks every `TICK_NS`."""
+
+SETTLED_AFTER_NS = 100 * NS_PER_MS
+"""After a gap, samples that arrive within this time may have waited in a buffer during it."""
+
+_REFUSED = "samples during a refused playback"
+
 Wait = Callable[[threading.Condition, float], object]
 """Waits on a held condition for at most a number of seconds."""
 
@@ -53,7 +61,9 @@ class LiveSession:
         self._changed = threading.Condition()
         self._stepping = threading.Lock()
         self._stopped = False
-        self._watch_ns = self._taken_ns = host_ns()
+        self._refused = False
+        self._watch_ns = self._taken_ns = self._alive_ns = host_ns()
+        self._woke_ns: int | None = None
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -67,9 +77,20 @@ class LiveSession:
             return dict(self._frames.left_out)
 
     def add(self, samples: Sequence[TrackedTransform]) -> None:
-        """Add samples that have just arrived."""
+        """Add samples that have just arrived.
+
+        During a refused playback they are dropped, so that no recorded stamp enters the estimate of
+        the source's clock; the session steps without them. After a gap of this process they may
+        have waited meanwhile: they are used by their stamps, but do not train the clock.
+        """
+        refused = self._playback.refuses()
         with self._changed:
-            self._frames.add(samples, self._host_ns())
+            host_ns = self._host_ns()
+            if refused:
+                self._refused = True
+                self._frames.left_out[_REFUSED] += len(samples)
+            else:
+                self._frames.add(samples, host_ns, train=not self._may_have_waited(host_ns))
             self._changed.notify()
 
     def add_joints(self, sample: JointSample, *, of_host: bool) -> None:
@@ -123,7 +144,7 @@ class LiveSession:
                 frame = self._take()
                 # Checked after the samples were taken: a playback is discovered before them.
                 playback = self._playback.found()
-                checked = self._playback.checked(frame, playback)
+                checked = self._playback.checked(frame, playback, self.edges)
                 step = self._session.step(checked, self._outside())
                 step = self._with_source_problems(step, playback)
                 self._watch_ns = self._next_watch_ns(step)
@@ -134,6 +155,9 @@ class LiveSession:
         with self._changed:
             while not self._stopped:
                 host_ns = self._host_ns()
+                self._may_have_waited(host_ns)
+                if self._refused:
+                    return True
                 remaining_ns = self._watch_ns - host_ns
                 ready_ns = self._frames.ready_in_ns(host_ns)
                 # A longer wait than possible means that the host's clock was set back.
@@ -148,9 +172,21 @@ class LiveSession:
         """The ready frame, or one without poses; stamped with the present."""
         with self._changed:
             host_ns = self._taken_ns = self._host_ns()
+            self._refused = False
             frame = self._frames.take(host_ns)
             # Before the first sample the source's time is unknown; 0 is before all stamps.
             return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
+
+    def _may_have_waited(self, host_ns: int) -> bool:
+        """True if a sample that arrives now may be older than its arrival suggests.
+
+        To be called, with the lock, by every thread that looks at the host's clock: the first one
+        after a gap of this process detects it.
+        """
+        if host_ns - self._alive_ns > GAP_NS:
+            self._woke_ns = host_ns
+        self._alive_ns = host_ns
+        return self._woke_ns is not None and host_ns - self._woke_ns < SETTLED_AFTER_NS
 
     def _with_source_problems(self, step: StepResult, playback: str) -> StepResult:
         """``step`` with a playback, and with a ``frames_problem`` of the source if it has none."""

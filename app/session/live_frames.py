@@ -99,10 +99,13 @@ class LiveFrames:
             )
         return self._missing_frames
 
-    def add(self, samples: Sequence[TrackedTransform], host_ns: int) -> None:
-        """Add samples that arrived together at ``host_ns``."""
+    def add(self, samples: Sequence[TrackedTransform], host_ns: int, *, train: bool = True) -> None:
+        """Add samples that arrived together at ``host_ns``.
+
+        ``train`` False: they may have waited before, and do not train the clock.
+        """
         for sample in samples:
-            self._add(sample, host_ns)
+            self._add(sample, host_ns, train)
 
     def add_joints(self, sample: JointSample) -> None:
         """Add joints, stamped by the source's clock; the next frame carries the newest."""
@@ -142,7 +145,7 @@ class LiveFrames:
         self._joints = None
         return TrackingFrame(now, tuple(poses.values()), joints)
 
-    def _add(self, sample: TrackedTransform, host_ns: int) -> None:
+    def _add(self, sample: TrackedTransform, host_ns: int, train: bool) -> None:
         edge = (sample.target, sample.source)
         if not self._is_used(edge, host_ns):
             return
@@ -157,7 +160,8 @@ class LiveFrames:
         ):
             self._restart()
             known = None
-        self._clock.observe(sample.stamp.ns, host_ns)
+        if train:
+            self._clock.observe(sample.stamp.ns, host_ns)
         if known is not None and sample.stamp.ns <= known.stamp.ns:
             if sample.stamp.ns < known.stamp.ns:
                 self.left_out["samples that came late"] += 1

@@ -1,6 +1,6 @@
 """Recorded poses that another node plays on the graph of a live session."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from app.case import TrackingFrame
@@ -23,13 +23,25 @@ class PlaybackRule:
     found: Callable[[], str] = _none_found
     accepted: bool = False
 
-    def checked(self, frame: TrackingFrame, playback: str) -> TrackingFrame:
-        """``frame``, or a frame without poses and joints if ``playback`` is not accepted."""
+    def refuses(self) -> bool:
+        """True while samples must not enter the session. Thread-safe if ``found`` is."""
+        return not self.accepted and bool(self.found())
+
+    def checked(
+        self, frame: TrackingFrame, playback: str, edges: Collection[tuple[str, str]] = ()
+    ) -> TrackingFrame:
+        """``frame``, or one without joints whose poses are all lost if ``playback`` is refused.
+
+        ``edges`` (target, source) are lost as well then, whether ``frame`` has samples of them or
+        not: the poses from before the playback must not remain in use.
+        """
         if self.accepted or not playback:
             return frame
+        lost = dict.fromkeys(edges, frame.stamp)
+        lost |= {(each.target, each.source): each.stamp for each in frame.poses}
         poses = tuple(
-            TrackedTransform.lost(each.target, each.source, each.stamp, TrackingStatus.INVALID)
-            for each in frame.poses
+            TrackedTransform.lost(*edge, stamp, TrackingStatus.INVALID)
+            for edge, stamp in lost.items()
         )
         return replace(frame, poses=poses, joints=())
 

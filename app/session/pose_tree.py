@@ -165,11 +165,17 @@ class PoseTree:
             edge_unchanged_ns = self._unchanged_ns(edge, state)
             if edge_unchanged_ns > unchanged_ns:
                 unchanged_ns = edge_unchanged_ns
-            problems |= state.bad or self._age_problems(stamp, self._now, edge_unchanged_ns)
-            if state.repetition.repeats and self._is_stuck(edge):
-                problems |= _FROZEN
+            problems |= self._edge_problems(edge, state, edge_unchanged_ns)
         transform = None if problems else _along(target, samples)
         return MeasuredPose(transform, oldest, unchanged_ns, problems)
+
+    def usable(self) -> dict[Edge, TrackedTransform | None]:
+        """Latest sample of each edge; None for one that may not be used now."""
+        found: dict[Edge, TrackedTransform | None] = {}
+        for edge, state in self._edges.items():
+            unchanged_ns = self._unchanged_ns(edge, state)
+            found[edge] = None if self._edge_problems(edge, state, unchanged_ns) else state.latest
+        return found
 
     def never_changed(self) -> tuple[Edge, ...]:
         """Edges (target, source) that are treated as fixed transforms so far."""
@@ -214,6 +220,14 @@ class PoseTree:
         target, source = edge
         frames = self.moving_frames
         return edge in self._changed or target in frames or source in frames
+
+    def _edge_problems(self, edge: Edge, state: _EdgeState, unchanged_ns: int) -> frozenset[Reason]:
+        if self._now is None:
+            return _UNKNOWN.problems
+        problems = state.bad or self._age_problems(state.latest.stamp, self._now, unchanged_ns)
+        if state.repetition.repeats and self._is_stuck(edge):
+            problems |= _FROZEN
+        return problems
 
     def _age_problems(self, stamp: Stamp, now: Stamp, unchanged_ns: int) -> frozenset[Reason]:
         freshness = freshness_of(stamp.ns, now.ns, self.limits, unchanged_ns)

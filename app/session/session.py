@@ -25,6 +25,7 @@ from app.geometry import (
 from app.registration import RegistrationDrift, check_drift, tre_at
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
+from app.session.known_edges import NO_EDGES, KnownEdges, known_edges
 from app.session.named_frames import base_measured_problem
 from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
@@ -50,6 +51,7 @@ class StepResult:
     recording that is played on the graph of a live session, empty if there is none.
     ``hold_causes`` are texts on what began and prolonged the present hold, oldest first; empty
     without a hold. ``single_source`` is True if nothing independent can contradict the tracker.
+    ``edges`` are those that the step used, for twists in other frames.
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -71,6 +73,7 @@ class StepResult:
     playback: str = ""
     hold_causes: tuple[str, ...] = ()
     single_source: bool = False
+    edges: KnownEdges = NO_EDGES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,6 +175,7 @@ class Session:
             drift=drift,
             frames_problem="; ".join(filter(None, [self._frames_problem, *outside.values()])),
             hold_causes=self._hold_causes,
+            edges=known_edges(self.setup, self._poses.usable(), links, self._joints),
         )
 
     def hold(self, cause: str) -> None:

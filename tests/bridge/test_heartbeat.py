@@ -6,6 +6,7 @@ import pytest
 
 from app.bridge.errors import BridgeError
 from app.bridge.heartbeat import Heartbeat
+from app.bridge.steady_clock import steady_ns
 
 
 class Sent:
@@ -75,12 +76,12 @@ def test_rate_out_of_range_is_refused(hz):
 
 
 class SimulatedClock:
-    """Replaces the module ``time``; only `sleep` advances it."""
+    """Replaces the module ``time`` and the steady clock; only `sleep` advances it."""
 
     def __init__(self):
         self.now_ns = 0
 
-    def monotonic_ns(self):
+    def steady_ns(self):
         return self.now_ns
 
     def sleep(self, seconds):
@@ -90,6 +91,7 @@ class SimulatedClock:
 def test_late_beat_does_not_delay_the_next_beats(monkeypatch):
     clock = SimulatedClock()
     monkeypatch.setattr("app.bridge.heartbeat.time", clock)
+    monkeypatch.setattr("app.bridge.heartbeat.steady_ns", clock.steady_ns)
     sent_ms = []
     enough = threading.Event()
 
@@ -148,6 +150,19 @@ def test_expired_message_is_replaced_and_reported():
     assert heartbeat.update("e", unless_ended=True) is None
     heartbeat.close()
     assert sent.pairs == [("a", 0), ("b is old", 1), ("d", 2), ("rest", 3)]
+
+
+def test_message_that_expired_before_it_was_sent_is_replaced_at_once():
+    """A stop of the process between the measurement of the validity and the call."""
+    sent = Sent(1)
+    heartbeat = Heartbeat(sent, None)
+    begin_ns = steady_ns() - 10**9
+    heartbeat.update("a", valid_ns=5 * 10**8, since_ns=begin_ns, replacement="a is old")
+    assert heartbeat.ended
+    heartbeat.update("b", valid_ns=10**12, since_ns=begin_ns, replacement="b is old")
+    assert not heartbeat.ended
+    heartbeat.close()
+    assert sent.pairs == [("a is old", 0), ("b", 1)]
 
 
 def test_last_message_is_sent_after_an_error_in_the_thread():

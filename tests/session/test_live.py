@@ -12,7 +12,7 @@ from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
 from app.robot import load_robot
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
-from app.session.playback_rule import NO_PLAYBACK
+from app.session.playback_rule import NO_PLAYBACK, PlaybackRule
 from app.synthetic.touch_arm import TOUCH_URDF
 from tests.doubles import PARAMETERS, AnalyticSphere, joint_sample, lost, sample
 
@@ -479,3 +479,41 @@ def test_spent_ns_is_the_age_of_the_last_step():
         assert host.live.spent_ns() == 3
         host.ns -= 5  # the host's clock was set back
         assert host.live.spent_ns() == 0
+
+
+def test_samples_that_waited_during_a_stop_of_the_process_are_not_young():
+    """The first samples fill the buffer of the socket during the stop; later ones are lost."""
+    host = SimulatedHost()
+    track(host, 1050, 1400)
+
+    def stop():
+        host.ns += 1000 * NS_PER_MS
+        for at_ms in range(0, 200, 5):
+            host.live.add([needle(at_ms), cautery(at_ms)])
+
+    host.at(5, stop)
+    steps = host.run(1400)
+    for _, step in steps:
+        if step.decision.stamp is not None and step.decision.state is not MarginState.UNKNOWN:
+            assert step.decision.stamp.ns >= 1050 * NS_PER_MS
+    assert steps[-1][1].decision.state is MarginState.NEGATIVE
+
+
+def test_samples_of_a_refused_playback_do_not_train_the_clock():
+    """A recording whose stamps are 10 s ahead is played while the tracker goes on."""
+    playing = [False]
+    host = SimulatedHost(playback=PlaybackRule(lambda: "a recording" if playing[0] else ""))
+    track(host, 0, 2000)
+    for at_ms in range(500, 1000, 20):
+        host.arrive(at_ms + 5, needle(at_ms + 10_000), cautery(at_ms + 10_000, 30.0))
+    host.at(490, lambda: playing.__setitem__(0, True))
+    host.at(1000, lambda: playing.__setitem__(0, False))
+    steps = host.run(2000)
+    during = [step for at_ms, step in steps if 520 < at_ms < 1000]
+    assert len(during) > 5
+    assert {step.decision.state for step in during} == {MarginState.UNKNOWN}
+    assert steps[-1][1].decision.state is MarginState.NEGATIVE
+    assert steps[-1][1].frame.stamp.ns < 2100 * NS_PER_MS
+    left_out = host.live.left_out()
+    assert left_out["samples during a refused playback"] >= 50
+    assert "times that the source's clock was set back" not in left_out

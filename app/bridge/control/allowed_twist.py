@@ -2,16 +2,17 @@
 
 import math
 import threading
-import time
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped
+from rclpy.serialization import serialize_message
 
 from app.bridge import messages, topics
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
+from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.errors import TfError
 from app.fixture import Constraint, LimiterParameters, limit_twist
@@ -19,20 +20,25 @@ from app.geometry import (
     NS_PER_MS,
     NS_PER_S,
     FloatArray,
+    FrameError,
     Freshness,
     FreshnessLimits,
     MarginGuardError,
+    Stamp,
     freshness_of,
     freshness_of_stamp,
     stale_in_ns,
 )
-from app.session import StepResult
+from app.session import KnownEdges, StepResult
 
 FUTURE_TOLERANCE_NS = 5 * NS_PER_MS
 """Tolerated lead of a command's stamp, because the clocks of two hosts differ."""
 
 _MAX_FRAME_CHARS = 256
 """Longer frame names are refused before they are processed."""
+
+_MAX_ATTEMPTS = 5
+"""Computations of one reply while steps replace the constraint."""
 
 _MAX_LOG_CHARS = 200
 _LOG_INTERVAL_NS = NS_PER_S
@@ -53,14 +59,35 @@ class TwistRefusedError(BridgeError):
 class _Allowance:
     """Constraint of the last step for the tool's tip at ``tip_mm`` (3,) in the tumour's frame.
 
-    ``until_ns`` is the end of its validity on the monotonic clock. ``stamp_ns`` is the tracker's
-    time of its oldest sample.
+    ``edges`` are those of the step at ``now_ns``, ``stamp_ns`` is the time of its oldest sample;
+    both on the tracker's clock. ``since_ns`` is ``now_ns`` on the steady clock, and ``until_ns``
+    the end of the validity there.
     """
 
     constraint: Constraint
+    parameters: LimiterParameters
     tip_mm: FloatArray
+    edges: KnownEdges
     stamp_ns: int
+    now_ns: int
     stale_after_ns: int
+    since_ns: int
+    until_ns: int
+
+    def until_of(self, stamp: Stamp | None) -> int:
+        """Steady time until which a pose of ``stamp`` may be used, None for static edges."""
+        if stamp is None:
+            return self.until_ns
+        limits = FreshnessLimits(self.stale_after_ns)
+        return min(self.until_ns, self.since_ns + stale_in_ns(stamp.ns, self.now_ns, limits))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """The allowed ``twist`` (6,) by ``allowance``, valid until ``until_ns`` of the steady clock."""
+
+    twist: FloatArray
+    allowance: _Allowance
     until_ns: int
 
 
@@ -68,7 +95,9 @@ class TwistLimiter:
     """Replies to each command with the nearest twist that the constraint of the last step allows.
 
     A twist is the velocity of the tool's tip in m/s and the angular velocity in rad/s, along the
-    axes of the frame in its header: the tumour's, or any that ``buffer`` connects with it. The
+    axes of the frame in its header: the tumour's, or any that is connected with it. Edges that the
+    session knows are those of the step, whatever others publish; ``buffer`` places only frames
+    that the session does not know, from the one known frame that they are connected with. The
     reply has the header of the command.
 
     =================================================== ===========================================
@@ -78,8 +107,13 @@ class TwistLimiter:
     the step's data are too old                         zero twist
     not finite, older than ``timeout_ns``, from future  zero twist
     frame unknown, or its transform stale or future     zero twist
+    frame connected with several known frames           zero twist
     no command for ``timeout_ns``                       zero twist, repeated every ``timeout_ns``
     =================================================== ===========================================
+
+    The time constant of the approach is at least the validity of the planes: until they expire, the
+    tool must not travel further than its clearance. Ages are checked again directly before a reply
+    is sent, and after it: the process may have been stopped in between.
 
     `refused` counts each problem by kind; at most one per second is logged. A separate thread
     checks the timeout, so motion also stops while the node's thread is busy.
@@ -111,20 +145,21 @@ class TwistLimiter:
         ros.subscribe(topics.DESIRED_TWIST, self._on_command)
         self._watchdog.start()
 
-    def allow(self, step: StepResult, stale_after_ns: int, spent_ns: int = 0) -> None:
+    def allow(
+        self, step: StepResult, stale_after_ns: int, spent_ns: int = 0, since_ns: int | None = None
+    ) -> None:
         """Use the constraint of ``step`` until its data are stale. Thread-safe.
 
-        ``spent_ns`` is the time since the step's frame was current. A constraint whose planes
-        belong to an earlier pose of the tool allows no motion.
+        ``spent_ns`` is the time from the moment when the step's frame was current until
+        ``since_ns`` (of `steady_ns`, the present by default). A constraint whose planes belong to
+        an earlier pose of the tool allows no motion.
         """
-        allowance = _allowance_of(step, stale_after_ns, spent_ns)
-        with self._lock:
-            self._allowance = allowance
+        begin_ns = (steady_ns() if since_ns is None else since_ns) - spent_ns
+        self._use(_allowance_of(step, stale_after_ns, begin_ns, self._parameters))
 
     def forbid(self) -> None:
-        """Allow no motion until the next `allow`. Thread-safe."""
-        with self._lock:
-            self._allowance = None
+        """Allow no motion until the next `allow`: no such reply is sent afterwards. Thread-safe."""
+        self._use(None)
 
     def close(self) -> None:
         """Stop replying; the last reply is a zero twist. Closing the node destroys the endpoints.
@@ -140,43 +175,72 @@ class TwistLimiter:
             if self._commanded_ns is not None and self._ros.is_open:
                 self._stop("closed")
 
+    def _use(self, allowance: _Allowance | None) -> None:
+        with self._publish_lock:  # after a reply that is being published
+            self._allowance = allowance
+
     def _on_command(self, command: TwistStamped) -> None:
         if self._closing.is_set():
             return
         frame = command.header.frame_id
         self._frame = frame if len(frame) <= _MAX_FRAME_CHARS else ""
-        self._commanded_ns = time.monotonic_ns()
+        self._commanded_ns = steady_ns()
+        answered = False
         try:
-            twist = self._allowed(command)
+            # A step may replace the allowance while the twist is computed.
+            for _ in range(_MAX_ATTEMPTS):
+                answered = self._reply(command, self._allowed(command))
+                if answered:
+                    return
+            raise TwistRefusedError("constraints replace each other too fast")
         except MarginGuardError as error:
             kind = error.kind if isinstance(error, TwistRefusedError) else type(error).__name__
             self._count(kind, str(error))
-            twist = np.zeros(6)
         with self._publish_lock:
             if not self._closing.is_set():
-                self._publish(command.header.stamp, twist)
+                self._publish(self._serialised(command.header.stamp, np.zeros(6)))
 
-    def _allowed(self, command: TwistStamped) -> FloatArray:
+    def _reply(self, command: TwistStamped, answer: _Answer) -> bool:
+        """Publish ``answer``; False if another step has replaced its allowance meanwhile.
+
+        Raises `TwistRefusedError` if it is too late for it by now.
+        """
+        raw = self._serialised(command.header.stamp, answer.twist)
+        zero = self._serialised(command.header.stamp, np.zeros(6))
+        with self._publish_lock:
+            if self._closing.is_set():
+                return True
+            if self._allowance is not answer.allowance:
+                return False
+            self._check_age(command)
+            if steady_ns() >= answer.until_ns:
+                raise TwistRefusedError("the constraint is stale")
+            self._publish(raw)
+            if steady_ns() >= answer.until_ns:  # stopped while it was sent
+                self._publish(zero)
+        return True
+
+    def _allowed(self, command: TwistStamped) -> _Answer:
         frame = command.header.frame_id
         if len(frame) > _MAX_FRAME_CHARS:
             detail = f"its name has {len(frame)} characters; expected at most {_MAX_FRAME_CHARS}"
             raise TwistRefusedError("frame of a command", detail)
         self._check_age(command)
         desired = _twist_of(command)
-        with self._lock:
-            allowance = self._allowance
+        allowance = self._allowance
         if allowance is None:
             raise TwistRefusedError("no constraint of now is known")
-        if time.monotonic_ns() >= allowance.until_ns:
+        if steady_ns() >= allowance.until_ns:
             raise TwistRefusedError("the constraint is stale")
-        rotation = self._rotation(allowance, frame)
+        rotation, until_ns = self._rotation(allowance, frame)
         allowed = limit_twist(
             np.concatenate([rotation @ desired[:3], rotation @ desired[3:]]),
             allowance.constraint,
             allowance.tip_mm,
-            self._parameters,
+            allowance.parameters,
         )
-        return np.concatenate([rotation.T @ allowed[:3], rotation.T @ allowed[3:]])
+        twist = np.concatenate([rotation.T @ allowed[:3], rotation.T @ allowed[3:]])
+        return _Answer(twist, allowance, until_ns)
 
     def _check_age(self, command: TwistStamped) -> None:
         stamp = command.header.stamp
@@ -188,15 +252,42 @@ class TwistLimiter:
         if freshness is not Freshness.VALID:
             raise TwistRefusedError("a command is too old")
 
-    def _rotation(self, allowance: _Allowance, frame: str) -> FloatArray:
-        """Rotation (3, 3) of ``tumor_from_frame`` at the time of the planes or before it."""
+    def _rotation(self, allowance: _Allowance, frame: str) -> tuple[FloatArray, int]:
+        """Rotation (3, 3) of ``tumor_from_frame``, and the steady time until which it is valid."""
         tumor = allowance.constraint.frame
         if frame == tumor:
-            return np.eye(3)
+            return np.eye(3), allowance.until_ns
+        known = allowance.edges.frames() | {tumor}
+        anchor, beyond = frame, np.eye(3)
+        if frame not in known:
+            anchor, beyond = self._foreign_rotation(allowance, frame, known)
+        if anchor == tumor:
+            return beyond, allowance.until_ns
         try:
-            found = self._buffer.lookup(tumor, frame)
+            tumor_from_anchor, stamp = allowance.edges.between(tumor, anchor)
+        except FrameError as error:
+            raise TwistRefusedError("frame of a command", str(error)) from error
+        return tumor_from_anchor.rotation @ beyond, allowance.until_of(stamp)
+
+    def _foreign_rotation(
+        self, allowance: _Allowance, frame: str, known: frozenset[str]
+    ) -> tuple[str, FloatArray]:
+        """The known frame that ``frame`` hangs on, and the rotation (3, 3) from ``frame`` to it.
+
+        At the time of the planes or before it.
+        """
+        try:
+            anchors = sorted(self._buffer.attachments(frame, known))
+            if len(anchors) != 1:
+                names = ", ".join(anchors) or "none"
+                raise TwistRefusedError(
+                    "frame of a command",
+                    f"{frame!r} is connected with the known frames {names}; expected one",
+                )
+            anchor = anchors[0]
+            found = self._buffer.lookup(anchor, frame)
             if found.stamp_ns is None:  # static edges alone, which hold at any time
-                return found.transform.rotation
+                return anchor, found.transform.rotation
             # The planes may be up to the limit old while tf goes on, so its newest pose may be as
             # far ahead of them. Then the pose at the time of the planes is used instead.
             limits = FreshnessLimits(
@@ -207,25 +298,25 @@ class TwistLimiter:
                 late = "from the future" if freshness is Freshness.FUTURE else "stale"
                 raise TwistRefusedError("way to the frame of a command", f"{frame!r} is {late}")
             if found.stamp_ns > allowance.stamp_ns:
-                found = self._buffer.lookup(tumor, frame, allowance.stamp_ns)
+                found = self._buffer.lookup(anchor, frame, allowance.stamp_ns)
         except TfError as error:
             raise TwistRefusedError("frame of a command", str(error)) from error
-        return found.transform.rotation
+        return anchor, found.transform.rotation
 
     def _watch(self) -> None:
         while not self._closing.wait(self._timeout_ns / NS_PER_S):
             commanded_ns = self._commanded_ns
             if commanded_ns is None:
                 continue
-            if time.monotonic_ns() - commanded_ns >= self._timeout_ns:
+            if steady_ns() - commanded_ns >= self._timeout_ns:
                 self._stop("no command comes any more")
 
     def _stop(self, reason: str) -> None:
         self._count(reason, reason)
-        self._publish(self._ros.node.get_clock().now().to_msg(), np.zeros(6))
+        self._publish(self._serialised(self._ros.node.get_clock().now().to_msg(), np.zeros(6)))
 
     def _count(self, kind: str, reason: str) -> None:
-        now_ns = time.monotonic_ns()
+        now_ns = steady_ns()
         with self._lock:
             self.refused[kind] += 1
             if self._logged_ns is not None and now_ns - self._logged_ns < _LOG_INTERVAL_NS:
@@ -235,17 +326,25 @@ class TwistLimiter:
             f"{topics.ALLOWED_TWIST.name}: {reason[:_MAX_LOG_CHARS]}"
         )
 
-    def _publish(self, stamp: object, twist: FloatArray) -> None:
+    def _serialised(self, stamp: object, twist: FloatArray) -> bytes:
         reply = TwistStamped()
         reply.header.stamp = stamp
         reply.header.frame_id = self._frame
         reply.twist.linear = messages.vector_message(messages.metres(twist[:3]))
         reply.twist.angular = messages.vector_message(twist[3:])
-        self._publisher.publish(reply)
+        return bytes(serialize_message(reply))
+
+    def _publish(self, raw: bytes) -> None:
+        self._publisher.publish(raw)
 
 
-def _allowance_of(step: StepResult, stale_after_ns: int, spent_ns: int) -> _Allowance | None:
-    """None if the step has no planes for the tool's pose in that step."""
+def _allowance_of(
+    step: StepResult, stale_after_ns: int, begin_ns: int, parameters: LimiterParameters
+) -> _Allowance | None:
+    """None if the step has no planes for the tool's pose in that step.
+
+    ``begin_ns`` is the steady time at which the step's frame was current.
+    """
     decision, pose = step.decision, step.tumor_from_tip
     constraint, stamp = decision.constraint, decision.stamp
     if constraint is None or not decision.constraint_is_current or stamp is None or pose is None:
@@ -253,12 +352,17 @@ def _allowance_of(step: StepResult, stale_after_ns: int, spent_ns: int) -> _Allo
     limits, now = FreshnessLimits(stale_after_ns), step.frame.stamp
     if freshness_of_stamp(stamp, now, limits) is not Freshness.VALID:
         return None
+    validity_s = stale_after_ns / NS_PER_S
     return _Allowance(
         constraint=constraint,
+        parameters=replace(parameters, tau_s=max(parameters.tau_s, validity_s)),
         tip_mm=pose.translation_mm,
+        edges=step.edges,
         stamp_ns=stamp.ns,
+        now_ns=now.ns,
         stale_after_ns=stale_after_ns,
-        until_ns=time.monotonic_ns() + stale_in_ns(stamp.ns, now.ns, limits) - spent_ns,
+        since_ns=begin_ns,
+        until_ns=begin_ns + stale_in_ns(stamp.ns, now.ns, limits),
     )
 
 

@@ -2,6 +2,7 @@
 
 from app.bridge.control import GuidancePublisher, TwistLimiter
 from app.bridge.node import RosNode
+from app.bridge.steady_clock import steady_ns
 from app.fixture import MarginParameters
 from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
 from app.session import StepResult
@@ -17,7 +18,9 @@ class TwistOutput:
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Allow the motion of ``step``; none if an earlier output found the step too late."""
         if timing.in_time:
-            self._limiter.allow(step, self._stale_after_ns, timing.spent_ns)
+            # Read before the time that has been spent: a stop in between shortens the validity.
+            since_ns = steady_ns()
+            self._limiter.allow(step, self._stale_after_ns, timing.spent_now_ns(), since_ns)
         else:
             self._limiter.forbid()
         return True

@@ -34,7 +34,7 @@ class PlaybackWatch:
     only adds the name of the case: it may arrive later, or never.
 
     `check` looks for bag players; call it in the node's thread, before the first sample of a new
-    sender is used. Otherwise it is called every `CHECK_S`.
+    sender is used. Otherwise it is called every `CHECK_S`. `found` is thread-safe.
     """
 
     def __init__(self, ros: RosNode, inputs: Collection[str]) -> None:
@@ -61,16 +61,17 @@ class PlaybackWatch:
 
     def found(self) -> str:
         """Description of the playback; empty if there is none."""
-        now_s, player = time.monotonic(), self._player
+        now_s, player, seen_s = time.monotonic(), self._player, self._seen_s
         if player:
             self._last_player = player
         is_announced = self._ros.is_open and self._ros.node.count_publishers(topics.PLAYBACK.name)
         if player or is_announced:
-            self._seen_s = now_s
-        if self._seen_s is None or now_s - self._seen_s > LINGER_S:
-            self._seen_s, self._case, self._last_player = None, "", ""
+            self._seen_s = seen_s = now_s
+        if seen_s is None or now_s - seen_s > LINGER_S:
+            self._case, self._last_player = "", ""
             return ""
-        details = f"played by the node {self._last_player}" if self._last_player else self._case
+        last = self._last_player
+        details = f"played by the node {last}" if last else self._case
         return f"poses from a recording, {details}" if details else "poses from a recording"
 
     def close(self) -> None:

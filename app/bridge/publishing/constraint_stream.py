@@ -108,11 +108,18 @@ class ConstraintStream:
             sys.setswitchinterval(min(self._switch_s, _SHORT_SWITCH_INTERVAL_S))
         self._heartbeat = Heartbeat(self._send, hz)
 
-    def publish(self, message: FixtureConstraint, *, valid_ns: int | None = None) -> bool:
+    def publish(
+        self,
+        message: FixtureConstraint,
+        *,
+        valid_ns: int | None = None,
+        since_ns: int | None = None,
+    ) -> bool:
         """Publish ``message`` now and repeat it; after ``valid_ns`` repeat it as stale and on hold.
 
-        ``valid_ns`` is the time from now to ``valid_until``, at least 0, on the clock of the
-        caller's stamps. It is None for a clock that can stop, such as that of a replay.
+        ``valid_ns`` is the time from ``since_ns`` (of `steady_ns`, now by default) to
+        ``valid_until``, on the clock of the caller's stamps. It is None for a clock that can stop,
+        such as that of a replay. After that time only the stale message is published.
 
         Returns False if the previous message had become stale or was followed by `hold`.
         ``message`` is then published on hold with the reason ``latched``, and the caller has to
@@ -122,7 +129,7 @@ class ConstraintStream:
         if faulty and not self._faulty and not self._heartbeat.ended:
             self._renew_nonce()
         self._identify(message)
-        first = self._begin(message, valid_ns, unless_ended=True)
+        first = self._begin(message, valid_ns, since_ns, unless_ended=True)
         in_time = first is not None
         if not in_time:
             message.hold = True
@@ -130,7 +137,7 @@ class ConstraintStream:
             message.reasons = [str(reason) for reason in worst_first(reasons)]
             self._continue_hold()
             self._identify(message)
-            first = self._begin(message, valid_ns)
+            first = self._begin(message, valid_ns, since_ns)
         if first is not None and in_time and faulty and not self._faulty:
             self._fault_seq = first
         self._faulty = faulty
@@ -205,12 +212,18 @@ class ConstraintStream:
         return self._heartbeat.ended
 
     def _begin(
-        self, message: FixtureConstraint, valid_ns: int | None, *, unless_ended: bool = False
+        self,
+        message: FixtureConstraint,
+        valid_ns: int | None,
+        since_ns: int | None = None,
+        *,
+        unless_ended: bool = False,
     ) -> int | None:
         stale = None if valid_ns is None else self._held(message, "stale", valid_ns)
         first = self._heartbeat.update(
             RawConstraint.of(message),
             valid_ns=valid_ns,
+            since_ns=since_ns,
             replacement=None if stale is None else RawConstraint.of(stale),
             unless_ended=unless_ended,
         )

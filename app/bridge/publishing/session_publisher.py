@@ -17,6 +17,7 @@ from app.bridge.publishing.diagnostics import Diagnostics
 from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.bridge.qos import Topic
+from app.bridge.steady_clock import steady_ns
 from app.bridge.tf.broadcaster import tf_message
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
@@ -112,15 +113,16 @@ class SessionPublisher:
         self._publish_frames(step)
         for sample in step.frame.joints if self._policy.robot else ():
             self._send(topics.JOINT_STATES, messages.joint_state_message(sample))
-        in_time = self.constraints.publish(
-            self._constraint_builder.message(
-                step.decision,
-                hold_causes=step.hold_causes,
-                simulated=self._simulated or bool(step.playback),
-                single_source=step.single_source,
-            ),
-            valid_ns=self._valid_ns(step, timing.spent_ns),
+        message = self._constraint_builder.message(
+            step.decision,
+            hold_causes=step.hold_causes,
+            simulated=self._simulated or bool(step.playback),
+            single_source=step.single_source,
         )
+        # Read before the time that has been spent: a stop in between shortens the validity.
+        since_ns = steady_ns()
+        valid_ns = self._valid_ns(step, timing.spent_now_ns())
+        in_time = self.constraints.publish(message, valid_ns=valid_ns, since_ns=since_ns)
         self._publish_margin(step.decision)
         report = self._diagnostics.report(step, self._content.margins.stale_after_ns)
         if report is not None:

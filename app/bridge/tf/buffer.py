@@ -5,7 +5,7 @@ Stamps are integer nanoseconds on the clock of the publishers; poses are in mm. 
 
 import math
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from app.bridge.tf.errors import (
@@ -147,6 +147,29 @@ class TransformBuffer:
             root_from_top = inverse(self._in_top(root, needed, stamp_ns, known))
         values = [compose(root_from_top, pose) for pose in tops]
         return PoseSet(root, tuple(frames), matrices(values), stamp_ns)
+
+    def attachments(self, frame: str, known: Collection[str]) -> frozenset[str]:
+        """Frames of ``known`` that edges connect with ``frame``, without passing another of them.
+
+        Raises `TfLookupError` for an unknown frame.
+        """
+        with self._changed:
+            self._chain(frame)
+            children: dict[str, list[str]] = {}
+            for child, edge in self._edges.items():
+                children.setdefault(edge.parent, []).append(child)
+            found: set[str] = set()
+            reached, waiting = {frame}, [frame]
+            while waiting:
+                at = waiting.pop()
+                if at in known:
+                    found.add(at)
+                    continue
+                parent = [self._edges[at].parent] if at in self._edges else []
+                beyond = {*parent, *children.get(at, ())} - reached
+                reached |= beyond
+                waiting += beyond
+        return frozenset(found)
 
     def latest_common_ns(self, target: str, source: str) -> int | None:
         """Latest time that every edge of the path has; None if all of them are static."""

@@ -13,18 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.bridge.control import TwistLimiter
+from app.bridge.control import TwistLimiter, allowed_twist
+from app.bridge.steady_clock import steady_ns
 from app.bridge.tf import TransformBuffer
 from app.fixture import LimiterParameters, MarginState, Reason
-from app.geometry import Stamp, Transform
-from app.session import Session, SessionSetup
+from app.geometry import Stamp, TrackedTransform, Transform
+from app.session import KnownEdges, Session, SessionSetup
 from tests.bridge.conftest import DEADLINE_S, START_NS
 from tests.doubles import PARAMETERS, AnalyticSphere, frame, sample
 
 SENDER = Path(__file__).resolve().parent / "twist_sender.py"
-LONG_NS = 10**12
-MAX_APPROACH_M_S = 0.005 / 0.05
-"""The clearance divided by the limiter's time constant."""
+LONG_NS = 10**11
+MAX_APPROACH_M_S = 0.005 / 100.0
+"""The clearance divided by the validity of the planes, which is longer than the time constant."""
 
 
 def command(*linear, frame="tumor", late_s=0.0, angular=(0.0, 0.0, 0.0)):
@@ -53,7 +54,7 @@ def is_zero(reply):
 
 
 def test_only_the_approach_is_limited_in_every_frame(ros, buffer, make_step, start_receiver):
-    limiter = TwistLimiter(ros, buffer, timeout_ns=LONG_NS // 1000)
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
     step = make_step(0)
     still = np.zeros((1, 3))
     constraint = replace(step.decision.constraint, tumor_velocities_mm_s=still)
@@ -63,7 +64,7 @@ def test_only_the_approach_is_limited_in_every_frame(ros, buffer, make_step, sta
         command(0.01, 0.02, 0.03),
         command(0.01, 0.02, -1.0),
         command(-1.0, 0.02, 0.01, frame="rotated"),
-        command(0.01, 0.0, -0.05),
+        command(0.01, 0.0, -0.00004),
     )
     assert found[0]["linear"] == pytest.approx([0.01, 0.02, 0.03])
     # The plane limits the velocity of the point (1, 2, 17.5) mm, which includes the rotation.
@@ -72,9 +73,9 @@ def test_only_the_approach_is_limited_in_every_frame(ros, buffer, make_step, sta
         linear = tumor_from_frame @ np.array(reply["linear"])
         angular = tumor_from_frame @ np.array(reply["angular"])
         approach = (linear + np.cross(angular, point_m))[2]
-        assert approach == pytest.approx(-MAX_APPROACH_M_S, abs=1e-6)
+        assert approach == pytest.approx(-MAX_APPROACH_M_S, abs=1e-8)
     assert found[2]["frame"] == "rotated"
-    assert found[3]["linear"] == pytest.approx([0.01, 0.0, -0.05])
+    assert found[3]["linear"] == pytest.approx([0.01, 0.0, -0.00004])
     assert is_zero(found[4])
     assert limiter.refused == {"no command comes any more": limiter.refused.total()}
 
@@ -198,9 +199,146 @@ def test_tool_beyond_the_tumor_can_leave_and_not_reenter(ros, buffer, start_rece
     limiter.allow(step, LONG_NS)
     found = replies(start_receiver, command(0.02, 0.0, 0.0), command(-0.01, 0.0, 0.0))
     out, back_in = found[0]["linear"], found[1]["linear"]
-    # The tool is 0.51 mm away, 0.49 mm within the stop margin: it must retreat at 9.8 mm/s.
+    # The tool is 0.51 mm away, 0.49 mm within the stop margin: it retreats by that in 100 s.
     assert out == pytest.approx([0.02, 0.0, 0.0])
-    assert back_in[0] >= 0.0097
+    normal = step.decision.constraint.normals[0]
+    assert normal @ back_in == pytest.approx(0.00049 / 100.0, rel=0.05)
+
+
+def robot_step(make_step):
+    """A step whose session knows ``reference`` in the tracker and a registered base."""
+    stamp = make_step(0).decision.stamp
+    half = math.sqrt(0.5)
+
+    def turned(target, source, z):
+        turn = (0.0, 0.0, 2.0 * math.atan2(z, half))
+        return Transform.from_rotation_vector(turn, (1, 2, 3), target=target, source=source)
+
+    measured = {
+        ("tracker", "needle"): TrackedTransform.valid(turned("tracker", "needle", half), stamp),
+        ("tracker", "reference"): TrackedTransform.valid(
+            turned("tracker", "reference", -half), stamp
+        ),
+        ("tracker", "lost"): None,
+    }
+    static = (
+        Transform.identity("needle", "tumor"),
+        Transform.identity("cautery", "cautery_tip"),
+        turned("reference", "robot_base", 0.1),
+    )
+    return replace(
+        make_step(0), edges=KnownEdges(static, measured, base="robot_base", root="robot_base")
+    )
+
+
+@pytest.mark.parametrize("frame", ["robot_base", "hand"])
+def test_foreign_edges_do_not_turn_frames_that_the_session_knows(
+    ros, buffer, make_step, start_receiver, frame
+):
+    """``hand`` hangs on ``robot_base`` and has its axes; others turn every edge above it."""
+    around = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    for parent, child in (("reference", "robot_base"), ("tumor", "reference")):
+        buffer.insert(parent, child, 0, around, static=True)
+    buffer.insert("robot_base", "hand", 0, (0.0,) * 6 + (1.0,), static=True)
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    step = robot_step(make_step)
+    base, _ = step.edges.between("tumor", "robot_base")
+    limiter.allow(faulty(step), LONG_NS)
+    retreat, approach = base.rotation.T @ [0.0, 0.0, 0.03], base.rotation.T @ [0.0, 0.0, -0.03]
+    found = replies(start_receiver, command(*retreat, frame=frame), command(*approach, frame=frame))
+    assert found[0]["linear"] == pytest.approx(retreat)
+    point_m = np.array([0.001, 0.002, 0.0175])
+    linear = base.rotation @ np.array(found[1]["linear"])
+    angular = base.rotation @ np.array(found[1]["angular"])
+    assert (linear + np.cross(angular, point_m))[2] >= -1e-9
+
+
+def test_frame_between_two_known_ones_and_lost_frames_give_no_motion(
+    ros, buffer, make_step, start_receiver
+):
+    straight = (0.0,) * 6 + (1.0,)
+    buffer.insert("world", "tracker", 0, straight, static=True)
+    buffer.insert("world", "robot_base", 0, straight, static=True)
+    buffer.insert("world", "lost", 0, straight, static=True)
+    buffer.insert("tumor", "far", 0, straight, static=True)
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    limiter.allow(robot_step(make_step), LONG_NS)
+    found = replies(
+        start_receiver,
+        *(command(0.0, 0.0, 0.01, frame=name) for name in ("world", "lost", "far", "reference")),
+    )
+    assert [is_zero(reply) for reply in found[:4]] == [True, True, False, False]
+    assert limiter.refused["frame of a command"] == 2
+
+
+def test_old_pose_on_the_way_to_a_frame_gives_no_motion(ros, buffer, make_step, start_receiver):
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    step = robot_step(make_step)
+    old = Stamp(step.decision.stamp.ns - LONG_NS)
+    edge = ("tracker", "reference")
+    sample_of_old = TrackedTransform.valid(step.edges.measured[edge].transform, old)
+    edges = replace(step.edges, measured={**step.edges.measured, edge: sample_of_old})
+    limiter.allow(replace(step, edges=edges), LONG_NS)
+    found = replies(
+        start_receiver,
+        command(0.0, 0.0, 0.01, frame="robot_base"),
+        command(0.0, 0.0, 0.01, frame="needle"),
+    )
+    assert [is_zero(reply) for reply in found[:2]] == [True, False]
+    assert limiter.refused["the constraint is stale"] == 1
+
+
+@pytest.mark.parametrize("stop", ["before the reply", "while it is sent"])
+def test_stop_of_the_process_while_a_twist_is_computed_gives_no_motion(
+    ros, buffer, make_step, start_receiver, monkeypatch, stop
+):
+    """The clock goes on by the validity during the computation, or while the reply is sent."""
+    ahead_ns = [0]
+    monkeypatch.setattr(
+        "app.bridge.control.allowed_twist.steady_ns", lambda: steady_ns() + ahead_ns[0]
+    )
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    limiter.allow(make_step(0), LONG_NS)
+    first = "limit_twist" if stop == "before the reply" else "serialize_message"
+    compute = getattr(allowed_twist, first)
+    publish = limiter._publisher.publish
+
+    def delayed(*arguments):
+        result = compute(*arguments)
+        if stop == "before the reply":
+            ahead_ns[0] = LONG_NS
+        return result
+
+    def sent(raw):
+        publish(raw)
+        ahead_ns[0] = LONG_NS
+
+    monkeypatch.setattr(allowed_twist, first, delayed)
+    if stop == "while it is sent":
+        monkeypatch.setattr(limiter._publisher, "publish", sent, raising=False)
+    found = replies(start_receiver, command(0.0, 0.0, 0.01))
+    if stop == "before the reply":
+        assert is_zero(found[0])
+        assert limiter.refused["the constraint is stale"] == 1
+    else:  # what has been sent cannot be taken back: a zero twist follows at once
+        assert is_zero(found[-1])
+
+
+def test_revoked_allowance_is_not_used_by_a_twist_that_is_being_computed(
+    ros, buffer, make_step, start_receiver, monkeypatch
+):
+    limiter = TwistLimiter(ros, buffer, timeout_ns=10**9)
+    limiter.allow(make_step(0), LONG_NS)
+    compute = allowed_twist.limit_twist
+
+    def revoked(*arguments):
+        limiter.forbid()
+        return compute(*arguments)
+
+    monkeypatch.setattr(allowed_twist, "limit_twist", revoked)
+    found = replies(start_receiver, command(0.0, 0.0, 0.01))
+    assert is_zero(found[0])
+    assert limiter.refused["no constraint of now is known"] == 1
 
 
 def test_transform_from_the_future_does_not_rotate_a_command(

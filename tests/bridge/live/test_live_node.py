@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from app.bridge.live import LiveNode, LiveNodeLifecycle
 from app.bridge.live.outputs import TwistOutput
+from app.bridge.steady_clock import steady_ns
 from app.runtime import LiveRun, PassiveOutput, StepTiming
 from tests.doubles import PARAMETERS
 from tests.session.test_live import SimulatedHost, track
@@ -50,7 +51,8 @@ class Limiter:
     def __init__(self):
         self.calls = []
 
-    def allow(self, step, stale_after_ns, spent_ns):
+    def allow(self, step, stale_after_ns, spent_ns, since_ns):
+        assert since_ns <= steady_ns()
         self.calls.append((step, stale_after_ns, spent_ns))
 
     def forbid(self):

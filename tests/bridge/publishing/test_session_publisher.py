@@ -211,6 +211,20 @@ def test_step_published_too_late_is_stale(domain_id, content, make_step, start_r
     assert (first["hold"], first["reasons"]) == (True, ["stale"])
 
 
+def test_step_that_becomes_too_late_while_it_is_published_is_stale(
+    domain_id, content, make_step, start_receiver
+):
+    """The process is stopped after the first time was read."""
+    policy = PublishPolicy(clock=False)
+    late_ns = content.margins.stale_after_ns
+    with SessionPublisher(content, domain_id=domain_id, heartbeat_hz=10.0, policy=policy) as ros:
+        receiver = start_receiver(f"{CONSTRAINT}:1")
+        wait_for_one_subscriber(ros, topics.CONSTRAINT)
+        ros.publish(make_step(0), StepTiming(spent_ns=0, clock=lambda: late_ns))
+        (first,) = [line["message"] for line in receiver.messages()]
+    assert (first["hold"], first["reasons"]) == (True, ["stale"])
+
+
 @pytest.mark.parametrize(
     ("topic", "durability", "depth"),
     [
