@@ -17,7 +17,7 @@ from app.case import DOCUMENTS, schema_text
 from app.case.live_file import read_live
 from app.case.manifest.case_file import read_manifest
 from app.case.manifest.expected import read_expected
-from app.case.manifest.keys import RIGID
+from app.case.manifest.key_rules import RIGID
 from app.files.document import Section
 from app.files.json_schema import GENERAL_RULES
 from app.geometry import MarginGuardError
@@ -31,6 +31,9 @@ UNSTATED = {
     "moving_mm has as many points as fixed_mm": r"moving_mm has \d+ points; expected \d+",
     "dwells do not overlap": r"registration\.dwells overlap",
     "end_s is after start_s": r"end_s is .*; expected a time after start_s",
+    "parent and child are two frames": r"child is .*, the parent; expected another frame",
+    "a direction and an axis have a length above 0": r"has length \S+; expected more than 0",
+    "every value of max_mm is more than that of min_mm": r"max_mm is .*expected more than min_mm",
     "end_s is start_s or later": r"end_s is .*; expected start_s \(.*\) or later",
 }
 """Rule that a reader of values checks and a schema cannot state -> its message."""

@@ -103,6 +103,14 @@ def settled(values: Values) -> Values:
         dwell |= {"start_s": 2 * index, "end_s": 2 * index + 1.5}
     for block, key in ((values["tool"], "tip_from"), (values["tumor"], "pose")):
         block[key] = {"matrix": QUARTER_TURN}
+    plausibility = values.get("plausibility", {})
+    for pair in plausibility.get("pairs", []):
+        pair["child"] = pair["parent"] + "_2"
+        if "pose" in pair:
+            pair["pose"] = {"matrix": QUARTER_TURN}
+    if "min_mm" in (workspace := plausibility.get("workspace", {})):
+        workspace |= {"min_mm": [0.0, 0, 0], "max_mm": [1.0, 1, 1]}
+    plausibility.get("approach", {}).update({"direction": [0.0, 0, 1], "axis": [1.0, 0, 0]})
     if "matrix" in registration:
         registration["matrix"] = IDENTITY
     return values

@@ -47,6 +47,39 @@ CONTROL = {
         "jitter_deg": 0.3,
     },
 }
+PLAUSIBILITY = {
+    "plausibility": {
+        "motion": {
+            "max_speed_mm_s": 500.0,
+            "max_acceleration_mm_s2": 8000,
+            "max_speed_deg_s": 600,
+            "max_acceleration_deg_s2": 5000.0,
+        },
+        "mean_drift_mm": 2.0,
+        "pairs": [
+            {
+                "parent": "reference",
+                "child": "needle",
+                "max_mm": 12,
+                "max_deg": 10.0,
+                "pose": {"matrix": IDENTITY},
+            },
+            {"parent": "cautery", "child": "grip", "distance_mm": 80, "tolerance_mm": 2.0},
+        ],
+        "workspace": {"frame": "reference", "center_mm": [0.0, 0, 50], "radius_mm": 300},
+        "approach": {
+            "frame": "tracker",
+            "direction": [0.0, 0, -1],
+            "axis": [0, 0.0, 1],
+            "max_deg": 70,
+        },
+    }
+}
+BOX = {
+    "plausibility": {
+        "workspace": {"frame": "robot_base", "min_mm": [0.0, 0, 0], "max_mm": [1, 2.0, 3]}
+    }
+}
 
 
 def shipped(document: str) -> dict[str, Any]:
@@ -71,14 +104,17 @@ def complete(document: str) -> list[dict[str, Any]]:
         tf = {"tf": {"edges": [{"parent": "tracker", "child": "needle"}]}, "clock": "estimate"}
         return [
             values,
-            full | CONTROL | mesh | {"source": tf},
-            full | POINTS | segment | {"source": igtl, "clock": known},
+            full | CONTROL | mesh | {"source": tf} | PLAUSIBILITY,
+            full | BOX | POINTS | segment | {"source": igtl, "clock": known},
             full | {"tumor": contour},
         ]
     return [
         values,
-        full | POINTS | segment | {"clock": {"estimate": True}},
-        full | mesh | {"clock": known, "registration": {"method": "given", "matrix": IDENTITY}},
+        full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
+        full
+        | BOX
+        | mesh
+        | {"clock": known, "registration": {"method": "given", "matrix": IDENTITY}},
         full
         | {
             "registration": {"method": "robot_world", "dwells": [{"start_s": 0, "end_s": 1}]},

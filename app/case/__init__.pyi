@@ -42,6 +42,15 @@ from .manifest.expected import (
     load_expected,
     write_expected,
 )
+from .manifest.plausibility import (
+    ApproachEntry,
+    BoxEntry,
+    DistanceEntry,
+    EnvelopeEntry,
+    MotionEntry,
+    PlausibilityEntry,
+    SphereEntry,
+)
 from .manifest.sections import check_topic
 from .messages.decoder import values_reader
 from .messages.definition import message_definition
@@ -66,15 +75,19 @@ __all__ = [
     "RECORDING_FOLDER",
     "SEGMENTATION_ENDING",
     "TUMOR_MESH_FRAME",
+    "ApproachEntry",
     "BagTopic",
     "BagWriter",
+    "BoxEntry",
     "BuiltTumor",
     "Case",
     "CaseManifest",
     "ClockEntry",
     "ContourEntry",
+    "DistanceEntry",
     "Dwell",
     "EdgeCount",
+    "EnvelopeEntry",
     "Expected",
     "ExpectedBreach",
     "ExpectedBreaches",
@@ -87,6 +100,8 @@ __all__ = [
     "LiveSourceEntry",
     "MarginEntry",
     "MeshEntry",
+    "MotionEntry",
+    "PlausibilityEntry",
     "Playback",
     "PlayedSamples",
     "Player",
@@ -98,6 +113,7 @@ __all__ = [
     "RegistrationEntry",
     "RobotEntry",
     "SegmentationEntry",
+    "SphereEntry",
     "TfSourceEntry",
     "ToolEntry",
     "TopicSourceEntry",

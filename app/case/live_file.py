@@ -9,6 +9,7 @@ from types import MappingProxyType
 from app.case.case import Case
 from app.case.live_keys import LIVE, ONLY_LIVE, SOURCE
 from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
+from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
     read_clock,
     read_margins,
@@ -100,6 +101,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
             registration=_registration(document, robot),
             margins=read_margins(document),
             expected=None,
+            plausibility=read_plausibility(document),
         ),
         None,
         tuple(package_dirs),

@@ -82,6 +82,7 @@ def as_json_line(
             "tre_mm": None if margin is None else _finite(margin.tre_mm),
             "age_mm": None if margin is None else _finite(margin.age_mm),
             "playback": bool(step.playback),
+            "single_source": step.single_source,
             "model_id": content.model_id,
             "registration_id": content.registration_id or None,
             "dropped_lines": dropped_lines,

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from app.session import SINGLE_SOURCE
+
 
 def as_text(summary: dict[str, Any], report: Path | None) -> str:
     """Format ``summary`` (as in ``summary.json``) in a few lines."""
@@ -24,6 +26,8 @@ def as_text(summary: dict[str, Any], report: Path | None) -> str:
         )
     if not summary["breaches"]:
         lines.append("  breaches      none")
+    if summary["single_source"]:
+        lines.append(f"  checked by    {SINGLE_SOURCE}")
     if summary["registration"] is not None:
         lines.append(f"  registration  {summary['registration']['reason']}")
     lines += [

@@ -13,8 +13,11 @@ from typing import Any
 _UNITS = {
     "_n_s_m": "N s/m",
     "_n_s": "N/s",
+    "_mm_s2": "mm/s2",
+    "_deg_s2": "degrees/s2",
     "_mm_s": "mm/s",
     "_rad_s": "rad/s",
+    "_deg_s": "degrees/s",
     "_deg": "degrees",
     "_mm": "mm",
     "_ms": "ms",

@@ -6,6 +6,7 @@ from html import escape
 from typing import Any
 
 from app.report.reasons import ReasonCount
+from app.session import SINGLE_SOURCE
 
 NOT_A_DEVICE = (
     "MarginGuard is research software. It is not a medical device and must not be used to treat "
@@ -89,10 +90,11 @@ def _head(case: str, summary: dict[str, Any]) -> str:
         (_verdict(summary["expected"]), "expected results of the case"),
     )
     measured = "the tip alone (--tip-only)" if summary["tip_only"] else "the whole mesh of the tool"
+    checked = f", {SINGLE_SOURCE}" if summary["single_source"] else ""
     return (
         f"<h1>{escape(case)}</h1>\n"
         f'<p class="note">{escape(provenance)}</p>\n'
-        f'<p class="note">Measured: {escape(measured)}.</p>\n'
+        f'<p class="note">Measured: {escape(measured)}{escape(checked)}.</p>\n'
         f'<p class="device">{escape(NOT_A_DEVICE)}</p>\n<ul class="tiles">'
         + "".join(f"<li><b>{escape(big)}</b>{escape(small)}</li>" for big, small in tiles)
         + "</ul>"

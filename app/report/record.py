@@ -37,7 +37,8 @@ class ReplayRecord:
 
     ``provenance`` is the origin that the case states; ``notes`` are remarks of the reader (a
     truncated file, skipped samples). ``registration`` is None for a case without a robot,
-    ``expected`` is None for a case without expected results.
+    ``expected`` is None for a case without expected results. ``single_source``: nothing independent
+    could contradict the tracker.
     """
 
     case: str
@@ -49,6 +50,7 @@ class ReplayRecord:
     durations_ns: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     tip_only: bool = False
+    single_source: bool = True
 
 
 def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
@@ -67,6 +69,7 @@ def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
         durations_ns=tuple(log.durations_ns),
         notes=(*estimated, *case.notes(), *_notes_of(run, log)),
         tip_only=prepared.tip_only,
+        single_source=run.session.single_source,
     )
 
 

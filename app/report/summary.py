@@ -29,6 +29,7 @@ def summarise(record: ReplayRecord) -> dict[str, Any]:
         "case": record.case,
         "provenance": dict(record.provenance),
         "tip_only": record.tip_only,
+        "single_source": record.single_source,
         "frames": len(rows),
         "valid_frames": sum(row.state is not MarginState.UNKNOWN for row in rows),
         "inside_frames": sum(row.inside for row in rows),

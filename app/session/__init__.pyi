@@ -8,6 +8,7 @@ from .live_control import (
     limiter_parameters,
     tumor_motion_parameters,
 )
+from .plausibility.plausibility import SINGLE_SOURCE
 from .playback_rule import PlaybackRule
 from .pose_tree import MeasuredPose, PoseTree
 from .sender_trail import LEASE_NS, SILENT_NS, Sample, SenderTrail, has_ended
@@ -21,6 +22,7 @@ __all__ = [
     "NO_EDGES",
     "REFERENCE",
     "SILENT_NS",
+    "SINGLE_SOURCE",
     "FrameSenders",
     "KnownEdges",
     "LiveSession",

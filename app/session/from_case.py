@@ -30,6 +30,7 @@ def setup_from_case(case: Case, *, tip_only: bool = False) -> SessionSetup:
         proximity=proximity,
         margins=margins,
         robot=_robot_setup(case, margins),
+        plausibility=manifest.plausibility,
     )
 
 

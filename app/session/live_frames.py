@@ -10,7 +10,7 @@ from app.session.live_clock import SourceClock
 from app.session.named_frames import missing_frames_problem, path_to_base
 from app.session.pose_tree import Edge, shortest_path
 from app.session.recent_samples import RecentSamples
-from app.session.setup import REFERENCE, SessionSetup
+from app.session.setup import SessionSetup
 
 COMPLETE_WITHIN_NS = 5 * NS_PER_MS
 """Time for which a sample waits for the others with its acquisition stamp."""
@@ -60,8 +60,7 @@ class LiveFrames:
 
     def __init__(self, setup: SessionSetup, clock: SourceClock, edges: Sequence[Edge] = ()) -> None:
         self._setup = setup
-        tool, tumor = setup.tool_from_tip.target, setup.frame_from_tumor.target
-        self._ends = [(tumor, tool), *([(REFERENCE, tool)] if setup.robot is not None else [])]
+        self._ends = setup.measured_ends
         own = [(edge.target, edge.source) for edge in setup.static_edges]
         base = None if setup.robot is None else setup.robot.base_frame
         self._own_edges = frozenset(own)

@@ -22,11 +22,12 @@ from app.geometry import (
     Transform,
     freshness_of_stamp,
 )
-from app.registration import RegistrationDrift, check_drift, tre_at
+from app.registration import RegistrationDrift, tre_at
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
 from app.session.known_edges import NO_EDGES, KnownEdges, known_edges
 from app.session.named_frames import base_measured_problem
+from app.session.plausibility.plausibility import Plausibility
 from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.tumor_velocity import TumorVelocity
@@ -91,7 +92,6 @@ class Session:
     def __init__(self, setup: SessionSetup) -> None:
         self.setup = setup
         self._tumor_from_frame = setup.frame_from_tumor.inverse()
-        self._reference_from_root = _reference_from_root(setup.robot)
         self._poses = PoseTree(
             limits=setup.margins.freshness_limits,
             moving_frames=_moving_frames(setup),
@@ -101,7 +101,7 @@ class Session:
         self._follower = _follower(setup.robot)
         self._velocity = _velocity(setup)
         self._joints: JointSample | None = None
-        self._drifted = False
+        self._plausibility = Plausibility(setup)
         self._checked_edges: tuple[Edge, ...] = ()
         self._frames_problem = ""
         self._last: _LastPose | None = None
@@ -122,7 +122,7 @@ class Session:
         than the frame's, a mistake of the caller.
         """
         self._index += 1
-        problems = self._poses.insert(frame)
+        problems = self._poses.insert(self._plausibility.admitted(frame, self._poses))
         if problems:  # the clock went back: no sweep from the pose before the jump
             self._last = None
         tool = self._poses.pose(self.setup.frame_from_tumor.target, self.setup.tool_from_tip.target)
@@ -137,14 +137,10 @@ class Session:
         sigma_tre_mm, registration_problems = self._registration_at_tip(
             reference_from_tip, in_reference.problems
         )
-        drift = self._drift(links, reference_from_tip)
-        if drift is not None:
-            self._drifted = not drift.accepted
+        drift = self._plausibility.drift(links, reference_from_tip, frame.stamp)
+        found = {**self._plausibility.faults(self._poses, frame.stamp), **outside}
         if self._is_base_measured():
             problems |= {Reason.REGISTRATION_REFUSED}
-        # A drift does not end when the joint states stop.
-        if self._drifted:
-            problems |= {Reason.REGISTRATION_DRIFT}
         # The constraint reaches the robot through the reference frame.
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
         proximity, swept = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
@@ -154,13 +150,13 @@ class Session:
                 stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
                 proximity=proximity,
                 swept=swept,
-                problems=problems | tool.problems | registration_problems | outside.keys(),
+                problems=problems | tool.problems | registration_problems | found.keys(),
                 sigma_tre_mm=sigma_tre_mm,
                 unchanged_ns=max(pose.unchanged_ns for pose in used),
                 tumor_twist=self._tumor_twist(frame.stamp),
             )
         )
-        self._note_hold(decision, outside)
+        self._note_hold(decision, found)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
@@ -173,9 +169,10 @@ class Session:
             joints=self._joints,
             robot_problem=robot_problem,
             drift=drift,
-            frames_problem="; ".join(filter(None, [self._frames_problem, *outside.values()])),
+            frames_problem="; ".join(filter(None, [self._frames_problem, *found.values()])),
             hold_causes=self._hold_causes,
             edges=known_edges(self.setup, self._poses.usable(), links, self._joints),
+            single_source=self.single_source,
         )
 
     def hold(self, cause: str) -> None:
@@ -216,11 +213,10 @@ class Session:
         self._poses.limits = setup.margins.freshness_limits
         self._poses.moving_frames = _moving_frames(setup)
         self._monitor.parameters = setup.margins
+        self._plausibility.use(setup, before)
         if setup.tumor_motion != before.tumor_motion:
             self._velocity = _velocity(setup)
         if setup.robot is not before.robot:
-            self._drifted = False
-            self._reference_from_root = _reference_from_root(setup.robot)
             self._follower = _follower(setup.robot)
             self._checked_edges, self._frames_problem = (), ""
             self._monitor.restart()
@@ -247,18 +243,23 @@ class Session:
         return self._poses.known_frames()
 
     @property
+    def single_source(self) -> bool:
+        """True if nothing independent can contradict the tracker."""
+        return self._plausibility.single_source
+
+    @property
     def frames_problem(self) -> str:
         """Error in the frames that the tracker has measured so far; empty if there is none."""
         return self._frames_problem
 
-    def _note_hold(self, decision: FixtureDecision, outside: Mapping[Reason, str]) -> None:
-        """Update the causes of the hold after ``decision``."""
+    def _note_hold(self, decision: FixtureDecision, texts: Mapping[Reason, str]) -> None:
+        """Update the causes of the hold after ``decision``; ``texts`` describe its faults."""
         if not decision.hold:
             self._hold_causes = ()
             return
         for reason in decision.reasons:
             if reason.is_fault and reason is not Reason.RECOVERING:
-                self._add_cause(outside.get(reason) or reason.text)
+                self._add_cause(texts.get(reason) or reason.text)
 
     def _add_cause(self, cause: str) -> None:
         """Append ``cause``; beyond `MAX_CAUSES` the first ones and the newest are kept."""
@@ -330,36 +331,6 @@ class Session:
             return 0.0, problems
         return tre_at(registration, tip.translation_mm), problems
 
-    def _drift(
-        self, links: Mapping[str, Transform], reference_from_tip: Transform | None
-    ) -> RegistrationDrift | None:
-        """Distance of the tracked tip from its prediction by joints and registration.
-
-        ``reference_from_tip`` is tracked. None if the prediction is not possible.
-        """
-        robot = self.setup.robot
-        if (
-            robot is None
-            or robot.follows_tool
-            or self._reference_from_root is None
-            or not links
-            or reference_from_tip is None
-        ):
-            return None
-        link = self._reference_from_root @ links[robot.tool_link]
-        # Without a known mount the link gives the tip's position, not its orientation.
-        predicted = (
-            Transform.unchecked(
-                link.target,
-                reference_from_tip.source,
-                reference_from_tip.rotation,
-                link.translation_mm,
-            )
-            if robot.link_from_tip is None
-            else link @ robot.link_from_tip
-        )
-        return check_drift(predicted, reference_from_tip, robot.max_drift)
-
     def _links(
         self, frame: TrackingFrame, reference_from_tip: Transform | None
     ) -> tuple[Mapping[str, Transform], str]:
@@ -398,13 +369,6 @@ class Session:
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:
     moving = (setup.tool_from_tip.target, setup.frame_from_tumor.target)
     return moving if setup.robot is None else (*moving, REFERENCE)
-
-
-def _reference_from_root(robot: RobotSetup | None) -> Transform | None:
-    """The registration with the base renamed to the robot's root link: they are one frame."""
-    if robot is None or robot.registration is None:
-        return None
-    return robot.registration.transform.renamed(source=robot.robot.root_link)
 
 
 def _follower(robot: RobotSetup | None) -> IkFollower | None:

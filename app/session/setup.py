@@ -1,8 +1,9 @@
 """Setup of a session: everything that is fixed before its first step."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
+from app.case import PlausibilityEntry
 from app.fixture import MarginParameters, Proximity, SweptProximity, TumorMotionParameters
 from app.geometry import FrameError, InputError, Stamp, Transform
 from app.registration import DriftBound, RegistrationResult
@@ -79,6 +80,7 @@ class SessionSetup:
     tracked frame that it moves with. ``proximity``: distance model of the tool, given in the tip's
     frame, and the tumour. ``robot``: None for a hand-held tool. ``tumor_motion``: parameters of
     the tumour's motion, for a constraint that contains its velocity; None for a still tumour.
+    ``plausibility``: limits and relations by which a wrong pose is found.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop. Raises `InputError` for a
@@ -91,6 +93,7 @@ class SessionSetup:
     margins: MarginParameters
     robot: RobotSetup | None
     tumor_motion: TumorMotionParameters | None = None
+    plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
 
     def __post_init__(self) -> None:
         if self.tumor_motion is not None and self.robot is None:
@@ -122,3 +125,15 @@ class SessionSetup:
             else ()
         )
         return (self.tool_from_tip, self.frame_from_tumor, *registered)
+
+    @property
+    def measured_ends(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of frames whose relative poses the session needs from the tracker."""
+        tool = self.tool_from_tip.target
+        ends = [(self.frame_from_tumor.target, tool)]
+        if self.robot is not None:
+            ends.append((REFERENCE, tool))
+        base = None if self.robot is None else self.robot.base_frame
+        for target, source in self.plausibility.ends(tool):
+            ends.append((REFERENCE if target == base else target, source))
+        return tuple(dict.fromkeys(ends))

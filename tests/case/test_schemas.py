@@ -13,7 +13,8 @@ import yaml
 
 from app.case import DOCUMENTS, open_live, schema_text
 from app.case.live_keys import ABOVE_0, NEEDS_ROBOT, PASSIVE
-from app.case.manifest.keys import FILES, OWN_BASE_FRAME, RIGID, SESSION_LIMITS
+from app.case.manifest.key_rules import RIGID
+from app.case.manifest.keys import FILES, OWN_BASE_FRAME, SESSION_LIMITS
 from app.cli.commands.schema import NAMES
 from app.cli.main import main
 from app.files.json_schema import GENERAL_RULES
@@ -23,7 +24,16 @@ from app.geometry import MarginGuardError
 from app.session import limiter_parameters
 from app.session.from_case import margin_parameters
 from tests.schema_agreement import UNSTATED, refusal, validator
-from tests.valid_documents import IDENTITY, POINTS, ROOT, SHIPPED, VALID, shipped
+from tests.valid_documents import (
+    BOX,
+    IDENTITY,
+    PLAUSIBILITY,
+    POINTS,
+    ROOT,
+    SHIPPED,
+    VALID,
+    shipped,
+)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
@@ -141,6 +151,10 @@ def _set(path: str, value: object) -> Edit:
     return edit
 
 
+SOME_PAIR, _ = PLAUSIBILITY["plausibility"]["pairs"]
+SOME_APPROACH = PLAUSIBILITY["plausibility"]["approach"]
+SOME_BOX = BOX["plausibility"]["workspace"]
+
 EXAMPLES: dict[str, tuple[str, Edit]] = {
     GENERAL_RULES[0]: ("case", _set("margins.k_tre", math.inf)),
     GENERAL_RULES[1]: ("case", _set("schema", 1.0)),
@@ -153,6 +167,18 @@ EXAMPLES: dict[str, tuple[str, Edit]] = {
     ),
     "dwells do not overlap": ("case", _set("registration.dwells.1.start_s", 1.0)),
     "end_s is after start_s": ("case", _set("registration.dwells.0.end_s", 0.05)),
+    "parent and child are two frames": (
+        "live",
+        _set("plausibility", {"pairs": [{**SOME_PAIR, "child": "reference"}]}),
+    ),
+    "a direction and an axis have a length above 0": (
+        "case",
+        _set("plausibility", {"approach": {**SOME_APPROACH, "axis": [0.0, 0.0, 0.0]}}),
+    ),
+    "every value of max_mm is more than that of min_mm": (
+        "case",
+        _set("plausibility", {"workspace": {**SOME_BOX, "max_mm": [1.0, 0.0, 1.0]}}),
+    ),
     "end_s is start_s or later": ("expected", _set("dropouts.0.end_s", 1)),
 }
 """Rule of `UNSTATED` -> a document that breaks it."""

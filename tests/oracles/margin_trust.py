@@ -8,6 +8,7 @@ the frames and the margin parameters.
 import math
 from dataclasses import dataclass, field
 
+from app.case import JointSample
 from app.case.messages.values import PoseValues
 from app.geometry import TrackingStatus
 from tests.doubles import PARAMETERS
@@ -38,18 +39,24 @@ class MarginTrustOracle:
     """Decides from all frames sent so far whether the state is UNKNOWN and held.
 
     ``sources`` are the tracked frames that the decision needs; ``registered`` is False for a robot
-    without an accepted registration. ``held`` is the latch, released by the test's operator.
+    without an accepted registration. ``checked_by_joints``: a robot's joints must be known too.
+    ``held`` is the latch, released by the test's operator.
     """
 
     sources: tuple[str, ...]
     registered: bool
+    checked_by_joints: bool = False
+    joints: JointSample | None = None
     frames_ns: list[int] = field(default_factory=list)
     sent: list[SentSample] = field(default_factory=list)
     bad: list[bool] = field(default_factory=list)
     held: bool = False
 
-    def observe(self, now_ns: int, sent: list[SentSample]) -> None:
+    def observe(
+        self, now_ns: int, sent: list[SentSample], joints: tuple[JointSample, ...] = ()
+    ) -> None:
         """Add a frame at ``now_ns`` with its samples."""
+        self.joints = joints[-1] if joints else self.joints
         jumped = bool(self.frames_ns) and now_ns < self.frames_ns[-1]
         self.frames_ns.append(now_ns)
         self.sent += sent
@@ -58,6 +65,7 @@ class MarginTrustOracle:
         # No frame came before the last known margin became too old.
         if len(self.frames_ns) > 1 and not self.is_unknown():
             bad |= now_ns - self.frames_ns[-2] > PARAMETERS.stale_after_ns
+        bad |= self.checked_by_joints and not self._are_joints_known(now_ns)
         bad |= any(self._is_bad(source, now_ns, begin) for source in self.sources)
         self.held |= bad and not all(self.bad)
         self.bad.append(bad)
@@ -72,6 +80,11 @@ class MarginTrustOracle:
     def latest(self, source: str) -> PoseValues:
         """Values of the latest accepted sample of ``source``."""
         return self._accepted(source, self._since_jump())[-1].values
+
+    def _are_joints_known(self, now_ns: int) -> bool:
+        if self.joints is None or not all(map(math.isfinite, self.joints.positions)):
+            return False
+        return 0 <= now_ns - self.joints.stamp.ns <= PARAMETERS.stale_after_ns
 
     def _since_jump(self) -> int:
         """Index of the first frame since the clock last went back."""

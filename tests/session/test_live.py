@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.fixture import MarginState, NotRearmableError, Reason
-from app.geometry import NS_PER_MS, Stamp, TrackingStatus, Transform
+from app.geometry import NS_PER_MS, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.registration import DriftBound, given_registration
 from app.robot import load_robot
 from app.session import LiveSession, RobotSetup, Session, SessionSetup
@@ -251,7 +251,9 @@ def test_one_future_stamp_is_one_fault(stamps_of_host, ahead_ms):
     zero_ms = HOST_MS if stamps_of_host else 0
     for at_ms in range(0, 2000, 20):
         wrong_ms = ahead_ms if at_ms == 1000 else 0
-        host.arrive(at_ms + 3.0, needle(zero_ms + at_ms), cautery(zero_ms + at_ms + wrong_ms, 30.0))
+        pose = cautery(zero_ms + at_ms, 30.0).transform
+        stamp = Stamp((zero_ms + at_ms + wrong_ms) * NS_PER_MS)
+        host.arrive(at_ms + 3.0, needle(zero_ms + at_ms), TrackedTransform.valid(pose, stamp))
     steps = host.run(1990)
     faulty = [(at, s.decision) for at, s in steps if at > 100 and s.decision.hold]
     assert faulty[0][0] == pytest.approx(1003.0, abs=6.0)
@@ -395,9 +397,13 @@ def test_report_on_received_frame_names_has_bounded_length():
 def test_measured_robot_base_makes_margin_unknown_and_is_reported(measured):
     """The registration would place the base a second time, and tf would alternate."""
     given = given_registration(Transform.identity("reference", "robot_base"))
-    robot = RobotSetup(load_robot(TOUCH_URDF), "robot_base", "stylus", given, DriftBound(5.0, 0.05))
+    touch = load_robot(TOUCH_URDF)
+    robot = RobotSetup(touch, "robot_base", "stylus", given, DriftBound(1e6, 4.0))
     host = SimulatedHost(robot=robot)
     track(host, 0, 1000)
+    for at_ms in range(0, 1000, 5):
+        joints = joint_sample(dict.fromkeys(touch.actuated_joint_names, 0.0), at_ms)
+        host.at(at_ms + 3.0, partial(host.live.add_joints, joints, of_host=False))
     for at_ms in range(0, 1000, 20):
         host.arrive(at_ms + 3.1, sample("tracker", "reference", (0.0, 0.0, 1e-3 * at_ms), at_ms))
         own = sample("reference", "robot_base", (0.0, 0.0, 0.0), at_ms)  # our own edge, returned

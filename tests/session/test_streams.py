@@ -11,7 +11,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.case import TrackingFrame
+from app.case import MotionEntry, PlausibilityEntry, TrackingFrame
 from app.case.messages.values import PoseValues
 from app.fixture import (
     FixtureDecision,
@@ -99,7 +99,9 @@ FRAMES = st.fixed_dictionaries(
     }
 )
 """Per frame: what each sensor sends, the distance of the tool, and whether the operator re-arms."""
-CALM = {"advance_ms": 20, "joints": "absent", "distance_mm": 40.0, "rearm": False}
+FAST = PlausibilityEntry(motion=MotionEntry(1e9, 1e12, 1e9, 1e12))
+"""Limits of motion that no event exceeds: `tests/session/plausibility` tests them."""
+CALM = {"advance_ms": 20, "joints": "fresh", "distance_mm": 40.0, "rearm": False}
 GOOD: dict[str, Any] = {**CALM, **dict.fromkeys(("needle", "cautery", "reference"), "fresh")}
 # Freezing and releasing need runs of equal events, which single frames seldom form.
 SCENARIOS = st.lists(
@@ -126,6 +128,7 @@ class Stream:
     """Builds frames from events; a fresh pose never repeats the values of another."""
 
     sources: tuple[str, ...]
+    joint_names: tuple[str, ...] = ()
     now_ns: int = 10**13
     count: int = 0
     last: dict[str, PoseValues] = field(default_factory=dict)
@@ -170,7 +173,8 @@ class Stream:
         if shift_ms is None:
             return ()
         value = math.nan if how == "nan" else 0.2
-        return (joint_sample({"waist": value}, self.now_ns / NS_PER_MS + shift_ms),)
+        values = dict.fromkeys(self.joint_names, 0.2) | {"waist": value}
+        return (joint_sample(values, self.now_ns / NS_PER_MS + shift_ms),)
 
 
 def clearance_mm(oracle: MarginTrustOracle) -> float:
@@ -222,12 +226,16 @@ def test_no_state_is_green_that_the_oracle_rejects(engine, robots, held_by, scen
         engine,
         PARAMETERS,
         robot,
+        plausibility=FAST,
     )
-    session, stream = Session(setup), Stream(sources)
-    oracle = MarginTrustOracle(sources, registered=held_by in ("hand", "found"))
+    names = () if robot is None else tuple(robot.robot.actuated_joint_names)
+    session, stream = Session(setup), Stream(sources, names)
+    oracle = MarginTrustOracle(
+        sources, registered=held_by in ("hand", "found"), checked_by_joints=held_by == "found"
+    )
     for event in scenario:
         frame, sent = stream.frame(event)
-        oracle.observe(stream.now_ns, sent)
+        oracle.observe(stream.now_ns, sent, frame.joints)
         check(session.step(frame).decision, oracle)
         if event["rearm"] and oracle.is_unknown():
             with pytest.raises(NotRearmableError):

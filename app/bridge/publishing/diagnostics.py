@@ -119,6 +119,7 @@ def _margin_status(step: StepResult) -> DiagnosticStatus:
         "reasons": ", ".join(str(reason) for reason in decision.reasons),
         "hold": str(decision.hold).lower(),
         "step": str(step.index),
+        "single_source": str(step.single_source).lower(),
     }
     if decision.stamp is not None:
         values["age_ms"] = _age_ms(step.frame.stamp, decision.stamp)

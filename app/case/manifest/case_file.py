@@ -4,6 +4,7 @@ from pathlib import Path
 
 from app.case.manifest.entries import CaseManifest, RecordingEntry
 from app.case.manifest.keys import CASE
+from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
     read_clock,
     read_margins,
@@ -42,6 +43,7 @@ def read_manifest(document: Section) -> CaseManifest:
         robot=robot,
         registration=read_registration(document, robot),
         margins=read_margins(document),
+        plausibility=read_plausibility(document),
         expected=document.text("expected") if "expected" in document else None,
     )
 

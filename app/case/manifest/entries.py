@@ -4,9 +4,10 @@ Every matrix is a `Transform` in mm, every duration an integer in ns. `load_mani
 `open_live` read and check them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
+from app.case.manifest.plausibility import PlausibilityEntry
 from app.geometry import InputError, Transform
 
 REFERENCE_FRAME = "reference"
@@ -168,6 +169,7 @@ class CaseManifest:
     registration: RegistrationEntry | None
     margins: MarginEntry
     expected: str | None
+    plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
 
     def recorded(self) -> RecordingEntry:
         """The recording; `InputError` for a live case."""

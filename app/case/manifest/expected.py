@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import yaml
 
-from app.case.manifest.keys import MATRIX, RIGID
+from app.case.manifest.key_rules import MATRIX, RIGID
 from app.files.atomic_io import write_file
 from app.files.document import Section
 from app.files.keys import Block, Boolean, Choice, Integer, ListOf, Number, Numbers, Text

@@ -2,6 +2,8 @@
 
 import re
 
+from app.case.manifest.key_rules import MATRIX, RIGID
+from app.case.manifest.plausibility_keys import PLAUSIBILITY
 from app.case.tumor import SEGMENTATION_ENDING
 from app.files.keys import (
     Block,
@@ -25,7 +27,6 @@ MIN_DRIFT = 0.1
 
 _YEAR_MS = 365 * 86_400_000
 
-RIGID = "a matrix is rigid: orthonormal without reflection, last row 0 0 0 1"
 FILES = (
     "the named files exist, in the folder of this file or of a package, have a known format, and a "
     "sha256 is that of its file"
@@ -36,7 +37,6 @@ SESSION_LIMITS = (
     "release_band_mm up to 10, frozen_after_ms up to 60000"
 )
 OWN_BASE_FRAME = "robot.base_frame is the name of no other frame"
-MATRIX = "16 numbers row by row, in mm"
 MESH_PATH = "mesh file (.stl, .ply, .obj), relative or package://NAME/..."
 
 _SCHEMA = Integer("version of the format", 1, 1)
@@ -259,6 +259,7 @@ CASE = Block(
         "robot": _ROBOT,
         "registration": REGISTRATION,
         "margins": _MARGINS,
+        "plausibility": PLAUSIBILITY,
         "expected": Text("file of the expected results: expected.yaml", optional=True),
     },
     needs=(("robot", "registration"),),

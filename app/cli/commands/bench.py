@@ -20,6 +20,7 @@ BENCHMARKS = {
     "push": "benchmarks.fixture_push",
     "session": "benchmarks.session",
     "frozen": "benchmarks.frozen",
+    "plausibility": "benchmarks.plausibility",
     "rate": "benchmarks.rate",
     "latency": "benchmarks.latency",
     "faults": "benchmarks.faults",

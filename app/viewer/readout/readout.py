@@ -6,13 +6,13 @@ from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
 from app.runtime import SessionContent
 from app.scene.frames.watchdog import TransformHealth
-from app.session import StepResult
+from app.session import SINGLE_SOURCE, StepResult
 from app.viewer.readout.reason_text import distance_text, reason_text
 from app.viewer.steps.view_state import ViewState
 
 
 def readout(shown: ViewState | None) -> dict[str, Any]:
-    """Return label, reasons, distance, trend, hold, breaches, margins, lamps and playback."""
+    """Return the values of the page: state, distance, hold, margins, lamps and the like."""
     if shown is None:
         return _values(MarginState.UNKNOWN, "nothing has been measured yet")
     decision = shown.step.decision
@@ -27,6 +27,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         registration=_registration(shown.content),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
         playback=shown.step.playback,
+        single=SINGLE_SOURCE if shown.step.single_source else "",
     )
 
 
@@ -52,6 +53,7 @@ def _values(
     registration: dict[str, str | bool] | None = None,
     lamps: list[dict[str, str]] | None = None,
     playback: str = "",
+    single: str = "",
 ) -> dict[str, Any]:
     return {
         "state": state.name,
@@ -68,6 +70,7 @@ def _values(
         "registration": registration or {"verdict": "", "ok": False, "numbers": ""},
         "lamps": lamps or [],
         "playback": playback,
+        "single": single,
     }
 
 

@@ -1,0 +1,130 @@
+"""All checks of a session that find a wrong pose by its motion or by another measurement."""
+
+from collections.abc import Mapping
+
+from app.case import PlausibilityEntry, TrackingFrame
+from app.fixture import Reason
+from app.geometry import Stamp, Transform
+from app.registration import RegistrationDrift
+from app.session.plausibility.joint_check import JointCheck
+from app.session.plausibility.limits import MotionLimits
+from app.session.plausibility.motion_check import MotionCheck
+from app.session.plausibility.relations import Problems, Relations
+from app.session.pose_tree import Edge, PoseTree, shortest_path
+from app.session.setup import REFERENCE, SessionSetup
+
+SINGLE_SOURCE = "one source: nothing checks the tracker"
+"""Text of `StepResult.single_source` for people."""
+
+_BEGINNINGS = {
+    Reason.IMPLAUSIBLE: "implausible pose",
+    Reason.REGISTRATION_DRIFT: "drift",
+    Reason.CONTRADICTION: "contradiction",
+    Reason.REDUNDANCY_LOST: "nothing checks the tracker",
+}
+
+
+class Plausibility:
+    """Motion of the sensors, joints against tracker, and the configured relations.
+
+    Once per step: `admitted` for the frame, then `drift` and `faults`.
+    """
+
+    def __init__(self, setup: SessionSetup) -> None:
+        self._motion = MotionCheck(_limits(setup.plausibility))
+        self._found: dict[Reason, Problems] = {reason: {} for reason in _BEGINNINGS}
+        self._edges: tuple[Edge, ...] = ()
+        self._used: frozenset[Edge] = frozenset()
+        self._relations = Relations(setup.plausibility, setup.tool_from_tip)
+        self._joints = _joints(setup)
+        self._set_up(setup)
+
+    @property
+    def single_source(self) -> bool:
+        """True if nothing independent can contradict the tracker."""
+        return not (self._relations or self._joints.is_configured)
+
+    def use(self, setup: SessionSetup, before: SessionSetup) -> None:
+        """Replace the setup ``before``; what is known of the sensors' motion is kept."""
+        changed = setup.plausibility is not before.plausibility
+        self._motion.use(_limits(setup.plausibility))
+        if changed or setup.tool_from_tip is not before.tool_from_tip:
+            self._relations = Relations(setup.plausibility, setup.tool_from_tip)
+        if changed or setup.robot is not before.robot:
+            self._joints = _joints(setup)
+        self._set_up(setup)
+
+    def admitted(self, frame: TrackingFrame, poses: PoseTree) -> TrackingFrame:
+        """``frame`` without samples that their sensors cannot have measured."""
+        edges = poses.edges
+        if edges != self._edges:
+            self._edges = edges
+            paths = [shortest_path(edges, *ends) or () for ends in self._ends]
+            self._used = frozenset(edge for path in paths for edge in path)
+        return self._motion.admitted(frame, self._used)
+
+    def drift(
+        self, links: Mapping[str, Transform], reference_from_tip: Transform | None, now: Stamp
+    ) -> RegistrationDrift | None:
+        """Difference between the tracked tool and the tool by joints; None if one is not known."""
+        return self._joints.update(links, reference_from_tip, now)
+
+    def faults(self, poses: PoseTree, now: Stamp) -> Mapping[Reason, str]:
+        """The faults of this step, each with one line that names values and limits.
+
+        A text stays the same until another relation fails or one holds again.
+        """
+        failed: Problems = {}
+        silent: Problems = {"joints": "no joint positions"} if self._joints.is_silent else {}
+        if self._relations:
+            failed, unknown = self._relations.check(lambda *ends: self._pose(poses, *ends), now)
+            silent |= unknown
+        found = {
+            Reason.IMPLAUSIBLE: self._motion.refused(self._used),
+            Reason.REGISTRATION_DRIFT: self._joints.drifts(),
+            Reason.CONTRADICTION: failed,
+            Reason.REDUNDANCY_LOST: silent,
+        }
+        for reason, problems in found.items():
+            if problems.keys() != self._found[reason].keys():
+                self._found[reason] = problems
+        return {
+            reason: f"{_BEGINNINGS[reason]}: {'; '.join(problems.values())}"
+            for reason, problems in self._found.items()
+            if problems
+        }
+
+    def _pose(self, poses: PoseTree, target: str, source: str) -> Transform | None:
+        if target != self._base:
+            return poses.pose(target, source).transform
+        pose = poses.pose(REFERENCE, source).transform
+        if pose is None or self._base_from_reference is None:
+            return None
+        return self._base_from_reference @ pose
+
+    def _set_up(self, setup: SessionSetup) -> None:
+        robot = setup.robot
+        self._base = None if robot is None else robot.base_frame
+        self._base_from_reference = (
+            None
+            if robot is None or robot.registration is None
+            else robot.registration.transform.inverse()
+        )
+        self._ends = setup.measured_ends
+        self._edges = ()
+
+
+def _joints(setup: SessionSetup) -> JointCheck:
+    return JointCheck(setup.robot, setup.plausibility.mean_drift_mm)
+
+
+def _limits(entry: PlausibilityEntry) -> MotionLimits:
+    motion = entry.motion
+    if motion is None:
+        return MotionLimits()
+    return MotionLimits(
+        motion.speed_mm_s,
+        motion.acceleration_mm_s2,
+        motion.speed_rad_s,
+        motion.acceleration_rad_s2,
+    )
