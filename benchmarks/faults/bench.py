@@ -23,6 +23,9 @@ NS_PER_MS = 1_000_000
 START_S = 90.0
 """A guard that starts may compile kernels."""
 
+FREE_S = 45.0
+"""A killed publisher stays on the graph for 20 s, and the session may be on hold until then."""
+
 STABLE_S = 0.5
 """The session is permissive for so long, without an interruption, before a fault begins."""
 
@@ -152,7 +155,7 @@ class Bench:
         self.scene.shift, self.scene.rest_at = event["shift"], event["rest_at"]
         return event
 
-    def free(self, timeout_s: float = 25.0) -> None:
+    def free(self, timeout_s: float = FREE_S) -> None:
         """Re-arm until the session has been permissive for `STABLE_S`.
 
         Raises `UnmeasuredError` if it does not become so in time.

@@ -8,9 +8,11 @@ from typing import Any
 
 from rich.table import Table
 
-from benchmarks.faults.row import Row, Trial
+from benchmarks.faults.row import SINGLE_SOURCE, Row, Trial
 
 SAFE, UNSAFE, RESIDUAL, UNMEASURED = "safe", "UNSAFE", "residual risk", "not measured"
+UNFLAGGED = "NOT FLAGGED"
+"""A single source that the constraint does not name as such."""
 
 
 @dataclass(slots=True)
@@ -46,14 +48,17 @@ class RowResult:
 
     @property
     def outcome(self) -> str:
-        """One of the four outcomes. A row without a second source is a named residual risk."""
+        """One of the five outcomes. A row without a second source is a named residual risk."""
         if self.held_before:
             return SAFE
         if not self.trials:
             return UNMEASURED
         if self.late == 0 and self.never_safe == 0:
             return SAFE
-        return UNSAFE if self.row.second_source else RESIDUAL
+        if self.row.second_source:
+            return UNSAFE
+        flagged = all(trial.verdict.single_source for trial in self.trials)
+        return RESIDUAL if flagged or self.row.residual != SINGLE_SOURCE else UNFLAGGED
 
     @property
     def passed(self) -> bool:
@@ -69,6 +74,7 @@ class RowResult:
             "fault": self.row.name,
             "variant": str(self.row.variant),
             "second_source": self.row.second_source or None,
+            "residual": self.row.residual or None,
             "bound": self.row.bound,
             "outcome": self.outcome,
             "trials": len(self.trials),
@@ -128,7 +134,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
     note = row["notes"][-1] if row["notes"] else ""
     why = row["unmeasured"][-1] if row["unmeasured"] and not row["trials"] else ""
     texts = (row["held_before"], row["reasons"], note, why)
-    source = row["second_source"] or "none"
+    source = row["second_source"] or f"none: {row['residual']}"
     if row["single_source"] is not None:
         source += f", single_source {str(row['single_source']).lower()}"
     return [

@@ -11,6 +11,10 @@ DROPOUT = frozenset({"stale", "missing", "latched", "starting", "recovering", "c
 """Reasons of a hold that a busy machine causes, too."""
 
 
+SINGLE_SOURCE = "single source"
+"""Residual risk of a session that has no second measurement; it must be flagged as such."""
+
+
 class Variant(StrEnum):
     """Which sources the session has."""
 
@@ -32,8 +36,8 @@ class Trial:
 class Row:
     """One fault under one variant.
 
-    ``second_source`` names what can contradict the fault; empty: none, a residual risk.
-    ``bound`` is the declared limit as text. ``restarts`` is true if the guard cannot be used
+    ``second_source`` names what can contradict the fault; empty: nothing can, and ``residual`` names
+    the risk that remains. ``bound`` is the declared limit as text. ``restarts`` is true if the guard cannot be used
     afterwards; ``trials`` overrides the number of trials.
     """
 
@@ -42,6 +46,7 @@ class Row:
     run: Callable[[Bench], Trial]
     second_source: str
     bound: str
+    residual: str = ""
     restarts: bool = False
     trials: int | None = None
 

@@ -4,11 +4,12 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.faults.records import Constraint, Content, Twist, judge
-from benchmarks.faults.results import RESIDUAL, SAFE, UNMEASURED, UNSAFE, RowResult
-from benchmarks.faults.row import Row, Trial, Variant
+from benchmarks.faults.results import RESIDUAL, SAFE, UNFLAGGED, UNMEASURED, UNSAFE, RowResult
+from benchmarks.faults.row import SINGLE_SOURCE, Row, Trial, Variant
 from benchmarks.faults.run import all_rows, selected
 from benchmarks.faults.scene import to_and_fro
 
@@ -71,8 +72,15 @@ def test_expired_or_unknown_constraint_permits_nothing():
     assert verdict([constraint(200, state=3)]).late_constraints == 0
 
 
-def result(second_source, *verdicts):
-    row = Row("a", Variant.NO_ROBOT, lambda bench: Trial(verdicts[0]), second_source, "60 ms")
+def result(second_source, *verdicts, residual="no authentication"):
+    row = Row(
+        name="a",
+        variant=Variant.NO_ROBOT,
+        run=lambda bench: Trial(verdicts[0]),
+        second_source=second_source,
+        bound="60 ms",
+        residual=residual,
+    )
     return RowResult(row, [Trial(each) for each in verdicts])
 
 
@@ -84,6 +92,14 @@ def test_outcome_of_a_row():
     assert result("joints").outcome == UNMEASURED
     assert [result("joints", good).passed, result("joints", bad).passed] == [True, False]
     assert [result("", bad).passed, result("joints").passed] == [True, False]
+
+
+def test_single_source_must_be_flagged():
+    bad = verdict([constraint(200)])
+    flagged = replace(bad, single_source=True)
+    assert result("", flagged, residual=SINGLE_SOURCE).outcome == RESIDUAL
+    silent = result("", flagged, bad, residual=SINGLE_SOURCE)
+    assert (silent.outcome, silent.passed) == (UNFLAGGED, False)
 
 
 def test_rows_are_selected_by_text_or_wildcard():

@@ -13,7 +13,7 @@ from benchmarks.faults.row import Row, Trial, Variant
 from benchmarks.faults.rows.tracker_rows import AFTER_MS, ALL, check_cause
 from benchmarks.faults.rule import rule_approaches
 
-SECOND_SENDER_MS = 500.0
+SECOND_SENDER_MS = 100.0
 MAX_SEQ = 2**64 - 1
 TUMOR_AT_M = [0.005, -0.004, 0.031]
 """Near the tumour of the shipped configuration, in the frame that it moves with."""
@@ -64,7 +64,12 @@ def foreign_rows() -> Iterator[Row]:
         trials=1,
     )
     yield Row(
-        "foreign rearm with the present nonce", Variant.LIVE_JOINTS, _rearm_as_operator, "", "none"
+        "foreign rearm with the present nonce",
+        Variant.LIVE_JOINTS,
+        _rearm_as_operator,
+        "",
+        "none",
+        "no authentication without SROS2",
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.faults.bench import Bench, UnmeasuredError
 from benchmarks.faults.records import NS_PER_MS, Constraint
-from benchmarks.faults.row import DROPOUT, Row, Trial, Variant
+from benchmarks.faults.row import DROPOUT, SINGLE_SOURCE, Row, Trial, Variant
 
 ALL = ["reference", "needle", "cautery"]
 INVALID, OUT_OF_VIEW = 1, 3
@@ -15,7 +15,7 @@ AFTER_MS = 500.0
 """Time of observation after the limit."""
 
 CREEP_MM_S, CREEP_BOUND_MM = 2.0, 8.0
-JOINTS_LIMIT_MS = 500.0
+JOINTS_LIMIT_MS = 100.0
 V_MAX_MM_S = 50.0
 """``v_max_mm_s`` of the shipped configuration."""
 
@@ -90,6 +90,7 @@ def _implausible() -> Iterator[Row]:
                 lambda bench, state=state: _fault(bench, state),
                 second_source,
                 "stale_after_ms" if second_source else "none",
+                "" if second_source else SINGLE_SOURCE,
             )
         yield Row(
             "creep 2 mm/s",
@@ -97,6 +98,7 @@ def _implausible() -> Iterator[Row]:
             _creep,
             joints if live else lost,
             f"{CREEP_BOUND_MM:g} mm" if live or lost else "none",
+            "" if live or lost else SINGLE_SOURCE,
         )
 
 
