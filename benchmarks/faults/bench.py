@@ -14,7 +14,7 @@ import yaml
 from app.files.shipped import shipped
 from benchmarks.faults.child import Child, ChildError, GuardStartError
 from benchmarks.faults.controller import Controller
-from benchmarks.faults.records import TOLERANCE_NS, Constraint, Verdict, judge
+from benchmarks.faults.records import TOLERANCE_NS, Constraint, Twist, Verdict, judge
 from benchmarks.faults.scene import Scene, write_scene
 
 HERE = Path(__file__).resolve().parent
@@ -59,6 +59,7 @@ class Bench:
         self._with_robot: bool | None = None
         self._started = 0
         self.stale_ns = 0
+        self._judged: tuple[list[Constraint], list[Twist]] = ([], [])
 
     def close(self) -> None:
         """End all programs."""
@@ -212,7 +213,7 @@ class Bench:
         ``free_at_ns``, by default ``begin_ns``; None: it may be on hold.
         """
         self.controller.wait_until(begin_ns + round(observe_ms * NS_PER_MS))
-        constraints, twists = self.controller.records()
+        constraints, twists = self._judged = self.controller.records()
         if not constraints:
             raise UnmeasuredError("no constraint arrived after the fault")
         if free_at_ns is not None:
@@ -226,8 +227,8 @@ class Bench:
         )
 
     def keep_records(self, label: str) -> None:
-        """Write what the controller has received to the folder, one line per message."""
-        constraints, twists = self.controller.records()
+        """Write the messages that were judged last to the folder, one per line."""
+        constraints, twists = self._judged
         name = "".join(letter if letter.isalnum() else "_" for letter in label)
         lines = [
             (each.sent_ns, f"constraint {each.permissive} {each.seq} {each.content.reasons}")

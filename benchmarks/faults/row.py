@@ -36,9 +36,9 @@ class Trial:
 class Row:
     """One fault under one variant.
 
-    ``second_source`` names what can contradict the fault; empty: nothing can, and ``residual`` names
-    the risk that remains. ``bound`` is the declared limit as text. ``restarts`` is true if the guard cannot be used
-    afterwards; ``trials`` overrides the number of trials.
+    ``second_source`` names what can contradict the fault; empty: nothing can, and ``residual``
+    names the risk that remains. ``bound`` is the declared limit as text. ``restarts`` is true if
+    the guard cannot be used afterwards; ``trials`` overrides the number of trials.
     """
 
     name: str

@@ -120,7 +120,9 @@ def _turn_base(bench: Bench, node: Child) -> Trial:
             quaternion=[*axis.tolist(), 0.0],
         )
         event = node.expect("done")
-        verdict = bench.observe(event["ns"], limit_ms=0.0, observe_ms=1000.0, free_at_ns=None)
+        verdict = bench.observe(
+            event["ns"], limit_ms=0.0, observe_ms=1000.0, tolerance_ns=0, free_at_ns=None
+        )
         return Trial(verdict, note=f"{verdict.max_approach_mm_s:.0f} mm/s at most")
     finally:
         controller.frame = "tumor"
