@@ -13,9 +13,11 @@ from importlib import metadata
 from pathlib import Path
 
 from app.cli.shipped_checks import check_shipped
+from app.cli.state_checks import check_state
 from app.cli.system_checks import Check, check_building, check_machine, checked
 from app.files.extras import DISTRIBUTION, install_command, install_interfaces
 from app.files.shipped import checkout
+from app.files.state_folder import state_folder
 
 PROBE_TIMEOUT_S = 60.0
 EXTRAS = ("", "ros", "scene")
@@ -72,6 +74,7 @@ def check_environment(probe: Probe = run_probe) -> list[Check]:
             *(check_building() if checkout() else ()),
             *check_packages(),
             *check_shipped(),
+            check_state(state_folder()),
             *(future.result() for future in probed),
         ]
 

@@ -65,17 +65,21 @@ def read_record(path: Path, slot: Slot) -> RunRecord | None:
     """
     if not path.exists() and not path.is_symlink():
         return None
+    record = read_any_record(path)
+    if slot not in record.key.slots:
+        raise StateFileError(f"{path.name}: the record of another session; expected {slot}")
+    return record
+
+
+def read_any_record(path: Path) -> RunRecord:
+    """Read the record at ``path``, of whatever session; raises as `read_record` does."""
     content = read_bounded(path, MAX_BYTES, StateFileError)
     try:
-        values = json.loads(content)
-        record = _record(values)
+        return _record(json.loads(content))
     except RecursionError as error:
         raise StateFileError(f"{path.name}: nested too deeply; expected a record") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise StateFileError(f"{path.name}: damaged; expected the record of a run") from error
-    if slot not in record.key.slots:
-        raise StateFileError(f"{path.name}: the record of another session; expected {slot}")
-    return record
 
 
 def _record(values: dict[str, Any]) -> RunRecord:

@@ -1,7 +1,11 @@
 """What survives a live session: its hold, also when it is killed at any moment."""
 
 import os
+import resource
+import signal
+import subprocess
 import threading
+from contextlib import suppress
 
 import pytest
 
@@ -252,3 +256,41 @@ def test_writer_gives_up_on_a_disk_that_does_not_answer(monkeypatch):
     writer = RecordWriter(lambda record: answer.wait(DEADLINE_S), lambda: None, print)
     assert writer.close("last") is False
     answer.set()
+
+
+@pytest.fixture(params=["small file system", "limited file size"])
+def full_disk(request, tmp_path):
+    """``full_disk()`` fills the disk of the folder that it yields; nothing can be written then."""
+    if request.param == "limited file size":
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        yield tmp_path / "state", lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+        return
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(tmp_path)]
+    if os.geteuid() != 0 or subprocess.run(mount, check=False).returncode:
+        pytest.skip("this user cannot mount a file system")
+
+    def fill():
+        with suppress(OSError), (tmp_path / "filler").open("wb", buffering=0) as file:
+            while True:
+                file.write(b"\0" * 4096)
+
+    yield tmp_path / "state", fill
+    subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+def test_full_disk_refuses_a_start_and_keeps_the_hold_of_a_session_that_runs(full_disk):
+    folder, fill = full_disk
+    lines = []
+    with opened(folder, log=lines.append) as state:
+        state.resume()
+        fill()
+        state.update(True, ("stale",))
+        state.end(False)
+    assert len(lines) == 1
+    assert "cannot be written" in lines[0]
+    with pytest.raises(StateFileError, match="cannot be (written|locked)"):
+        run(folder)
+    assert not record_of(folder).allows_start
