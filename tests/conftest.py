@@ -108,6 +108,7 @@ LONG = {
     "checks types in a new cache": ("tests/marginguard/test_typing.py",),
     "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
     "runs examples on whole cases, or beside a replay in real time": (
+        "tests/examples/test_guard_bond.py",
         "tests/examples/test_long_scripts.py",
         "tests/examples/test_notebooks.py",
         "tests/examples/test_ros_scripts.py",

@@ -31,7 +31,7 @@ TASK = re.compile(r"^\| (\d+)\. ([^|]+) \| ([^|]+) \| ([^|]+) \|$", re.MULTILINE
 CALL = re.compile(r"^marginguard +([^#|;&`'\n]+)", re.MULTILINE)
 SLICER_OPTIONS = {"--no-splash", "--additional-module-paths"}
 INSTALLER_OPTIONS = {"--outdir", "--rm", "--network"}  # of build and docker
-EXAMPLE_OPTIONS = {"--accept-simulated"}  # of twist_filter.py
+EXAMPLE_OPTIONS = {"--accept-simulated", "--controller"}  # of twist_filter.py, guard_bond.py
 NOT_A_COMMAND = "marginguard tip"
 """Name of an engine in a table of a benchmark."""
 

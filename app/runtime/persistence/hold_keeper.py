@@ -31,7 +31,7 @@ class HoldKeeper:
         try:
             yield
         except BaseException as error:  # also of the reader of the steps
-            reason = str(error) or type(error).__name__
+            reason = str(error) or type(error).__name__  # a reader that leaves: GeneratorExit
             self._state.update(True, (*self._causes(live), f"the session has failed: {reason}"))
             raise
         with live.between_steps() as session:

@@ -291,6 +291,6 @@ def test_full_disk_refuses_a_start_and_keeps_the_hold_of_a_session_that_runs(ful
         state.end(False)
     assert len(lines) == 1
     assert "cannot be written" in lines[0]
-    with pytest.raises(StateFileError, match="cannot be (written|locked)"):
+    with pytest.raises(StateFileError, match=r"cannot be (written|locked)"):
         run(folder)
     assert not record_of(folder).allows_start
