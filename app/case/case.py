@@ -25,6 +25,7 @@ from app.case.readers.rosbag2.messages import RawMessage
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
 from app.files.meshes import load_mesh
 from app.files.packages import PACKAGE_SCHEME
+from app.files.path_kind import exists, is_folder
 from app.files.paths import resolve_file, resolve_inside, sha256_of
 from app.geometry import InputError, MeshError, SurfaceMesh
 
@@ -209,8 +210,8 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
 
     Raises `InputError` for the first fault. Meshes are read on first use.
     """
-    if not folder.is_dir():
-        problem = "expected a folder with a case.yaml" if folder.exists() else "no such folder"
+    if not is_folder(folder):
+        problem = "expected a folder with a case.yaml" if exists(folder) else "no such folder"
         raise InputError(f"{folder} is not a case: {problem}")
     manifest = load_manifest(folder)
     entry = manifest.recorded()

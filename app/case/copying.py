@@ -1,5 +1,6 @@
 """Copies the messages of a recording, byte for byte, to a complete MCAP file with an index."""
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -45,7 +46,7 @@ def recover_recording(source: Path, path: Path) -> tuple[Mapping[str, int], tupl
     notes about skipped parts. Raises `InputError` for another format, a recording without an intact
     message, and a file that cannot be written; no file is left then.
     """
-    if path.exists():
+    if os.path.lexists(path):
         raise InputError(f"{path} already exists; refusing to overwrite it")
     messages = format_of(source).messages
     if messages is None:

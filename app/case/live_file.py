@@ -20,6 +20,7 @@ from app.case.manifest.sections import (
     read_tumor,
 )
 from app.files.document import Section
+from app.files.path_kind import is_file, is_folder
 from app.geometry import InputError
 
 
@@ -74,8 +75,8 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
 
     Raises `InputError` for the first fault.
     """
-    if not path.is_file():
-        found = "it is a folder" if path.is_dir() else "no such file"
+    if not is_file(path):
+        found = "it is a folder" if is_folder(path) else "no such file"
         raise InputError(f"{path} is not a live configuration: {found}")
     live = read_live(Section.load(path, LIVE), path, package_dirs)
     live.case.check_files()

@@ -8,6 +8,8 @@ MODULES = (
     "benchmarks.fuzz.parsers.text_files",
     "benchmarks.fuzz.parsers.meshes",
     "benchmarks.fuzz.parsers.robots",
+    "benchmarks.fuzz.parsers.recordings",
+    "benchmarks.fuzz.parsers.messages",
 )
 """Modules with a tuple ``PARSERS``."""
 

@@ -14,7 +14,7 @@ from app.case.manifest.key_rules import MATRIX, RIGID
 from app.files.atomic_io import write_file
 from app.files.document import Section
 from app.files.keys import Block, Boolean, Choice, Integer, ListOf, Number, Numbers, Text
-from app.geometry import InputError, Transform
+from app.geometry import InputError, MarginGuardError, Transform
 
 DropoutKind = Literal["invalid", "missing"]
 
@@ -181,10 +181,13 @@ def _registration(
     if "registration" not in document:
         return None
     block = document.section("registration")
+    numbers = block.numbers("reference_from_base")
+    try:
+        pose = Transform.from_matrix(numbers, target=reference, source=robot_base)
+    except MarginGuardError as error:
+        raise InputError(f"{block.place('reference_from_base')}: {error}") from error
     return ExpectedRegistration(
-        Transform.from_matrix(
-            block.numbers("reference_from_base"), target=reference, source=robot_base
-        ),
+        pose,
         block.number("tolerance_mm"),
         block.number("tolerance_deg"),
     )

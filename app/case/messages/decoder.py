@@ -2,11 +2,11 @@
 
 A recording has its own definitions of the types, which may be hostile. Their text is limited,
 because the parser of rosbags needs up to 0.1 ms per character, and so is the number of values that
-a message has by its definition, because rosbags creates all of them.
+a message has by its definition, because rosbags generates code for all of them.
 """
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -28,7 +28,8 @@ from app.geometry import InputError
 MAX_DEFINITION_CHARS = 16 * 1024
 """Maximum length of a definition with its nested ones; those used here have 3 thousand."""
 
-_MAX_VALUES = 10_000
+_MAX_VALUES = 256
+"""Rosbags generates code for each; the types used here have 13 or fewer."""
 _MAX_DEPTH = 16
 """Of types within types; more only occurs where a type contains itself."""
 
@@ -64,7 +65,7 @@ def message_decoder(
 
     @cache  # slow: built for the first message that needs it
     def types() -> Typestore:
-        return _typestore(definitions, message_type) if definition else ros_types()
+        return _typestore(message_type, definition, idl=idl) if definition else ros_types()
 
     if read_bytes is None:
         types()  # raises for an unusable definition
@@ -85,6 +86,8 @@ def message_decoder(
     return decode
 
 
+# Recordings have the same few definitions, which take some 20 ms each.
+@lru_cache(maxsize=16)
 def _definitions(message_type: str, definition: str, *, idl: bool) -> Typesdict:
     if not definition:  # bags from before ROS 2 Iron have none
         return ros_types().fielddefs
@@ -129,10 +132,11 @@ def _count_values(definitions: Typesdict, message_type: str, depth: int) -> int:
     return count
 
 
-def _typestore(definitions: Typesdict, message_type: str) -> Typestore:
+@lru_cache(maxsize=16)
+def _typestore(message_type: str, definition: str, *, idl: bool) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(definitions)
+        store.register(_definitions(message_type, definition, idl=idl))
         store.get_msgdef(message_type)
     except Exception as error:  # as for the definitions
         raise _unusable(message_type, _reason(error)) from error

@@ -6,9 +6,9 @@ declared size. pynrrd parses the header. Its axes, LPS in files of Slicer, are c
 
 import bz2
 import gzip
-import io
 import math
 import re
+import warnings
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,10 +23,12 @@ from app.files.bounded_io import open_for_reading
 from app.geometry import FloatArray, InputError
 
 MAX_VOXELS = 1 << 27
-"""Values of a file in all its layers: 512 x 512 x 512, 1 GiB with 8 bytes each."""
+"""Values of a file in all its layers: 512 x 512 x 512."""
+
+MAX_DATA_BYTES = 1 << 28
+"""Unpacked data of a file: 512 x 512 x 512 values of two bytes."""
 
 _MAX_HEADER_BYTES = 4_000_000
-_MAX_VALUE_BYTES = 8
 _HEADER_END = re.compile(rb"\r?\n\r?\n")
 _MIN_SIDE_MM, _MAX_SIDE_MM = 0.01, 100.0
 """Limits of the sides of a voxel; a side of 1 mm that is given in metres measures 0.001."""
@@ -42,6 +44,28 @@ _RAS_SIGNS = {
     "left-posterior-superior": (-1.0, -1.0, 1.0),
     "lps": (-1.0, -1.0, 1.0),
 }
+_INTEGERS = {
+    name: code
+    for code, names in {
+        "i1": ("signed char", "int8", "int8_t"),
+        "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
+        "i2": ("short", "short int", "signed short", "signed short int", "int16", "int16_t"),
+        "u2": ("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"),
+        "i4": ("int", "signed int", "int32", "int32_t"),
+        "u4": ("uint", "unsigned int", "uint32", "uint32_t"),
+        "i8": (
+            "longlong", "long long", "long long int", "signed long long", "signed long long int",
+            "int64", "int64_t",
+        ),
+        "u8": (
+            "ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t",
+        ),
+    }.items()
+    for name in names
+}  # fmt: skip
+"""Types of integers by the names that the format defines."""
+
+_BYTE_ORDERS = {"little": "<", "big": ">"}
 _EXTERNAL_DATA_FIELDS = ("data file", "datafile", "line skip", "lineskip", "byte skip", "byteskip")
 
 
@@ -70,8 +94,14 @@ def read_nrrd(path: Path) -> NrrdVolume:
         header = _header(file, path)
         shape = _shape(header, path)
         ras_from_index, list_axis = _geometry(header, path)
-        content = _content(file, header, path, math.prod(shape))
-    values = _values(header, content, path)
+        kind = _kind(header, path)
+        content = _content(file, header, path, math.prod(shape) * kind.itemsize)
+    if len(content) != math.prod(shape) * kind.itemsize:
+        raise InputError(
+            f"{path}: its data do not fit its header: they have {len(content)} bytes or more; "
+            f"expected {math.prod(shape) * kind.itemsize}"
+        )
+    values = np.frombuffer(content, kind).reshape(shape, order="F")
     layers = values[None] if list_axis is None else np.moveaxis(values, list_axis, 0)
     layers.flags.writeable = False
     fields = {name: value for name, value in header.items() if isinstance(value, str)}
@@ -87,7 +117,8 @@ def _header(file: IO[bytes], path: Path) -> dict[str, Any]:
     file.seek(end.end())
     try:
         lines = start[: end.start()].decode("utf-8").split("\n")
-        header = dict(nrrd.read_header(lines))
+        with warnings.catch_warnings(action="ignore"):  # of fields that occur twice
+            header = dict(nrrd.read_header(lines))
     except Exception as error:  # pynrrd's parsers raise many kinds of errors
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path} has no readable NRRD header: {reason}") from error
@@ -101,7 +132,10 @@ def _header(file: IO[bytes], path: Path) -> dict[str, Any]:
 
 
 def _shape(header: Mapping[str, Any], path: Path) -> list[int]:
-    shape = [int(size) for size in _field(header, "sizes", path)]
+    sizes = np.asarray(_field(header, "sizes", path), dtype=np.float64)
+    if not np.isfinite(sizes).all() or sizes.ndim != 1:
+        raise InputError(f"{path}: sizes are {sizes.tolist()}; expected integers")
+    shape = [int(size) for size in sizes]
     if len(shape) != _field(header, "dimension", path) or len(shape) not in (3, 4):
         raise InputError(
             f"{path}: dimension is {header['dimension']} and sizes are {shape}; expected 3, or 4 "
@@ -121,8 +155,11 @@ def _geometry(header: Mapping[str, Any], path: Path) -> tuple[FloatArray, int | 
         if unit.lower() not in ("", "mm", "millimeter", "millimeters"):
             raise InputError(f"{path}: space units are {unit!r}; expected mm")
     dimension = int(header["dimension"])
-    directions = np.asarray(_field(header, "space directions", path), dtype=np.float64)
-    origin = np.asarray(_field(header, "space origin", path), dtype=np.float64)
+    try:
+        directions = np.asarray(_field(header, "space directions", path), dtype=np.float64)
+        origin = np.asarray(_field(header, "space origin", path), dtype=np.float64)
+    except (ValueError, TypeError) as error:  # vectors of different lengths
+        raise InputError(f"{path}: its space directions and origin are no vectors") from error
     list_axis = None
     if directions.shape == (4, 3):
         lists = np.flatnonzero(np.isnan(directions).all(axis=1))
@@ -134,7 +171,8 @@ def _geometry(header: Mapping[str, Any], path: Path) -> tuple[FloatArray, int | 
         raise InputError(
             f"{path}: space directions have shape {directions.shape}; expected a vector per axis"
         )
-    sides = np.linalg.norm(directions, axis=1)
+    with np.errstate(over="ignore"):
+        sides = np.linalg.norm(directions, axis=1)
     if origin.shape != (3,) or not np.isfinite(origin).all() or not np.isfinite(sides).all():
         raise InputError(
             f"{path}: space origin is {origin.tolist()}, space directions are "
@@ -151,10 +189,26 @@ def _geometry(header: Mapping[str, Any], path: Path) -> tuple[FloatArray, int | 
     return np.column_stack([directions.T, origin]) * signs[:, None], list_axis
 
 
-def _content(file: IO[bytes], header: Mapping[str, Any], path: Path, count: int) -> bytes:
-    """The unpacked data; at most one byte more than ``count`` values can have."""
+def _kind(header: Mapping[str, Any], path: Path) -> np.dtype[np.integer[Any]]:
+    """The type of the values, with its byte order."""
+    name = str(_field(header, "type", path))
+    code = _INTEGERS.get(name)
+    if code is None:
+        raise InputError(f"{path}: type is {name!r}; expected integers")
+    if code.endswith("1"):
+        return np.dtype(code)
+    order = str(_field(header, "endian", path))
+    if order not in _BYTE_ORDERS:
+        raise InputError(f"{path}: endian is {order!r}; expected {' or '.join(_BYTE_ORDERS)}")
+    return np.dtype(_BYTE_ORDERS[order] + code)
+
+
+def _content(file: IO[bytes], header: Mapping[str, Any], path: Path, size: int) -> bytes:
+    """The unpacked data; at most one byte more than ``size``."""
     encoding = str(_field(header, "encoding", path)).lower()
-    max_bytes = count * _MAX_VALUE_BYTES + 1
+    if size > MAX_DATA_BYTES:
+        raise InputError(f"{path}: its data have {size} bytes; expected {MAX_DATA_BYTES} or less")
+    max_bytes = size + 1
     try:
         if encoding == "raw":
             return file.read(max_bytes)
@@ -167,22 +221,6 @@ def _content(file: IO[bytes], header: Mapping[str, Any], path: Path, count: int)
     except (EOFError, zlib.error, OSError) as error:  # OSError: data that are not compressed
         raise InputError(f"{path}: its data are cut or damaged: {error}") from error
     raise InputError(f"{path}: encoding is {encoding!r}; expected raw, gzip or bzip2")
-
-
-def _values(header: Mapping[str, Any], content: bytes, path: Path) -> NDArray[np.integer[Any]]:
-    try:
-        raw = {**header, "encoding": "raw"}
-        values = np.asarray(nrrd.read_data(raw, io.BytesIO(content)))
-    except Exception as error:  # pynrrd and numpy raise many kinds of errors
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(f"{path}: its data do not fit its header: {reason}") from error
-    if values.nbytes != len(content):
-        raise InputError(
-            f"{path}: its data have {len(content)} bytes or more; expected {values.nbytes}"
-        )
-    if values.dtype.kind not in "iu":
-        raise InputError(f"{path}: type is {header['type']!r}; expected integers")
-    return values
 
 
 def _field(header: Mapping[str, Any], name: str, path: Path) -> Any:

@@ -19,7 +19,9 @@ from app.geometry import FloatArray, InputError
 MAX_LABELS = 256
 """Distinct values of a plain label map; a file with more is refused as an image."""
 
-_FIELD = re.compile(r"Segment(\d+)_(ID|Name|LabelValue|Layer)")
+_BLOCK_VOXELS = 1 << 20
+
+_FIELD = re.compile(r"Segment(\d{1,9})_(ID|Name|LabelValue|Layer)")
 _REPRESENTATIONS = ("Segmentation_SourceRepresentation", "Segmentation_MasterRepresentation")
 _BINARY = "Binary labelmap"
 
@@ -112,14 +114,17 @@ def _plain_labels(volume: NrrdVolume, path: Path) -> list[_Segment]:
         raise InputError(
             f"{path} has {len(volume.layers)} layers and no segment names; expected 1 layer"
         )
-    (voxels,) = volume.layers
-    labels = np.unique(voxels[voxels != 0])
-    if len(labels) > MAX_LABELS:
-        raise InputError(
-            f"{path} holds {len(labels)} different values; expected a label map "
-            f"of up to {MAX_LABELS}, not an image"
-        )
-    return [_Segment(str(label), str(label), 0, int(label)) for label in labels]
+    voxels = volume.layers[0].ravel(order="K")
+    labels: set[int] = set()
+    for start in range(0, voxels.size, _BLOCK_VOXELS):  # an image is refused at its first block
+        labels.update(np.unique(voxels[start : start + _BLOCK_VOXELS]).tolist())
+        labels.discard(0)
+        if len(labels) > MAX_LABELS:
+            raise InputError(
+                f"{path} holds {len(labels)} different values or more; expected a label map "
+                f"of up to {MAX_LABELS}, not an image"
+            )
+    return [_Segment(str(label), str(label), 0, label) for label in sorted(labels)]
 
 
 def _select(segments: list[_Segment], name: str | None, path: Path) -> _Segment:

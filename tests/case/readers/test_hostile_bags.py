@@ -101,10 +101,11 @@ def test_long_definition_is_not_parsed(tmp_path: Path, lines: int, problem: str)
     "definition",
     [
         "string[10000000] transforms\n",
+        "string[5000] transforms\n",
         "pkg/A transforms\n" + "=" * 80 + "\nMSG: pkg/A\npkg/A a\n",
         "int32 X=" + "9" * 5000 + "\n",
     ],
-    ids=["array", "recursive", "number"],
+    ids=["array", "code", "recursive", "number"],
 )
 def test_definition_that_costs_memory_is_unusable(tmp_path: Path, definition: str) -> None:
     path = tmp_path / "x.mcap"

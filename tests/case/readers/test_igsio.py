@@ -251,3 +251,20 @@ def test_cut_header_is_refused_with_its_frame(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="cut at line 10, in frame 2"):
         check_igsio_header(path)
+
+
+def test_frame_with_too_many_fields_is_refused(tmp_path: Path) -> None:
+    body = "".join(f"Seq_Frame0000_Field{number} = 1\n" for number in range(1100))
+    with pytest.raises(InputError, match="frame 0 has more than 1024 fields"):
+        read(mha(tmp_path, body))
+
+
+def test_too_many_transforms_are_refused(tmp_path: Path) -> None:
+    numbers = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
+    body = "".join(
+        f"Seq_Frame{number:04}_A{number}ToBTransform = {numbers}\n"
+        f"Seq_Frame{number:04}_Timestamp = {number}\n"
+        for number in range(1030)
+    )
+    with pytest.raises(InputError, match="transform 'A1024ToB' is one too many; expected 1024"):
+        read(mha(tmp_path, body))

@@ -292,6 +292,47 @@ def test_changed_byte_after_the_header_is_detected(tmp_path: Path) -> None:
         read(path)
 
 
+def test_members_that_zipfile_unpacks_without_a_limit_are_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "x.mrb", "w", zipfile.ZIP_LZMA) as file:
+        file.writestr("a/a.mrml", one())
+        file.writestr("a/Data/N.seq.mha", header("NeedleToTracker", ("1", NEEDLE)))
+    with pytest.raises(InputError, match="holds files that are not deflated"):
+        read(tmp_path / "x.mrb")
+
+
+def test_bundle_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path: Path) -> None:
+    held = header("NeedleToTracker", ("1", NEEDLE)).encode()
+    files = {"a/a.mrml": one(), "a/Data/N.seq.mha": b"Comment = 1\n" * 3_000_000 + held}
+    path = bundle(tmp_path / "x.mrb", files)
+    assert path.stat().st_size < 80_000
+    with pytest.raises(InputError, match=r"unpacks to 360\d+ bytes; expected \d+ or less"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "problem"),
+    [
+        (['<a b="c"/>'] * 12, "more than 10 elements and items of sequences"),
+        ([sequence(1, "NeedleToTracker", "N.seq.mha", indexValues="a:1;" * 20)], "more than 10"),
+        ([sequence(1, "NeedleToTracker", "N.seq.mha", more=";x:y" * 20)], "more than 10 elements"),
+    ],
+    ids=["elements", "index", "attributes"],
+)
+def test_number_of_items_is_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nodes: list[str], problem: str
+) -> None:
+    monkeypatch.setattr("app.case.readers.mrml.document._MAX_ITEMS", 10)
+    files = {"a/a.mrml": scene(*nodes), "a/N.seq.mha": header("NeedleToTracker", ("1", NEEDLE))}
+    with pytest.raises(InputError, match=problem):
+        read(bundle(tmp_path / "x.mrb", files))
+
+
+def test_number_of_sequences_is_limited(tmp_path: Path) -> None:
+    nodes = [sequence(number, "NeedleToTracker", "N.seq.mha") for number in range(257)]
+    with pytest.raises(InputError, match="has 257 sequences; expected 256 or fewer"):
+        read(bundle(tmp_path / "x.mrb", {"a/a.mrml": scene(*nodes)}))
+
+
 def test_file_that_is_not_a_bundle_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.mrb"
     with pytest.raises(InputError, match="cannot be read: No such file"):

@@ -145,6 +145,22 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         surface_of_labels(np.ones((4, 3, 2), dtype=bool), grid((1.0, 1.0, 1.0)), "tumor")
 
 
+@pytest.mark.parametrize(
+    ("marked", "problem"),
+    [
+        (
+            (np.indices((13, 13, 13)) % 3 == 0).all(axis=0),
+            "125 parts that do not touch and 125 voxels",
+        ),
+        (np.random.default_rng(0).random((120, 120, 120)) < 0.5, "expected up to 64 and 400000"),
+    ],
+    ids=["islands", "noise"],
+)
+def test_segments_of_noise_are_refused(marked: NDArray[np.bool_], problem: str) -> None:
+    with pytest.raises(MeshError, match=problem):
+        surface_of_labels(marked, grid((1.0, 1.0, 1.0)), "tumor")
+
+
 def test_empty_marks_are_refused() -> None:
     with pytest.raises(MeshError, match="no voxel is marked"):
         surface_of_labels(np.zeros((3, 3, 3), dtype=bool), grid((1.0, 1.0, 1.0)), "tumor")

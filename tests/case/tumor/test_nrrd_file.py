@@ -1,13 +1,15 @@
+import gzip
+import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import nrrd
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.case.tumor import nrrd_file, read_nrrd
+from app.case.tumor import read_nrrd
 from app.geometry import InputError
 
 WriteNrrd = Callable[..., Path]
@@ -130,7 +132,7 @@ def _replaced(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
         (lambda content: b"", "is not an NRRD file"),
         (lambda content: b"GIF89a" + content, "is not an NRRD file"),
         (_replaced(b"sizes: 6 7 8", b"sizes: 6 7 9"), "do not fit its header"),
-        (_replaced(b"sizes: 6 7 8", b"sizes: 6 7 7"), "336 bytes or more; expected 294"),
+        (_replaced(b"sizes: 6 7 8", b"sizes: 6 7 7"), "295 bytes or more; expected 294"),
         (_replaced(b"sizes: 6 7 8", b"sizes: 6 -7 8"), r"sizes are \[6, -7, 8\]"),
         (_replaced(b"sizes: 6 7 8", b"sizes: 6 0 8"), r"sizes are \[6, 0, 8\]"),
         (_replaced(b"sizes: 6 7 8", b"sizes: 6 7"), r"dimension is 3 and sizes are \[6, 7\]"),
@@ -145,7 +147,7 @@ def _replaced(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
         (_replaced(b"encoding: raw", b"encoding: gzip"), "data are cut or damaged"),
         (_replaced(b"encoding: raw", b"encoding: bzip2"), "data are cut or damaged"),
         (_replaced(b"encoding: raw\n", b""), "the field 'encoding' is missing"),
-        (_replaced(b"type: uint8", b"type: quaternion"), "do not fit its header"),
+        (_replaced(b"type: uint8", b"type: quaternion"), "type is 'quaternion'; expected integers"),
         (
             _replaced(b"encoding", b"data file: ../../etc/passwd\nencoding"),
             "'data file' is '.*same",
@@ -181,16 +183,37 @@ def test_compressed_data_are_not_unpacked_beyond_their_size(
     path = write_nrrd(np.zeros((200, 200, 200), dtype=np.uint8))
     path.write_bytes(path.read_bytes().replace(b"sizes: 200 200 200", b"sizes: 2 2 2"))
     taken = []
-    read_data = nrrd.read_data
+    read = gzip.GzipFile.read
 
-    def watched(header: Any, content: Any) -> Any:
-        taken.append(len(content.getvalue()))
-        return read_data(header, content)
+    def watched(file: gzip.GzipFile, size: int | None = -1) -> bytes:
+        data = read(file, size)
+        taken.append(len(data))
+        return data
 
-    monkeypatch.setattr(nrrd_file.nrrd, "read_data", watched)
-    with pytest.raises(InputError, match="65 bytes or more; expected 8"):
+    monkeypatch.setattr(gzip.GzipFile, "read", watched)
+    with pytest.raises(InputError, match="9 bytes or more; expected 8"):
         read_nrrd(path)
-    assert taken == [65]
+    assert taken == [9]
+
+
+@pytest.mark.parametrize("sizes", [b"inf 2 2", b"nan 2 2", b"1e300 2 2", b"9" * 4307 + b" 2 2"])
+def test_sizes_that_are_no_integers_are_refused(
+    write_nrrd: WriteNrrd, block: Volume, sizes: bytes
+) -> None:
+    path = write_nrrd(block, encoding="raw")
+    path.write_bytes(re.sub(rb"sizes: [0-9 ]+", b"sizes: " + sizes, path.read_bytes()))
+    with pytest.raises(InputError, match=r"sizes are|no readable NRRD header"):
+        read_nrrd(path)
+
+
+def test_warnings_of_the_library_are_silent(
+    write_nrrd: WriteNrrd, block: Volume, recwarn: pytest.WarningsRecorder
+) -> None:
+    path = write_nrrd(block, encoding="raw")
+    path.write_bytes(path.read_bytes().replace(b"encoding: raw", b"encoding: raw\nencoding: raw"))
+    with suppress(InputError):
+        read_nrrd(path)
+    assert not recwarn.list
 
 
 def test_missing_file_is_refused(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.case.readers.recording_format import JointSource, Note, RecordingFormat
+from app.files.path_kind import is_file, is_folder
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
@@ -15,7 +16,7 @@ CHANGES_NAME = "changes.yaml"
 
 
 def _recognises(path: Path) -> bool:
-    return path.is_dir() or path.name.lower().endswith(".mcap")
+    return is_folder(path) or path.name.lower().endswith(".mcap")
 
 
 def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
@@ -33,7 +34,7 @@ def _messages(path: Path, note: Note) -> "Iterator[RawMessage]":
 
 
 def _note_changes(path: Path, note: Note) -> None:
-    if (path / CHANGES_NAME).is_file():
+    if is_file(path / CHANGES_NAME):
         note(
             f"{path.name}/{CHANGES_NAME}: tumour or registration were replaced during this "
             "recording; here they are those of the case throughout"

@@ -7,6 +7,7 @@ from pathlib import Path
 from app.case.readers.rosbag2.database_file import read_database
 from app.case.readers.rosbag2.mcap_file import read_mcap_messages
 from app.case.readers.rosbag2.messages import RawMessage
+from app.files.path_kind import is_folder
 from app.geometry import InputError
 
 _MAX_FILES = 10_000
@@ -17,7 +18,7 @@ def read_bag(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
 
     ``metadata.yaml`` is not read: it is missing after a crash.
     """
-    if path.is_file():
+    if not is_folder(path):
         yield from read_mcap_messages(path, note)
         return
     parts = _parts(path, ".mcap")

@@ -48,7 +48,9 @@ def read_mcap(
     holds no tracked transform at all.
     """
     frames = 0
-    for frame in _FrameReader(note, joint_states_topic, offset_ns).frames(read_bag(path, note)):
+    for frame in _FrameReader(path, note, joint_states_topic, offset_ns).frames(
+        read_bag(path, note)
+    ):
         frames += 1
         yield frame
     if not frames:
@@ -60,7 +62,10 @@ def read_mcap(
 class _FrameReader:
     """Turns the messages of one recording into frames; for one pass."""
 
-    def __init__(self, note: Note, joint_states_topic: str | None, offset_ns: int) -> None:
+    def __init__(
+        self, path: Path, note: Note, joint_states_topic: str | None, offset_ns: int
+    ) -> None:
+        self._path = path
         self._note = note
         self._offset_ns = offset_ns
         self._assembler = FrameAssembler(note)
@@ -106,7 +111,7 @@ class _FrameReader:
             return lambda data: ()
         if connection.message_type != expected_type:
             raise InputError(
-                f"topic {connection.topic} carries {connection.message_type}; "
+                f"{self._path}: topic {connection.topic} carries {connection.message_type}; "
                 f"expected {expected_type}"
             )
 

@@ -1,0 +1,150 @@
+"""Messages from a network: ROS messages in CDR, and the stream of an OpenIGTLink server."""
+
+import struct
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+from pyigtl.messages import CRC64
+
+from app.case import JointSample, values_reader
+from app.case.messages.cdr_reader import tf_reader
+from app.case.messages.ros_messages import (
+    JOINT_STATE,
+    TF_MESSAGE,
+    TIME_REFERENCE,
+    TRACKED_TRANSFORM,
+    joint_state_message,
+    ros_types,
+    tf_message,
+    time_reference_message,
+    tracked_transform_message,
+)
+from app.case.messages.values import JointValues, PoseValues
+from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform, Transform
+from app.igtl.poses import TYPES, PoseReader
+from app.igtl.stream import MessageStream, Refusals
+from benchmarks.fuzz.mutators.raw import RAW
+from benchmarks.fuzz.parser import FuzzedParser, Mutator
+
+_HEADER = struct.Struct(">H12s20sQQQ")
+_STAMP = Stamp(1_700_000_000_000_000_000)
+
+
+def _pose(source: str) -> TrackedTransform:
+    transform = Transform("tracker", source, np.eye(3), np.array([1.0, 2.0, 3.0]))
+    return TrackedTransform.valid(transform, _STAMP)
+
+
+def _cdr(message: Any, kind: str) -> bytes:
+    return bytes(ros_types().serialize_cdr(message, kind))
+
+
+def _seeds(kind: str) -> Sequence[bytes]:
+    tools = [_pose(name) for name in ("reference", "needle", "cautery")]
+    if kind == TRACKED_TRANSFORM:
+        return [_cdr(tracked_transform_message(tools[1]), kind)]
+    if kind == TF_MESSAGE:
+        return [_cdr(tf_message(tools), kind), _cdr(tf_message([]), kind)]
+    if kind == JOINT_STATE:
+        joints = JointSample(("waist", "shoulder"), (0.5, 1.5), _STAMP)
+        return [_cdr(joint_state_message(joints, _STAMP.ns), kind)]
+    return [_cdr(time_reference_message(_STAMP, _STAMP), kind)]
+
+
+def _reader(kind: str) -> Any:
+    """Reads the message twice, by a new layout and by a known one, and makes samples of it."""
+
+    def parse(path: Path) -> None:
+        data = path.read_bytes()
+        read = values_reader(kind)
+        read(data)
+        values = read(data)
+        for each in values if type(values) is tuple else [values]:
+            if isinstance(each, PoseValues):
+                each.sample()
+            elif isinstance(each, JointValues):
+                each.sample(offset_ns=0)
+
+    return parse
+
+
+def _read_tf(path: Path) -> None:
+    try:
+        tf_reader()(path.read_bytes())
+    except ValueError as error:  # documented; its caller counts it
+        raise InputError(str(error)) from error
+
+
+def _igtl_message(kind: bytes, device: bytes, content: bytes, *, version: int = 2) -> bytes:
+    body = content
+    if version > 1:
+        pairs = [(b"TransformStatus", b"OK"), (b"NeedleToTrackerStatus", b"INVALID")]
+        heads = struct.pack(">H", len(pairs))
+        heads += b"".join(struct.pack(">HHI", len(key), 3, len(value)) for key, value in pairs)
+        values = b"".join(key + value for key, value in pairs)
+        body = struct.pack(">HHII", 12, len(heads), len(values), 0) + content + heads + values
+    time = 1_700_000_000 << 32
+    return _HEADER.pack(version, kind, device, time, len(body), CRC64(body)) + body
+
+
+def _igtl_seeds() -> Sequence[bytes]:
+    matrix = struct.pack(">12f", 1, 0, 0, 0, 1, 0, 0, 0, 1, 10, 20, 30)
+    element = b"NeedleToTracker".ljust(20, b"\0") + b"\2\0" + matrix
+    transform = _igtl_message(b"TRANSFORM", b"StylusToTracker", matrix)
+    tracking = _igtl_message(b"TDATA", b"tools", element * 3)
+    old = _igtl_message(b"TRANSFORM", b"StylusToTracker", matrix, version=1)
+    other = _igtl_message(b"STATUS", b"s", bytes(30))
+    return [transform + tracking, tracking, old + other + transform]
+
+
+def _change_body(data: bytes, random: Random) -> bytes:
+    """Change the body of the first message; the size and the checksum stay right."""
+    if len(data) < _HEADER.size:
+        return data
+    version, kind, device, time, size, _ = _HEADER.unpack_from(data)
+    body = data[_HEADER.size : _HEADER.size + min(size, len(data))]
+    changed = random.choice(RAW)(body, random)[:100_000]
+    head = _HEADER.pack(version, kind, device, time, len(changed), CRC64(changed))
+    return head + changed + data[_HEADER.size + len(body) :]
+
+
+def _read_stream(path: Path) -> None:
+    """Feed the bytes in parts; a refused message is an error of the client, as in diagnostics."""
+    data = path.read_bytes()
+    refusals = Refusals()
+    stream, reader = MessageStream(TYPES, refusals), PoseReader(refusals)
+    for at in range(0, len(data), 1 << 16):
+        for message in stream.feed(data[at : at + (1 << 16)]):
+            reader.read(message)
+    if refusals.last:
+        raise MarginGuardError(refusals.last)
+
+
+_BODY: Sequence[Mutator] = (*[_change_body] * 2 * len(RAW), *RAW)
+
+PARSERS = (
+    *(
+        FuzzedParser(
+            name,
+            "message.cdr",
+            _reader(kind),
+            partial(_seeds, kind),
+            RAW,
+            names_file=False,
+        )
+        for name, kind in (
+            ("cdr_tracked", TRACKED_TRANSFORM),
+            ("cdr_tf", TF_MESSAGE),
+            ("cdr_joints", JOINT_STATE),
+            ("cdr_time", TIME_REFERENCE),
+        )
+    ),
+    FuzzedParser(
+        "cdr_tf_buffer", "message.cdr", _read_tf, partial(_seeds, TF_MESSAGE), RAW, names_file=False
+    ),
+    FuzzedParser("igtl", "stream.bin", _read_stream, _igtl_seeds, _BODY, names_file=False),
+)
