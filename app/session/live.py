@@ -145,7 +145,7 @@ class LiveSession:
                 # Checked after the samples were taken: a playback is discovered before them.
                 playback = self._playback.found()
                 checked = self._playback.checked(frame, playback, self.edges)
-                step = self._session.step(checked, self._outside())
+                step = self._session.step(checked, self._faults(playback))
                 step = self._with_source_problems(step, playback)
                 self._watch_ns = self._next_watch_ns(step)
                 yield step
@@ -176,6 +176,11 @@ class LiveSession:
             frame = self._frames.take(host_ns)
             # Before the first sample the source's time is unknown; 0 is before all stamps.
             return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
+
+    def _faults(self, playback: str) -> Mapping[Reason, str]:
+        """Faults outside the frame; a refused playback makes poses invalid, also unknown ones."""
+        problem, outside = self._playback.problem(playback), self._outside()
+        return {Reason.INVALID: problem, **outside} if problem else outside
 
     def _may_have_waited(self, host_ns: int) -> bool:
         """True if a sample that arrives now may be older than its arrival suggests.

@@ -56,3 +56,4 @@ def test_playback_before_the_first_sample_is_refused():
     (_, first), *_ = run_with_playback(0, 10_000, accepted=False)
     assert first.playback == "a recording"
     assert first.frames_problem.startswith("PLAYBACK refused")
+    assert Reason.INVALID in first.decision.reasons

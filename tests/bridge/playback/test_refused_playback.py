@@ -26,6 +26,11 @@ def config(live_yaml):
     return str(path)
 
 
+def is_refused(line):
+    """True for the line of a step that refuses a playback; joints are not used either."""
+    return line.startswith("UNKNOWN") and "invalid" in line and "[PLAYBACK]" in line
+
+
 def tracking_of(message):
     parts = {part["name"]: part["message"] for part in message["status"]}
     return parts.get("marginguard: tracking", ""), parts.get("marginguard: source", "")
@@ -34,7 +39,7 @@ def tracking_of(message):
 def test_session_of_a_patient_uses_no_sample_of_a_playback(start, playing, start_receiver, config):
     player = playing()  # here the tracker starts first
     session = start("-m", "app.cli", "live", "--constraint-hz", "50", "--config", config)
-    session.line(lambda line: line.startswith("UNKNOWN: invalid") and "[PLAYBACK]" in line)
+    session.line(is_refused)
     receiver = start_receiver(CONSTRAINT, DIAGNOSTICS)
     states, reports = set(), []
     while len(states) < 1 or len(reports) < 3:
@@ -64,17 +69,18 @@ def test_playback_is_not_recorded_as_a_patient(start, playing, config, tmp_path)
     assert "a recording is played on this graph" in recorder.log.read_text()
 
 
-def test_session_of_a_patient_uses_no_pose_of_a_replay(start, config, project_root):
+def test_session_of_a_patient_uses_no_pose_of_a_replay(start, start_receiver, config, project_root):
     values = yaml.safe_load(Path(config).read_text())
     values["source"] = {"tf": {}, "clock": "estimate"}
     Path(config).write_text(yaml.safe_dump(values))
     case = str(project_root / "data" / "recorded_case")
     replay = start("-m", "app.cli", "replay", case, "--rate", "1")
+    start_receiver(CONSTRAINT)  # returns when the replay publishes it
     beside = start("-m", "app.cli", "live", "--config", config)
     assert beside.process.wait() == 2  # the replay publishes the same constraint
     assert "node /marginguard publishes the constraint already" in beside.log.read_text()
     session = start("-m", "app.cli", "live", "--config", config, "--namespace", "patient")
-    session.line(lambda line: line.startswith("UNKNOWN: invalid") and "[PLAYBACK]" in line)
+    session.line(is_refused)
     assert replay.process.poll() is None
     assert session.end(signal.SIGINT) == 130
     log = session.log.read_text()
