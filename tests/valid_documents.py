@@ -24,6 +24,8 @@ POINTS = {
     }
 }
 CONTROL = {
+    "operators": ["/console", "/room/marginguard_rearm"],
+    "security": "required",
     "guidance": {
         "force_n": 2.0,
         "range_mm": 10,

@@ -37,6 +37,7 @@ from app.bridge.message_definitions import (
 from app.bridge.message_origin import OriginExecutor, ReceiveFrom, receiver
 from app.bridge.open_ports import listens_to_other_machines
 from app.bridge.qos import Topic
+from app.bridge.security import check_security
 from app.geometry import NS_PER_S
 
 _JOIN_TIMEOUT_S = 5.0
@@ -59,7 +60,8 @@ class RosNode:
     (``use_sim_time``) become read-only, so that other nodes cannot stop the clock of this node.
     An open node is closed at the end of the program.
 
-    Raises `BridgeError` if the node cannot start, or if it would be visible to other machines
+    Raises `SecurityError` if ROS security is asked for and not available, and `BridgeError` if the
+    node cannot start, or if it would be visible to other machines
     although `prepare_environment` has restricted discovery to this machine.
 
     ``ros_args`` are ROS arguments (``--ros-args -r old:=new``); ``sys.argv`` is not read.
@@ -76,6 +78,7 @@ class RosNode:
         make_node: Callable[..., Node] = Node,
     ) -> None:
         check_installed()
+        check_security()
         self._context = Context()
         try:
             # rclpy validates names only after it has created the rcl node, which then warns.

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from app.case.case import Case
-from app.case.live_keys import LIVE, ONLY_LIVE, SOURCE
+from app.case.live_keys import LIVE, LIVE_BLOCKS, SOURCE
 from app.case.manifest.entries import CaseManifest, ClockEntry, RegistrationEntry, RobotEntry
 from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
@@ -58,7 +58,9 @@ class LiveCase:
     otherwise its stamps plus ``clock.offset_robot_to_tracker_ms`` are times on the source's clock,
     as in a case. ``guidance``: all values of a guidance force, None without one. ``limiter``: the
     values of the twist limiter. ``tumor_motion``: all values of the tumour's expected motion,
-    None for a tumour at rest. Values are by name, in seconds and radians.
+    None for a tumour at rest. Values are by name, in seconds and radians. ``operators``: full names
+    of the nodes that may change the session, None for all. ``needs_security``: refuse to start
+    without ROS security.
     """
 
     case: Case
@@ -68,6 +70,8 @@ class LiveCase:
     guidance: Mapping[str, float] | None
     limiter: Mapping[str, float]
     tumor_motion: Mapping[str, float] | None
+    operators: tuple[str, ...] | None = None
+    needs_security: bool = False
 
 
 def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
@@ -115,6 +119,8 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
         guidance=_numbers(document, "guidance"),
         limiter=_numbers(document, "limiter") or MappingProxyType({}),
         tumor_motion=_numbers(document, "tumor_motion"),
+        operators=document.texts("operators") if "operators" in document else None,
+        needs_security=document.choice("security") == "required",
     )
 
 
@@ -124,7 +130,7 @@ def _numbers(document: Section, name: str) -> Mapping[str, float] | None:
         return None
     block = document.section(name)
     found = {}
-    for key in ONLY_LIVE[name].keys:
+    for key in LIVE_BLOCKS[name].keys:
         value = block.number(key)
         if key.endswith("_ms"):
             key, value = key.removesuffix("_ms") + "_s", value / 1000.0

@@ -1,5 +1,6 @@
 """The keys of ``live.yaml``: those of ``case.yaml`` with a live source instead of a recording."""
 
+import re
 from dataclasses import replace
 
 from app.case.manifest.keys import (
@@ -13,7 +14,7 @@ from app.case.manifest.keys import (
     TOPIC_EXPECTED,
 )
 from app.case.messages.ros_messages import TRACKED_TRANSFORMS_TOPIC
-from app.files.keys import Block, Choice, Frame, Integer, ListOf, Number, Text, Variant
+from app.files.keys import Block, Choice, Frame, Integer, Key, ListOf, Number, Text, Variant
 
 ABOVE_0 = "every value is more than 0"
 PASSIVE = "the force is passive with its period, delay and damping"
@@ -110,13 +111,37 @@ _TUMOR_MOTION = Block(
     rules=(ABOVE_0, NEEDS_ROBOT),
 )
 
-ONLY_LIVE = {
-    "source": SOURCE,
+NODE_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+NODE_NAME_EXPECTED = "a node's name with its namespace, such as /console or /room/console"
+
+_OPERATORS = ListOf(
+    "nodes that may call ~/rearm, ~/set_tumor, ~/register and set parameters; a guard against "
+    "mistakes, not against attackers; default: every node",
+    Text("name of a node", pattern=NODE_NAME, expected=NODE_NAME_EXPECTED),
+    optional=True,
+    if_empty="leave it out to accept every node",
+)
+
+_SECURITY = Choice(
+    "required: refuse to start without ROS security (SROS2); optional: as the environment says",
+    ("optional", "required"),
+    default="optional",
+)
+
+LIVE_BLOCKS = {
     "guidance": _GUIDANCE,
     "limiter": _LIMITER,
     "tumor_motion": _TUMOR_MOTION,
 }
-"""Sections that ``case.yaml`` does not have."""
+"""Sections of numbers that ``case.yaml`` does not have."""
+
+ONLY_LIVE: dict[str, Key] = {
+    "source": SOURCE,
+    **LIVE_BLOCKS,
+    "operators": _OPERATORS,
+    "security": _SECURITY,
+}
+"""Keys that ``case.yaml`` does not have."""
 
 _SHARED = {
     **{name: key for name, key in CASE.keys.items() if name not in ("recording", "expected")},

@@ -62,7 +62,9 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
             namespace=options.namespace,
             constraint_hz=CONSTRAINT_HZ,
             outputs=(output,),
+            audit=options.audit,
         ) as node:
+            node.commands.requests.listen(feed.list_request)
             thread = threading.Thread(target=_run, args=(node, feed), name="session")
             thread.start()
             try:

@@ -51,6 +51,23 @@ def add_namespace(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_audit(parser: argparse.ArgumentParser) -> None:
+    """Add the file of the audit log of a live session."""
+    parser.add_argument(
+        "--audit",
+        type=output_path,
+        metavar="FILE",
+        help="append the audit log of the live session to this file: docs/audit_log.md; default: "
+        "a file below $XDG_STATE_HOME/marginguard, which the log of the node names",
+    )
+
+
+def output_path(text: str) -> Path:
+    """Path of a file to be written."""
+    _check_not_empty(text)
+    return Path(text)
+
+
 def folder_path(text: str) -> Path:
     """Path of a folder. An empty text is refused: a script has made a mistake."""
     _check_not_empty(text)

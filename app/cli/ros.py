@@ -24,9 +24,14 @@ def load_bridge(remark: str) -> None:
 
 
 def print_reach() -> None:
-    """Prepare the environment for ROS, and print the hosts that nodes of this process can reach."""
-    from app.bridge import prepare_environment
+    """Prepare the environment for ROS, and print the hosts that nodes of this process can reach.
 
+    Raises `SecurityError` before anything is read if ROS security is asked for in vain.
+    """
+    from app.bridge import prepare_environment
+    from app.bridge.security import check_security
+
+    check_security()
     print(prepare_environment(), file=sys.stderr)
 
 

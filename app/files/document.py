@@ -86,6 +86,15 @@ class Section:
             raise self._refused(key, value, declared.expected)
         return value
 
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return the list of texts under ``key``, which match their declared pattern."""
+        values, item = self._list(key, Text)
+        for index, value in enumerate(values):
+            is_text = isinstance(value, str) and bool(value.strip())
+            if not is_text or (item.pattern and not item.pattern.fullmatch(str(value))):
+                raise self._refused(f"{key}[{index}]", value, item.expected)
+        return tuple(map(str, values))
+
     def frame(self, key: str) -> str:
         """Return the name of a frame under ``key``."""
         self._declared(key, Frame)

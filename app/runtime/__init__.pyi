@@ -1,5 +1,7 @@
+from .audit import AuditLog, AuditOutput
 from .commands import BetweenSteps, OperatorCommands
 from .content import SessionContent, content_of
+from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
 from .live_run import LiveRun
 from .opening import (
@@ -20,36 +22,47 @@ from .persistence.instance_key import InstanceKey, arm_name, host_id
 from .persistence.live_state import LiveState, live_state, refuse_beside_guard
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
+from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
 
 __all__ = [
     "SWITCH_INTERVAL_S",
+    "AuditLog",
+    "AuditOutput",
     "BetweenSteps",
     "Deliver",
     "DeliveredStep",
     "HoldKeeper",
+    "Holds",
     "InstanceKey",
     "LatestValue",
     "LiveRun",
     "LiveState",
     "OperatorCommands",
+    "OperatorRequest",
     "Output",
     "PassiveOutput",
     "PreparedCase",
     "PreparedLive",
+    "RearmRefusedError",
     "ReceivedConstraint",
     "RecordingExtent",
     "RegisteredCase",
     "ReplayRun",
+    "RequestKind",
+    "RequestLog",
     "SecondInstanceError",
+    "SeenHold",
     "SessionContent",
     "Source",
     "StateFileError",
+    "StepHolds",
     "StepRun",
     "StepThread",
     "StepTiming",
     "SwitchContent",
+    "TooManyRequestsError",
     "arm_name",
     "content_of",
     "host_id",

@@ -1,33 +1,57 @@
 """Changes of a running session by an operator, each between two steps, completely or not at all."""
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
 from app.runtime.content import SessionContent
+from app.runtime.holds import Holds, SeenHold
 from app.runtime.outputs import Output, SwitchContent
-from app.session import ProximityModel, Session, SessionSetup
+from app.runtime.requests import RequestKind, RequestLog
+from app.session import ProximityModel, Session, SessionSetup, margin_changes, tumor_change
 
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
 """Gives exclusive access to the session between two steps, as `LiveSession.between_steps` does."""
+
+MAX_LIVE_TRIANGLES = 25_000
+"""Triangles of a tumour that replaces another one in a live session. FCL builds its tree without
+releasing the interpreter, during which no constraint is sent: 55 ms for 20 000 triangles, 2 s for
+330 000."""
+
+THIS_PROCESS = "this process"
 
 
 class OperatorCommands:
     """Re-arm a session, or replace its margins, its tumour or the registration of its robot.
 
     Slow work (distance field and surfaces of a new tumour) is done before the session is locked.
-    A command that is refused raises before anything has changed.
+    A command that is refused raises before anything has changed. A change that loosens what the
+    session permits latches a hold (`app.session.Session.use`), and every display is told its
+    causes. Each command and its outcome is listed in ``requests``; ``origin`` is the interface on
+    which it arrived. ``holds`` identifies the present hold. ``max_triangles`` limits a new tumour.
     """
 
     def __init__(
-        self, between_steps: BetweenSteps, content: SessionContent, outputs: Sequence[Output]
+        self,
+        between_steps: BetweenSteps,
+        content: SessionContent,
+        outputs: Sequence[Output],
+        *,
+        holds: Holds,
+        max_triangles: int | None = None,
+        requests: RequestLog | None = None,
     ) -> None:
         self._between_steps = between_steps
         self._content = content
         self._outputs = outputs
+        self._holds = holds
+        self._max_triangles = max_triangles
+        self._acknowledged = content
+        self.requests = requests or RequestLog(time.time_ns, time.monotonic_ns)
 
     @property
     def content(self) -> SessionContent:
@@ -40,68 +64,145 @@ class OperatorCommands:
         with self._between_steps() as session:
             return session.setup
 
-    def rearm(self, check: Callable[[], None]) -> None:
-        """End the hold of an earlier fault.
+    @property
+    def requested(self) -> SessionSetup:
+        """As `setup`, with the margins that apply from the next re-arm on."""
+        with self._between_steps() as session:
+            return session.requested
 
-        ``check`` is called between two steps and raises when the operator cannot have seen the
-        present state. Raises `NotRearmableError` while the state is UNKNOWN.
+    def seen(self) -> SeenHold:
+        """Identifies the hold of the step that was published last, to be displayed with it."""
+        return self._holds.present()
+
+    def check_rearm(self, seen: SeenHold) -> None:
+        """Raise `RearmRefusedError` for a hold that is not the present one, without waiting.
+
+        A flood of such requests takes neither a thread nor the session's lock.
         """
-        with self._between_steps() as session:
-            check()
-            session.rearm()
+        self._holds.check(seen)
 
-    def set_margins(self, margins: MarginParameters) -> None:
-        """Use ``margins`` from the next step on."""
-        with self._between_steps() as session:
-            content = replace(self._content, margins=margins)
+    def rearm(self, seen: SeenHold, *, origin: str = THIS_PROCESS) -> None:
+        """End the present hold, which the operator has seen as ``seen``.
+
+        Raises `RearmRefusedError` if another fault, tumour, registration or looser margin came
+        since, and `NotRearmableError` while the state is UNKNOWN.
+        """
+        with self._listed(RequestKind.REARM, origin) as done, self._between_steps() as session:
+            # Between two steps, so that neither a fault nor a change can come in between.
+            self._holds.check(seen)
+            causes = session.hold_causes
+            content = replace(self._content, margins=session.requested.margins)
             switches = self._prepare(content)
-            self._apply(session, replace(session.setup, margins=margins), content, switches)
+            session.rearm()
+            self._holds.spend(seen)
+            if content.margins != self._content.margins:
+                self._switch(content, switches)
+            self._acknowledged = self._content
+            done.append(f"the hold is ended: {'; '.join(causes) or 'no cause was noted'}")
 
-    def set_tumor(self, frame_from_tumor: Transform, tumor: SurfaceMesh) -> str:
-        """Use this tumour surface instead; returns its ``model_id``.
+    def set_margins(self, margins: MarginParameters, *, origin: str = THIS_PROCESS) -> None:
+        """Use ``margins`` from the next step on; what is looser latches a hold and waits for it."""
+        with self._listed(RequestKind.MARGINS, origin) as done, self._between_steps() as session:
+            changes = margin_changes(session.requested.margins, margins)
+            switches = self._prepare(replace(self._content, margins=margins))
+            setup = replace(session.requested, margins=margins)
+            loosened = self._apply(session, setup, self._content, switches)
+            text = ", ".join(changes) or "no value has changed"
+            done.append(f"{text} (a re-arm is needed)" if loosened else text)
 
-        Raises `MeshError` for a surface that is not closed, and `FrameError` for another frame
-        than the one that the tumour moves with, since that is what the session tracks.
+    def set_tumor(
+        self, frame_from_tumor: Transform, tumor: SurfaceMesh, *, origin: str = THIS_PROCESS
+    ) -> str:
+        """Use this tumour surface instead; returns its ``model_id``. Latches a hold.
+
+        Raises `MeshError` for a surface that is not closed, `InputError` for one of too many
+        triangles, and `FrameError` for another frame than the one that the tumour moves with,
+        since that is what the session tracks.
         """
-        setup = self.setup
-        known = setup.frame_from_tumor
-        if (frame_from_tumor.target, frame_from_tumor.source) != (known.target, known.source):
-            raise FrameError(
-                f"tumour: given in frame {frame_from_tumor.target!r}; expected {known.target!r}, "
-                "the frame that the session tracks it by"
-            )
-        proximity = self._model(setup, tumor)
-        switches = self._prepare(replace(self._content, tumor=tumor))
-        with self._between_steps() as session:
-            edges = self._edges(frame_from_tumor)
-            self._apply(
-                session,
-                replace(session.setup, frame_from_tumor=frame_from_tumor, proximity=proximity),
-                replace(self._content, tumor=tumor, static_edges=edges),
-                switches,
-            )
+        with self._listed(RequestKind.TUMOR, origin) as done:
+            setup, shown = self.setup, self._acknowledged
+            known = setup.frame_from_tumor
+            if (frame_from_tumor.target, frame_from_tumor.source) != (known.target, known.source):
+                raise FrameError(
+                    f"tumour: given in frame {frame_from_tumor.target!r}; expected "
+                    f"{known.target!r}, the frame that the session tracks it by"
+                )
+            self._check_size(tumor)
+            proximity = self._model(setup, tumor)
+            change = self._tumor_change(shown, frame_from_tumor, tumor)
+            switches = self._prepare(replace(self._content, tumor=tumor))
+            with self._between_steps() as session:
+                if shown is not self._acknowledged:
+                    raise InputError(
+                        "tumour: the session was re-armed while it was prepared; expected the "
+                        "same request again"
+                    )
+                edges = self._edges(frame_from_tumor)
+                self._apply(
+                    session,
+                    replace(
+                        session.requested, frame_from_tumor=frame_from_tumor, proximity=proximity
+                    ),
+                    replace(self._content, tumor=tumor, static_edges=edges),
+                    switches,
+                    change,
+                )
+            done.append(f"{self._content.model_id}, {change}")
         return self._content.model_id
 
-    def set_registration(self, registration: RegistrationResult) -> str:
+    def set_registration(
+        self, registration: RegistrationResult, *, origin: str = THIS_PROCESS
+    ) -> str:
         """Use this registration of the robot's base; returns its ``registration_id``.
 
-        Raises `InputError` without a robot and for a registration that was not accepted, and
-        `FrameError` for one between other frames.
+        Latches a hold. Raises `InputError` without a robot and for a registration that was not
+        accepted, and `FrameError` for one between other frames.
         """
-        if not registration.accepted:
-            raise InputError(
-                f"registration: not accepted, {registration.reason}; expected an accepted one"
-            )
-        with self._between_steps() as session:
-            robot = session.setup.robot
-            if robot is None:
-                raise InputError("registration: the session has no robot; expected one")
-            registered = replace(robot, registration=registration)
-            edges = self._edges(registration.transform)
-            content = replace(self._content, robot=registered, static_edges=edges)
-            switches = self._prepare(content)
-            self._apply(session, replace(session.setup, robot=registered), content, switches)
+        with self._listed(RequestKind.REGISTRATION, origin) as done:
+            if not registration.accepted:
+                raise InputError(
+                    f"registration: not accepted, {registration.reason}; expected an accepted one"
+                )
+            with self._between_steps() as session:
+                robot = session.setup.robot
+                if robot is None:
+                    raise InputError("registration: the session has no robot; expected one")
+                registered = replace(robot, registration=registration)
+                edges = self._edges(registration.transform)
+                content = replace(self._content, robot=registered, static_edges=edges)
+                switches = self._prepare(content)
+                setup = replace(session.requested, robot=registered)
+                self._apply(session, setup, content, switches)
+            done.append(self._content.registration_id)
         return self._content.registration_id
+
+    @contextmanager
+    def _listed(self, kind: RequestKind, origin: str) -> Iterator[list[str]]:
+        """List the request as accepted, with the texts added to the list, or as refused."""
+        done: list[str] = []
+        try:
+            yield done
+        except Exception as error:
+            self.requests.refused(kind, origin, str(error))
+            raise
+        self.requests.accepted(kind, origin, "; ".join(done))
+
+    def _check_size(self, tumor: SurfaceMesh) -> None:
+        if self._max_triangles is not None and len(tumor.faces) > self._max_triangles:
+            raise InputError(
+                f"tumour: has {len(tumor.faces)} triangles; expected at most "
+                f"{self._max_triangles} in a live session: reduce its resolution"
+            )
+
+    def _tumor_change(
+        self, shown: SessionContent, frame_from_tumor: Transform, tumor: SurfaceMesh
+    ) -> str:
+        """Describe the change from the tumour that the operator has acknowledged."""
+        frame_from_known = next(
+            edge for edge in shown.static_edges if edge.source == shown.tumor.frame
+        )
+        before = shown.tumor.transformed(frame_from_known)
+        return tumor_change(before, tumor.transformed(frame_from_tumor)).text
 
     def _model(self, setup: SessionSetup, tumor: SurfaceMesh) -> ProximityModel:
         if isinstance(setup.proximity, TipProximity):
@@ -126,8 +227,17 @@ class OperatorCommands:
         setup: SessionSetup,
         content: SessionContent,
         switches: list[SwitchContent],
-    ) -> None:
-        session.use(setup)
+        tumor_change: str = "",
+    ) -> bool:
+        """Change session and outputs; True if that latched a hold."""
+        loosened = session.use(setup, tumor_change=tumor_change)
+        self._switch(replace(content, margins=session.setup.margins), switches)
+        if loosened:
+            for output in self._outputs:
+                output.latch(session.hold_causes)
+        return loosened
+
+    def _switch(self, content: SessionContent, switches: list[SwitchContent]) -> None:
         # The permissions of the last step were computed with the previous content.
         for output in self._outputs:
             output.revoke()

@@ -3,10 +3,12 @@
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 
-from app.runtime.commands import OperatorCommands
+from app.runtime.commands import MAX_LIVE_TRIANGLES, OperatorCommands
 from app.runtime.content import SessionContent
+from app.runtime.holds import Holds, StepHolds
 from app.runtime.outputs import Output, StepTiming
 from app.runtime.persistence.hold_keeper import HoldKeeper
+from app.runtime.requests import RequestLog
 from app.session import LiveSession, StepResult
 
 
@@ -14,8 +16,9 @@ class LiveRun:
     """``for step in run.steps(): ...`` publishes each step to ``outputs``, in their order.
 
     When an output reports that a step came too late, the session latches a hold and all outputs
-    withdraw what they permitted. ``commands`` changes the session from any thread. ``keeper`` keeps
-    the hold of each step for the next run.
+    withdraw what they permitted. ``commands`` changes the session from any thread; ``holds``
+    identifies the hold that an output publishes, by default that of the last step; ``requests``
+    lists what is requested. ``keeper`` keeps the hold of each step for the next run.
     """
 
     def __init__(
@@ -24,11 +27,24 @@ class LiveRun:
         content: SessionContent,
         outputs: Sequence[Output],
         keeper: HoldKeeper | None = None,
+        *,
+        holds: Holds | None = None,
+        requests: RequestLog | None = None,
     ) -> None:
         self.live = live
+        if holds is None:
+            holds = step_holds = StepHolds()
+            outputs = (step_holds, *outputs)
         self.outputs = tuple(outputs)
         self._keeper = keeper
-        self.commands = OperatorCommands(live.between_steps, content, self.outputs)
+        self.commands = OperatorCommands(
+            live.between_steps,
+            content,
+            self.outputs,
+            holds=holds,
+            max_triangles=MAX_LIVE_TRIANGLES,
+            requests=requests,
+        )
 
     def steps(self) -> Generator[StepResult]:
         """Publish and yield each step as it happens; ends with `stop`.

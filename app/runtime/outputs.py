@@ -55,6 +55,12 @@ class Output(Protocol):
     def revoke(self) -> None:
         """Withdraw every permission of the last step at once; from any thread."""
 
+    def latch(self, causes: Sequence[str]) -> None:
+        """A hold was latched between two steps, by a change that loosens: show it at once.
+
+        Called after the switch to the changed content, with all causes of the hold.
+        """
+
     def end(self) -> None:
         """Publish the final state, because no step follows. A run calls it once, at its end."""
 
@@ -68,6 +74,9 @@ class PassiveOutput:
 
     def revoke(self) -> None:
         """Nothing to withdraw."""
+
+    def latch(self, causes: Sequence[str]) -> None:
+        """Nothing to show: the next step does."""
 
     def end(self) -> None:
         """Nothing to publish."""

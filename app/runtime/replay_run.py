@@ -10,6 +10,7 @@ from app.case import Player
 from app.geometry import NS_PER_S
 from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
+from app.runtime.holds import StepHolds
 from app.runtime.opening import PreparedCase
 from app.runtime.outputs import Output, StepTiming, end_outputs
 from app.session import Session, SessionSetup, StepResult
@@ -50,13 +51,16 @@ class ReplayRun:
         self._end_ns: float = math.inf
         if math.isfinite(end_s):
             self._end_ns = prepared.extent.first_ns + end_s * NS_PER_S
-        self.outputs = list(outputs)
+        self.holds = StepHolds()
+        self.outputs = [self.holds, *outputs]
         self.robot_problems = RobotProblems()
         self._stopwatch_ns = stopwatch_ns or clock_ns
         self._rate = rate
         self._stepping = threading.Lock()
         content = content or prepared.content
-        self.commands = OperatorCommands(self.between_steps, content, self.outputs)
+        self.commands = OperatorCommands(
+            self.between_steps, content, self.outputs, holds=self.holds
+        )
 
     def steps(self) -> Generator[StepResult]:
         """Publish and yield the step of each frame, when it is due; ends with `stop`.
@@ -91,8 +95,8 @@ class ReplayRun:
             yield self.session
 
     def set_margins(self, stop_mm: float, warn_mm: float) -> None:
-        """Use these margins from the next step on; raises `MarginParameterError`."""
-        margins = self.commands.setup.margins
+        """Use these margins as `OperatorCommands.set_margins`; raises `MarginParameterError`."""
+        margins = self.commands.requested.margins
         self.commands.set_margins(margins.replaced(stop_mm=stop_mm, warn_mm=warn_mm))
 
     def set_rate(self, rate: float) -> None:

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.fixture import FixtureDecision, MarginState
 from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
+from app.runtime.holds import SeenHold
 from app.runtime.latest_value import LatestValue
 from app.session import StepResult
 
@@ -39,12 +39,14 @@ class DeliveredStep:
     """A step of ``thread``, the content it was taken with, and when it was ready.
 
     ``at_ns`` is a time of the host's steady clock. ``content`` is None while the run has none.
+    ``seen`` identifies the hold of the step, None without commands.
     """
 
     thread: "StepThread"
     step: StepResult
     content: SessionContent | None
     at_ns: int
+    seen: SeenHold | None = None
 
 
 class StepThread:
@@ -59,8 +61,6 @@ class StepThread:
     ) -> None:
         self.run = run
         self.failure = ""
-        self._fault_seq = 0
-        self._on_hold = True
         self._clock_ns = clock_ns
         self._describe = describe
         self._latest: LatestValue[DeliveredStep] = LatestValue()
@@ -89,11 +89,6 @@ class StepThread:
         pace = self.run.pace() if is_running else 1.0
         return last.step.frame.stamp.ns + round(pace * (self._clock_ns() - last.at_ns))
 
-    @property
-    def fault_seq(self) -> int:
-        """``seq`` of the last decision that was UNKNOWN or began a hold; 0 before any."""
-        return self._fault_seq
-
     def stop(self) -> None:
         """End the run and wait until its thread has ended."""
         self.run.stop()
@@ -102,17 +97,10 @@ class StepThread:
     def _work(self) -> None:
         try:
             for step in self.run.steps():
-                self._note_fault(step.decision)
                 # No command can replace the content while the step is being taken.
                 commands = self.run.commands
                 content = None if commands is None else commands.content
-                self._latest.put(DeliveredStep(self, step, content, self._clock_ns()))
+                seen = None if commands is None else commands.seen()
+                self._latest.put(DeliveredStep(self, step, content, self._clock_ns(), seen))
         except Exception as error:  # any error: the display reports it and turns grey
             self.failure = self._describe(error)
-
-    def _note_fault(self, decision: FixtureDecision) -> None:
-        """Update `fault_seq` while the step is being taken, before a re-arm can check it."""
-        begins = decision.hold and not self._on_hold
-        if begins or decision.state is MarginState.UNKNOWN:
-            self._fault_seq = decision.seq
-        self._on_hold = decision.hold

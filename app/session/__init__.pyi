@@ -8,13 +8,16 @@ from .live_control import (
     limiter_parameters,
     tumor_motion_parameters,
 )
+from .loosening import loosened_margins, margin_changes, tightest_margins
 from .plausibility.plausibility import SINGLE_SOURCE
 from .playback_rule import PlaybackRule
 from .pose_tree import MeasuredPose, PoseTree
 from .sender_trail import LEASE_NS, SILENT_NS, Sample, SenderTrail, has_ended
 from .sequence_trail import SequenceTrail
-from .session import Session, StepResult
+from .session import Session
 from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
+from .step_result import StepResult
+from .tumor_change import TumorChange, tumor_change
 from .tumor_repair import with_repaired_tumor
 
 __all__ = [
@@ -38,13 +41,18 @@ __all__ = [
     "Session",
     "SessionSetup",
     "StepResult",
+    "TumorChange",
     "guidance_parameters",
     "has_ended",
     "limiter_parameters",
+    "loosened_margins",
+    "margin_changes",
     "margin_parameters",
     "robot_from_case",
     "setup_from_case",
+    "tightest_margins",
     "tip_signals",
+    "tumor_change",
     "tumor_motion_parameters",
     "with_estimated_clock",
     "with_repaired_tumor",

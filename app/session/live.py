@@ -12,7 +12,8 @@ from app.session.live_clock import SourceClock
 from app.session.live_frames import LiveFrames
 from app.session.playback_rule import NO_PLAYBACK, PlaybackRule
 from app.session.pose_tree import Edge
-from app.session.session import NOTHING_OUTSIDE, Session, StepResult
+from app.session.session import NOTHING_OUTSIDE, Session
+from app.session.step_result import StepResult
 
 TICK_NS = 100 * NS_PER_MS
 """Period of the steps while the source is silent."""

@@ -1,12 +1,11 @@
 """Session: one pure step from a tracker frame to a decision with its constraint."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from app.case import JointSample, TrackingFrame
 from app.fixture import (
-    FixtureDecision,
     MarginMonitor,
     MarginObservation,
     Proximity,
@@ -22,59 +21,21 @@ from app.geometry import (
     Transform,
     freshness_of_stamp,
 )
-from app.registration import RegistrationDrift, tre_at
+from app.registration import tre_at
 from app.robot import JointError, UnreachableError
 from app.session.following import OUT_OF_REACH, IkFollower
-from app.session.known_edges import NO_EDGES, KnownEdges, known_edges
+from app.session.hold_causes import HoldCauses
+from app.session.known_edges import known_edges
+from app.session.loosening import tightest_margins
 from app.session.named_frames import base_measured_problem
 from app.session.plausibility.plausibility import Plausibility
 from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
+from app.session.step_result import StepResult
 from app.session.tumor_velocity import TumorVelocity
-
-MAX_CAUSES = 8
-"""Most causes of a hold that are kept."""
 
 NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
 """No faults outside the frames."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StepResult:
-    """Result of one step.
-
-    ``tumor_from_tip`` is None when the tool or the tumour is not known. ``links`` holds
-    ``root_from_link`` for every link of the robot; ``robot_problem`` is the reason if it is empty
-    although there is a robot. ``virtual_fixture`` is ``tumor_from_virtual_fixture``, None without a
-    constraint. ``drift`` is the difference between the tracked tool and the tool predicted from
-    joints and registration, None if one of them is not known. ``frames_problem`` describes an
-    error in the frames that the tracker measures, empty if there is none. ``playback`` describes a
-    recording that is played on the graph of a live session, empty if there is none.
-    ``hold_causes`` are texts on what began and prolonged the present hold, oldest first; empty
-    without a hold. ``single_source`` is True if nothing independent can contradict the tracker.
-    ``edges`` are those that the step used, for twists in other frames.
-
-    >>> import marginguard as mg
-    >>> case = mg.open_case(mg.example_case())
-    >>> step = next(mg.replay(case))
-    >>> step.index, step.decision.state.name, str(step.decision.reasons[0])
-    (0, 'NEGATIVE', 'clear')
-    """
-
-    index: int
-    frame: TrackingFrame
-    decision: FixtureDecision
-    tumor_from_tip: Transform | None
-    virtual_fixture: Transform | None
-    links: Mapping[str, Transform]
-    joints: JointSample | None
-    robot_problem: str = ""
-    drift: RegistrationDrift | None = None
-    frames_problem: str = ""
-    playback: str = ""
-    hold_causes: tuple[str, ...] = ()
-    single_source: bool = False
-    edges: KnownEdges = NO_EDGES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +51,7 @@ class Session:
     """Joins tracking, registration, robot and fixture. Reads no clock: frames carry the time."""
 
     def __init__(self, setup: SessionSetup) -> None:
-        self.setup = setup
+        self.setup = self.requested = setup
         self._tumor_from_frame = setup.frame_from_tumor.inverse()
         self._poses = PoseTree(
             limits=setup.margins.freshness_limits,
@@ -106,7 +67,7 @@ class Session:
         self._frames_problem = ""
         self._last: _LastPose | None = None
         self._virtual_fixture: Transform | None = None
-        self._hold_causes: tuple[str, ...] = ()
+        self._causes = HoldCauses(setup)
         self._index = -1
 
     def step(
@@ -156,7 +117,7 @@ class Session:
                 tumor_twist=self._tumor_twist(frame.stamp),
             )
         )
-        self._note_hold(decision, found)
+        self._causes.follow(decision, found)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
         return StepResult(
@@ -170,7 +131,7 @@ class Session:
             robot_problem=robot_problem,
             drift=drift,
             frames_problem="; ".join(filter(None, [self._frames_problem, *found.values()])),
-            hold_causes=self._hold_causes,
+            hold_causes=self._causes.texts,
             edges=known_edges(self.setup, self._poses.usable(), links, self._joints),
             single_source=self.single_source,
         )
@@ -181,34 +142,48 @@ class Session:
         ``cause`` is a text for the operator, which `StepResult.hold_causes` shows until `rearm`.
         """
         self._monitor.hold()
-        self._add_cause(cause)
+        self._causes.add(cause)
 
     @property
     def latched(self) -> bool:
         """True if ``hold`` is latched: a run that begins now must not begin without it."""
         return self._monitor.latched
 
-    @property
-    def hold_causes(self) -> tuple[str, ...]:
-        """Causes of the present hold, as in `StepResult.hold_causes`."""
-        return self._hold_causes
-
     def rearm(self) -> None:
         """Release the hold of an earlier fault; raises `NotRearmableError` while UNKNOWN."""
         self._monitor.rearm()
-        self._hold_causes = ()
+        self._use(self.requested)
+        self._causes.agree(self.setup)
 
-    def use(self, setup: SessionSetup) -> None:
+    @property
+    def hold_causes(self) -> tuple[str, ...]:
+        """What began and prolonged the present hold, as in `StepResult.hold_causes`."""
+        return self._causes.texts
+
+    def use(self, setup: SessionSetup, *, tumor_change: str = "") -> bool:
         """Replace the setup from the next step on. Not to be called during a step.
 
-        If the tumour, the tool, the registration or a pose of one of them changes, the state is
-        UNKNOWN up to the next full evaluation, and ``hold`` is latched until `rearm` if the margin
-        was known before. Raises `FrameError` for a tumour in another frame, because the constraint
-        is expressed in it.
+        A change that loosens what the session permits (`app.session.loosening`) latches ``hold``
+        until `rearm`, with its text in `hold_causes`; then the result is True. Looser margins apply
+        from that re-arm on: ``setup`` is then `requested`, not yet in use. If the tumour, the tool,
+        the registration or a pose of one of them changes, the state is also UNKNOWN up to the next
+        full evaluation. ``tumor_change`` describes a new tumour for the operator. Raises
+        `FrameError` for a tumour in another frame, because the constraint is expressed in it.
         """
         tumor, known = setup.frame_from_tumor.source, self.setup.frame_from_tumor.source
         if tumor != known:
             raise FrameError(f"the tumour's frame is {tumor!r}; expected {known!r}, as before")
+        loosened = self._causes.change(self.setup, setup, tumor_change)
+        if loosened:
+            self._monitor.hold()
+        self.requested = setup
+        margins = tightest_margins(
+            self.setup.margins, setup.margins, follows_tumor=setup.tumor_motion is not None
+        )
+        self._use(setup if margins == setup.margins else replace(setup, margins=margins))
+        return loosened
+
+    def _use(self, setup: SessionSetup) -> None:
         before, self.setup = self.setup, setup
         self._poses.limits = setup.margins.freshness_limits
         self._poses.moving_frames = _moving_frames(setup)
@@ -251,20 +226,6 @@ class Session:
     def frames_problem(self) -> str:
         """Error in the frames that the tracker has measured so far; empty if there is none."""
         return self._frames_problem
-
-    def _note_hold(self, decision: FixtureDecision, texts: Mapping[Reason, str]) -> None:
-        """Update the causes of the hold after ``decision``; ``texts`` describe its faults."""
-        if not decision.hold:
-            self._hold_causes = ()
-            return
-        for reason in decision.reasons:
-            if reason.is_fault and reason is not Reason.RECOVERING:
-                self._add_cause(texts.get(reason) or reason.text)
-
-    def _add_cause(self, cause: str) -> None:
-        """Append ``cause``; beyond `MAX_CAUSES` the first ones and the newest are kept."""
-        if cause not in self._hold_causes:
-            self._hold_causes = (*self._hold_causes[: MAX_CAUSES - 1], cause)
 
     def _is_base_measured(self) -> bool:
         """True if the tracker measures the robot's base, which the registration places.

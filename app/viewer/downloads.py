@@ -6,7 +6,7 @@ from time import monotonic_ns
 
 from aiohttp import web
 
-from app.viewer.access.rate import RateLimit
+from app.runtime.rate_limit import RateLimit
 
 _PICTURES_PER_S, _PICTURE_BURST = 2.0, 4.0
 

@@ -41,7 +41,7 @@ class Page:
             self.camera.release()
         if self.area.take_resized():
             self.camera.reframe()
-        moment = None if now is None else (now.step.index, now.silent)
+        moment = None if now is None else (now.step.index, now.silent, now.request)
         drawn, self._drawn = self._drawn, (moment, self._timeline.revision())
         if now is not None and drawn != self._drawn:
             self.view.show(now)

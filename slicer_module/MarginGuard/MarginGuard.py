@@ -238,6 +238,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._show_banner(status.state, status.banner)
         ui.reasonsLabel.setText(status.reasons)
         ui.messageLabel.setText(status.message)
+        ui.requestLabel.setText(status.request)
         ui.sessionLabel.setText(status.session)
         ui.trackersLabel.setText(status.trackers)
         ui.registrationLabel.setText(status.registration)

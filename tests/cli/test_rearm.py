@@ -15,14 +15,18 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint
 
+from app.bridge.control.operator_requests import OperatorRequests
+from app.bridge.control.operators import OperatorList
 from app.bridge.errors import BridgeError
 from app.bridge.live import RearmClient, RearmService
+from app.bridge.live.rearming import StreamHolds
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
 from app.bridge.qos import NEWEST, Topic
 from app.bridge.topics import CONSTRAINT
 from app.cli.commands import rearm
 from app.cli.main import main
+from app.runtime import RequestLog
 from tests.ros_domain import domain_id as domain_id
 
 
@@ -52,16 +56,24 @@ class Guard:
     def __init__(self, ros):
         self.rearmed = 0
         self.stream = ConstraintStream(ros.publisher(CONSTRAINT), 50.0)
-        RearmService(ros, self.stream, self)
+        self.holds = StreamHolds(self.stream)
+        log = RequestLog(time.time_ns, time.monotonic_ns)
+        RearmService(ros, self, OperatorRequests(ros, log, OperatorList(ros, None)))
         self.publish()
 
-    def publish(self, state=FixtureConstraint.WARNING, reasons=("latched",)):
-        message = FixtureConstraint(state=state, hold=True, reasons=list(reasons))
+    def publish(self, state=FixtureConstraint.WARNING, reasons=("latched",), causes=()):
+        message = FixtureConstraint(
+            state=state, hold=True, reasons=list(reasons), hold_causes=list(causes)
+        )
         self.stream.publish(message)
 
-    def rearm(self, check):
+    def check_rearm(self, seen):
+        """As `OperatorCommands.check_rearm`."""
+        self.holds.check(seen)
+
+    def rearm(self, seen, origin):
         """As `OperatorCommands.rearm`, without a session."""
-        check()
+        self.holds.check(seen)
         self.rearmed += 1
 
 
@@ -159,8 +171,13 @@ def test_answer_typed_before_the_hold_is_displayed_is_discarded(guard, terminal)
             lambda guard: guard.publish(reasons=["latched", "drift"]),
             "reasons were added: drift",
         ),
+        (
+            lambda guard: guard.publish(causes=["stop_mm lowered from 2 to 1"]),
+            "the displayed hold was replaced by another one; "
+            "causes were added: stop_mm lowered from 2 to 1",
+        ),
     ],
-    ids=["nonce", "state", "reasons"],
+    ids=["nonce", "state", "reasons", "causes"],
 )
 def test_answer_is_refused_when_the_hold_is_worse_than_the_displayed_one(
     guard, terminal, change, text
@@ -180,13 +197,56 @@ def test_improved_hold_is_the_displayed_one_and_an_ended_hold_is_not():
     assert rearm.changes_for_the_worse(seen, ended)[0] == "the displayed hold has ended"
 
 
+def no_reply(guard, then):
+    """Let the guard call ``then()`` for a request and not reply in time."""
+    replied = threading.Event()
+
+    def rearm(seen, origin):
+        then()
+        replied.wait(30.0)
+
+    guard.rearm = rearm
+    return replied
+
+
+@pytest.mark.parametrize(
+    ("then", "status", "text"),
+    [
+        (
+            lambda guard: guard.stream.publish(FixtureConstraint(state=0, reasons=["clear"])),
+            0,
+            "the next constraint is not on hold: re-armed",
+        ),
+        (lambda guard: None, 1, "still on hold: the request was not carried out so far."),
+        (
+            lambda guard: guard.publish(causes=["another"]),
+            1,
+            "on another hold, nonce ",
+        ),
+    ],
+    ids=["ended", "lasts", "another"],
+)
+def test_without_a_reply_the_next_constraint_says_what_happened(
+    guard, monkeypatch, capsys, then, status, text
+):
+    monkeypatch.setattr(rearm, "TIMEOUT_S", 1.0)
+    replied = no_reply(guard, lambda: then(guard))
+    try:
+        assert main(["rearm", "--yes"]) == status
+    finally:
+        replied.set()
+    no_answer, outcome = capsys.readouterr().out.splitlines()[-2:]
+    assert no_answer.startswith("no reply: ")
+    assert outcome.startswith(text)
+
+
 def test_refusal_is_printed_with_the_next_constraint(guard, capsys):
     guard.publish(FixtureConstraint.UNKNOWN)  # a fault, whose cause persists
 
-    def refuse(check):
+    def refuse(seen):
         raise BridgeError("the state is UNKNOWN")
 
-    guard.rearm = refuse
+    guard.check_rearm = refuse
     assert main(["rearm", "--yes"]) == 1
     nonce = guard.stream.rearm_nonce
     assert capsys.readouterr().out.splitlines()[-2:] == [
@@ -198,7 +258,7 @@ def test_refusal_is_printed_with_the_next_constraint(guard, capsys):
 def test_refusal_is_printed_when_the_guard_leaves(guard, monkeypatch, capsys):
     monkeypatch.setattr(rearm, "TIMEOUT_S", 2.0)
 
-    def refuse(check):
+    def refuse(seen, origin):
         guard.stream.close()
         raise BridgeError("the state is UNKNOWN")
 
@@ -229,6 +289,7 @@ def test_text_names_state_reasons_begin_and_ids():
         state=FixtureConstraint.WARNING,
         hold=True,
         reasons=["warning_distance", "latched"],
+        hold_causes=["tumour replaced", "stop_mm lowered from 2 to 1"],
         hold_since=Time(sec=1000),
         signed_distance=0.0042,
         model_id="sha256:1",
@@ -236,12 +297,15 @@ def test_text_names_state_reasons_begin_and_ids():
         seq=7,
         rearm_nonce=9,
     )
-    lines = rearm.hold_text(held, "/marginguard/constraint", 1041.2).splitlines()
+    text = rearm.hold_text(held, "/marginguard/constraint", 1041.2)
+    lines = text.splitlines()
     assert lines[0] == "/marginguard/constraint: WARNING, on hold"
     rows = {line[2:17].strip(): line[17:] for line in lines[1:]}
     assert rows["reasons"] == "warning_distance, latched"
     assert rows["on hold since"].endswith("(41 s)")
     assert rows["distance"] == "4.20 mm"
+    assert rows["causes"] == "tumour replaced"
+    assert "\n                 stop_mm lowered from 2 to 1\n" in text
     assert (rows["tumour"], rows["registration"], rows["guard"]) == ("sha256:1", "none", "00ff")
     assert rows["seq, nonce"] == "7, 9"
 

@@ -2,14 +2,26 @@
 
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count, islice
 
 import numpy as np
 import pytest
 
-from app.fixture import NotRearmableError, TipProximity
-from app.geometry import FrameError, InputError, MarginGuardError, MeshError, SurfaceMesh, Transform
+from app.case import TrackingFrame
+from app.fixture import MarginState, NotRearmableError, TipProximity
+from app.geometry import (
+    FrameError,
+    InputError,
+    MarginGuardError,
+    MeshError,
+    Stamp,
+    SurfaceMesh,
+    TrackedTransform,
+    TrackingStatus,
+    Transform,
+)
 from app.registration import given_registration
-from app.runtime import OperatorCommands
+from app.runtime import OperatorCommands, RearmRefusedError, SeenHold, StepHolds
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere
 from tests.session_content import FACES, TETRAHEDRON, one_link_content
@@ -20,6 +32,7 @@ LARGER = SurfaceMesh("tumor", 2.0 * TETRAHEDRON, FACES)
 MOVED_TUMOR = Transform("needle", "tumor", np.eye(3), [4.0, 5.0, 6.0])
 MOVED_BASE = Transform("reference", "robot_base", np.eye(3), [400.0, 0.0, -200.0])
 APPLIED = ["revoke first", "revoke second", "switch first", "switch second"]
+LATCHED = ["latch first", "latch second"]
 PREPARED = ["prepare first", "prepare second"]
 
 
@@ -43,6 +56,10 @@ class OutputDouble:
     def revoke(self):
         self.events.append(f"revoke {self.name}")
 
+    def latch(self, causes):
+        self.events.append(f"latch {self.name}")
+        self.causes = causes
+
     def end(self):
         raise AssertionError("a command ends no output")
 
@@ -60,8 +77,11 @@ class World:
         self.session = Session(SessionSetup(TOOL_EDGE, TUMOR_EDGE, proximity, PARAMETERS, robot))
         self.setup = self.session.setup
         self.outputs = tuple(OutputDouble(name, self.events) for name in ("first", "second"))
-        self.commands = OperatorCommands(self.between_steps, content, self.outputs)
+        self.holds = StepHolds()
+        outputs = (self.holds, *self.outputs)
+        self.commands = OperatorCommands(self.between_steps, content, outputs, holds=self.holds)
         self.content = content
+        self.frames = count()
 
     @contextmanager
     def between_steps(self):
@@ -99,7 +119,7 @@ def test_margins_change_session_content_and_outputs(world):
 def test_tumour_is_prepared_before_lock_and_revoked_before_switch(world):
     model_id = world.commands.set_tumor(MOVED_TUMOR, LARGER)
     # The first lock reads the setup.
-    assert world.events == ["lock", "unlock", *PREPARED, "lock", *APPLIED, "unlock"]
+    assert world.events == ["lock", "unlock", *PREPARED, "lock", *APPLIED, *LATCHED, "unlock"]
     content = world.commands.content
     assert content.tumor is LARGER
     assert content.model_id == model_id != CONTENT.model_id
@@ -150,7 +170,7 @@ def test_tumour_without_tool_surface_is_refused():
 def test_registration_changes_robot_and_static_edge(world):
     registration = given_registration(MOVED_BASE)
     registration_id = world.commands.set_registration(registration)
-    assert world.output_events == [*PREPARED, *APPLIED]
+    assert world.output_events == [*PREPARED, *APPLIED, *LATCHED]
     content = world.commands.content
     assert content.registration is registration
     assert content.registration_id == registration_id != CONTENT.registration_id
@@ -200,17 +220,139 @@ def test_content_that_one_output_refuses_changes_nothing(world, change):
     assert world.output_events == PREPARED
 
 
-def test_rearm_calls_check_between_steps(world):
-    def check():
-        world.events.append("check")
-        raise InputError("the fault was not displayed")
+class HoldsDouble:
+    """Test double of `Holds`: appends its calls to ``events``; refuses with ``error``."""
 
-    with pytest.raises(InputError, match="not displayed"):
-        world.commands.rearm(check)
-    assert world.events == ["lock", "check", "unlock"]
+    def __init__(self, events):
+        self.events, self.error = events, None
+
+    def present(self):
+        return SeenHold(7, 9)
+
+    def check(self, seen):
+        self.events.append(f"check {seen.nonce}")
+        if self.error is not None:
+            raise self.error
+
+    def spend(self, seen):
+        self.events.append(f"spend {seen.nonce}")
 
 
-def test_rearm_is_refused_while_state_is_unknown(world):
+def commands_with(world, holds):
+    return OperatorCommands(world.between_steps, world.content, world.outputs, holds=holds)
+
+
+def test_rearm_is_checked_between_steps_and_ends_no_other_hold(world):
+    holds = HoldsDouble(world.events)
+    holds.error = RearmRefusedError("nonce is 9: not that of the present hold")
+    commands = commands_with(world, holds)
+    with pytest.raises(RearmRefusedError, match="nonce is 9"):
+        commands.rearm(SeenHold(7, 9))
+    assert world.events == ["lock", "check 9", "unlock"]
+    assert (commands.requests.last.kind, commands.requests.last.accepted) == ("rearm", False)
+
+
+def test_rearm_is_refused_while_state_is_unknown_and_keeps_the_nonce(world):
+    commands = commands_with(world, HoldsDouble(world.events))
     with pytest.raises(NotRearmableError):
-        world.commands.rearm(lambda: None)
+        commands.rearm(SeenHold(7, 9))
+    assert "spend 9" not in world.events
     world.assert_unchanged()
+
+
+def known(world):
+    """Take steps until the margin of the session is known."""
+    for index in islice(world.frames, 6):
+        step = world.session.step(tracking_frame(index))
+        world.holds.publish(step, None)
+    assert step.decision.state is MarginState.NEGATIVE
+    return step
+
+
+def tracking_frame(index):
+    stamp = Stamp(1_000_000_000 + 20_000_000 * index)
+    edges = [("tracker", "cautery"), ("tracker", "needle"), ("tracker", "reference")]
+    far = {"cautery": [0.001 * index, 0.0, 60.0]}
+    return TrackingFrame(
+        stamp,
+        tuple(
+            TrackedTransform(
+                Transform(target, source, np.eye(3), far.get(source, [0.0, 0.001 * index, 0.0])),
+                stamp,
+                TrackingStatus.OK,
+            )
+            for target, source in edges
+        ),
+    )
+
+
+def test_looser_margins_latch_a_hold_and_apply_with_its_rearm(world):
+    known(world)
+    looser = PARAMETERS.replaced(stop_mm=0.5, stale_after_ns=10_000_000_000)
+    world.commands.set_margins(looser)
+    assert world.output_events == [*PREPARED, *APPLIED, *LATCHED]
+    text = f"stop_mm lowered from {PARAMETERS.stop_mm:g} to 0.5, stale_after_ms raised from "
+    assert world.outputs[0].causes[0].startswith(text)
+    assert world.commands.content.margins == PARAMETERS == world.session.setup.margins
+    assert world.session.requested.margins == looser
+    step = known(world)
+    assert step.decision.hold
+    assert step.hold_causes == world.outputs[0].causes
+    world.commands.rearm(world.commands.seen())
+    assert world.commands.content.margins == looser == world.session.setup.margins
+    assert all(output.content is world.commands.content for output in world.outputs)
+    assert not known(world).decision.hold
+
+
+def test_nonce_of_a_hold_dies_with_the_next_loosening_before_any_step(world):
+    known(world)
+    world.commands.set_margins(PARAMETERS.replaced(stop_mm=0.5))
+    known(world)
+    seen = world.commands.seen()
+    world.commands.set_margins(PARAMETERS.replaced(stop_mm=0.25))
+    with pytest.raises(RearmRefusedError, match="not that of the present hold"):
+        world.commands.rearm(seen)
+    assert world.session.setup.margins == PARAMETERS
+
+
+def test_tightening_needs_no_rearm(world):
+    known(world)
+    tighter = PARAMETERS.replaced(stop_mm=2.0, warn_mm=9.0, stale_after_ns=20_000_000)
+    world.commands.set_margins(tighter)
+    assert world.session.setup.margins == tighter == world.commands.content.margins
+    assert world.output_events == [*PREPARED, *APPLIED]
+    assert not known(world).decision.hold
+
+
+def test_new_tumour_is_described_in_the_hold_and_in_the_request(world):
+    known(world)
+    world.commands.set_tumor(TUMOR_EDGE, LARGER)
+    (cause,) = world.outputs[0].causes
+    assert "THE VOLUME DIFFERS BY MORE THAN A FACTOR OF 2" in cause
+    assert cause in world.commands.requests.last.text
+    # A later change does not hide the earlier one.
+    world.commands.set_margins(PARAMETERS.replaced(k_tre=0.0))
+    assert [each.partition(" ")[0] for each in world.outputs[0].causes] == ["k_tre", "tumour"]
+
+
+def test_tumour_with_too_many_triangles_is_refused(world):
+    commands = OperatorCommands(
+        world.between_steps, world.content, world.outputs, holds=world.holds, max_triangles=3
+    )
+    with pytest.raises(InputError, match="has 4 triangles; expected at most 3 in a live session"):
+        commands.set_tumor(TUMOR_EDGE, LARGER)
+    world.assert_unchanged()
+
+
+def test_every_command_is_listed_with_its_origin(world):
+    listed = []
+    world.commands.requests.listen(listed.append)
+    world.commands.set_margins(PARAMETERS.replaced(stop_mm=2.0), origin="panel")
+    with pytest.raises(MeshError):
+        world.commands.set_tumor(TUMOR_EDGE, SurfaceMesh("tumor", TETRAHEDRON, FACES[:3]))
+    assert [(each.kind, each.origin, each.accepted) for each in listed] == [
+        ("set_margins", "panel", True),
+        ("set_tumor", "this process", False),
+    ]
+    assert listed[0].line.startswith("set_margins from panel accepted: stop_mm raised from ")
+    assert listed[1].line.startswith("set_tumor from this process REFUSED: ")

@@ -1,4 +1,4 @@
-"""A step thread delivers the newest step, ages it after its run, and keeps the last fault."""
+"""A step thread delivers the newest step and ages it after its run."""
 
 import threading
 from types import SimpleNamespace
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.fixture import MarginState
-from app.runtime import StepThread
+from app.runtime import SeenHold, StepThread
 
 DEADLINE_S = 60.0
 STAMP_NS = 5_000
@@ -85,7 +85,7 @@ def test_step_is_delivered_once_with_time_of_its_arrival(start, clock):
 
 def test_step_is_delivered_with_content_of_its_time(start):
     before, after = object(), object()
-    commands = SimpleNamespace(content=before)
+    commands = SimpleNamespace(content=before, seen=lambda: None)
     delivered = start(RunDouble(step_double(), commands=commands)).newest(DEADLINE_S)
     commands.content = after
     assert delivered.content is before
@@ -162,38 +162,8 @@ def test_step_of_replaced_run_ages_although_new_run_is_paused(start, clock):
     assert replacement.present_ns(delivered) == STAMP_NS + 40
 
 
-@pytest.mark.parametrize(
-    ("decisions", "fault_seq"),
-    [
-        ([], 0),
-        ([(NEGATIVE, False), (NEGATIVE, False)], 0),
-        ([(UNKNOWN, True)], 1),
-        ([(UNKNOWN, True), (UNKNOWN, True)], 2),
-        ([(UNKNOWN, True), (NEGATIVE, True), (NEGATIVE, True)], 1),
-        ([(NEGATIVE, True), (NEGATIVE, True)], 0),
-        ([(NEGATIVE, False), (NEGATIVE, True), (NEGATIVE, True)], 2),
-        ([(NEGATIVE, True), (NEGATIVE, False), (NEGATIVE, True)], 3),
-        ([(NEGATIVE, False), (UNKNOWN, True), (NEGATIVE, False)], 2),
-    ],
-    ids=[
-        "no step",
-        "no fault",
-        "unknown",
-        "lasting unknown",
-        "latched after unknown",
-        "on hold from the start",
-        "hold begins",
-        "hold begins again",
-        "fault ends",
-    ],
-)
-def test_fault_seq_is_that_of_last_unknown_or_beginning_hold(start, decisions, fault_seq):
-    steps = [step_double(seq, state, hold) for seq, (state, hold) in enumerate(decisions, start=1)]
-    thread = start(RunDouble(*steps))
-    thread.stop()
-    assert thread.fault_seq == fault_seq
-
-
-def test_fault_is_known_before_its_step_is_delivered(start):
-    thread = start(RunDouble(step_double(7, UNKNOWN, True)))
-    assert thread.newest(DEADLINE_S).step.decision.seq == thread.fault_seq == 7
+def test_step_is_delivered_with_the_hold_of_its_time(start):
+    commands = SimpleNamespace(content=None, seen=lambda: SeenHold(7, 9))
+    delivered = start(RunDouble(step_double(), commands=commands)).newest(DEADLINE_S)
+    assert delivered.seen == SeenHold(7, 9)
+    assert start(RunDouble(step_double())).newest(DEADLINE_S).seen is None

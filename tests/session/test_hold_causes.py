@@ -5,7 +5,7 @@ import pytest
 from app.fixture import NotRearmableError, Reason
 from app.geometry import TrackingStatus
 from app.session import Session
-from app.session.session import MAX_CAUSES
+from app.session.hold_causes import MAX_CAUSES
 from tests.session.test_session import cautery_at, frame, lost, make_setup, needle, steps
 
 

@@ -228,8 +228,12 @@ def test_model_replaces_tumour(panel_logic, application):
     panel_logic.step()
     status = spin_until(panel_logic, lambda now: "sha256" in now.message)
     panel_logic.step()
-    status = spin_until(panel_logic, lambda now: now.state is not MarginState.UNKNOWN)
+    status = spin_until(
+        panel_logic, lambda now: now.state is not MarginState.UNKNOWN and "latched" in now.reasons
+    )
     assert status.state is MarginState.POSITIVE
+    assert "hold: tumour replaced: " in status.reasons
+    assert "IT DOES NOT OVERLAP THE FORMER TUMOUR" in status.reasons
     shown = application.scene.GetFirstNodeByName("Tumor")
     bounds = np.reshape(shown.GetPolyData().GetBounds(), (3, 2))
     assert bounds[:, 1] - bounds[:, 0] == pytest.approx(16.0, abs=0.3)
@@ -261,8 +265,7 @@ def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic):
         if player.time_ns - begun_ns > 2_900_000_000:
             break
         pause.wait(0.005)
-    assert panel_logic.session.thread.fault_seq > 1
-    with pytest.raises(MarginGuardError, match="a fault came after the displayed step 1"):
+    with pytest.raises(MarginGuardError, match="nonce is 0: not that of the present hold"):
         panel_logic.rearm()
     status = spin_until(panel_logic, at(24.0))
     assert status.state is not MarginState.UNKNOWN
@@ -275,9 +278,17 @@ def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic):
 def test_rearm_is_refused_after_margin_change_that_was_not_displayed(panel_logic):
     panel_logic.seek(5.0)
     spin_until(panel_logic, at(5.0))
-    panel_logic.set_margins(2.0, 9.0)
-    with pytest.raises(MarginGuardError, match="the last change is not displayed yet"):
+    panel_logic.set_margins(0.5, 4.0)
+    assert panel_logic.margins().stop_mm > 0.5  # looser margins wait for the re-arm
+    with pytest.raises(MarginGuardError, match="nonce is 0: not that of the present hold"):
         panel_logic.rearm()
+    panel_logic.step()
+    status = spin_until(panel_logic, lambda now: "latched" in now.reasons)
+    assert "hold: stop_mm lowered from 1 to 0.5, warn_mm lowered from 5 to 4" in status.reasons
+    assert "set_margins from this process accepted: " in status.request
+    panel_logic.rearm()
+    assert panel_logic.margins().stop_mm == 0.5
+    assert "rearm from this process accepted: " in panel_logic.spin().request
 
 
 def first_display(node):

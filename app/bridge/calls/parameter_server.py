@@ -91,6 +91,8 @@ class ParameterServer:
     the values have passed their declarations. Overrides at start-up (``--ros-args -p``) are
     validated in the same way; raises `CallError` if they are refused.
 
+    ``on_refusal(reason)`` is called for each refused request.
+
     ROS applies ``set_parameters`` one parameter at a time. Values that depend on each other need
     ``set_parameters_atomically``.
     """
@@ -100,8 +102,10 @@ class ParameterServer:
         ros: RosNode,
         parameters: Iterable[ParameterDeclaration],
         accept: Callable[[Mapping[str, Plain]], None] | None = None,
+        on_refusal: Callable[[str], None] = lambda reason: None,
     ) -> None:
         self.refused = 0
+        self._on_refusal = on_refusal
         self._ros = ros
         self._declared = {parameter.name: parameter for parameter in parameters}
         self._accept = accept
@@ -146,6 +150,7 @@ class ParameterServer:
             reason = f"the server failed: {type(error).__name__}: {error}"
         if reason:
             self.refused += 1
+            self._on_refusal(reason)
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _apply(self, requested: Mapping[str, Plain | None]) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
@@ -20,6 +21,9 @@ class ServiceServer:
 
     ``handle`` runs in the node's thread and must not wait for another call. With ``in_thread`` it
     runs in a separate thread, one request at a time; further requests are refused meanwhile.
+    ``check(request)`` runs before in the node's thread and refuses by a `MarginGuardError`: such a
+    request takes no thread. Up to ``max_waiting`` requests wait for the node's thread, 10 unless
+    it is given.
     rclpy sends no reply when a handler raises. This class then replies with a new response:
     ``success`` is false and ``message`` is the reason, if the type has these fields. A
     `MarginGuardError` is counted in `refused`; other exceptions are counted in `failures` and
@@ -34,18 +38,22 @@ class ServiceServer:
         handle: Callable[[Any, Any], None],
         *,
         in_thread: bool = False,
+        check: Callable[[Any], None] | None = None,
+        max_waiting: int | None = None,
     ) -> None:
         self.type = service_type(service)
         self.refused = 0
         self.failures = 0
         self._ros = ros
         self._handle = handle
+        self._check = check
         self._busy = False  # used in the node's thread only
         try:
             self._service = ros.node.create_service(
                 self.type,
                 name,
                 self._reply_from_thread if in_thread else self._reply,
+                qos_profile=_qos(max_waiting),
                 # The default group would block the whole node until the thread is done.
                 callback_group=ReentrantCallbackGroup() if in_thread else None,
             )
@@ -59,6 +67,10 @@ class ServiceServer:
             self._ros.node.destroy_service(self._service)
 
     async def _reply_from_thread(self, request: Any, response: Any) -> Any:
+        if self._check is not None:
+            refusal = self._answer(self._check, request)
+            if refusal is not None:
+                return refusal
         if self._busy:
             self.refused += 1
             return failure_reply(response, f"{self.name} is busy with an earlier request")
@@ -75,9 +87,17 @@ class ServiceServer:
         return reply
 
     def _reply(self, request: Any, response: Any) -> Any:
-        try:
+        def handle(request: Any) -> None:
             self._handle(request, response)
             serialize_message(response)  # an invalid response must fail here, not when it is sent
+
+        refusal = self._answer(handle, request)
+        return response if refusal is None else refusal
+
+    def _answer(self, handle: Callable[[Any], None], request: Any) -> Any:
+        """Call ``handle``; return the response for a failure, None if there is none."""
+        try:
+            handle(request)
         except MarginGuardError as error:
             self.refused += 1
             return failure_reply(self.type.Response(), str(error))
@@ -86,7 +106,13 @@ class ServiceServer:
             reason = f"{type(error).__name__}: {error}"
             self._ros.node.get_logger().error(f"service {self.name} failed: {reason}")
             return failure_reply(self.type.Response(), f"the server failed: {reason}")
-        return response
+        return None
+
+
+def _qos(max_waiting: int | None) -> QoSProfile:
+    if max_waiting is None:
+        return qos_profile_services_default
+    return QoSProfile(depth=max_waiting)  # reliable and volatile, as ROS's default
 
 
 def failure_reply(message: Any, reason: str) -> Any:

@@ -3,6 +3,7 @@
 Times are in milliseconds, as in `case.yaml`; the core uses nanoseconds.
 """
 
+import threading
 from collections.abc import Callable, Mapping
 
 from rclpy.parameter import Parameter
@@ -12,6 +13,10 @@ from app.bridge.calls.parameter_values import Plain
 from app.bridge.node import RosNode
 from app.fixture import MarginParameterError, MarginParameters
 from app.geometry import NS_PER_MS
+from app.runtime.commands import THIS_PROCESS
+
+OVER_ROS = "ROS"
+"""Origin of a request of another process."""
 
 _TEXTS = {
     "stop_mm": "distance at which the approach stops; must be less than warn_mm",
@@ -28,18 +33,32 @@ _TEXTS = {
 class MarginParameterServer:
     """Declares each margin on ``ros`` with unit and range, and applies every valid set.
 
-    ``use(margins)`` is called in the node's thread with each set that differs from the previous
-    one; on construction if ``--ros-args -p`` overrides ``margins``. A `MarginGuardError` raised by
+    ``use(margins, origin)`` is called with each set that differs from the previous one: in the
+    node's thread for a request over ROS, in the caller's for `set`; on construction if
+    ``--ros-args -p`` overrides ``margins``. A `MarginGuardError` raised by
     it refuses the set. The constructor raises `CallError` if the initial values are refused.
+
+    `margins` are the requested ones: looser values apply from the next re-arm on.
+    ``on_refusal(reason)`` is called for each set that is refused before ``use``.
     """
 
     def __init__(
-        self, ros: RosNode, margins: MarginParameters, use: Callable[[MarginParameters], None]
+        self,
+        ros: RosNode,
+        margins: MarginParameters,
+        use: Callable[[MarginParameters, str], None],
+        on_refusal: Callable[[str], None] = lambda reason: None,
     ) -> None:
         self.margins = margins
         self._ros = ros
         self._use = use
-        self._server = ParameterServer(ros, _declarations(margins), self._accept)
+        self._on_refusal = on_refusal
+        self._used = False
+        self._setting = threading.Lock()
+        self._setter: int | None = None
+        self._server = ParameterServer(
+            ros, _declarations(margins), self._accept, on_refusal=self._refused
+        )
 
     @property
     def refused(self) -> int:
@@ -56,15 +75,28 @@ class MarginParameterServer:
         Raises `MarginParameterError` with the reason if the set is refused.
         """
         parameters = [Parameter(name, value=value) for name, value in changes.items()]
-        result = self._ros.node.set_parameters_atomically(parameters)
+        with self._setting:
+            self._setter = threading.get_ident()
+            try:
+                result = self._ros.node.set_parameters_atomically(parameters)
+            finally:
+                self._setter = None
         if not result.successful:
             raise MarginParameterError(result.reason)
 
     def _accept(self, values: Mapping[str, Plain]) -> None:
+        self._used = False
         margins = margins_of(values)
         if margins != self.margins:
-            self._use(margins)
+            self._used = True
+            is_own = self._setter == threading.get_ident()
+            self._use(margins, THIS_PROCESS if is_own else OVER_ROS)
             self.margins = margins
+
+    def _refused(self, reason: str) -> None:
+        used, self._used = self._used, False
+        if not used:  # `use` reports its own refusals
+            self._on_refusal(reason)
 
 
 def margins_of(values: Mapping[str, Plain]) -> MarginParameters:

@@ -2,19 +2,16 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from app.bridge import topics
-from app.bridge.control import (
-    GuidancePublisher,
-    MarginParameterServer,
-    OperatorServices,
-    TwistLimiter,
-)
+from app.bridge.control import GuidancePublisher, MarginParameterServer, TwistLimiter
 from app.bridge.live.guard_start import guard_start
 from app.bridge.live.joints import listen_to_joints
+from app.bridge.live.operator_endpoints import audit_file, audit_log, served_operators
 from app.bridge.live.outputs import (
     FramesProblemLog,
     GuidanceOutput,
@@ -22,17 +19,18 @@ from app.bridge.live.outputs import (
     TwistOutput,
 )
 from app.bridge.live.playback_watch import PlaybackWatch
-from app.bridge.live.rearming import RearmService
+from app.bridge.live.rearming import StreamHolds
 from app.bridge.live.sender_watch import SenderWatch, WatchedSession
 from app.bridge.live.source import source_of
 from app.bridge.node import RosNode
 from app.bridge.publishing.frame_tree import PublishPolicy
 from app.bridge.publishing.session_publisher import NODE_NAME, SessionPublisher
 from app.bridge.qos import INCOMING
+from app.bridge.security import check_security
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
-from app.runtime import HoldKeeper, LiveRun, OperatorCommands, Output, PreparedLive
+from app.runtime import AuditOutput, HoldKeeper, LiveRun, OperatorCommands, Output, PreparedLive
 from app.session import (
     LiveSession,
     PlaybackRule,
@@ -81,11 +79,14 @@ def live_node(
     constraint_hz: float,
     ros: RosNode | None = None,
     outputs: Sequence[Output] = (),
+    audit: Path | None = None,
 ) -> Iterator[LiveNode]:
     """Join the ROS graph: subscribe to the source of ``prepared``, serve the operator.
 
     With ``ros`` it uses that node, in the node's own thread; the owner of the node destroys its
-    services and subscriptions. ``outputs`` receive every step after the publishers.
+    services and subscriptions. ``outputs`` receive every step after the publishers. ``audit`` is
+    the file of the audit log, by default one below the state folder (`audit_file`). Raises
+    `SecurityError` if the configuration requires ROS security that this process does not have.
 
     Begins on hold if the last run with this namespace or arm was on hold or did not end in an
     orderly way. Raises the errors of `guard_start`.
@@ -94,6 +95,8 @@ def live_node(
     entry = config.source
     limits, guides = limiter_parameters(config), guidance_parameters(config)
     counted: list[Callable[[], Mapping[str, int]]] = []
+    if config.needs_security:
+        check_security(required=True)
     # The nodes of the tracker and of the robot publish their own data.
     policy = PublishPolicy(clock=False, measured=not isinstance(entry, TfSourceEntry), robot=False)
     with (
@@ -106,6 +109,7 @@ def live_node(
             counts=lambda: {name: n for counts in counted for name, n in counts().items()},
             ros=ros,
         ) as publisher,
+        ExitStack() as stack,
     ):
         node = publisher.ros
         robot, named = case.manifest.robot, _named_edges(entry)
@@ -137,6 +141,8 @@ def live_node(
             ),
             outside=lambda: {**senders.outside(), **start.faults(node)},
         )
+        opened = stack.enter_context
+        log = opened(audit_log(node, publisher.constraints, audit or audit_file(node)))
         buffer = TransformBuffer()
         TfListener(node, buffer, clock=False, qos=INCOMING)
         twists = TwistLimiter(node, buffer, parameters=limits)
@@ -150,13 +156,14 @@ def live_node(
                 publisher,
                 TwistOutput(twists, setup.margins),
                 *guidance,
+                AuditOutput(log, prepared.content, time.monotonic_ns),
                 *outputs,
             ),
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
+            holds=StreamHolds(publisher.constraints),
         )
-        RearmService(node, publisher.constraints, run.commands)
-        margins = MarginParameterServer(node, setup.margins, run.commands.set_margins)
-        OperatorServices(node, run.commands)
+        run.commands.requests.listen(log.request)
+        margins = opened(served_operators(node, run, config, setup.margins))
         source = source_of(node, entry, live.add, senders)
         senders.start(moving=not isinstance(entry, TfSourceEntry))
         counted += [
@@ -176,7 +183,6 @@ def live_node(
         try:
             yield LiveNode(run, margins)
         finally:
-            margins.close()
             twists.close()
             source.close()
             senders.close()

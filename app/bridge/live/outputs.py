@@ -8,7 +8,7 @@ from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
 from app.session import StepResult
 
 
-class TwistOutput:
+class TwistOutput(PassiveOutput):
     """`Output` that lets ``limiter`` allow the motion of the last step while its data are valid."""
 
     def __init__(self, limiter: TwistLimiter, margins: MarginParameters) -> None:

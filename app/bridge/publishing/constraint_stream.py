@@ -4,7 +4,7 @@ import math
 import secrets
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 from builtin_interfaces.msg import Time
@@ -76,8 +76,9 @@ class ConstraintStream:
 
     The stream sets ``instance_id``, which is constant, ``hold_since`` by ``clock_ns`` (system
     time), and ``rearm_nonce``: 0 unless the hold has to be re-armed, otherwise a random number that
-    is replaced with each fault and ends with `spend`. ``random_bits`` creates both. A hold that
-    begins with a stale message keeps its nonce and its begin in the messages that follow.
+    is replaced with each fault and each further cause of the hold, and ends with `spend`.
+    ``random_bits`` creates both. A hold that begins with a stale message keeps its nonce and its
+    begin in the messages that follow.
 
     Above 100 Hz the interpreter's switch interval is 0.5 ms until `close`
     (`sys.setswitchinterval`, for the whole process). With the default of 5 ms a busy thread would
@@ -126,7 +127,8 @@ class ConstraintStream:
         latch the hold in its own state.
         """
         faulty = message.state == FixtureConstraint.UNKNOWN
-        if faulty and not self._faulty and not self._heartbeat.ended:
+        begins = (faulty and not self._faulty) or self._has_new_cause(message)
+        if begins and not self._heartbeat.ended:
             self._renew_nonce()
         self._identify(message)
         first = self._begin(message, valid_ns, since_ns, unless_ended=True)
@@ -138,7 +140,7 @@ class ConstraintStream:
             self._continue_hold()
             self._identify(message)
             first = self._begin(message, valid_ns, since_ns)
-        if first is not None and in_time and faulty and not self._faulty:
+        if first is not None and in_time and begins:
             self._fault_seq = first
         self._faulty = faulty
         self._last = message
@@ -161,6 +163,17 @@ class ConstraintStream:
         self._fault_seq = self._fault_seq if first is None else first
         self._faulty, self._last = True, message
         return True
+
+    def latch(self, causes: Sequence[str]) -> None:
+        """Repeat the last planes on hold until the next `publish`: a hold was latched between two.
+
+        Counts as a new fault, as `invalidate` does. ``causes`` are all causes of the hold.
+        """
+        if self._last is not None:
+            message = _held(self._last, str(Reason.STARTING))
+            message.reasons = [str(Reason.STARTING), str(Reason.LATCHED)]
+            message.hold_causes = list(causes)
+            self.invalidate(message)
 
     def hold(self, reason: str) -> None:
         """Publish a last message on hold with ``reason``, then nothing until the next `publish`."""
@@ -232,6 +245,11 @@ class ConstraintStream:
                 None if stale is None else _HoldIdentity(stale.rearm_nonce, stale.hold_since)
             )
         return first
+
+    def _has_new_cause(self, message: FixtureConstraint) -> bool:
+        """True if a hold has got a cause that the previous message did not have."""
+        known = () if self._last is None else self._last.hold_causes
+        return bool(message.hold and not set(message.hold_causes) <= set(known))
 
     def _draw(self) -> int:
         """A random number other than 0."""

@@ -143,6 +143,10 @@ class SessionPublisher:
     def revoke(self) -> None:
         """Do nothing: the next constraint is published on hold."""
 
+    def latch(self, causes: Sequence[str]) -> None:
+        """Publish the hold at once, with a nonce of its own."""
+        self.constraints.latch(causes)
+
     def end(self) -> None:
         """Publish hold as the final constraint."""
         self.constraints.hold("inactive")

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from app.cli.options import existing_folder, folder_path, input_argument
+from app.cli.options import existing_folder, folder_path, input_argument, output_path
 
 SUMMARY = "print the completion script of a shell"
 SHELLS = ("bash", "zsh", "tcsh")
 _FOLDERS = (folder_path, existing_folder)
-_FILES = (Path, input_argument)
+_FILES = (Path, input_argument, output_path)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from app.cli.options import (
     LIVE_EXAMPLE,
+    add_audit,
     add_json,
     add_namespace,
     add_package_dirs,
@@ -57,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
+    add_audit(parser)
     parser.add_argument(
         "--lifecycle",
         action="store_true",
@@ -133,7 +135,11 @@ def _opened(
         for note in prepared.case.notes():
             print(note, file=sys.stderr)
     with live_node(
-        prepared, namespace=options.namespace, constraint_hz=options.constraint_hz, ros=ros
+        prepared,
+        namespace=options.namespace,
+        constraint_hz=options.constraint_hz,
+        ros=ros,
+        audit=options.audit,
     ) as node:
         shown.begin(node, stamps_of_host=prepared.config.stamps_of_host)
         yield node

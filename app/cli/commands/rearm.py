@@ -3,8 +3,11 @@
 The guard is the running session that publishes the constraint: 'live' or 'view --live'. On hold
 only motion away from the planes and along them is allowed, until an operator re-arms.
 
+Without a reply in time it reads the next constraints and prints whether the hold has ended.
+
 Exit status: 0 when the guard is re-armed or not on hold; 1 when it refuses, when the question is
-answered with no, or when the hold has changed before the answer; 2 when there is no guard.
+answered with no, when the hold has changed before the answer, or when it lasts without a reply; 2
+when there is no guard.
 """
 
 import argparse
@@ -98,14 +101,22 @@ def changes_for_the_worse(seen: "FixtureConstraint", now: "FixtureConstraint") -
     added = [reason for reason in now.reasons if reason not in seen_or_good]
     if added:
         changes.append(f"reasons were added: {', '.join(added)}")
+    causes = [cause for cause in now.hold_causes if cause not in seen.hold_causes]
+    if causes and now.hold:
+        changes.append(f"causes were added: {'; '.join(causes)}")
     return changes
 
 
 def _rearm(client: "RearmClient", seen: "FixtureConstraint") -> int:
     """Request the end of the hold ``seen``, print the reply; the exit status."""
     from app.bridge import BridgeError
+    from app.bridge.calls.errors import CallTimeoutError, ServerGoneError
 
-    response = client.rearm(seen, TIMEOUT_S)
+    try:
+        response = client.rearm(seen, TIMEOUT_S)
+    except (CallTimeoutError, ServerGoneError) as error:
+        print(f"no reply: {error}", flush=True)
+        return _outcome_without_reply(client, seen)
     if response.success:
         print("re-armed")
         return 0
@@ -120,6 +131,31 @@ def _rearm(client: "RearmClient", seen: "FixtureConstraint") -> int:
     return 1
 
 
+def _outcome_without_reply(client: "RearmClient", seen: "FixtureConstraint") -> int:
+    """Print what the next constraint says of the hold ``seen``; the exit status."""
+    from app.bridge import BridgeError
+
+    try:
+        now = client.constraint(TIMEOUT_S)
+    except BridgeError as error:
+        print(f"whether the hold has ended is not known: {error}")
+        return 1
+    if now.instance_id != seen.instance_id:
+        print("the guard was replaced: its new hold, if any, is not re-armed")
+        return 1
+    if not now.hold:
+        print("the next constraint is not on hold: re-armed")
+        return 0
+    if now.rearm_nonce == seen.rearm_nonce:
+        print(
+            "still on hold: the request was not carried out so far. It can still be until the "
+            "nonce is replaced: look at the constraint before you start again"
+        )
+    else:
+        print(f"on another hold, nonce {now.rearm_nonce}: the request has no effect any more")
+    return 1
+
+
 def hold_text(seen: "FixtureConstraint", topic: str, now_s: float) -> str:
     """State, reasons, begin of the hold and ids of a constraint, as lines."""
     from app.fixture import MarginState
@@ -131,6 +167,7 @@ def hold_text(seen: "FixtureConstraint", topic: str, now_s: float) -> str:
     distance_mm = 1000.0 * seen.signed_distance
     rows = {
         "reasons": ", ".join(seen.reasons),
+        "causes": f"\n{'':<17}".join(seen.hold_causes) or "none named",
         "on hold since": f"{begin} ({now_s - since_s:.0f} s)",
         "distance": f"{distance_mm:.2f} mm" if math.isfinite(distance_mm) else "unknown",
         "tumour": seen.model_id,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from app.cli.options import (
     CASE_HELP,
     LIVE_EXAMPLE,
+    add_audit,
     add_namespace,
     add_package_dirs,
     input_argument,
@@ -38,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"live.yaml for --live: docs/live.md; an example: {LIVE_EXAMPLE}",
     )
     add_namespace(parser)
+    add_audit(parser)
     add_package_dirs(parser)
     parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
@@ -84,6 +86,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(
             "view: invalid combination of arguments; expected CASE, or --live and --config FILE"
         )
+    if options.audit is not None and not options.live:
+        raise InputError("view: --audit is given without --live; expected a live session")
     for name in ("token", "view_token"):
         if getattr(options, name) == "":
             raise InputError(

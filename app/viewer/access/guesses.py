@@ -3,7 +3,7 @@
 from collections import OrderedDict
 from ipaddress import IPv6Address, ip_address
 
-from app.viewer.access.rate import RateLimit
+from app.runtime.rate_limit import RateLimit
 
 GUESSES = 10
 """Wrong tokens that an address may send at once."""

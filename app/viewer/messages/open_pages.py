@@ -5,7 +5,7 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
-from app.viewer.access.rate import RateLimit
+from app.runtime.rate_limit import RateLimit
 from app.viewer.access.role import Role
 from app.viewer.messages.outbox import STATE_TOPIC, Frames, Outbox
 from app.viewer.messages.wire import encode_publication

@@ -4,7 +4,7 @@ from typing import Any
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
-from app.runtime import SessionContent
+from app.runtime import OperatorRequest, SessionContent
 from app.scene.frames.watchdog import TransformHealth
 from app.session import SINGLE_SOURCE, StepResult
 from app.viewer.readout.reason_text import distance_text, reason_text
@@ -12,7 +12,10 @@ from app.viewer.steps.view_state import ViewState
 
 
 def readout(shown: ViewState | None) -> dict[str, Any]:
-    """Return the values of the page: state, distance, hold, margins, lamps and the like."""
+    """Return label, reasons, distance, trend, breaches, margins, lamps, playback and hold.
+
+    Of a hold also its causes; the last request to change a live session, with its outcome.
+    """
     if shown is None:
         return _values(MarginState.UNKNOWN, "nothing has been measured yet")
     decision = shown.step.decision
@@ -28,6 +31,8 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
         playback=shown.step.playback,
         single=SINGLE_SOURCE if shown.step.single_source else "",
+        causes=list(shown.step.hold_causes) if decision.hold else [],
+        request=_request(shown.request),
     )
 
 
@@ -54,6 +59,8 @@ def _values(
     lamps: list[dict[str, str]] | None = None,
     playback: str = "",
     single: str = "",
+    causes: list[str] | None = None,
+    request: dict[str, str | bool] | None = None,
 ) -> dict[str, Any]:
     return {
         "state": state.name,
@@ -71,7 +78,13 @@ def _values(
         "lamps": lamps or [],
         "playback": playback,
         "single": single,
+        "causes": causes or [],
+        "request": request,
     }
+
+
+def _request(request: OperatorRequest | None) -> dict[str, str | bool] | None:
+    return None if request is None else {"line": request.line, "accepted": request.accepted}
 
 
 def _margins(decision: FixtureDecision, content: SessionContent) -> dict[str, str]:

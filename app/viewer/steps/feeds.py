@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from app.fixture import MarginState
@@ -14,7 +15,7 @@ from app.geometry import (
     freshness_of,
     stale_in_ns,
 )
-from app.runtime import SessionContent
+from app.runtime import OperatorRequest, SessionContent
 from app.session import StepResult
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.steps.view_state import ViewState, ViewStateBuilder
@@ -62,6 +63,7 @@ class LiveFeed:
         self._newest: ViewState | None = None
         self._came_ns = 0
         self._ended = ""
+        self._request: OperatorRequest | None = None
         self._callback: Callable[[], None] | None = None
 
     def call_on_change(self, callback: Callable[[], None]) -> None:
@@ -78,6 +80,12 @@ class LiveFeed:
             self._newest, self._came_ns = shown, self._clock_ns()
         self._notify()
 
+    def list_request(self, request: OperatorRequest) -> None:
+        """Show ``request`` as the last one; from any thread."""
+        with self._lock:
+            self._request = request
+        self._notify()
+
     def end(self, why: str) -> None:
         """Show the newest step as UNKNOWN with the cause ``why``: no further step will come."""
         with self._lock:
@@ -88,8 +96,10 @@ class LiveFeed:
         """Return the newest step, as UNKNOWN if its poses are stale by now."""
         with self._lock:
             newest, came_ns, ended = self._newest, self._came_ns, self._ended
+            request = self._request
         if newest is None:
             return None
+        newest = newest if request is None else replace(newest, request=request)
         if ended:
             return newest.as_unknown(ended)
         timeout_ns = self._timeout_ns(newest.step)

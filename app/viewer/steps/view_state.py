@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, Freshness, SurfaceMesh, Transform
-from app.runtime import SessionContent
+from app.runtime import OperatorRequest, SessionContent
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
 from app.viewer.steps.trend import Trend, TrendMeter
@@ -21,7 +21,7 @@ class ViewState:
     of every edge so far. ``breaches``: how often the state has become POSITIVE so far, so that a
     page that skips steps misses none. ``marks``: positions of the tool inside the tumour, in the
     tumour's frame, the first ``marked`` of them up to this step. ``silent``: why the step is
-    outdated, empty while it is not.
+    outdated, empty while it is not. ``request``: the last request to change a live session.
     """
 
     step: StepResult
@@ -34,6 +34,7 @@ class ViewState:
     marks: Sequence[FloatArray]
     marked: int
     silent: str = ""
+    request: OperatorRequest | None = None
 
     @property
     def distance_mm(self) -> float | None:

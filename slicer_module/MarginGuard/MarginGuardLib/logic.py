@@ -274,6 +274,7 @@ class PanelLogic:
             session=session.text(),
             registration="" if self.candidate is None else registration_text(self.candidate),
             message=f"{self._jobs.current} ..." if self._jobs.current else self._message,
+            request=session.request(),
             position_s=session.position_s,
             duration_s=0.0 if session.opened is None else session.opened.extent.duration_s,
             is_live=self._is_live,

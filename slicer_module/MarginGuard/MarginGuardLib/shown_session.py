@@ -130,29 +130,20 @@ class ShownSession:
     def rearm(self) -> None:
         """End the hold of an earlier fault, based on the displayed step.
 
-        Raises `InputError` while the displayed state is UNKNOWN, and if a fault or another tumour,
-        tool, registration or margin followed the displayed step, because the operator has not seen
-        it.
+        Raises `InputError` while the displayed state is UNKNOWN, and `RearmRefusedError` if a fault
+        or another tumour, tool, registration or looser margin followed the displayed step, because
+        the operator has not seen it.
         """
         thread, shown, commands = self.running(), self._last, self.commands()
         if shown is None or self.display is None or self.readout()[0] is MarginState.UNKNOWN:
             raise InputError(
                 "the displayed margin is UNKNOWN; expected a known state: its cause must end first"
             )
-        seq, displayed = shown.step.decision.seq, self.display.content
-
-        def check() -> None:
-            if shown.thread is not thread or displayed is not commands.content:
-                raise InputError(
-                    "the last change is not displayed yet; expected a re-arm after it is displayed"
-                )
-            if seq < thread.fault_seq:
-                raise InputError(
-                    f"a fault came after the displayed step {seq}; "
-                    "expected a re-arm after the fault is displayed"
-                )
-
-        commands.rearm(check)
+        if shown.thread is not thread or shown.seen is None:
+            raise InputError(
+                "the last change is not displayed yet; expected a re-arm after it is displayed"
+            )
+        commands.rearm(shown.seen)
 
     @property
     def is_running(self) -> bool:
@@ -179,13 +170,23 @@ class ShownSession:
         return self.display.readout()
 
     def reasons(self) -> str:
-        """Reasons of the displayed decision; "stale" when the scene shows it as unknown."""
+        """Reasons of the displayed decision, and a line for each cause of its hold.
+
+        "stale" instead of the reasons when the scene shows it as unknown.
+        """
         if self._last is None or self.display is None:
             return ""
         decision = self._last.step.decision
+        reasons = ", ".join(map(str, decision.reasons))
         if self.readout()[0] is not decision.state:
-            return str(Reason.STALE)
-        return ", ".join(map(str, decision.reasons))
+            reasons = str(Reason.STALE)
+        return "\n".join([reasons, *(f"hold: {cause}" for cause in self._last.step.hold_causes)])
+
+    def request(self) -> str:
+        """The last request to change the session, and what became of it."""
+        commands = None if self.thread is None else self.thread.run.commands
+        last = None if commands is None else commands.requests.last
+        return "" if last is None else last.line
 
     def text(self) -> str:
         """Name and activity of the session."""

@@ -7,7 +7,9 @@ from app.fixture import MarginState
 
 @dataclass(frozen=True, slots=True)
 class PanelStatus:
-    """``position_s`` is None without a case; ``message`` is the last line about an error or a job.
+    """``position_s`` is None without a case; ``message`` is the last line about an error or a job,
+    ``request`` the last request to change the session, from any interface. ``reasons`` has a line
+    for each cause of a hold below those of the state.
 
     ``banner``: state, reason and distance as the scene shows them. ``trackers``: one line for each
     transform.
@@ -20,6 +22,7 @@ class PanelStatus:
     session: str
     registration: str
     message: str
+    request: str
     position_s: float | None
     duration_s: float
     is_live: bool

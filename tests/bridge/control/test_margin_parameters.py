@@ -16,8 +16,13 @@ from app.fixture import MarginParameterError, MarginParameters
 SETTER = Path(__file__).resolve().parents[1] / "calls" / "parameter_setter.py"
 
 
+def appending_to(used):
+    """Function that appends the margins that it is called with."""
+    return lambda margins, origin: used.append(margins)
+
+
 def test_margin_parameters_have_unit_and_range(ros, content, start_receiver):
-    MarginParameterServer(ros, content.margins, lambda margins: None)
+    MarginParameterServer(ros, content.margins, lambda margins, origin: None)
     requests = ["stop_mm", "stale_after_ms", "release_samples", "k_tre"]
     setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
     found = dict(zip(requests, setter.take(len(requests)), strict=True))
@@ -35,7 +40,7 @@ def test_margin_parameters_have_unit_and_range(ros, content, start_receiver):
 
 def test_margins_are_applied_or_refused_as_a_whole(ros, content, start_receiver):
     used = []
-    server = MarginParameterServer(ros, content.margins, used.append)
+    server = MarginParameterServer(ros, content.margins, appending_to(used))
     setter = start_receiver(
         "marginguard",
         json.dumps({"stop_mm": 6.0, "warn_mm": 9.0}),
@@ -66,7 +71,7 @@ def test_initial_margins_are_validated_and_applied(domain_id, content):
         arguments = ["--ros-args", *(part for value in values for part in ("-p", value))]
         with RosNode("marginguard", domain_id=domain_id, ros_args=arguments) as ros:
             used = []
-            MarginParameterServer(ros, content.margins, used.append)
+            MarginParameterServer(ros, content.margins, appending_to(used))
             return used
 
     assert start() == []
@@ -77,7 +82,7 @@ def test_initial_margins_are_validated_and_applied(domain_id, content):
 
 def test_parameters_of_ros_itself_cannot_be_set(ros, content, start_receiver):
     used = []
-    MarginParameterServer(ros, content.margins, used.append)
+    MarginParameterServer(ros, content.margins, appending_to(used))
     requests = [
         {"use_sim_time": True},
         {"stop_mm": 2.0, "use_sim_time": True},
@@ -114,7 +119,7 @@ def test_missing_margin_is_refused():
 
 def test_set_from_this_process_is_validated_as_over_ros(ros, content):
     used = []
-    server = MarginParameterServer(ros, content.margins, used.append)
+    server = MarginParameterServer(ros, content.margins, appending_to(used))
     server.set(stop_mm=6.0, warn_mm=9.0)
     assert used == [server.margins] == [content.margins.replaced(stop_mm=6.0, warn_mm=9.0)]
     assert ros.node.get_parameter("stop_mm").value == 6.0
@@ -122,3 +127,30 @@ def test_set_from_this_process_is_validated_as_over_ros(ros, content):
         server.set(stop_mm=8.0, warn_mm=7.0)
     assert ros.node.get_parameter("warn_mm").value == 9.0
     assert len(used) == 1
+
+
+def test_origin_of_a_set_and_reasons_of_refusals_are_passed_on(ros, content, start_receiver):
+    origins, reasons = [], []
+    server = MarginParameterServer(
+        ros, content.margins, lambda margins, origin: origins.append(origin), reasons.append
+    )
+    server.set(stop_mm=2.0)
+    # The second one is refused by ROS, which checks the declared range itself.
+    requests = [{"stop_mm": 1.5}, {"stop_mm": 4000.0}, {"warn_mm": 0.5}]
+    setter = start_receiver("marginguard", *map(json.dumps, requests), script=SETTER)
+    setter.take(3)
+    assert origins == ["this process", "ROS"]
+    (reason,) = reasons
+    assert "warn_mm is 0.5; expected more than stop_mm 1.5" in reason
+
+
+def test_refusal_of_the_user_of_the_margins_is_not_passed_on_twice(ros, content):
+    reasons = []
+
+    def refuse(margins, origin):
+        raise MarginParameterError("no operator")
+
+    server = MarginParameterServer(ros, content.margins, refuse, reasons.append)
+    with pytest.raises(MarginParameterError, match="no operator"):
+        server.set(stop_mm=2.0)
+    assert reasons == []

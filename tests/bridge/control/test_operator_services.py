@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 
 from app.bridge.control import OperatorServices
+from app.bridge.control.operator_requests import OperatorRequests
+from app.bridge.control.operators import OperatorList
 from app.case import open_case
 from app.geometry import SurfaceMesh
-from app.runtime import OperatorCommands, PassiveOutput, content_of
+from app.runtime import OperatorCommands, PassiveOutput, StepHolds, content_of
 from app.session import Session, setup_from_case
 from tests.bridge.conftest import DEADLINE_S
 
@@ -92,8 +94,8 @@ def commands(ros, session, output, case, setup, stepping):
             yield session
 
     content = replace(content_of(case, setup, tip_only=True), tool=case.tool_mesh())
-    made = OperatorCommands(between_steps, content, (output,))
-    OperatorServices(ros, made)
+    made = OperatorCommands(between_steps, content, (output,), holds=StepHolds())
+    OperatorServices(ros, made, OperatorRequests(ros, made.requests, OperatorList(ros, None)))
     return made
 
 

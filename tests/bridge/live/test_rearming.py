@@ -2,37 +2,79 @@
 
 import json
 import threading
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from marginguard_msgs.msg import FixtureConstraint
+from rclpy.serialization import deserialize_message
 
+from app.bridge.control.operator_requests import OperatorRequests
+from app.bridge.control.operators import OperatorList
 from app.bridge.live import RearmService
+from app.bridge.live.rearming import StreamHolds
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint_stream import ConstraintStream
+from app.runtime import OperatorCommands
 from tests.bridge.conftest import DEADLINE_S
 
 CALLER = Path(__file__).resolve().parents[1] / "caller.py"
 REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
 REASONS = ["latched"]
 KNOWN = FixtureConstraint(state=FixtureConstraint.WARNING, hold=True, reasons=REASONS)
+
+
+def held(*causes):
+    """Constraint on hold with these causes; the state is known."""
+    return FixtureConstraint(
+        state=FixtureConstraint.WARNING, hold=True, reasons=REASONS, hold_causes=list(causes)
+    )
+
+
 UNKNOWN = FixtureConstraint(state=FixtureConstraint.UNKNOWN, hold=True, reasons=REASONS)
 FREE = FixtureConstraint(state=FixtureConstraint.WARNING)
 
 
-class CommandsDouble:
-    """Test double of `OperatorCommands` whose step ends when ``stepping`` is released."""
+class SessionDouble:
+    """Test double of a session: counts how often it is re-armed."""
 
-    def __init__(self, stepping):
-        self.rearmed = 0
-        self.requested = threading.Event()
-        self._stepping = stepping
+    hold_causes = ()
+    requested = SimpleNamespace(margins=None)
+    rearmed = 0
 
-    def rearm(self, check):
+    def rearm(self):
+        self.rearmed += 1
+
+
+class World:
+    """Commands of a session whose step ends when ``stepping`` is released, and their service."""
+
+    def __init__(self, ros):
+        self.stepping, self.requested = threading.Lock(), threading.Event()
+        self.session, self.stream = SessionDouble(), ConstraintStream(NoPublisher(), None)
+        self.commands = OperatorCommands(
+            self.between_steps, CONTENT, (), holds=StreamHolds(self.stream)
+        )
+        requests = OperatorRequests(ros, self.commands.requests, OperatorList(ros, None))
+        RearmService(ros, self.commands, requests)
+
+    @contextmanager
+    def between_steps(self):
         self.requested.set()
-        with self._stepping:
-            check()
-            self.rearmed += 1
+        with self.stepping:
+            yield self.session
+
+
+@dataclass
+class Content:
+    """Test double of a content."""
+
+    margins: None = None
+
+
+CONTENT = Content()
 
 
 class NoPublisher:
@@ -42,35 +84,39 @@ class NoPublisher:
         pass
 
 
-@pytest.mark.parametrize("what", ["new tumour", "past fault", "no fault"])
-def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(domain_id, start, what):
-    stepping = threading.Lock()
-    commands, stream = CommandsDouble(stepping), ConstraintStream(NoPublisher(), None)
-
-    stream.publish(KNOWN)
-    request = json.dumps({"seq": stream.seq, "nonce": stream.rearm_nonce})
+@pytest.fixture
+def world(domain_id):
     with RosNode("marginguard", domain_id=domain_id) as ros:
-        RearmService(ros, stream, commands)
-        with stepping:
-            caller = start(str(CALLER), f"{REARM}:{request}")
-            assert commands.requested.wait(DEADLINE_S)
-            stream.publish(KNOWN)
-            if what == "new tumour":
-                stream.invalidate(UNKNOWN)
-            elif what == "past fault":
-                stream.publish(UNKNOWN)
-                stream.publish(KNOWN)
-        caller.line()
-        reply = json.loads(caller.line())
-    stream.close()
+        found = World(ros)
+        yield found
+        found.stream.close()
+
+
+@pytest.mark.parametrize("what", ["new tumour", "past fault", "another cause", "no fault"])
+def test_rearm_checks_faults_that_occur_while_it_waits_for_a_step(world, start, what):
+    stream = world.stream
+    stream.publish(held("stale"))
+    request = json.dumps({"seq": stream.seq - 1, "nonce": stream.rearm_nonce})
+    with world.stepping:
+        caller = start(str(CALLER), f"{REARM}:{request}")
+        assert world.requested.wait(DEADLINE_S)
+        stream.publish(held("stale"))
+        if what == "new tumour":
+            stream.invalidate(UNKNOWN)
+        elif what == "past fault":
+            stream.publish(UNKNOWN)
+            stream.publish(held("stale"))
+        elif what == "another cause":
+            stream.publish(held("stale", "stop_mm lowered from 2 to 1"))
+    caller.line()
+    reply = json.loads(caller.line())
     assert reply["success"] is (what == "no fault")
-    assert commands.rearmed == (1 if what == "no fault" else 0)
+    assert world.session.rearmed == (1 if what == "no fault" else 0)
     assert ("a fault began" in reply["message"]) is (what != "no fault")
 
 
-def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(domain_id, start):
-    commands = CommandsDouble(threading.Lock())
-    stream = ConstraintStream(NoPublisher(), None)
+def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(world, start):
+    stream = world.stream
     stream.publish(KNOWN)
     old = stream.rearm_nonce
     stream.publish(UNKNOWN)
@@ -84,16 +130,42 @@ def test_guessed_seq_another_nonce_and_a_repeated_request_rearm_nothing(domain_i
         ({"seq": seq, "nonce": nonce}, None),
         ({"seq": seq, "nonce": nonce}, "no hold is latched"),
     ]
-    with RosNode("marginguard", domain_id=domain_id) as ros:
-        RearmService(ros, stream, commands)
-        caller = start(str(CALLER), *(f"{REARM}:{json.dumps(each)}" for each, _ in requests))
-        caller.line()
-        for _, refusal in requests:
-            reply = json.loads(caller.line())
-            assert reply["success"] is (refusal is None)
-            assert (refusal or "") in reply["message"]
-            assert str(nonce) not in reply["message"]
-    assert commands.rearmed == 1
+    caller = start(str(CALLER), *(f"{REARM}:{json.dumps(each)}" for each, _ in requests))
+    caller.line()
+    for _, refusal in requests:
+        reply = json.loads(caller.line())
+        assert reply["success"] is (refusal is None)
+        assert (refusal or "") in reply["message"]
+        assert str(nonce) not in reply["message"]
+    assert world.session.rearmed == 1
     stream.publish(FREE)
     assert stream.rearm_nonce == 0
+
+
+def test_invalid_request_takes_no_thread_and_does_not_wait_for_a_step(world, start):
+    world.stream.publish(KNOWN)
+    with world.stepping:  # a step that does not end
+        caller = start(str(CALLER), f'{REARM}:{{"seq": 0, "nonce": 1}}')
+        caller.line()
+        assert "not that of the present hold" in json.loads(caller.line())["message"]
+    assert not world.requested.is_set()
+    assert not world.commands.requests.last.accepted
+
+
+def test_latched_change_is_published_at_once_with_another_nonce():
+    sent = []
+    stream = ConstraintStream(SimpleNamespace(publish=sent.append), None)
+    stream.latch(["nothing is published yet"])
+    stream.publish(KNOWN)
+    before = stream.rearm_nonce
+    stream.latch(["stop_mm lowered from 2 to 1"])
+    message = deserialize_message(sent[-1], FixtureConstraint)
+    assert len(sent) == 2
+    assert message.hold
+    assert message.hold_causes == ["stop_mm lowered from 2 to 1"]
+    assert message.rearm_nonce == stream.rearm_nonce not in (0, before)
+    held_next = held("stop_mm lowered from 2 to 1")
+    stream.publish(held_next)
+    assert held_next.rearm_nonce == message.rearm_nonce
+    assert stream.fault_seq == 1
     stream.close()

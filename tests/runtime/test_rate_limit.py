@@ -1,6 +1,6 @@
 """The limit on a rate."""
 
-from app.viewer.access.rate import RateLimit
+from app.runtime.rate_limit import RateLimit
 
 S = 1_000_000_000
 

@@ -1,0 +1,76 @@
+"""What serves the operators of a live node: services, parameters, request log and audit log."""
+
+import os
+import re
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from app.bridge.control import MarginParameterServer, OperatorServices
+from app.bridge.control.margin_parameters import OVER_ROS
+from app.bridge.control.operator_requests import OperatorRequests
+from app.bridge.control.operators import OperatorList
+from app.bridge.live.rearming import RearmService
+from app.bridge.node import RosNode
+from app.bridge.publishing.constraint_stream import ConstraintStream
+from app.case import LiveCase
+from app.files.state_folder import state_folder
+from app.fixture import MarginParameters
+from app.runtime import AuditLog, LiveRun, RequestKind
+
+
+def audit_file(ros: RosNode) -> Path:
+    """Default audit log of a live node, below the state folder, by host, domain and namespace.
+
+    Raises `InputError` for a user without a home folder.
+    """
+    domain, namespace = ros.node.context.get_domain_id(), ros.node.get_namespace()
+    parts = (socket.gethostname(), f"domain{domain}", namespace.strip("/"))
+    name = "-".join(re.sub(r"[^A-Za-z0-9.]+", "_", part)[:60] for part in parts if part)
+    return state_folder() / "audit" / f"{name}.jsonl"
+
+
+@contextmanager
+def audit_log(ros: RosNode, constraints: ConstraintStream, path: Path) -> Iterator[AuditLog]:
+    """The audit log of a live node; within the context its thread writes."""
+    about = {
+        "node": ros.node.get_fully_qualified_name(),
+        "pid": os.getpid(),
+        "instance_id": constraints.instance_id,
+    }
+    log = AuditLog(path, about, time.time_ns, ros.node.get_logger().error)
+    try:
+        ros.node.get_logger().info(f"audit log: {log.path}")
+        yield log
+    finally:
+        log.close()
+
+
+@contextmanager
+def served_operators(
+    ros: RosNode, run: LiveRun, config: LiveCase, margins: MarginParameters
+) -> Iterator[MarginParameterServer]:
+    """Serve ``~/rearm``, ``~/set_tumor``, ``~/register`` and the margins as parameters.
+
+    All of them change the session through the commands of ``run``. Yields the margins' server.
+    """
+    commands = run.commands
+    requests = OperatorRequests(ros, commands.requests, OperatorList(ros, config.operators))
+
+    def set_margins(requested: MarginParameters, origin: str) -> None:
+        if origin == OVER_ROS:
+            requests.check_margins(commands.content.margins, requested)
+        commands.set_margins(requested, origin=origin)
+
+    def refused(reason: str) -> None:
+        commands.requests.refused(RequestKind.MARGINS, OVER_ROS, reason)
+
+    RearmService(ros, commands, requests)
+    server = MarginParameterServer(ros, margins, set_margins, refused)
+    OperatorServices(ros, commands, requests)
+    try:
+        yield server
+    finally:
+        server.close()

@@ -1,0 +1,146 @@
+"""Requests of operators to a session: how many are processed, and what became of each."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from app.geometry import MarginGuardError
+from app.runtime.rate_limit import RateLimit
+
+MAX_TEXT_CHARS = 1000
+"""Longer texts are cut off: they may contain what another process sent."""
+
+
+class RequestKind(StrEnum):
+    """What an operator may request."""
+
+    REARM = "rearm"
+    MARGINS = "set_margins"
+    TUMOR = "set_tumor"
+    REGISTRATION = "register"
+
+
+class TooManyRequestsError(MarginGuardError):
+    """A kind of request is sent faster than it is processed."""
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorRequest:
+    """A request and its outcome. ``origin`` is the interface on which it arrived, not a person.
+
+    ``text`` is what was changed, or why the request was refused. ``not_listed`` counts refused
+    requests of this kind since the last one that was listed. ``time_ns`` is the system time.
+    """
+
+    kind: RequestKind
+    origin: str
+    accepted: bool
+    text: str
+    time_ns: int
+    not_listed: int = 0
+
+    @property
+    def line(self) -> str:
+        """One line for logs and displays."""
+        outcome = "accepted" if self.accepted else "REFUSED"
+        more = f" ({self.not_listed} more refused before)" if self.not_listed else ""
+        return f"{self.kind} from {self.origin} {outcome}: {self.text}{more}"
+
+
+Listener = Callable[[OperatorRequest], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Allowed:
+    """A rate: ``burst`` requests at once, ``per_s`` a second in the long run."""
+
+    per_s: float
+    burst: float
+
+
+ADMITTED = {
+    RequestKind.MARGINS: Allowed(per_s=2.0, burst=20.0),
+    RequestKind.TUMOR: Allowed(per_s=0.2, burst=5.0),
+    RequestKind.REGISTRATION: Allowed(per_s=0.5, burst=5.0),
+}
+"""Requests of other processes that are processed. A re-arm is always checked, because a limit that
+others can use up would delay a valid one; the check of an invalid one costs microseconds."""
+
+LISTED = Allowed(per_s=1.0, burst=10.0)
+"""Refused requests of each kind that are listed. Accepted ones are listed always."""
+
+
+class RequestLog:
+    """Lists requests: the last one for displays, each for the listeners. Thread-safe.
+
+    ``clock_ns`` is the system time, ``steady_ns`` a steady clock. A flood of refused requests is
+    counted instead of listed. A listener is called in the thread of the request and must not wait.
+    """
+
+    def __init__(self, clock_ns: Callable[[], int], steady_ns: Callable[[], int]) -> None:
+        self._clock_ns = clock_ns
+        self._steady_ns = steady_ns
+        self._lock = threading.Lock()
+        self._admitted = {kind: _limit(allowed) for kind, allowed in ADMITTED.items()}
+        self._listed = {kind: _limit(LISTED) for kind in RequestKind}
+        self._not_listed = dict.fromkeys(RequestKind, 0)
+        self._listeners: list[Listener] = []
+        self._last: OperatorRequest | None = None
+
+    @property
+    def last(self) -> OperatorRequest | None:
+        """The request that was listed last; None before any."""
+        return self._last
+
+    def listen(self, listener: Listener) -> None:
+        """Call ``listener`` with each listed request from now on."""
+        self._listeners.append(listener)
+
+    def admit(self, kind: RequestKind) -> None:
+        """Count a request of another process. Raises `TooManyRequestsError` above the limit."""
+        limit = self._admitted.get(kind)
+        if limit is None:
+            return
+        with self._lock:
+            admitted = limit.take(self._steady_ns())
+        if not admitted:
+            allowed = ADMITTED[kind]
+            raise TooManyRequestsError(
+                f"{kind}: too many requests; expected at most {allowed.burst:g} at once and "
+                f"{allowed.per_s:g} per second"
+            )
+
+    def accepted(self, kind: RequestKind, origin: str, text: str) -> None:
+        """List an accepted request."""
+        self._list(self._request(kind, origin, True, text))
+
+    def refused(self, kind: RequestKind, origin: str, text: str) -> None:
+        """List a refused request, or count it in a flood."""
+        with self._lock:
+            if not self._listed[kind].take(self._steady_ns()):
+                self._not_listed[kind] += 1
+                return
+        self._list(self._request(kind, origin, False, text))
+
+    def _request(
+        self, kind: RequestKind, origin: str, accepted: bool, text: str
+    ) -> OperatorRequest:
+        line = " ".join(text.split())
+        line = "".join(each if each.isprintable() else "?" for each in line)
+        if len(line) > MAX_TEXT_CHARS:
+            line = f"{line[:MAX_TEXT_CHARS]} ..."
+        return OperatorRequest(kind, origin, accepted, line, self._clock_ns())
+
+    def _list(self, request: OperatorRequest) -> None:
+        with self._lock:
+            request = replace(request, not_listed=self._not_listed[request.kind])
+            self._not_listed[request.kind] = 0
+            self._last = request
+            listeners = tuple(self._listeners)
+        for listener in listeners:
+            listener(request)
+
+
+def _limit(allowed: Allowed) -> RateLimit:
+    return RateLimit(allowed.per_s, allowed.burst)
