@@ -26,6 +26,9 @@ _TAKE_FAILED = 401
 _GID_BYTES = 16
 """``RMW_GID_STORAGE_SIZE`` since ROS 2 Iron."""
 
+_MAX_KEPT_BYTES = 1 << 20
+"""A larger buffer of a subscription is released after its message."""
+
 _UNSUPPORTED = 2**64 - 1
 """``RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED``."""
 
@@ -139,9 +142,7 @@ class MessageTaker:
         self._rcl = rcl
         self._info = _Info()
         self._bytes = _Bytes()
-        allocator = rcl.default_allocator()
-        if rcl.init_bytes(ctypes.byref(self._bytes), 0, ctypes.byref(allocator)) != 0:
-            raise BridgeError("buffer of a subscription: out of memory")
+        self._init_bytes()
 
     def take(self, subscription: int) -> tuple[bytes, Origin] | None:
         """The next message of the ``rcl_subscription_t`` at this address; None without one."""
@@ -154,12 +155,20 @@ class MessageTaker:
                 return None
             raise BridgeError(f"subscription: rcl cannot take a message (error {result})")
         data = ctypes.string_at(self._bytes.buffer, self._bytes.length)
+        if self._bytes.capacity > _MAX_KEPT_BYTES:
+            self._rcl.free_bytes(ctypes.byref(self._bytes))
+            self._init_bytes()
         # The address of the middleware's name shows that the structure is the expected one.
         is_known = self._info.implementation == self._rcl.implementation
         return data, Origin(
             bytes(self._info.gid) if is_known else None,
             _sequence(self._info.publication_sequence_number),
         )
+
+    def _init_bytes(self) -> None:
+        allocator = self._rcl.default_allocator()
+        if self._rcl.init_bytes(ctypes.byref(self._bytes), 0, ctypes.byref(allocator)) != 0:
+            raise BridgeError("buffer of a subscription: out of memory")
 
     def __del__(self) -> None:
         self._rcl.free_bytes(ctypes.byref(self._bytes))

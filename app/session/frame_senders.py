@@ -54,6 +54,7 @@ class FrameSenders:
         self._sequences = {child: SequenceTrail() for _, child in named}
         self._limit = len(self._trails) + MAX_FRAMES
         self._edges: dict[Edge, Sender] = {}
+        self._connected: set[str] = set()
         self._last_edge: dict[str, Edge] = {}
         self._heard: dict[Sender, int] = {}
         self._loops: dict[Edge, _Loop] = {}
@@ -76,6 +77,7 @@ class FrameSenders:
         is_copy = self._trails[child].owner != sender
         if not is_copy and (edge in self._edges or len(self._edges) < self._limit):
             self._edges[edge] = sender
+            self._connected.update(edge)
         return True
 
     def observe_sequence(self, edge: Edge, sequence: int, sample: Sample, now_ns: int) -> None:
@@ -120,6 +122,8 @@ class FrameSenders:
             del self._heard[next(iter(self._heard))]
 
     def _closes_loop(self, edge: Edge, sender: Sender, now_ns: int) -> bool:
+        if len(self._edges) >= self._limit or not all(map(self._connected.__contains__, edge)):
+            return False  # ignored, or with an end that no other edge has
         active = {
             other: owner
             for other, owner in self._edges.items()

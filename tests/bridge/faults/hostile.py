@@ -142,7 +142,19 @@ class Peer:
         if what == "huge":
             return self.send(name, pose(name, parent, child, move=HUGE))
         if what == "names":
-            names = ["", " ", "/", "a b", "a//b", "\n", "ä", "../../etc", "%s%n", "x" * 5000]
+            names = [
+                "",
+                " ",
+                "/",
+                "a b",
+                "a//b",
+                "\n",
+                "ä",
+                "../../etc",
+                "%s%n",
+                "x" * 500,
+                "x" * 5000,
+            ]
             return self.send(name, *(pose(name, parent, bad) for bad in names)) + self.send(
                 name, *(pose(name, bad, child) for bad in names)
             )
