@@ -6,16 +6,12 @@ Waits for a subscriber and prints ``ready``. Each ``go`` on standard input start
 prints ``begun NANOSECONDS`` (system time) before the first message. With ``end`` it leaves the
 graph and exits. It does not import the project.
 
-======================  ====================================================================
+======================  ========================================================
 ``tf``, ``tracked``     the pose of the cautery, 100 mm off, at 60 Hz
-``copy``                each message of /tf again, as a relay does
-``parent``              another parent of the cautery on /tf, at 60 Hz
-``loop``                the cautery in the needle's frame on /tf, by an edge of its own
 ``joints``              the robot's joints 0.5 rad off, at 60 Hz
 ``constraint``          constraints that allow everything, at 60 Hz
 ``static``              the robot's base turned, latched on /tf_static, once
-``static_cautery``      a static parent of the cautery, once
-======================  ====================================================================
+======================  ========================================================
 """
 
 import json
@@ -40,13 +36,6 @@ TOPICS = {
     "joints": ("/joint_states", JointState),
     "constraint": ("/marginguard/constraint", FixtureConstraint),
     "static": ("/tf_static", TFMessage),
-    "static_cautery": ("/tf_static", TFMessage),
-}
-EDGES = {
-    "parent": ("odd", "cautery"),
-    "loop": ("needle", "tracker"),
-    "static": ("reference", "robot_base"),
-    "static_cautery": ("odd", "cautery"),
 }
 
 
@@ -64,7 +53,7 @@ def main():
 
     def pose(message):
         stamp(message.header)
-        parent_and_child = EDGES.get(what, (edge["parent"], edge["child"]))
+        parent_and_child = ("reference", "robot_base") if latched else (edge["parent"], "cautery")
         message.header.frame_id, message.child_frame_id = parent_and_child
         move, turn = message.transform.translation, message.transform.rotation
         x, y, z = edge["translation_m"]
@@ -97,10 +86,6 @@ def main():
         qos,
         event_callbacks=PublisherEventCallbacks(matched=lambda _: matched.set()),
     )
-    if what == "copy":
-        node.create_subscription(
-            TFMessage, "/tf", lambda found: relay(found, publisher, sending), qos
-        )
 
     def spin():
         with suppress(ExternalShutdownException):
@@ -121,8 +106,7 @@ def main():
                 return
             time.sleep(PERIOD_S)
 
-    if what != "copy":
-        threading.Thread(target=send, daemon=True).start()
+    threading.Thread(target=send, daemon=True).start()
     for line in sys.stdin:
         if line.strip() == "go":
             print(f"begun {time.time_ns()}", flush=True)
@@ -133,13 +117,6 @@ def main():
             spinner.join()
             node.destroy_node()
             return
-
-
-def relay(found, publisher, sending, sent=[]):  # noqa: B006 - the process sends one stream
-    key = [(each.header.stamp.sec, each.header.stamp.nanosec) for each in found.transforms]
-    if sending.is_set() and key not in sent:  # its own copies return to it
-        sent[:] = [*sent[-50:], key]
-        publisher.publish(found)
 
 
 if __name__ == "__main__":

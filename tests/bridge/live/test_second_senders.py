@@ -81,15 +81,3 @@ def test_restarted_tracker_is_no_second_sender(guarded, start, frames_file, doma
             monitor.until(lambda each: "stale" not in each.message.reasons, stale.at_ns)
         monitor.make_permissive()
         assert not any(each.has_second_sender for each in monitor.received)
-
-
-def test_relay_of_the_same_samples_is_no_second_sender(guarded, start, frames_file, domain_id):
-    guarded("tf")
-    with monitored(domain_id) as monitor:
-        relay = start(str(RIVAL), str(frames_file), "copy")
-        relay.line(lambda line: line == "ready\n")
-        monitor.make_permissive()
-        begun_ns = rival_begins(relay)
-        monitor.until(lambda each: each.is_permissive, begun_ns + 2 * 10**9)
-        assert not any(each.has_second_sender for each in monitor.received)
-        assert all(each.is_permissive for each in monitor.since(begun_ns))

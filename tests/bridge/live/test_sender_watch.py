@@ -1,0 +1,223 @@
+"""Senders of a session's inputs, followed with the publishers of a real graph."""
+
+import threading
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from app.bridge import topics
+from app.bridge.live.playback_watch import PlaybackWatch
+from app.bridge.live.sender_watch import SenderWatch, WatchedSession
+from app.bridge.message_origin import Origin
+from app.bridge.node import RosNode
+from app.bridge.tf.broadcaster import tf_message
+from app.case.messages.values import JointValues, PoseValues
+from app.fixture import Reason
+from app.geometry import Stamp, Transform
+
+EDGES = [("tracker", "cautery"), ("tracker", "reference"), ("reference", "needle")]
+BASE = Transform("reference", "robot_base", np.eye(3), [10.0, 0.0, 0.0])
+DEADLINE_S = 60.0
+POLL_S = 0.02
+A, B = Origin(b"a", 1), Origin(b"b", 1)
+
+
+class Watched:
+    """A `SenderWatch` of a node without session; counts how often its edges are restored."""
+
+    def __init__(self, ros):
+        self.ros = ros
+        self.restored = threading.Event()
+        constraint, static = ros.publisher(topics.CONSTRAINT), ros.publisher(topics.TF_STATIC)
+        session = WatchedSession(
+            pose_topic="/tf",
+            joint_topic="/joint_states",
+            joint_names=frozenset({"waist"}),
+            edges=lambda: EDGES,
+            static_edges=lambda: (BASE,),
+            restore_static=self.restored.set,
+        )
+        self.senders = SenderWatch(
+            ros, session, constraint=constraint, own=[constraint, static], new_sender=lambda: None
+        )
+        static.publish(tf_message([(BASE, Stamp(0))]))
+        self.senders.start(moving=True)
+
+    @property
+    def problem(self):
+        return self.senders.outside().get(Reason.SECOND_SENDER, "")
+
+    def until(self, accept):
+        """Wait until the text of the problem is accepted."""
+        pause = threading.Event()
+        for _ in range(round(DEADLINE_S / POLL_S)):
+            if accept(self.problem):
+                return self.problem
+            pause.wait(POLL_S)
+        return pytest.fail(f"the problem is {self.problem!r}")
+
+    def pose(self, edge, origin, ns, x_m=0.0):
+        values = PoseValues(*edge, ns, (x_m, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        return self.senders.accepts_pose(values, origin)
+
+
+@pytest.fixture
+def watched(domain_id):
+    with RosNode("marginguard", domain_id=domain_id) as ros:
+        watched = Watched(ros)
+        yield watched
+        ros.call(watched.senders.close)
+
+
+@pytest.fixture
+def rival(domain_id):
+    with RosNode("rival", domain_id=domain_id) as ros:
+        yield ros
+
+
+@pytest.mark.parametrize("edge", [EDGES[0], ("odd", "cautery"), ("needle", "tracker")])
+def test_second_sender_of_a_measured_frame_is_a_fault_and_is_not_used(watched, edge):
+    for ns in range(5):
+        assert all(watched.pose(each, A, ns) for each in EDGES)
+    assert not watched.problem
+    assert not watched.pose(edge, B, 5, x_m=0.1)
+    for ns in (6, 7):
+        assert all(watched.pose(each, A, ns) for each in EDGES)
+    assert "on /tf" in watched.until(bool)
+    assert watched.senders.counts() == {"samples of a second sender": 1}
+
+
+def test_second_sender_of_another_frame_and_copies_are_no_fault(watched):
+    for ns in range(20):
+        assert all(watched.pose(each, A, ns) for each in EDGES)
+        watched.pose(EDGES[0], B, ns)
+        watched.pose(("base", "link"), A, ns)
+        watched.pose(("base", "link"), B, ns, x_m=1.0)
+    assert not watched.problem
+
+
+def test_second_sender_of_the_robots_joints_is_a_fault(watched):
+    def joints(origin, ns, names=("waist", "elbow")):
+        return watched.senders.accepts_joints(JointValues(names, (float(ns), 0.0), ns), origin)
+
+    assert joints(A, 1)
+    assert joints(B, 2, names=("finger", "thumb"))
+    assert not joints(B, 3)
+    assert joints(A, 4)
+    assert "joints on /joint_states" in watched.until(bool)
+
+
+def static(ros, parent, child, x_mm, angle_rad=0.0):
+    """Publish a static transform by ``ros``."""
+    edge = Transform.from_rotation_vector(
+        [0.0, 0.0, angle_rad], [x_mm, 0.0, 0.0], target=parent, source=child
+    )
+    publisher = ros.publisher(topics.TF_STATIC)
+    publisher.publish(tf_message([(edge, Stamp(0))]))
+    return publisher
+
+
+@pytest.mark.parametrize(
+    ("parent", "child", "x_mm", "angle_rad"),
+    [
+        ("reference", "robot_base", 10.0, 3.14),
+        ("reference", "robot_base", 10.1, 0.0),
+        ("odd", "robot_base", 10.0, 0.0),
+        ("odd", "cautery", 0.0, 0.0),
+    ],
+)
+def test_static_transform_that_contradicts_the_session_is_a_fault_until_its_node_has_left(
+    watched, rival, parent, child, x_mm, angle_rad
+):
+    static(rival, parent, child, x_mm, angle_rad)
+    problem = watched.until(lambda text: "/rival" in text)
+    assert f"{parent} -> {child} on /tf_static" in problem
+    rival.close()
+    watched.until(lambda text: not text)
+    assert watched.restored.is_set() == (child == "robot_base")
+
+
+def test_static_transforms_of_other_frames_and_equal_ones_are_no_fault(watched, rival):
+    static(rival, "reference", "robot_base", 10.001)
+    static(rival, "map", "tracker", 5.0)
+    static(rival, "odd", "marker", 0.0)
+    # Its own message and those three have arrived when a fourth one, a fault, has.
+    static(rival, "odd", "cautery", 0.0)
+    problem = watched.until(bool)
+    assert "cautery" in problem and "robot_base" not in problem and "tracker" not in problem
+
+
+def test_own_static_frame_on_tf_is_a_fault(watched, rival):
+    publisher = rival.publisher(topics.TF)
+    message = TFMessage(transforms=[TransformStamped()])
+    message.transforms[0].header.frame_id = "reference"
+    message.transforms[0].child_frame_id = "robot_base"
+    message.transforms[0].transform.rotation.w = 1.0
+    pause = threading.Event()
+    while not watched.problem:
+        publisher.publish(message)
+        pause.wait(POLL_S)
+    assert "reference -> robot_base on /tf" in watched.problem
+
+
+def test_any_other_publisher_of_the_constraint_is_a_fault_until_it_has_left(watched, domain_id):
+    assert not watched.problem
+    with RosNode("marginguard", namespace="", domain_id=domain_id) as other:
+        other.publisher(topics.CONSTRAINT)
+        assert "/marginguard/constraint" in watched.until(bool)
+    watched.until(lambda text: not text)
+
+
+@pytest.mark.parametrize(
+    ("name", "services", "is_player"),
+    [
+        ("rosbag2_player", (), True),
+        ("renamed", ("get_rate", "burst", "seek"), True),
+        ("robot", ("get_rate",), False),
+    ],
+)
+def test_bag_player_that_publishes_an_input_is_a_playback(domain_id, name, services, is_player):
+    with (
+        RosNode("marginguard", domain_id=domain_id) as ros,
+        RosNode(name, domain_id=domain_id) as player,
+    ):
+        watch = PlaybackWatch(ros, ["/joint_states"])
+        for service in services:
+            player.node.create_service(Trigger, f"~/{service}", lambda _, response: response)
+        player.publisher(topics.JOINT_STATES)
+        other = player.publisher(topics.PLAYBACK) if not is_player else None
+        pause, found = threading.Event(), ""
+        while not found:
+            pause.wait(POLL_S)
+            found = watch.found()
+        if is_player:
+            assert found == f"poses from a recording, played by the node /{name}"
+        else:  # only the announcement is found
+            other.publish(String(data="case 1"))
+            while "case 1" not in watch.found():
+                pause.wait(POLL_S)
+            assert "played by" not in watch.found()
+        ros.call(watch.close)
+
+
+def test_bag_player_of_another_topic_is_no_playback(domain_id):
+    with (
+        RosNode("marginguard", domain_id=domain_id) as ros,
+        RosNode("rosbag2_player", domain_id=domain_id) as player,
+    ):
+        watch = PlaybackWatch(ros, ["/joint_states"])
+        received = threading.Event()
+        topic = topics.Topic("/other_joints", JointState, topics.STREAM)
+        ros.subscribe(topic, lambda _: received.set())
+        publisher = player.publisher(topic)
+        assert player.wait_for_subscribers(topic, 1, DEADLINE_S)
+        publisher.publish(JointState())
+        assert received.wait(DEADLINE_S)
+        ros.call(watch.check)
+        assert watch.found() == ""
+        ros.call(watch.close)
