@@ -64,6 +64,7 @@ SLOW = {
         "tests/cli/test_tumor.py",
         "tests/fixture/proximity/test_field_cache.py",
         "tests/fixture/test_jit.py",
+        "tests/fuzz/",
         "tests/igtl/test_live_igtl.py",
         "tests/session/test_benchmark.py",
         "tests/session/test_following.py",

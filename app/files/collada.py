@@ -15,12 +15,20 @@ from collada.common import DaeError
 from lxml import etree
 from trimesh.exchange.dae import load_collada
 
-from app.files.xml_guard import parse_xml, read_xml
+from app.files.xml_guard import MAX_XML_BYTES, parse_xml, read_xml
 from app.geometry import MarginGuardError
 
 _NOT_A_NUMBER = re.compile(r"\S*[^-+.eE0-9\s]\S*")
 _NODE_BYTES = 1000
 """Assumed size of a node, added to that of its text."""
+
+_MAX_INDEX_BYTES = 24 * 1024 * 1024
+"""Limit for the text of all corners with its instances written out. A triangle takes at least 6
+bytes of text, mostly 20, and 200 bytes in memory."""
+
+_MAX_OFFSET = 64
+_MAX_POLYGON = 10_000
+"""Limits for the offset of an input, and for the corners of a polygon."""
 
 _APPEARANCE = (
     *("bind_material", "library_materials", "library_effects", "library_images"),
@@ -35,14 +43,16 @@ def read_collada(
     """Read the scene as keywords of `trimesh.load_scene`, with its unit in metres.
 
     Raises ``error`` for geometry that cannot be read completely, which includes skinned meshes,
-    and for a file of more than ``max_bytes``, also with its instances written out.
+    and for a file of more than ``max_bytes``, or of too many triangles with its instances
+    written out.
     """
-    data = read_xml(path, error, max_bytes=max_bytes)
+    data = read_xml(path, error, max_bytes=min(max_bytes, MAX_XML_BYTES))
     root = parse_xml(data, path, error)
     if root.find(".//{*}visual_scene//{*}instance_controller") is not None:
         raise error(f"mesh {path} has a skinned or morphed part; expected rigid parts")
     _check_positions(root, path, error)
-    _check_size(root, path, error, max_bytes)
+    _check_size(root, path, error)
+    _check_polygons(root, path, error)
     unit = _unit(root, path, error)
     try:
         return _read_strictly(data), unit
@@ -82,10 +92,29 @@ def _check_positions(root: etree._Element, path: Path, error: type[MarginGuardEr
             )
 
 
-def _check_size(
-    root: etree._Element, path: Path, error: type[MarginGuardError], max_bytes: int
-) -> None:
-    """Refuse a scene that would exceed ``max_bytes`` with all its instances written out.
+def _check_polygons(root: etree._Element, path: Path, error: type[MarginGuardError]) -> None:
+    """Refuse counts that do not fit the corners: pycollada allocates what they add up to."""
+    for inputs in root.iterfind(".//{*}input[@offset]"):
+        offset = inputs.get("offset", "")
+        if not (offset.isdecimal() and len(offset) < 9 and int(offset) <= _MAX_OFFSET):
+            raise error(f"mesh {path} has the offset {offset!r}; expected 0 to {_MAX_OFFSET}")
+    for polygons in root.iterfind(".//{*}polylist"):
+        counts = (polygons.findtext("{*}vcount") or "").split()
+        corners = len((polygons.findtext("{*}p") or "").split())
+        offsets = [int(each.get("offset", "0")) for each in polygons.iterfind("{*}input")]
+        if not all(count.isdecimal() and len(count) < 9 for count in counts):
+            raise error(f"mesh {path} has a count of corners that is not a positive integer")
+        numbers = [int(count) for count in counts]
+        used = sum(numbers) * (max(offsets, default=0) + 1)
+        if used != corners or max(numbers, default=0) > _MAX_POLYGON or 0 in numbers:
+            raise error(
+                f"mesh {path} has a polylist of {corners} indices; its counts of corners, each "
+                f"from 1 to {_MAX_POLYGON}, need {used}"
+            )
+
+
+def _check_size(root: etree._Element, path: Path, error: type[MarginGuardError]) -> None:
+    """Refuse a scene of too many corners with all its instances written out.
 
     A node may be instanced in others, and these in others again: 40 nodes can describe 10^12
     triangles.
@@ -114,10 +143,10 @@ def _check_size(
         return sizes[element]
 
     size = sum(size_of(scene, frozenset()) for scene in root.iterfind(".//{*}visual_scene"))
-    if size > max_bytes:
+    if size > _MAX_INDEX_BYTES:
         raise error(
             f"mesh {path} has {size} bytes with its instances written out; expected at most "
-            f"{max_bytes}"
+            f"{_MAX_INDEX_BYTES}"
         )
 
 

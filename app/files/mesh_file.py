@@ -18,39 +18,22 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from trimesh.exchange.load import mesh_loaders
-from trimesh.resolvers import FilePathResolver
 
 from app.files.bounded_io import read_bounded
-from app.geometry import FloatArray, MarginGuardError, MeshError, weld_vertices
+from app.files.gltf import read_gltf
+from app.files.library_logs import silence
+from app.files.linked_files import MaterialFiles
+from app.files.mesh_checks import check_obj, check_ply, check_stl
+from app.files.mesh_options import MeshOptions as MeshOptions
+from app.files.mesh_part import MeshPart, placed
+from app.geometry import FloatArray, MarginGuardError, weld_vertices
+
+silence("trimesh")
 
 _COMMENT_BYTES = 1000
 _SPACE = re.compile(rb"SPACE=(\w+)")
 _SPACE_SIGNS = {"RAS": (1.0, 1.0, 1.0), "LPS": (-1.0, -1.0, 1.0)}
 _GREY = (0.7, 0.7, 0.7, 1.0)
-
-
-@dataclass(frozen=True, slots=True)
-class MeshOptions:
-    """What a caller accepts of mesh files, and how it reads them.
-
-    ``formats``
-        Accepted endings, in lower case, with the dot.
-    ``max_triangles``
-        Limit over all parts at all places: a file may place one part many times.
-    ``linked_files``
-        Whether materials and buffers in files beside the mesh are read.
-    ``slicer_axes``
-        Whether a comment ``SPACE=LPS``, which 3D Slicer writes, turns x and y around.
-    ``error``
-        Type of the error that is raised.
-    """
-
-    formats: tuple[str, ...]
-    max_bytes: int
-    max_triangles: int
-    linked_files: bool = False
-    slicer_axes: bool = False
-    error: type[MarginGuardError] = MeshError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,31 +62,45 @@ def read_mesh_file(path: Path, options: MeshOptions, *, scale: float = 1.0) -> F
         expected = ", ".join(options.formats)
         raise options.error(f"mesh {path} is of an unknown format; expected {expected}")
     try:
-        if ending == ".dae":
-            from app.files.collada import read_collada  # slow to load
-
-            keywords, unit = read_collada(path, options.error, options.max_bytes)
-            signs = np.ones(3)
-        else:
-            content = read_bounded(path, options.max_bytes, options.error)
-            keywords, unit = _trimesh_keywords(content, path, options), 1.0
-            signs = _axis_signs(content, path, options)
-        parts = _parts(trimesh.load_scene(_unprocessed(keywords)), path, options)
+        # Numbers that overflow become infinite and are refused below.
+        with np.errstate(all="ignore"):
+            parts, unit, signs = _read(path, ending, options)
+            if parts:
+                return _joined(parts, unit * scale * signs, path, options)
     except MarginGuardError:
         raise
     except Exception as problem:  # trimesh's loaders raise exceptions of any type
-        reason = " ".join(str(problem).split()) or type(problem).__name__
+        reason = str(problem).strip() or type(problem).__name__
         raise options.error(f"mesh {path} cannot be read: {reason}") from problem
-    if not parts:
-        raise options.error(f"mesh {path} holds no triangles")
-    return _joined(parts, unit * scale * signs, path, options)
+    raise options.error(f"mesh {path} holds no triangles")
+
+
+def _read(
+    path: Path, ending: str, options: MeshOptions
+) -> tuple[list[MeshPart], float, FloatArray]:
+    """Parts of the file in its unit; the unit in metres for COLLADA, else 1; signs of the axes."""
+    signs = np.ones(3)
+    if ending == ".dae":
+        from app.files.collada import read_collada  # slow to load
+
+        keywords, unit = read_collada(path, options.error, options.max_bytes)
+        return _parts(trimesh.load_scene(_unprocessed(keywords)), path, options), unit, signs
+    content = read_bounded(path, options.max_bytes, options.error)
+    if ending in (".glb", ".gltf"):
+        return read_gltf(content, path, options), 1.0, signs
+    _CHECKS[ending](content, path, options)
+    scene = trimesh.load_scene(_unprocessed(_trimesh_keywords(content, path, options)))
+    return _parts(scene, path, options), 1.0, _axis_signs(content, path, options)
+
+
+_CHECKS = {".stl": check_stl, ".ply": check_ply, ".obj": check_obj}
 
 
 def _trimesh_keywords(content: bytes, path: Path, options: MeshOptions) -> dict[str, Any]:
-    """Keywords of `trimesh.load_scene` for the file; linked files are those beside it."""
+    """Keywords of `trimesh.load_scene` for the file."""
     kind = path.suffix.lower().removeprefix(".")
     load: Any = mesh_loaders[kind]
-    resolver = FilePathResolver(str(path)) if options.linked_files else None
+    resolver = MaterialFiles(path) if options.linked_files else None
     # The loader of PLY would open a picture that the file names, and its colours are in the file.
     skips = kind == "ply" or not options.linked_files
     keywords: dict[str, Any] = load(
@@ -129,12 +126,9 @@ def _unprocessed(keywords: dict[str, Any]) -> dict[str, Any]:
     return keywords
 
 
-_Part = tuple[FloatArray, NDArray[np.int64], FloatArray | None]
-
-
-def _parts(scene: Any, path: Path, options: MeshOptions) -> list[_Part]:
+def _parts(scene: Any, path: Path, options: MeshOptions) -> list[MeshPart]:
     """Vertices, faces and colours of each geometry at each of its places, in the scene's frame."""
-    parts: list[_Part] = []
+    parts: list[MeshPart] = []
     count = 0
     for node in sorted(scene.graph.nodes_geometry):
         matrix, name = scene.graph[node]
@@ -146,17 +140,27 @@ def _parts(scene: Any, path: Path, options: MeshOptions) -> list[_Part]:
             raise options.error(f"mesh {path} has more than {options.max_triangles} triangles")
         vertices = np.asarray(geometry.vertices, dtype=np.float64)
         faces = np.asarray(geometry.faces, dtype=np.int64)
-        if not np.array_equal(matrix, np.eye(4)):
-            with np.errstate(invalid="ignore"):  # infinite vertices are refused later
-                vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-            if np.linalg.det(matrix[:3, :3]) < 0.0:
-                faces = faces[:, ::-1]
-        parts.append((vertices, faces, _face_colors(geometry)))
+        parts.append(placed(vertices, faces, _face_colors(geometry), matrix))
     return parts
 
 
-def _joined(parts: list[_Part], factors: FloatArray, path: Path, options: MeshOptions) -> FileMesh:
+def _check_part(part: MeshPart, path: Path, options: MeshOptions) -> None:
+    vertices, faces, _ = part
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        raise options.error(
+            f"mesh {path} has vertices of {vertices.shape[1:]} coordinates and faces of "
+            f"{faces.shape[1:]} corners; expected 3"
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise options.error(f"mesh {path} has faces of vertices that it does not hold")
+
+
+def _joined(
+    parts: list[MeshPart], factors: FloatArray, path: Path, options: MeshOptions
+) -> FileMesh:
     """One surface of all ``parts``, with coordinates multiplied by ``factors`` (3,)."""
+    for part in parts:
+        _check_part(part, path, options)
     # + 0.0: no negative zeros.
     vertices = np.concatenate([part[0] for part in parts]) * factors + 0.0
     offsets = np.cumsum([0, *(len(part[0]) for part in parts)])
@@ -170,8 +174,6 @@ def _joined(parts: list[_Part], factors: FloatArray, path: Path, options: MeshOp
             f"mesh {path}: vertex {first} is {vertices[first].tolist()}; expected finite numbers "
             f"({int((~is_finite).sum())} of {len(vertices)} vertices are not finite)"
         )
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise options.error(f"mesh {path} has faces of vertices that it does not hold")
     vertices, faces, kept = weld_vertices(vertices, faces)
     if len(faces) == 0:
         raise options.error(f"mesh {path} holds no triangles with an area")
@@ -188,7 +190,7 @@ def _face_colors(geometry: Any) -> FloatArray | None:
     return np.asarray(visual.face_colors, dtype=np.float64).reshape(count, -1) / 255.0
 
 
-def _joined_colors(parts: list[_Part], kept: NDArray[np.bool_]) -> FloatArray | None:
+def _joined_colors(parts: list[MeshPart], kept: NDArray[np.bool_]) -> FloatArray | None:
     if all(colors is None for _, _, colors in parts):
         return None
     colors = [np.tile(_GREY, (len(faces), 1)) if c is None else c for _, faces, c in parts]

@@ -23,7 +23,7 @@ MESH_ENDINGS = (".stl", ".ply", ".obj")
 """Endings of the files that can be read."""
 
 _WRITABLE = (".stl", ".ply")
-_MAX_BYTES = 512_000_000
+_MAX_BYTES = 80 * 1024 * 1024
 _OPTIONS = MeshOptions(
     formats=MESH_ENDINGS, max_bytes=_MAX_BYTES, max_triangles=_MAX_BYTES, slicer_axes=True
 )

@@ -22,6 +22,8 @@ PACKAGE_SCHEME = "package://"
 OWN_PACKAGE = "marginguard"
 PROJECT_DATA = shipped("data")
 
+_MAX_MANIFEST_BYTES = 1_000_000
+
 
 class PackageFolders:
     """Finds the folders of packages.
@@ -99,7 +101,9 @@ def _declared_name(folder: Path) -> str | None:
     if not is_file(manifest):
         return None
     try:
-        root = parse_xml(read_xml(manifest, InputError), manifest, InputError)
+        root = parse_xml(
+            read_xml(manifest, InputError, max_bytes=_MAX_MANIFEST_BYTES), manifest, InputError
+        )
     except InputError:  # a broken manifest, for example of an unrelated folder far above a URDF
         return None
     return (root.findtext("name") or "").strip() or None

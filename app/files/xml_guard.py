@@ -15,8 +15,12 @@ from app.geometry import InputError, MarginGuardError
 if TYPE_CHECKING:
     from lxml import etree
 
-MAX_XML_BYTES = 256 * 1024 * 1024
+MAX_XML_BYTES = 64 * 1024 * 1024
 """COLLADA files of real robots reach tens of MB."""
+
+MAX_DEPTH = 200
+MAX_ELEMENTS = 300_000
+"""Limits for the nesting and the number of elements. libxml2's own limit of depth is 256."""
 
 _LARGE_BYTES = 8 * 1024 * 1024
 """Beyond this size libxml2 needs ``huge_tree``."""
@@ -24,6 +28,10 @@ _LARGE_BYTES = 8 * 1024 * 1024
 
 class _DoctypeFoundError(Exception):
     pass
+
+
+class _TooLargeError(Exception):
+    """The document has too many elements, or too deep ones."""
 
 
 def read_xml(path: Path, error: type[MarginGuardError], *, max_bytes: int = MAX_XML_BYTES) -> bytes:
@@ -62,17 +70,36 @@ def walk_xml(
 ) -> None:
     """Call ``start`` with tag and attributes, and ``end`` with the tag, for each element in order.
 
-    Raises ``error`` for bytes that are not well-formed XML, or have a document type. expat stops
-    at a document type before any entity is declared.
+    Raises ``error`` for bytes that are not well-formed XML, have a document type, or have more than
+    `MAX_ELEMENTS` elements or `MAX_DEPTH` levels. expat stops at a document type before any entity
+    is declared.
     """
+    depth = count = 0
 
     def refuse(*_: object) -> None:
         raise _DoctypeFoundError
 
+    def enter(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth += 1
+        count += 1
+        if depth > MAX_DEPTH:
+            raise _TooLargeError(f"elements nested deeper than {MAX_DEPTH} levels")
+        if count > MAX_ELEMENTS:
+            raise _TooLargeError(f"more than {MAX_ELEMENTS} elements")
+        if start is not None:
+            start(name, attributes)
+
+    def leave(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+        if end is not None:
+            end(name)
+
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
+    parser.StartElementHandler = enter
+    parser.EndElementHandler = leave
     try:
         parser.Parse(data, True)
     except _DoctypeFoundError as problem:
@@ -80,5 +107,8 @@ def walk_xml(
             f"{place} has a document type (DOCTYPE) in line {parser.CurrentLineNumber}; "
             "expected none, because entities can exhaust memory or read other files"
         ) from problem
+    except _TooLargeError as problem:
+        line = parser.CurrentLineNumber
+        raise error(f"{place} line {line}: {problem}; expected a smaller document") from problem
     except (expat.ExpatError, ValueError, LookupError) as problem:
         raise error(f"{place} is not well-formed XML: {problem}") from problem

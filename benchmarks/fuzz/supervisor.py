@@ -55,16 +55,22 @@ def run_inputs(
     return _run(parser, seed=seed, first=first, last=last, seconds=seconds, max_input_s=max_input_s)
 
 
-def run_files(parser: str, files: Sequence[Path]) -> list[Finding]:
-    """Run the parser on ``files``; the numbers of the findings are their indices."""
-    findings: list[Finding] = []
-    done = 0
-    while done < len(files):
-        names = tuple(map(str, files[done:]))
-        run = _run(parser, files=names, last=len(names))
-        findings += [Finding(each.number + done, each.outcome) for each in run.findings]
-        done += run.progress.next
-    return findings
+def run_files(
+    parser: str, files: Sequence[Path], *, inputs: int = 0, seed: int = 0
+) -> list[WorkerRun]:
+    """Run the parser on ``files`` and then on ``inputs`` generated ones, in one worker or more.
+
+    The number of a finding in file ``i`` is ``i - len(files)``, which is negative.
+    """
+    names = tuple(map(str, files))
+    runs: list[WorkerRun] = []
+    following = -len(names)
+    while following < inputs:
+        left = names[following:] if following < 0 else ()
+        run = _run(parser, files=left, seed=seed, first=max(following, 0), last=inputs)
+        runs.append(run)
+        following = run.progress.next
+    return runs
 
 
 def _run(parser: str, **options: object) -> WorkerRun:
@@ -79,9 +85,10 @@ def _run(parser: str, **options: object) -> WorkerRun:
 
 def _is_slow_again(parser: str, number: int, options: dict[str, object]) -> bool:
     again = {**options, "first": number, "last": number + 1}
-    files = options.get("files", ())
-    if isinstance(files, tuple) and files:
-        again["files"] = (files[number],)
+    if number < 0:
+        again |= {"files": (options["files"][number],), "first": 0, "last": 0}  # type: ignore[index]
+    else:
+        again["files"] = ()
     return all(
         any(each.outcome.kind == SLOW for each in _run_once(parser, **again).findings)
         for _ in range(_CONFIRMATIONS)
@@ -96,7 +103,7 @@ def _run_once(parser: str, **options: object) -> WorkerRun:
 
 
 def _supervised(job: Job, clock: mmap.mmap) -> WorkerRun:
-    run = WorkerRun(Progress(job.first), [])
+    run = WorkerRun(Progress(job.first - len(job.files) if job.first == 0 else job.first), [])
     with subprocess.Popen(
         [sys.executable, "-m", "benchmarks.fuzz.worker"],
         stdin=subprocess.PIPE,

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from benchmarks.fuzz import forked
+from benchmarks.fuzz.forked import scheduler_wait_ns
 from benchmarks.fuzz.outcome import (
     MAX_BYTES,
     MAX_SECONDS,
@@ -39,7 +41,9 @@ _REPORT_NS = 500_000_000
 
 @dataclass(slots=True)
 class Job:
-    """Inputs ``first`` to ``last`` (exclusive) of the parser at ``module:name``, or ``files``.
+    """Inputs of the parser at ``module:name``: ``files``, then ``first`` to ``last`` (exclusive).
+
+    The files have the numbers from ``-len(files)`` to -1.
 
     ``folder`` is an empty folder for the input, ``clock`` the file of the start. The worker ends
     after ``seconds``. An input of more than ``max_input_s`` is a finding.
@@ -68,11 +72,13 @@ class Progress:
 
 
 def waited_ns(process: int | str = "self") -> int:
-    """Time that the process has waited for a processor, 0 where the kernel does not count it."""
+    """Time that the process, and its children that still run, have waited for a processor."""
+    children = Path(f"/proc/{process}/task/{process}/children")
     try:
-        return int(Path(f"/proc/{process}/schedstat").read_text().split()[1])
-    except (OSError, IndexError, ValueError):
-        return 0
+        running = children.read_text().split()
+    except OSError:
+        running = []
+    return sum(map(scheduler_wait_ns, (process, *running)))
 
 
 def main() -> None:
@@ -94,11 +100,11 @@ def main() -> None:
     with Path(job.clock).open("r+b") as file, mmap.mmap(file.fileno(), CLOCK.size) as clock:
         for number, data in _inputs(parser, job):
             path.write_bytes(data)
-            wait_ns, start_ns = waited_ns(), time.monotonic_ns()
-            CLOCK.pack_into(clock, 0, number, start_ns, wait_ns)
+            wait_ns, start_ns = _all_waited_ns(), time.monotonic_ns()
+            CLOCK.pack_into(clock, 0, number, start_ns, scheduler_wait_ns("self"))
             outcome = observe(parser.parse, path, names_file=parser.names_file)
             now_ns = time.monotonic_ns()
-            seconds = (now_ns - start_ns - (waited_ns() - wait_ns)) / 1e9
+            seconds = (now_ns - start_ns - (_all_waited_ns() - wait_ns)) / 1e9
             CLOCK.pack_into(clock, 0, number, 0, 0)
             outcome = _measured(outcome, seconds, printed, progress, job)
             progress.next = number + 1
@@ -117,10 +123,14 @@ def main() -> None:
     _send(reports, progress=asdict(progress), done=True)
 
 
+def _all_waited_ns() -> int:
+    """Time that this process and its children that have ended waited for a processor."""
+    return scheduler_wait_ns("self") + forked.waited_ns
+
+
 def _inputs(parser: FuzzedParser, job: Job) -> Iterator[tuple[int, bytes]]:
-    if job.files:
-        yield from enumerate(Path(file).read_bytes() for file in job.files)
-        return
+    for index, file in enumerate(job.files):
+        yield index - len(job.files), Path(file).read_bytes()
     seeds = parser.seeds()
     for number in range(job.first, job.last):
         yield number, make_input(parser, seeds, job.seed, number)

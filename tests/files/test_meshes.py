@@ -75,7 +75,7 @@ def test_vertices_that_are_not_finite_are_refused(
 )
 def test_file_without_a_surface_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
-    words = rf"mesh {tmp_path / name} (holds no triangles|cannot be read|is of an unknown format)"
+    words = rf"{name} (holds no triangles|is of an unknown format|is not an? |does not end)"
     with pytest.raises(MeshError, match=words) as caught:
         load_mesh(tmp_path / name, units="mm", frame="tumor")
     assert "\n" not in str(caught.value)

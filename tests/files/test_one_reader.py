@@ -13,7 +13,8 @@ PARSED_IN = {
     "yaml.safe_load": set(),
     "yaml.full_load": set(),
     "yaml.unsafe_load": set(),
-    "yaml.SafeLoader": {"files/yaml_file.py"},
+    "yaml.SafeLoader": set(),
+    "cyaml.CParser": {"files/yaml_file.py"},
     "yaml.CSafeLoader": set(),
     "expat.ParserCreate": {"files/xml_guard.py"},
     "etree.XMLParser": {"files/xml_guard.py"},
@@ -44,6 +45,8 @@ READS_OWN_FILES = {
     "cli/scene_process.py": "a picture that a child process wrote",
     "fixture/jit.py": "source code of this project",
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
+    "robot/description/xacro_child.py": "a table of the kernel",
+    "runtime/persistence/instance_key.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
 }
 """Files of ``app`` with an unbounded read, and what they read."""
@@ -65,12 +68,19 @@ OPENS_FILES = {
     "case/readers/mrml/files.py": {"zipfile.ZipFile"},
     "case/tumor/nrrd_file.py": {"nrrd.read_header"},
     # Writers.
-    "case/recorder/bag_writer.py": {"self._path.open"},
+    "case/copying.py": {"path.open"},
+    "case/recorder/complete_file.py": {"os.open"},
+    "files/atomic_io.py": {"os.open", "os.fdopen"},
     "case/recorder/recorder.py": {"self._partial.open"},
     "fixture/proximity/field_cache.py": {"os.fdopen"},
     "scene/scene_file.py": {"zipfile.ZipFile"},
-    # A pipe to a child process, and the folder of own caches.
+    # A database, which SQLite opens by name after it was found to be a regular file.
+    "case/readers/rosbag2/database_file.py": {"sqlite3.connect"},
+    # The lock of an instance, which this program made.
+    "runtime/persistence/instance_lock.py": {"os.open"},
+    # Pipes between processes, and the folder of own caches.
     "cli/scene_process.py": {"os.fdopen"},
+    "robot/description/xacro_child.py": {"os.open", "os.fdopen"},
     "cli/caches.py": {"os.open"},
 }
 """Files of ``app`` that open files otherwise than by the bounded read."""

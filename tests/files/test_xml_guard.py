@@ -83,4 +83,4 @@ def test_file_above_the_size_limit_is_refused(tmp_path):
 def test_deep_nesting_is_refused_without_a_crash(tmp_path):
     path = tmp_path / "deep.urdf"
     path.write_text('<robot name="r">' + "<a>" * 100_000 + "</a>" * 100_000 + "</robot>")
-    assert "not well-formed" in refusal(path)
+    assert "elements nested deeper than 200 levels" in refusal(path)

@@ -47,14 +47,18 @@ def load_adf(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Ro
     if len({WORLD, *names.values()}) != len(names) + 1:
         raise AdfError(f"{path} has two bodies of one name, or one named {WORLD!r}")
     shapes = BodyShapes(path, document.settings, package_dirs)
-    joints = _Joints(document, names)
     try:
-        links = tuple(shapes.link(names[key], body) for key, body in document.bodies.items())
-        all_joints = tuple(joints.read())
-        warnings = dict.fromkeys((*shapes.warnings, *joints.warnings))
-        return Robot(path.stem, (Link(WORLD), *links), all_joints, tuple(warnings))
+        # Numbers that overflow become infinite and are refused by the values that hold them.
+        with np.errstate(all="ignore"):
+            joints = _Joints(document, names)
+            links = tuple(shapes.link(names[key], body) for key, body in document.bodies.items())
+            all_joints = tuple(joints.read())
+            warnings = dict.fromkeys((*shapes.warnings, *joints.warnings))
+            return Robot(path.stem, (Link(WORLD), *links), all_joints, tuple(warnings))
     except (UrdfError, TransformError, FrameError) as problem:
         raise AdfError(f"{path}: {problem}") from problem
+    except (RobotMeshError, MeshError) as problem:
+        raise RobotMeshError(f"{path}: {problem}") from problem
 
 
 def parse_mesh_map(text: str) -> dict[str, str]:

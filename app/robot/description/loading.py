@@ -53,7 +53,7 @@ def load_robot(
     if suffix == ".xacro":
         from app.robot.description.xacro_file import expand_xacro
 
-        data = expand_xacro(path, xacro_args or {}, locator.package_folder)
+        data = expand_xacro(path, xacro_args or {}, package_dirs)
         return _robot(parse_urdf(data, path), locator, path)
     return _robot(read_urdf(path), locator, path)
 
@@ -67,7 +67,7 @@ def urdf_text(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> s
     if suffix == ".xacro":
         from app.robot.description.xacro_file import expand_xacro
 
-        return expand_xacro(path, {}, MeshLocator(path, package_dirs).package_folder).decode()
+        return expand_xacro(path, {}, package_dirs).decode()
     return read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES).decode()
 
 
@@ -98,9 +98,13 @@ def robot_from_text(
 
 def _robot(model: Any, locator: MeshLocator, name: Path | str) -> Robot:
     try:
-        return _assembled(model, locator)
+        # Numbers that overflow become infinite and are refused by the values that hold them.
+        with np.errstate(all="ignore"):
+            return _assembled(model, locator)
     except (UrdfError, TransformError, FrameError) as problem:
         raise UrdfError(f"{name}: {problem}") from problem
+    except (RobotMeshError, MeshError) as problem:
+        raise RobotMeshError(f"{name}: {problem}") from problem
 
 
 def _assembled(model: Any, locator: MeshLocator) -> Robot:

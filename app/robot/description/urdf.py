@@ -8,11 +8,15 @@ import io
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yourdfpy
 from lxml import etree
 
+from app.files.library_logs import silence
 from app.files.xml_guard import check_xml, parse_xml, read_xml
 from app.robot.errors import UrdfError
+
+silence("yourdfpy", "trimesh")
 
 MAX_URDF_BYTES = 16 * 1024 * 1024
 GEOMETRIES = ("mesh", "box", "cylinder", "sphere")
@@ -60,9 +64,10 @@ def _parse(data: bytes, path: Path | str) -> Any:
     for joint in root.iterfind("joint"):
         _check_joint(joint, path)
     try:
-        model = yourdfpy.URDF.load(
-            io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False
-        )
+        with np.errstate(all="ignore"):  # poses that are not finite are refused later
+            model = yourdfpy.URDF.load(
+                io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False
+            )
     # Errors of its parser: malformed numbers, missing attributes.
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as problem:
         reason = " ".join(str(problem).split())

@@ -1,34 +1,32 @@
-"""``.xacro`` files to URDF by the xacro package, restricted to files of the description's packages.
+"""``.xacro`` files to URDF by the xacro package, in a process of its own with limits.
 
 xacro evaluates Python expressions (``${...}``, ``$(eval ...)``). It hides the builtins from them,
 but this is not a sandbox: a xacro file is code. So only a file that the user names is expanded,
-never a text from the network. Included files, those of ``xacro.load_yaml`` too, must lie, with
-links followed, in the folder of the file's package (its own folder where it has none) or in that of
-a package found by ``$(find ...)``. Document types are refused.
+never a text from the network, and the process has limits of time and memory (`xacro_child`).
+Included files, those of ``xacro.load_yaml`` too, must lie, with links followed, in the folder of
+the file's package (its own folder where it has none) or in that of a package found by
+``$(find ...)``. Document types are refused.
 """
 
-import errno
+import json
 import os
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from io import BytesIO
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
-from xml.parsers.expat import ExpatError
 
-import xacro
-import xacro.substitution_args
-
-from app.files.bounded_io import is_file, read_bounded
-from app.files.xml_guard import read_xml
+from app.robot.description.urdf import MAX_URDF_BYTES
 from app.robot.errors import UrdfError
 
-MAX_FILE_BYTES = 16 * 1024 * 1024
+MAX_CPU_S = 1.5
+"""Limit for the processor time of an expansion; those of real robots take 0.05 to 0.5 s."""
 
-FindPackage = Callable[[str], Path | None]
+MAX_WALL_S = 30.0
+"""Limit for the time of an expansion on a machine that is busy with other things."""
 
-_XACRO_LOCK = threading.Lock()  # xacro has module-level state
+Start = Callable[[bytes], tuple[int, bytes]]
+"""Runs `xacro_child.answer` on a request in a new process; returns its exit status and output."""
 
 
 def parse_xacro_args(entries: list[str]) -> dict[str, str]:
@@ -42,73 +40,54 @@ def parse_xacro_args(entries: list[str]) -> dict[str, str]:
     return arguments
 
 
-def expand_xacro(path: Path, arguments: Mapping[str, str], find_package: FindPackage) -> bytes:
+def start_python(request: bytes) -> tuple[int, bytes]:
+    """Run the request in a new interpreter, which imports the same code."""
+    done = subprocess.run(
+        [sys.executable, "-m", "app.robot.description.xacro_child"],
+        input=request,
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        timeout=MAX_WALL_S,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
+def expand_xacro(
+    path: Path,
+    arguments: Mapping[str, str],
+    package_dirs: Sequence[str | Path] = (),
+    *,
+    start: Start = start_python,
+) -> bytes:
     """Expand the xacro file at ``path`` to URDF.
 
-    ``arguments`` are the values of its ``<xacro:arg>``. ``find_package`` resolves ``$(find NAME)``.
-    Raises `UrdfError` when the expansion fails.
+    ``arguments`` are the values of its ``<xacro:arg>``. ``package_dirs`` are the folders of
+    ``$(find NAME)``. Raises `UrdfError` when the expansion fails, or exceeds a limit of
+    `xacro_child`.
     """
-    reader = _Reader(path, find_package)
-    with _XACRO_LOCK, _restricted_to(reader):
-        try:
-            document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
-            text: str = document.toxml()
-        except UrdfError:
-            raise
-        except (xacro.XacroException, ExpatError) as problem:
-            # xacro wraps an error of `_Reader` and repeats its text.
-            cause = getattr(problem, "exc", None)
-            reason = _one_line(cause if isinstance(cause, UrdfError) else problem)
-            raise UrdfError(f"{path} cannot be expanded: {reason}") from problem
-        except Exception as problem:  # expressions of the file raise exceptions of any type
-            kind = type(problem).__name__
-            raise UrdfError(f"{path} cannot be expanded: {kind}: {_one_line(problem)}") from problem
-    return text.encode()
-
-
-class _Reader:
-    """Opens files for an expansion, if they are in an allowed folder."""
-
-    def __init__(self, path: Path, find_package: FindPackage) -> None:
-        folder = path.resolve().parent
-        above = (parent for parent in (folder, *folder.parents) if is_file(parent / "package.xml"))
-        self._folders = [next(above, folder)]
-        self._find_package = find_package
-
-    def open(self, name: str) -> BytesIO:
-        path = Path(name)
-        if not any(path.resolve().is_relative_to(folder) for folder in self._folders):
-            allowed = ", ".join(map(str, self._folders))
-            raise UrdfError(
-                f"xacro file {path} is outside the allowed folders; expected one of {allowed}"
-            )
-        if not is_file(path):  # xacro ignores this error for an optional include
-            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
-        if path.suffix.lower() in (".yaml", ".yml"):
-            return BytesIO(read_bounded(path, MAX_FILE_BYTES, UrdfError))
-        return BytesIO(read_xml(path, UrdfError, max_bytes=MAX_FILE_BYTES))
-
-    def find(self, package: str) -> str:
-        folder = self._find_package(package)
-        if folder is None:
-            raise UrdfError(f"$(find {package}): package not found; add its folder to package_dirs")
-        self._folders.append(folder.resolve())
-        return str(folder)
-
-
-@contextmanager
-def _restricted_to(reader: _Reader) -> Iterator[None]:
-    """Replace the builtin ``open`` and the package search of an installed ROS in xacro."""
-    module: Any = xacro
-    find = xacro.substitution_args._eval_find
-    module.open = reader.open
-    xacro.substitution_args._eval_find = reader.find
+    request = {
+        "path": str(path.absolute()),
+        "arguments": dict(arguments),
+        "package_dirs": [os.fspath(entry) for entry in package_dirs],
+        "max_bytes": MAX_URDF_BYTES,
+        "max_cpu_s": MAX_CPU_S,
+    }
     try:
-        yield
-    finally:
-        del module.open
-        xacro.substitution_args._eval_find = find
-
-
-def _one_line(problem: Exception) -> str:
-    return " ".join(str(problem).split())
+        status, reply = start(json.dumps(request).encode())
+    except subprocess.TimeoutExpired as problem:
+        raise UrdfError(
+            f"{path} cannot be expanded: it takes more than {MAX_WALL_S:g} s"
+        ) from problem
+    except OSError as problem:
+        raise UrdfError(f"{path} cannot be expanded: {problem.strerror}") from problem
+    if status == -signal.SIGPROF:
+        raise UrdfError(
+            f"{path} cannot be expanded: it takes more than {MAX_CPU_S:g} s of processor time; "
+            "expand a large file once by 'xacro' and give the URDF"
+        )
+    if status != 0 or reply[:1] not in (b"U", b"E"):
+        raise UrdfError(f"{path} cannot be expanded: xacro ended with status {status}")
+    if reply[:1] == b"E":
+        raise UrdfError(reply[1:].decode("utf-8", "replace"))
+    return reply[1:]

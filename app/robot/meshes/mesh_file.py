@@ -7,8 +7,8 @@ from app.robot.errors import RobotMeshError
 
 OPTIONS = MeshOptions(
     formats=(".stl", ".obj", ".dae", ".glb", ".gltf", ".ply"),
-    max_bytes=256 * 1024 * 1024,
-    max_triangles=10_000_000,
+    max_bytes=80 * 1024 * 1024,
+    max_triangles=2_500_000,
     linked_files=True,
     error=RobotMeshError,
 )

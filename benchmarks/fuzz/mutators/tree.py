@@ -53,7 +53,7 @@ def mutate_json(data: bytes, random: Random) -> bytes:
 def _places(root: Any) -> list[tuple[Any, Any]]:
     """Every container with each of its keys or indices."""
     found: list[tuple[Any, Any]] = []
-    waiting = [root]
+    waiting = [root] if isinstance(root, dict | list) else []
     while waiting:
         node = waiting.pop()
         keys = list(node) if isinstance(node, dict) else range(len(node))

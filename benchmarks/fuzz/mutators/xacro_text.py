@@ -8,8 +8,12 @@ from benchmarks.fuzz.mutators.tree import mutate_xml
 
 _EXPRESSION = re.compile(rb"\$\{[^}]*\}")
 _EXPRESSIONS = (
-    *(b"1/0", b"10**10**8", b"2**2**40", b"'a'*10**10", b"[0]*10**10", b"list(range(10**10))"),
-    *(b"sum(range(10**10))", b"().__class__.__bases__[0].__subclasses__()", b"open('/etc/passwd')"),
+    *(
+        b"1/0",
+        b"'a'*10**10",
+        b"[0]*10**10",
+    ),
+    *(b"().__class__.__bases__[0].__subclasses__()", b"open('/etc/passwd')"),
     *(
         b"__import__('os').system('true')",
         b"x",
@@ -21,7 +25,7 @@ _EXPRESSIONS = (
     ),
     *(b"[" * 5000, b"lambda: 0", b"(lambda f: f(f))(lambda f: f(f))", b"xacro.load_yaml('x')"),
     *(b"xacro.load_yaml('/etc/passwd')", b"xacro.load_yaml('part.xacro')", b"'%0999999999d' % 1"),
-    *(b"'{:>999999999}'.format(1)", b"[x for x in range(10**9)]", b"xacro.fatal('x')", b"1e999"),
+    *(b"'{:>999999999}'.format(1)", b"xacro.fatal('x')", b"1e999"),
     *(
         b"xacro.warning('x')",
         b"xacro.error('x')",
@@ -31,7 +35,6 @@ _EXPRESSIONS = (
     ),
     *(
         b"max([])",
-        b"' '.join(['a'] * 10**7)",
         b"sizes[99]",
         b"limits['x']",
         b"{}[1]",
@@ -39,6 +42,16 @@ _EXPRESSIONS = (
         b"...",
     ),
 )
+_LONG_EXPRESSIONS = (
+    b"10**10**8",
+    b"2**2**40",
+    b"sum(range(10**10))",
+    b"list(range(10**10))",
+    b"[x for x in range(10**9)]",
+    b"' '.join(['a'] * 10**7)",
+)
+"""Expressions that run until their limit; few inputs have one."""
+
 _ELEMENTS = (
     b'<xacro:include filename="arm.xacro"/>',
     b'<xacro:include filename="/etc/passwd"/>',
@@ -74,7 +87,7 @@ def change_expression(data: bytes, random: Random) -> bytes:
     found = _EXPRESSION.search(data, random.randrange(len(data) + 1))
     if found is None:
         return data
-    text = random.choice(_EXPRESSIONS)
+    text = random.choice(_LONG_EXPRESSIONS if random.random() < 0.02 else _EXPRESSIONS)
     return data[: found.start()] + b"${" + text + b"}" + data[found.end() :]
 
 
@@ -86,7 +99,8 @@ def add_element(data: bytes, random: Random) -> bytes:
 
 def add_macros(data: bytes, random: Random) -> bytes:
     """Insert macros that call each other: 2 to the power of 5 to 40 calls."""
-    depth, at = random.choice((5, 10, 40)), data.rfind(b"</robot>")
+    depth = 40 if random.random() < 0.05 else random.choice((3, 6))
+    at = data.rfind(b"</robot>")
     macros = [b'<xacro:macro name="m0"><a/></xacro:macro>']
     for n in range(1, depth):
         call = b"<xacro:m%d/>" % (n - 1)

@@ -7,6 +7,8 @@ from pathlib import Path
 from app.files.shipped import shipped
 from app.robot import load_robot, robot_from_text
 from app.robot.description.ambf import bodies_from_mesh_map
+from app.robot.description.xacro_file import expand_xacro
+from benchmarks.fuzz.forked import start_forked
 from benchmarks.fuzz.mutators.text import TEXT
 from benchmarks.fuzz.mutators.tree import mutate_xml
 from benchmarks.fuzz.mutators.xacro_text import XACRO
@@ -102,6 +104,11 @@ def _read_received_urdf(path: Path) -> None:
     robot_from_text(path.read_bytes().decode("utf-8", "replace"), allowed_dirs=[path.parent])
 
 
+def _read_xacro(path: Path) -> None:
+    data = expand_xacro(path, {}, start=start_forked)
+    robot_from_text(data.decode(), name=str(path), allowed_dirs=[path.parent])
+
+
 def _read_mesh_map(path: Path) -> None:
     bodies_from_mesh_map(path.read_bytes().decode("utf-8", "replace"), allowed_dirs=[path.parent])
 
@@ -124,7 +131,7 @@ PARSERS = (
     FuzzedParser(
         "xacro",
         "arm.xacro",
-        load_robot,
+        _read_xacro,
         lambda: [_XACRO.encode()],
         XACRO,
         {"part.xacro": _PART, "limits.yaml": b"max: 90.0\nnames: [a, b]\n"},

@@ -115,3 +115,24 @@ def test_urdf_text_is_the_expanded_text(write, touch_urdf, tmp_path):
     assert robot_from_text(urdf_text(path)).root_link == "link"
     assert urdf_text(touch_urdf) == touch_urdf.read_text()
     assert urdf_text(tmp_path / "model.yaml") is None
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<link name="a${10**10**8}"/>', "more than 1.5 s of processor time"),
+        ("<link name=\"${'a' * 10**10}\"/>", "needs more than 512 MiB"),
+        ('<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', "recursion"),
+        ('<xacro:include filename="a.xacro"/>', "recursion"),
+    ],
+)
+def test_expansion_without_end_is_refused_in_one_line(write, body, message, capfd):
+    with pytest.raises(UrdfError, match=message) as caught:
+        load_robot(write("a.xacro", body))
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_warning_of_xacro_is_not_printed(write, capfd):
+    load_robot(write("a.xacro", '<xacro:property name="a" value="1" xyz="2"/><link name="l"/>'))
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,79 @@
+"""Bounds of STL, PLY and OBJ files, checked before trimesh reads them.
+
+trimesh allocates what a PLY header declares, compares every name of an ASCII STL's solids with all
+others, and visits all vertices of an OBJ for each of its materials.
+"""
+
+import re
+from pathlib import Path
+
+from app.files.mesh_options import MeshOptions
+
+MAX_TEXT_BYTES = 64 * 1024 * 1024
+"""Limit for a mesh given as text, which takes up to twelve times its size in memory."""
+
+MAX_PARTS = 1000
+"""Limit for the solids of an ASCII STL and for the materials that an OBJ uses."""
+
+_MAX_HEADER_BYTES = 65_536
+_MAX_HEADER_LINES = 500
+_STL_HEADER_BYTES, _STL_TRIANGLE_BYTES = 84, 50
+_ELEMENT = re.compile(rb"element\s+(\S+)\s+(\S+)")
+_MATERIAL = re.compile(rb"^[ \t]*usemtl[ \t]+([^\r\n]*)", re.MULTILINE)
+
+
+def check_stl(content: bytes, path: Path, options: MeshOptions) -> None:
+    """Refuse an STL that is neither binary nor complete text, and one of too many solids."""
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) == _STL_HEADER_BYTES + _STL_TRIANGLE_BYTES * count:
+        return
+    text = content.rstrip().lower()
+    if not text.lstrip().startswith(b"solid"):
+        raise options.error(
+            f"mesh {path} is not an STL: it has {len(content)} bytes, and {count} triangles in its "
+            "header, and does not begin with 'solid'"
+        )
+    if not text[text.rfind(b"\n") + 1 :].lstrip().startswith(b"endsolid"):
+        raise options.error(f"mesh {path} does not end with 'endsolid': it is not complete")
+    _check_text(content, path, options)
+    _check_parts(text.count(b"endsolid"), "solids", path, options)
+
+
+def check_ply(content: bytes, path: Path, options: MeshOptions) -> None:
+    """Refuse a PLY whose header is long, or declares more elements than the file has bytes."""
+    header, end, _ = content[:_MAX_HEADER_BYTES].partition(b"end_header")
+    if not content.startswith(b"ply") or not end:
+        raise options.error(f"mesh {path} is not a PLY: it has no header that ends")
+    lines = header.count(b"\n")
+    if lines > _MAX_HEADER_LINES:
+        raise options.error(
+            f"mesh {path} has a header of {lines} lines; expected at most {_MAX_HEADER_LINES}"
+        )
+    left = len(content) - len(header) - len(end)
+    for name, count in _ELEMENT.findall(header):
+        if not count.isdigit() or int(count[:20]) > left:
+            raise options.error(
+                f"mesh {path} declares {count[:40].decode('ascii', 'replace')} elements "
+                f"{name[:40].decode('ascii', 'replace')!r}; expected at most {left}, its bytes"
+            )
+    if b"ascii" in header[:80]:
+        _check_text(content, path, options)
+
+
+def check_obj(content: bytes, path: Path, options: MeshOptions) -> None:
+    """Refuse an OBJ of too many materials."""
+    _check_text(content, path, options)
+    _check_parts(len(set(_MATERIAL.findall(content))), "materials", path, options)
+
+
+def _check_text(content: bytes, path: Path, options: MeshOptions) -> None:
+    if len(content) > MAX_TEXT_BYTES:
+        raise options.error(
+            f"mesh {path} has {len(content)} bytes of text; expected at most {MAX_TEXT_BYTES}: "
+            "save it as a binary file"
+        )
+
+
+def _check_parts(count: int, what: str, path: Path, options: MeshOptions) -> None:
+    if count > MAX_PARTS:
+        raise options.error(f"mesh {path} has {count} {what}; expected at most {MAX_PARTS}")
