@@ -118,7 +118,7 @@ def simulated_hour(motion: SimulatedMotion, minutes: float) -> Iterator[Tracking
         disturbance = DISTURBANCES[minute % len(DISTURBANCES)]
         yield from motion.frames(seconds, disturbance, random, first=first, start_ns=start_ns)
         start_ns += round(seconds * NS_PER_S)
-        first += round(seconds * 200)
+        first += round(seconds * motion.rate_hz)
 
 
 def recorded_runs(folder: Path, margins: MarginParameters, mesh: SurfaceMesh) -> Iterator[Run]:
@@ -237,7 +237,7 @@ def main() -> int:
     prepared = prepare_case(options.case, tip_only=True)
     setup = replace(prepared.setup, plausibility=RELATIONS)
     margins, mesh = setup.margins, prepared.case.tumor_mesh()
-    motion = SimulatedMotion()
+    motion = SimulatedMotion(200)
     runs = []
     print(
         "False holds                                                   frames  plausibility  other"

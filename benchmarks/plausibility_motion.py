@@ -15,9 +15,6 @@ from app.synthetic.touch_arm import TouchArm
 SEED = 1
 """Seed of the shipped case, whose registration then fits."""
 
-RATE_HZ = 200
-"""Rate at which the motion is computed; frames have this rate divided by an integer."""
-
 _FIRST_NS = 1_000 * NS_PER_S
 
 
@@ -47,13 +44,15 @@ DISTURBANCES = (
 class SimulatedMotion:
     """The motion of the simulated lumpectomy, there and back, as often as needed.
 
-    Poses are computed once at `RATE_HZ`; every frame has new errors.
+    Poses are computed once at ``rate_hz``; frames have this rate divided by an integer, and every
+    frame has new errors.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rate_hz: int) -> None:
+        self.rate_hz = rate_hz
         arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
         simulation = simulate(arm, np.random.default_rng([SEED, 0]))
-        times = np.arange(0.0, simulation.duration_s, 1.0 / RATE_HZ).tolist()
+        times = np.arange(0.0, simulation.duration_s, 1.0 / rate_hz).tolist()
         self.count = len(times)
         self._joint_names = simulation.arm_motion.joint_names
         self._joints = [tuple(simulation.arm_motion.positions(t).tolist()) for t in times]
@@ -72,8 +71,8 @@ class SimulatedMotion:
         start_ns: int = _FIRST_NS,
     ) -> Iterator[TrackingFrame]:
         """Yield frames from pose number ``first`` on."""
-        every = RATE_HZ // rate_hz
-        period_ns = every * NS_PER_S // RATE_HZ
+        every = self.rate_hz // rate_hz
+        period_ns = every * NS_PER_S // self.rate_hz
         before_ns = 0
         for number in range(round(seconds * rate_hz)):
             if random.random() < disturbance.missing:

@@ -19,6 +19,10 @@ from app.geometry import NS_PER_S, Stamp, Transform
 LEARN_NS = 5 * NS_PER_S
 """Time over which the centre of an envelope is averaged: more than one breath of 4 s."""
 
+ENDS_AFTER_NS = NS_PER_S // 2
+"""Time for which a relation must hold before its contradiction ends: noise at the limit would
+begin and end one with every sample."""
+
 PoseOf = Callable[[str, str], Transform | None]
 """``target_from_source`` by the names of two frames, None where it is not known."""
 
@@ -47,6 +51,8 @@ class Relations:
             _Envelope(pair) if isinstance(pair, EnvelopeEntry) else _Distance(pair)
             for pair in entry.pairs
         ]
+        self._failed: dict[str, tuple[int, str]] = {}
+        """Time of the last failure of each relation, and its first text."""
         if entry.workspace is not None:
             self._relations.append(_Workspace(entry.workspace, tool_from_tip))
         if entry.approach is not None:
@@ -58,13 +64,20 @@ class Relations:
 
     def check(self, pose_of: PoseOf, now: Stamp) -> tuple[Problems, Problems]:
         """The relations that fail at ``now``, and those that cannot be checked."""
-        failed, unknown = {}, {}
+        failed: Problems = {}
+        unknown: Problems = {}
         for relation in self._relations:
-            problem = relation.check(pose_of, now)
+            name, problem = relation.name, relation.check(pose_of, now)
+            last_ns, text = self._failed.get(name, (now.ns, f"{name} {problem}"))
             if problem is None:
-                unknown[relation.name] = f"{relation.name} is not known"
+                unknown[name] = f"{name} is not known"
             elif problem:
-                failed[relation.name] = f"{relation.name} {problem}"
+                self._failed[name], failed[name] = (now.ns, text), text
+            elif name in self._failed:
+                if 0 <= now.ns - last_ns < ENDS_AFTER_NS:
+                    failed[name] = text
+                else:
+                    del self._failed[name]
         return failed, unknown
 
 
@@ -91,7 +104,7 @@ class _Envelope:
         if away_mm <= entry.max_mm and turned_rad <= entry.max_rad:
             return ""
         return (
-            f"is {away_mm:.3g} mm and {math.degrees(turned_rad):.3g} degrees from the "
+            f"is {away_mm:.1f} mm and {math.degrees(turned_rad):.1f} degrees from the "
             f"middle of its envelope; expected at most {entry.max_mm:g} mm and "
             f"{math.degrees(entry.max_rad):.3g} degrees"
         )
@@ -126,7 +139,7 @@ class _Distance:
         if abs(distance_mm - entry.distance_mm) <= entry.tolerance_mm:
             return ""
         return (
-            f"is {distance_mm:.4g} mm apart; expected {entry.distance_mm:g} mm within "
+            f"is {distance_mm:.1f} mm apart; expected {entry.distance_mm:g} mm within "
             f"{entry.tolerance_mm:g} mm"
         )
 
@@ -149,14 +162,14 @@ class _Workspace:
             if away_mm <= entry.radius_mm:
                 return ""
             return (
-                f"is {away_mm:.4g} mm from the middle of the workspace; "
+                f"is {away_mm:.1f} mm from the middle of the workspace; "
                 f"expected at most {entry.radius_mm:g} mm"
             )
         bounds = zip(entry.min_mm, entry.max_mm, strict=True)
         for axis, value, (low, high) in zip("xyz", (x, y, z), bounds, strict=True):
             if not low <= value <= high:
                 return (
-                    f"is at {axis} = {value:.4g} mm; expected {low:g} to {high:g} mm, the workspace"
+                    f"is at {axis} = {value:.1f} mm; expected {low:g} to {high:g} mm, the workspace"
                 )
         return ""
 
@@ -179,6 +192,6 @@ class _Approach:
         if angle <= entry.max_rad:
             return ""
         return (
-            f"is {math.degrees(angle):.3g} degrees from the approach; "
+            f"is {math.degrees(angle):.1f} degrees from the approach; "
             f"expected at most {math.degrees(entry.max_rad):.3g} degrees"
         )
