@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from app.geometry import MarginGuardError
 from app.runtime.commands import OperatorCommands
 from app.runtime.content import SessionContent
 from app.runtime.holds import SeenHold
@@ -12,6 +13,10 @@ from app.runtime.latest_value import LatestValue
 from app.session import StepResult
 
 _JOIN_S = 10.0
+
+
+class RunError(MarginGuardError):
+    """A run does not end."""
 
 
 class StepRun(Protocol):
@@ -90,9 +95,19 @@ class StepThread:
         return last.step.frame.stamp.ns + round(pace * (self._clock_ns() - last.at_ns))
 
     def stop(self) -> None:
-        """End the run and wait until its thread has ended."""
+        """End the run and wait until its thread has ended.
+
+        Raises `RunError` if it has not ended after `_JOIN_S`: it may still step, and nothing may
+        take its place. `failure` then says so, too.
+        """
         self.run.stop()
         self._thread.join(_JOIN_S)
+        if self._thread.is_alive():
+            self.failure = (
+                f"steps: the run has not ended after {_JOIN_S:g} s; expected it to end when it is "
+                "stopped: end this process"
+            )
+            raise RunError(self.failure)
 
     def _work(self) -> None:
         try:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.fixture import MarginState
+from app.geometry import MarginGuardError
 from app.runtime import SeenHold, StepThread
 
 DEADLINE_S = 60.0
@@ -167,3 +168,17 @@ def test_step_is_delivered_with_the_hold_of_its_time(start):
     delivered = start(RunDouble(step_double(), commands=commands)).newest(DEADLINE_S)
     assert delivered.seen == SeenHold(7, 9)
     assert start(RunDouble(step_double())).newest(DEADLINE_S).seen is None
+
+
+def test_run_that_does_not_end_is_an_error(clock, monkeypatch):
+    monkeypatch.setattr("app.runtime.step_thread._JOIN_S", 0.01)
+    run = RunDouble()
+    thread = StepThread(run, clock)
+    monkeypatch.setattr(run, "stop", lambda: None)
+    with pytest.raises(MarginGuardError, match="has not ended after 0.01 s"):
+        thread.stop()
+    assert not thread.is_over
+    assert "has not ended" in thread.failure
+    monkeypatch.undo()
+    thread.stop()
+    assert thread.is_over
