@@ -1,5 +1,6 @@
 """Changes of a running session by an operator, each between two steps, completely or not at all."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -48,6 +49,9 @@ class OperatorCommands:
         self._between_steps = between_steps
         self._content = content
         self._outputs = outputs
+        self._changing = threading.Lock()
+        """One change at a time: its outputs prepare before the session is locked. A re-arm does not
+        wait for it."""
         self._holds = holds
         self._max_triangles = max_triangles
         self._acknowledged = content
@@ -102,11 +106,12 @@ class OperatorCommands:
 
     def set_margins(self, margins: MarginParameters, *, origin: str = THIS_PROCESS) -> None:
         """Use ``margins`` from the next step on; what is looser latches a hold and waits for it."""
-        with self._listed(RequestKind.MARGINS, origin) as done, self._between_steps() as session:
-            changes = margin_changes(session.requested.margins, margins)
+        with self._listed(RequestKind.MARGINS, origin) as done, self._changing:
             switches = self._prepare(replace(self._content, margins=margins))
-            setup = replace(session.requested, margins=margins)
-            loosened = self._apply(session, setup, self._content, switches)
+            with self._between_steps() as session:
+                changes = margin_changes(session.requested.margins, margins)
+                setup = replace(session.requested, margins=margins)
+                loosened = self._apply(session, setup, self._content, switches)
             text = ", ".join(changes) or "no value has changed"
             done.append(f"{text} (a re-arm is needed)" if loosened else text)
 
@@ -119,7 +124,7 @@ class OperatorCommands:
         triangles, and `FrameError` for another frame than the one that the tumour moves with,
         since that is what the session tracks.
         """
-        with self._listed(RequestKind.TUMOR, origin) as done:
+        with self._listed(RequestKind.TUMOR, origin) as done, self._changing:
             setup, shown = self.setup, self._acknowledged
             known = setup.frame_from_tumor
             if (frame_from_tumor.target, frame_from_tumor.source) != (known.target, known.source):
@@ -158,19 +163,19 @@ class OperatorCommands:
         Latches a hold. Raises `InputError` without a robot and for a registration that was not
         accepted, and `FrameError` for one between other frames.
         """
-        with self._listed(RequestKind.REGISTRATION, origin) as done:
+        with self._listed(RequestKind.REGISTRATION, origin) as done, self._changing:
             if not registration.accepted:
                 raise InputError(
                     f"registration: not accepted, {registration.reason}; expected an accepted one"
                 )
+            robot = self.setup.robot
+            if robot is None:
+                raise InputError("registration: the session has no robot; expected one")
+            registered = replace(robot, registration=registration)
+            edges = self._edges(registration.transform)
+            switches = self._prepare(replace(self._content, robot=registered, static_edges=edges))
             with self._between_steps() as session:
-                robot = session.setup.robot
-                if robot is None:
-                    raise InputError("registration: the session has no robot; expected one")
-                registered = replace(robot, registration=registration)
-                edges = self._edges(registration.transform)
                 content = replace(self._content, robot=registered, static_edges=edges)
-                switches = self._prepare(content)
                 setup = replace(session.requested, robot=registered)
                 self._apply(session, setup, content, switches)
             done.append(self._content.registration_id)

@@ -356,3 +356,21 @@ def test_every_command_is_listed_with_its_origin(world):
     ]
     assert listed[0].line.startswith("set_margins from panel accepted: stop_mm raised from ")
     assert listed[1].line.startswith("set_tumor from this process REFUSED: ")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        lambda commands: commands.set_margins(PARAMETERS.replaced(stop_mm=2.0, warn_mm=6.0)),
+        lambda commands: commands.set_tumor(MOVED_TUMOR, LARGER),
+        lambda commands: commands.set_registration(given_registration(MOVED_BASE)),
+    ],
+    ids=["margins", "tumour", "registration"],
+)
+def test_outputs_are_prepared_while_the_session_steps(world, command):
+    command(world.commands)
+    prepared = [world.events.index(event) for event in PREPARED]
+    assert all(
+        world.events[:at].count("lock") == world.events[:at].count("unlock") for at in prepared
+    )
+    assert max(prepared) < world.events.index(APPLIED[0])

@@ -175,7 +175,7 @@ def test_run_that_does_not_end_is_an_error(clock, monkeypatch):
     run = RunDouble()
     thread = StepThread(run, clock)
     monkeypatch.setattr(run, "stop", lambda: None)
-    with pytest.raises(MarginGuardError, match="has not ended after 0.01 s"):
+    with pytest.raises(MarginGuardError, match=r"has not ended after 0\.01 s"):
         thread.stop()
     assert not thread.is_over
     assert "has not ended" in thread.failure
