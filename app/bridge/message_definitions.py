@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from app.bridge.errors import BridgeError
@@ -93,6 +94,41 @@ def foreign_endpoints(endpoints: Iterable[TopicEndpointInfo], message_type: type
     for info in endpoints if expected is not None else ():
         announced = info.topic_type_hash
         if announced.version == 1 and bytes(announced.value).hex() != expected:
+            namespace = info.node_namespace.rstrip("/")
+            found[f"{namespace}/{info.node_name}"] = bytes(announced.value).hex()
+    return found
+
+
+def foreign_clients(node: Node, service: str, service_type: type) -> dict[str, str]:
+    """Clients of our ``service`` (full name) that announce another definition of ``service_type``.
+
+    Hash of the request by the node's name. ROS lists no endpoints of services, but their topics in
+    DDS: the hash to compare with is that of the service's own reader of requests. Empty for the
+    types of other packages.
+    """
+    if service_type.__module__.partition(".")[0] != PACKAGE:
+        return {}
+    topic = f"rq{service}Request"
+    ours = (node.get_name(), node.get_namespace())
+    own = [
+        each
+        for each in node.get_subscriptions_info_by_topic(topic, no_mangle=True)
+        if (each.node_name, each.node_namespace) == ours and each.topic_type_hash.version == 1
+    ]
+    if not own:
+        return {}
+    clients = node.get_publishers_info_by_topic(topic, no_mangle=True)
+    return _foreign(clients, own[0])
+
+
+def _foreign(clients: Iterable[TopicEndpointInfo], own: TopicEndpointInfo) -> dict[str, str]:
+    """Those of ``clients`` that DDS connects to ``own`` and that have another hash."""
+    expected = bytes(own.topic_type_hash.value)
+    found = {}
+    for info in clients:
+        announced = info.topic_type_hash
+        is_connected = info.topic_type == own.topic_type
+        if is_connected and announced.version == 1 and bytes(announced.value) != expected:
             namespace = info.node_namespace.rstrip("/")
             found[f"{namespace}/{info.node_name}"] = bytes(announced.value).hex()
     return found

@@ -9,12 +9,15 @@ from pathlib import Path
 import marginguard_msgs
 import pytest
 from marginguard_msgs.msg import FixtureConstraint, TrackedTransform
+from marginguard_msgs.srv import Register
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum
 from rclpy.type_hash import TypeHash
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
+from app.bridge.calls import ServiceClient, ServiceServer
 from app.bridge.errors import BridgeError
 from app.bridge.message_definitions import (
     EXPECTED,
@@ -22,8 +25,10 @@ from app.bridge.message_definitions import (
     check_installed,
     checked_callback,
     expected_digest,
+    foreign_clients,
     foreign_endpoints,
 )
+from app.bridge.node import RosNode
 
 OURS = EXPECTED["msg/FixtureConstraint"]
 OTHER = "ab" * 32
@@ -209,3 +214,74 @@ def test_callback_keeps_its_signature():
     watch = Graph().watch
     for callback, count in ((with_info, 2), (alone, 1)):
         assert len(inspect.signature(checked_callback(callback, watch)).parameters) == count
+
+
+REQUEST_TYPE = "marginguard_msgs::srv::dds_::Register_Request_"
+REQUEST_TOPIC = "rq/left/guard/registerRequest"
+
+
+class ServiceGraph:
+    """Test double of a node: the endpoints of the requests of its service ``register``."""
+
+    def __init__(self, *clients):
+        self.clients = clients
+
+    def get_name(self):
+        return "guard"
+
+    def get_namespace(self):
+        return "/left"
+
+    def get_subscriptions_info_by_topic(self, topic, *, no_mangle):
+        assert (topic, no_mangle) == (REQUEST_TOPIC, True)
+        return [request_endpoint(OTHER, "other_server"), request_endpoint(OURS, "guard")]
+
+    def get_publishers_info_by_topic(self, topic, *, no_mangle):
+        assert (topic, no_mangle) == (REQUEST_TOPIC, True)
+        return list(self.clients)
+
+
+def request_endpoint(digest, name, version=1, kind=REQUEST_TYPE):
+    info = endpoint(digest, name, version)
+    info.topic_type = kind
+    return info
+
+
+def test_clients_with_another_definition_of_a_request_are_named():
+    graph = ServiceGraph(
+        request_endpoint(OURS, "equal"),
+        request_endpoint(OTHER, "old"),
+        request_endpoint(OTHER, "without_hash", version=0),
+        request_endpoint(OTHER, "not_connected", kind="other_msgs::srv::dds_::Register_Request_"),
+    )
+    assert foreign_clients(graph, "/left/guard/register", Register) == {"/left/old": OTHER}
+    assert foreign_clients(graph, "/left/guard/register", Trigger) == {}
+
+
+def test_request_of_a_client_with_our_definition_is_served_and_one_beside_another_is_refused(
+    domain_id, monkeypatch
+):
+    def serve(request, response):
+        response.success = True
+
+    with (
+        RosNode("guard", domain_id=domain_id) as guard,
+        RosNode("operator", domain_id=domain_id) as operator,
+    ):
+        server = ServiceServer(guard, Register, "~/register", serve, in_thread=True)
+        client = ServiceClient(operator, Register, server.name)
+        assert client.call(Register.Request(), 30.0).success
+        topic = f"rq{server.name}Request"
+        listed = guard.node.get_publishers_info_by_topic(topic, no_mangle=True)
+        assert [str(each.node_name) for each in listed] == ["operator"]
+        # The installed package has one definition only: the graph is given another hash.
+        monkeypatch.setattr(
+            guard.node,
+            "get_publishers_info_by_topic",
+            lambda *_, **__: [
+                request_endpoint(OTHER, "old", kind=listed[0].topic_type),
+            ],
+        )
+        reply = client.call(Register.Request(), 30.0)
+        assert not reply.success
+        assert "/left/old has another definition of the request" in reply.message

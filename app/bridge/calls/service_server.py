@@ -12,6 +12,7 @@ from rclpy.task import Future
 from app.bridge.calls.errors import CallError
 from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
+from app.bridge.message_definitions import foreign_clients
 from app.bridge.node import RosNode
 from app.geometry import MarginGuardError
 
@@ -22,7 +23,9 @@ class ServiceServer:
     ``handle`` runs in the node's thread and must not wait for another call. With ``in_thread`` it
     runs in a separate thread, one request at a time; further requests are refused meanwhile.
     ``check(request)`` runs before in the node's thread and refuses by a `MarginGuardError`: such a
-    request takes no thread. Up to ``max_waiting`` requests wait for the node's thread, 10 unless
+    request takes no thread. While a client with another definition of one of our types is known,
+    every request is refused, because a request does not name its sender; not with
+    ``any_definition``. Up to ``max_waiting`` requests wait for the node's thread, 10 unless
     it is given.
     rclpy sends no reply when a handler raises. This class then replies with a new response:
     ``success`` is false and ``message`` is the reason, if the type has these fields. A
@@ -40,6 +43,7 @@ class ServiceServer:
         in_thread: bool = False,
         check: Callable[[Any], None] | None = None,
         max_waiting: int | None = None,
+        any_definition: bool = False,
     ) -> None:
         self.type = service_type(service)
         self.refused = 0
@@ -47,6 +51,7 @@ class ServiceServer:
         self._ros = ros
         self._handle = handle
         self._check = check
+        self._any_definition = any_definition
         self._busy = False  # used in the node's thread only
         try:
             self._service = ros.node.create_service(
@@ -67,10 +72,9 @@ class ServiceServer:
             self._ros.node.destroy_service(self._service)
 
     async def _reply_from_thread(self, request: Any, response: Any) -> Any:
-        if self._check is not None:
-            refusal = self._answer(self._check, request)
-            if refusal is not None:
-                return refusal
+        refusal = self._answer(self._check_all, request)
+        if refusal is not None:
+            return refusal
         if self._busy:
             self.refused += 1
             return failure_reply(response, f"{self.name} is busy with an earlier request")
@@ -85,6 +89,21 @@ class ServiceServer:
         reply = await done
         self._busy = False
         return reply
+
+    def _check_all(self, request: Any) -> None:
+        self._check_definitions()
+        if self._check is not None:
+            self._check(request)
+
+    def _check_definitions(self) -> None:
+        if self._any_definition:
+            return
+        foreign = foreign_clients(self._ros.node, self.name, self.type)
+        if foreign:
+            raise CallError(
+                f"{self.name}: {', '.join(sorted(foreign))} has another definition of the request; "
+                "expected the marginguard_msgs of this installation on both sides"
+            )
 
     def _reply(self, request: Any, response: Any) -> Any:
         def handle(request: Any) -> None:

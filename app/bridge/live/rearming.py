@@ -73,6 +73,8 @@ class RearmService:
             in_thread=True,
             check=self._check,
             max_waiting=MAX_WAITING,
+            # A misread request has no valid nonce, and another client must not prevent a valid one.
+            any_definition=True,
         )
 
     def _check(self, request: Rearm.Request) -> None:
