@@ -1,5 +1,6 @@
 """Find another guard on the ROS graph before a live session publishes its first constraint."""
 
+import os
 import threading
 import time
 from collections.abc import Mapping
@@ -7,15 +8,20 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from marginguard_msgs.msg import FixtureConstraint
+from std_msgs.msg import Empty
 
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, Topic
 from app.fixture import Reason
 
-DISCOVERY_S = 0.5
-"""Time in which a guard on this machine is found: 0.1 to 0.3 s on an idle one. Later ones are found
-while the session runs."""
+MIN_DISCOVERY_S = 0.5
+MAX_DISCOVERY_S = 4.0
+"""Limits of the time in which a guard on this machine is found: 0.1 to 0.3 s on an idle one. Later
+ones are found while the session runs."""
+
+_FACTOR = 3.0
+"""A probe of this process is found first; others may take this much longer."""
 
 SILENCE_S = 1.0
 """Time in which a guard that runs repeats its constraint."""
@@ -34,17 +40,18 @@ _NOBODY: Mapping[Reason, str] = MappingProxyType({})
 def find_silent_publishers(name: str, namespace: str, domain_id: int | None) -> "SilentPublishers":
     """Look for publishers of the constraint of the node ``name`` in ``namespace``.
 
-    Uses a node of its own for 0.5 s, so that a refused guard does not appear on the graph under the
-    guard's name. Raises `BridgeError` for a publisher that sends: another guard, or a replay.
-    Returns publishers that send nothing: of a process that was killed and is not forgotten yet, or
-    of an inactive one.
+    Uses a node of its own for 0.5 to 4 s, so that a refused guard does not appear on the graph
+    under the guard's name. Raises `BridgeError` for a publisher that sends: another guard, or a
+    replay. Returns publishers that send nothing: of a process that was killed and is not forgotten
+    yet, or of an inactive one.
     """
     received = threading.Event()
+    began_s = time.monotonic()
     with RosNode(f"{name}_start", namespace=namespace, domain_id=domain_id) as ros:
         topic = Topic(f"{name}/constraint", FixtureConstraint, NEWEST)
         subscription = ros.subscribe(topic, lambda _: received.set(), raw=True)
         resolved = str(subscription.topic_name)
-        ends_s = time.monotonic() + DISCOVERY_S
+        ends_s = began_s + _discovery_s(ros, namespace, domain_id, received)
         found: frozenset[bytes] = frozenset()
         while not received.is_set() and time.monotonic() < ends_s:
             if not found and (found := _publishers(ros, resolved)):
@@ -61,6 +68,24 @@ def find_silent_publishers(name: str, namespace: str, domain_id: int | None) -> 
                 "first, or use --namespace"
             )
     return SilentPublishers(resolved, found)
+
+
+def _discovery_s(
+    ros: RosNode, namespace: str, domain_id: int | None, received: threading.Event
+) -> float:
+    """How long ``ros`` needs to find others: a busy machine takes longer to find a probe, too.
+
+    Returns early when a constraint has been ``received``.
+    """
+    began_s = time.monotonic()
+    probed = Topic(f"{ros.node.get_name()}/probe_{os.getpid()}", Empty, NEWEST)
+    with RosNode(f"{ros.node.get_name()}_probe", namespace=namespace, domain_id=domain_id) as probe:
+        topic = probe.publisher(probed).topic_name
+        while not ros.node.count_publishers(topic) and not received.wait(_POLL_S):
+            if time.monotonic() - began_s > MAX_DISCOVERY_S:
+                break
+    took_s = time.monotonic() - began_s
+    return min(max(MIN_DISCOVERY_S, _FACTOR * took_s), MAX_DISCOVERY_S)
 
 
 @dataclass(slots=True)

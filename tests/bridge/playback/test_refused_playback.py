@@ -74,7 +74,7 @@ def test_session_of_a_patient_uses_no_pose_of_a_replay(start, start_receiver, co
     values["source"] = {"tf": {}, "clock": "estimate"}
     Path(config).write_text(yaml.safe_dump(values))
     case = str(project_root / "data" / "recorded_case")
-    replay = start("-m", "app.cli", "replay", case, "--rate", "1")
+    replay = start("-m", "app.cli", "replay", case, "--rate", "1", "--loop")
     start_receiver(CONSTRAINT)  # returns when the replay publishes it
     beside = start("-m", "app.cli", "live", "--config", config)
     assert beside.process.wait() == 2  # the replay publishes the same constraint
