@@ -75,24 +75,28 @@ def run_files(
 
 def _run(parser: str, **options: object) -> WorkerRun:
     run = _run_once(parser, **options)
-    slow = [each for each in run.findings if each.outcome.kind == SLOW]
-    for finding in slow:
-        if not _is_slow_again(parser, finding.number, options):
+    for finding in [each for each in run.findings if each.outcome.kind == SLOW]:
+        again = _run_again_if_not_slow(parser, finding.number, options)
+        if again is not None:
             run.findings.remove(finding)
-            run.progress.values += 1
+            run.findings += again.findings
+            run.progress.values += again.progress.values
+            run.progress.errors += again.progress.errors
     return run
 
 
-def _is_slow_again(parser: str, number: int, options: dict[str, object]) -> bool:
-    again = {**options, "first": number, "last": number + 1}
+def _run_again_if_not_slow(
+    parser: str, number: int, options: dict[str, object]
+) -> WorkerRun | None:
+    """Run a slow input again; return the first run in which it is not slow."""
+    again = {**options, "files": (), "first": number, "last": number + 1}
     if number < 0:
         again |= {"files": (options["files"][number],), "first": 0, "last": 0}  # type: ignore[index]
-    else:
-        again["files"] = ()
-    return all(
-        any(each.outcome.kind == SLOW for each in _run_once(parser, **again).findings)
-        for _ in range(_CONFIRMATIONS)
-    )
+    for _ in range(_CONFIRMATIONS):
+        run = _run_once(parser, **again)
+        if all(each.outcome.kind != SLOW for each in run.findings):
+            return run
+    return None
 
 
 def _run_once(parser: str, **options: object) -> WorkerRun:
@@ -103,7 +107,7 @@ def _run_once(parser: str, **options: object) -> WorkerRun:
 
 
 def _supervised(job: Job, clock: mmap.mmap) -> WorkerRun:
-    run = WorkerRun(Progress(job.first - len(job.files) if job.first == 0 else job.first), [])
+    run = WorkerRun(Progress(job.start), [])
     with subprocess.Popen(
         [sys.executable, "-m", "benchmarks.fuzz.worker"],
         stdin=subprocess.PIPE,
@@ -122,7 +126,7 @@ def _supervised(job: Job, clock: mmap.mmap) -> WorkerRun:
         run.findings.append(Finding(killed_at, Outcome(SLOW, detail, "time")))
         run.progress.next = killed_at + 1
     elif process.returncode not in (0, -signal.SIGKILL):
-        number, *_ = CLOCK.unpack_from(clock)
+        number = max(int(CLOCK.unpack_from(clock)[0]), job.start)
         detail = f"the worker ended with status {process.returncode}"
         run.findings.append(Finding(number, Outcome(CRASH, detail, str(process.returncode))))
         run.progress.next = number + 1

@@ -59,6 +59,11 @@ class Job:
     max_input_s: float = MAX_SECONDS
     files: tuple[str, ...] = ()
 
+    @property
+    def start(self) -> int:
+        """Number of the first input."""
+        return self.first - len(self.files)
+
 
 @dataclass(slots=True)
 class Progress:
@@ -95,9 +100,10 @@ def main() -> None:
     for name, content in parser.companions.items():
         (folder / name).write_bytes(content)
     path = folder / parser.file_name
-    progress, sent_ns = Progress(job.first), time.monotonic_ns()
+    progress, sent_ns = Progress(job.start), time.monotonic_ns()
     end_ns = sent_ns + int(job.seconds * 1e9)
     with Path(job.clock).open("r+b") as file, mmap.mmap(file.fileno(), CLOCK.size) as clock:
+        CLOCK.pack_into(clock, 0, progress.next, 0, 0)
         for number, data in _inputs(parser, job):
             path.write_bytes(data)
             wait_ns, start_ns = _all_waited_ns(), time.monotonic_ns()
@@ -105,7 +111,7 @@ def main() -> None:
             outcome = observe(parser.parse, path, names_file=parser.names_file)
             now_ns = time.monotonic_ns()
             seconds = (now_ns - start_ns - (_all_waited_ns() - wait_ns)) / 1e9
-            CLOCK.pack_into(clock, 0, number, 0, 0)
+            CLOCK.pack_into(clock, 0, number + 1, 0, 0)
             outcome = _measured(outcome, seconds, printed, progress, job)
             progress.next = number + 1
             if outcome.kind == "value":

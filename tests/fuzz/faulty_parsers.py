@@ -5,6 +5,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from random import Random
 
 from app.geometry import InputError
 from benchmarks.fuzz.mutators.raw import RAW
@@ -38,7 +39,7 @@ def _block(path: Path) -> None:
 
 
 def _fill(_: Path) -> None:
-    bytearray(os.urandom(1)) * (3 << 29)
+    bytearray(b"x") * (5 << 28)
 
 
 def _die(_: Path) -> None:
@@ -47,6 +48,19 @@ def _die(_: Path) -> None:
 
 def _unnamed(_: Path) -> None:
     raise InputError("something is wrong")
+
+
+def _die_at_first(path: Path) -> None:
+    if path.read_bytes() == b"seed":
+        os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def _no_seeds() -> list[bytes]:
+    raise OSError("no seeds")
+
+
+def _raising(data: bytes, _: Random) -> bytes:
+    raise UnicodeDecodeError("utf-8", data, 0, 1, "invalid")
 
 
 def _parser(name, parse) -> FuzzedParser:  # type: ignore[no-untyped-def]
@@ -63,4 +77,7 @@ PARSERS = (
     _parser("fills", _fill),
     _parser("dies", _die),
     _parser("unnamed", _unnamed),
+    _parser("dies_at_first", _die_at_first),
+    FuzzedParser("has_no_seeds", "file.bin", _accept, _no_seeds, RAW),
+    FuzzedParser("mutator_raises", "file.bin", _accept, lambda: [b"seed"], (_raising,)),
 )

@@ -44,6 +44,26 @@ def test_input_that_does_not_return_is_ended(name):
     assert done.progress.next == 1
 
 
+def test_inputs_after_a_crash_are_run():
+    done = run("dies_at_first", last=1)
+    assert [(each.number, each.outcome.kind) for each in done.findings] == [(0, "crash")]
+    address = f"{FAULTY}:dies_at_first"
+    done = run_inputs(address, seed=1, first=done.progress.next, last=5)
+    assert (done.findings, done.progress.next) == ([], 5)
+
+
+def test_worker_that_ends_before_its_first_input_is_a_finding_of_that_input():
+    address = f"{FAULTY}:has_no_seeds"
+    done = run_inputs(address, seed=1, first=7, last=9)
+    assert [(each.number, each.outcome.kind) for each in done.findings] == [(7, "crash")]
+    assert done.progress.next == 8
+
+
+def test_mutator_that_raises_leaves_the_document():
+    parser = parser_at(f"{FAULTY}:mutator_raises")
+    assert make_input(parser, [b"seed"], 1, 5) == b"seed"
+
+
 def test_inputs_can_be_made_again():
     parser = parser_at(f"{FAULTY}:accepts")
     first = [make_input(parser, parser.seeds(), 1, number) for number in range(50)]
