@@ -1,5 +1,6 @@
 """An opened case: its files are found and checked, its recording can be read repeatedly."""
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,9 +24,9 @@ from app.case.readers.recording_format import JointSource, RecordingFormat, note
 from app.case.readers.registry import format_of, read_recording, recording_kinds
 from app.case.readers.rosbag2.messages import RawMessage
 from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentation
+from app.files.bounded_io import is_folder
 from app.files.meshes import load_mesh
 from app.files.packages import PACKAGE_SCHEME
-from app.files.path_kind import exists, is_folder
 from app.files.paths import resolve_file, resolve_inside, sha256_of
 from app.geometry import InputError, MeshError, SurfaceMesh
 
@@ -211,7 +212,9 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     Raises `InputError` for the first fault. Meshes are read on first use.
     """
     if not is_folder(folder):
-        problem = "expected a folder with a case.yaml" if exists(folder) else "no such folder"
+        problem = (
+            "expected a folder with a case.yaml" if os.path.lexists(folder) else "no such folder"
+        )
         raise InputError(f"{folder} is not a case: {problem}")
     manifest = load_manifest(folder)
     entry = manifest.recorded()

@@ -19,8 +19,8 @@ from app.case.manifest.sections import (
     read_tool,
     read_tumor,
 )
+from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
-from app.files.path_kind import is_file, is_folder
 from app.geometry import InputError
 
 

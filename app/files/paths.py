@@ -1,6 +1,7 @@
 """Names of files in a manifest: inside the folder of the case, or inside that of a package."""
 
 import hashlib
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -43,7 +44,8 @@ def resolve_inside(folder: Path, name: str, where: str) -> Path:
     if not path.is_relative_to(root):
         raise InputError(f"{where} is {name!r}: it leaves the folder {folder} by a symbolic link")
     if not (is_file(path) or is_folder(path)):
-        raise InputError(f"{where} is {name!r}: no such file in {folder}")
+        problem = "not a file or folder" if os.path.lexists(path) else f"no such file in {folder}"
+        raise InputError(f"{where} is {name!r}: {problem}")
     return path
 
 

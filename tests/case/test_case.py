@@ -169,7 +169,7 @@ def test_pipe_as_recording_is_refused_without_blocking(
     (folder / "tracking.mcap").unlink()
     os.mkfifo(folder / "tracking.mcap")
     with pytest.raises(
-        InputError, match=r"recording\.path is 'tracking\.mcap'; expected an existing file or"
+        InputError, match=r"recording\.path is 'tracking\.mcap': not a file or folder"
     ):
         open_case(folder)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.case.readers.recording_format import JointSource, Note, RecordingFormat
-from app.files.path_kind import is_file, is_folder
+from app.files.bounded_io import is_file, is_folder
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame

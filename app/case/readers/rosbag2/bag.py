@@ -7,7 +7,7 @@ from pathlib import Path
 from app.case.readers.rosbag2.database_file import read_database
 from app.case.readers.rosbag2.mcap_file import read_mcap_messages
 from app.case.readers.rosbag2.messages import RawMessage
-from app.files.path_kind import is_folder
+from app.files.bounded_io import is_folder
 from app.geometry import InputError
 
 _MAX_FILES = 10_000
