@@ -102,6 +102,7 @@ LONG = {
         "tests/bridge/live/test_restart.py",
         "tests/bridge/live/test_second_guard.py",
     ),
+    "stops a live session 100 times from outside": ("tests/benchmarks/test_stops.py",),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",
     ),
