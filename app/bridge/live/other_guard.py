@@ -34,7 +34,7 @@ NAME_S = 1.0
 
 _POLL_S = 0.02
 _CHECK_S = 0.2
-_NOBODY: Mapping[Reason, str] = MappingProxyType({})
+_NO_FAULTS: Mapping[Reason, str] = MappingProxyType({})
 
 
 def find_silent_publishers(name: str, namespace: str, domain_id: int | None) -> "SilentPublishers":
@@ -106,7 +106,7 @@ class SilentPublishers:
         Raises `BridgeError` if one is left although the middleware would have forgotten a dead one.
         """
         if not self.gids:
-            return _NOBODY
+            return _NO_FAULTS
         now_s = time.monotonic()
         # This node knows all others after some time.
         if now_s - max(self._checked_s, self._began_s) > _CHECK_S and ros.is_open:
@@ -114,7 +114,7 @@ class SilentPublishers:
             if now_s - self._began_s > SILENCE_S:
                 self.gids &= _publishers(ros, self.topic)
         if not self.gids:
-            return _NOBODY
+            return _NO_FAULTS
         if now_s - self._began_s > LEASE_S:
             raise BridgeError(
                 f"{self.topic}: {_nodes(ros, self.topic, self.gids)} still has a publisher of the "

@@ -52,7 +52,7 @@ class InstanceLock:
 
     @property
     def is_removed(self) -> bool:
-        """True if somebody has removed the file, so that it excludes no other process any more."""
+        """True if the file was removed, so that it excludes no other process any more."""
         return os.fstat(self._descriptor).st_nlink == 0
 
     def close(self) -> None:

@@ -55,8 +55,8 @@ class LiveState:
 
     So a killed process leaves a record that makes the next run begin on hold, at whatever moment it
     is killed, and although `update` never waits for the disk. ``start_causes`` is empty if the run
-    may begin without hold. ``problem`` is not empty while another guard has the lock, because
-    somebody has removed the file of this one.
+    may begin without hold. ``problem`` is not empty while another guard has the lock, because the
+    file of this one was removed.
     """
 
     def __init__(

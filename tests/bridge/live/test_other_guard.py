@@ -1,4 +1,4 @@
-"""What a start finds on the graph: nobody, a publisher that sends nothing, a guard that sends."""
+"""What a start finds on the graph: no publisher, a silent one, a guard that sends."""
 
 import threading
 
@@ -16,7 +16,7 @@ TOPIC = "/marginguard/constraint"
 
 @pytest.fixture
 def ros(domain_id):
-    """The node of the guard that starts, known to nobody else."""
+    """The node of the guard that starts."""
     with RosNode("marginguard_new", domain_id=domain_id) as node:
         yield node
 
@@ -40,7 +40,7 @@ def faults_until(publishers, ros, expected):
     return faults
 
 
-def test_nobody_is_no_fault(domain_id, ros):
+def test_no_publisher_is_no_fault(domain_id, ros):
     found = find_silent_publishers("marginguard", "/", domain_id)
     assert (found.topic, found.gids) == (TOPIC, frozenset())
     assert found.faults(ros) == {}
