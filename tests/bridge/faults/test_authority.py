@@ -1,0 +1,55 @@
+"""A peer that loosens a live session gets no permission before an operator's re-arm."""
+
+import json
+import signal
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+PEER = HERE / "authority_peer.py"
+SENDER = HERE.parent / "live" / "sender.py"
+
+
+def test_no_attempt_to_loosen_is_permitted_without_a_rearm_that_names_it(
+    start, frames_file, live_yaml, tmp_path
+):
+    config = str(live_yaml({"tf": {}, "clock": "host"}, stale_after_ms=5_000.0))
+    audit = tmp_path / "audit.jsonl"
+    options = ("--constraint-hz", "100", "--config", config, "--audit", str(audit))
+    live = start("-m", "app.cli", "live", *options)
+    start(str(SENDER), str(frames_file), "tf", "again")
+    peer = start(str(PEER))
+
+    def reported():
+        return json.loads(peer.line(lambda line: line.startswith("{")))
+
+    loosened = reported()
+    assert loosened["set"]
+    text = "stop_mm lowered from 1 to 0.5, stale_after_ms raised from 5000 to 10000"
+    assert loosened["causes"][0] == text
+    for refusal in ("not published yet", "nonce is 0", "nonce is 4711"):
+        reply = reported()
+        assert not reply["success"]
+        assert refusal in reply["message"]
+    assert reported()["tumor"]
+    for _ in range(2):  # at once, and with the seq of a constraint that shows the new tumour
+        assert not reported()["success"]
+    tumor = reported()
+    assert tumor["permissive"] == 0
+    assert tumor["causes"][0] == text
+    assert tumor["causes"][1].startswith(
+        "tumour replaced: THE VOLUME DIFFERS BY MORE THAN A FACTOR OF 2; "
+    )
+    assert reported() == {"freed": True}
+    assert live.end(signal.SIGINT) == 130
+    lines = [json.loads(line) for line in audit.read_text().splitlines()]
+    requests = [(line["kind"], line["accepted"]) for line in lines if line["event"] == "request"]
+    assert ("set_margins", True) in requests
+    assert ("set_tumor", True) in requests
+    assert requests.count(("rearm", False)) >= 5
+    assert lines[0]["event"] == "start"
+    assert lines[-1]["event"] == "stop"
+    # The looser margins apply with the re-arm, not before.
+    stops = [line["margins"]["stop_mm"] for line in lines if "margins" in line]
+    assert stops[0] == 1.0
+    assert stops[-1] == 0.5
+    assert "Traceback" not in live.log.read_text()
