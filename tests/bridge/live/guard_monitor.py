@@ -14,7 +14,7 @@ from app.bridge.node import RosNode
 from app.bridge.qos import STREAM, Topic
 
 DEADLINE_S = 60.0
-REARM_S = 5.0
+REARM_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
