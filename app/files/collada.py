@@ -57,7 +57,7 @@ def read_collada(
     try:
         return _read_strictly(data), unit
     except DaeError:
-        bare = etree.tostring(_without_appearance(root))
+        bare = etree.tostring(_without_appearance(root), encoding="utf-8")
     try:
         return _read_strictly(bare), unit
     except DaeError as problem:

@@ -66,7 +66,9 @@ def _parse(data: bytes, path: Path | str) -> Any:
     try:
         with np.errstate(all="ignore"):  # poses that are not finite are refused later
             model = yourdfpy.URDF.load(
-                io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False
+                io.BytesIO(etree.tostring(root, encoding="utf-8")),
+                build_scene_graph=False,
+                load_meshes=False,
             )
     # Errors of its parser: malformed numbers, missing attributes.
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as problem:
