@@ -176,7 +176,15 @@ class LiveSession:
             self._refused = False
             frame = self._frames.take(host_ns)
             # Before the first sample the source's time is unknown; 0 is before all stamps.
-            return frame or TrackingFrame(self._clock.now(host_ns) or Stamp(0), ())
+            if frame is not None:
+                return frame
+            now = self._clock.now(host_ns)
+            # Joints are known although the tracker is silent: only the tracker is at fault.
+            return (
+                TrackingFrame(Stamp(0), ())
+                if now is None
+                else TrackingFrame(now, (), self._frames.take_joints())
+            )
 
     def _faults(self, playback: str) -> Mapping[Reason, str]:
         """Faults outside the frame; a refused playback makes poses invalid, also unknown ones."""
@@ -195,11 +203,11 @@ class LiveSession:
         return self._woke_ns is not None and host_ns - self._woke_ns < SETTLED_AFTER_NS
 
     def _with_source_problems(self, step: StepResult, playback: str) -> StepResult:
-        """``step`` with a playback, and with a ``frames_problem`` of the source if it has none."""
-        problem = step.frames_problem or self._playback.problem(playback)
-        if not problem:
-            with self._changed:
-                problem = self._frames.missing_frames_problem(self._host_ns())
+        """``step`` with a playback, and with a ``frames_problem`` of the source before its own."""
+        with self._changed:
+            missing = self._frames.missing_frames_problem(self._host_ns())
+        own = step.frames_problem or self._playback.problem(playback)
+        problem = "; ".join(filter(None, [missing, own]))
         if not problem and not playback:
             return step
         return replace(step, frames_problem=problem, playback=playback)

@@ -140,9 +140,13 @@ class LiveFrames:
                 self._last_stamp_of[edge] = ns
             self.left_out[REPLACED] += len(poses.keys() & samples.keys())
             poses.update(samples)
+        return TrackingFrame(now, tuple(poses.values()), self.take_joints())
+
+    def take_joints(self) -> tuple[JointSample, ...]:
+        """Remove the newest joints, for a frame that has no poses."""
         joints = () if self._joints is None else (self._joints,)
         self._joints = None
-        return TrackingFrame(now, tuple(poses.values()), joints)
+        return joints
 
     def _add(self, sample: TrackedTransform, host_ns: int, train: bool) -> None:
         edge = (sample.target, sample.source)
