@@ -29,6 +29,7 @@ from app.session.known_edges import known_edges
 from app.session.loosening import tightest_margins
 from app.session.named_frames import base_measured_problem
 from app.session.plausibility.plausibility import Plausibility
+from app.session.pose_doubt import PoseDoubt
 from app.session.pose_tree import Edge, PoseTree
 from app.session.setup import REFERENCE, RobotSetup, SessionSetup
 from app.session.step_result import StepResult
@@ -68,6 +69,7 @@ class Session:
         self._last: _LastPose | None = None
         self._virtual_fixture: Transform | None = None
         self._causes = HoldCauses(setup)
+        self._doubt = PoseDoubt()
         self._index = -1
 
     def step(
@@ -117,6 +119,7 @@ class Session:
                 tumor_twist=self._tumor_twist(frame.stamp),
             )
         )
+        decision = self._doubt.checked(decision)
         self._causes.follow(decision, found)
         if decision.constraint is not None:
             self._virtual_fixture = decision.constraint.fixture_frame(self._virtual_fixture)
