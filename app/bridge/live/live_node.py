@@ -30,6 +30,7 @@ from app.bridge.security import check_security
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
+from app.fixture import Reason
 from app.runtime import AuditOutput, HoldKeeper, LiveRun, OperatorCommands, Output, PreparedLive
 from app.session import (
     LiveSession,
@@ -139,7 +140,7 @@ def live_node(
             playback=PlaybackRule(
                 playback.found, accepted=case.manifest.provenance.kind == "simulated"
             ),
-            outside=lambda: {**senders.outside(), **start.faults(node)},
+            outside=lambda: _joined(senders.outside(), start.faults(node)),
         )
         opened = stack.enter_context
         log = opened(audit_log(node, publisher.constraints, audit or audit_file(node)))
@@ -211,3 +212,13 @@ def _host_clock(stamps_of_host: bool) -> Callable[[], int]:
         return time.time_ns
     offset_ns = time.time_ns() - time.monotonic_ns()
     return lambda: offset_ns + time.monotonic_ns()
+
+
+def _joined(first: Mapping[Reason, str], second: Mapping[Reason, str]) -> Mapping[Reason, str]:
+    """Faults of both, with both texts where a reason is in both."""
+    if not first or not second:
+        return first or second
+    texts = {
+        reason: f"{first[reason]}; {second[reason]}" for reason in first.keys() & second.keys()
+    }
+    return {**first, **second, **texts}
