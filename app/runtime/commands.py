@@ -25,6 +25,8 @@ releasing the interpreter, during which no constraint is sent: 55 ms for 20 000 
 
 THIS_PROCESS = "this process"
 
+_SHORT_WAIT_S = 0.05
+
 
 class OperatorCommands:
     """Re-arm a session, or replace its margins, its tumour or the registration of its robot.
@@ -105,8 +107,12 @@ class OperatorCommands:
             done.append(f"the hold is ended: {'; '.join(causes) or 'no cause was noted'}")
 
     def set_margins(self, margins: MarginParameters, *, origin: str = THIS_PROCESS) -> None:
-        """Use ``margins`` from the next step on; what is looser latches a hold and waits for it."""
-        with self._listed(RequestKind.MARGINS, origin) as done, self._changing:
+        """Use ``margins`` from the next step on; what is looser latches a hold and waits for it.
+
+        Raises `InputError` while another change is being prepared: the caller may be the thread
+        that receives the poses, which must not wait for seconds.
+        """
+        with self._listed(RequestKind.MARGINS, origin) as done, self._change_at_once():
             switches = self._prepare(replace(self._content, margins=margins))
             with self._between_steps() as session:
                 changes = margin_changes(session.requested.margins, margins)
@@ -180,6 +186,18 @@ class OperatorCommands:
                 self._apply(session, setup, content, switches)
             done.append(self._content.registration_id)
         return self._content.registration_id
+
+    @contextmanager
+    def _change_at_once(self) -> Iterator[None]:
+        """Holds the lock of the changes; raises `InputError` if it is not free soon."""
+        if not self._changing.acquire(timeout=_SHORT_WAIT_S):
+            raise InputError(
+                "margins: another change is being prepared; expected the same request again"
+            )
+        try:
+            yield
+        finally:
+            self._changing.release()
 
     @contextmanager
     def _listed(self, kind: RequestKind, origin: str) -> Iterator[list[str]]:

@@ -34,7 +34,7 @@ class HoldCauses:
     def add(self, cause: str) -> None:
         """Add a fault."""
         if cause not in self._faults:
-            kept = MAX_CAUSES - len(self._changes)
+            kept = max(MAX_CAUSES - len(self._changes), 1)
             self._faults = (*self._faults[: kept - 1], cause)
 
     def follow(self, decision: FixtureDecision, outside: Mapping[Reason, str]) -> None:
@@ -61,7 +61,9 @@ class HoldCauses:
             return False
         texts = loosenings(self._agreed, after, self._tumor_change)
         self._changes = tuple(texts or [_UNDONE])
-        self._faults = self._faults[: MAX_CAUSES - len(self._changes)]
+        kept = max(MAX_CAUSES - len(self._changes), 1)
+        if len(self._faults) > kept:  # the first ones, and the newest
+            self._faults = (*self._faults[: kept - 1], self._faults[-1])
         return loosens
 
     def agree(self, setup: SessionSetup) -> None:

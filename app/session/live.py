@@ -110,12 +110,12 @@ class LiveSession:
         """Time in ns since the frame of the last step was taken; its data are older by it now."""
         return max(0, self._host_ns() - self._taken_ns)
 
-    def hold(self, cause: str) -> None:
+    def hold(self, cause: str, *, doubt: bool = False) -> None:
         """Latch ``hold`` from the next step on. Call it while consuming a step of `steps`.
 
-        ``cause`` is a text for the operator.
+        ``cause`` is a text for the operator, ``doubt`` as in `Session.hold`.
         """
-        self._session.hold(cause)
+        self._session.hold(cause, doubt=doubt)
 
     @contextmanager
     def between_steps(self) -> Iterator[Session]:

@@ -21,6 +21,10 @@ class PoseDoubt:
     def __init__(self) -> None:
         self._doubted = False
 
+    def begin(self) -> None:
+        """Doubt the pose from now on, with a hold that is latched."""
+        self._doubted = True
+
     def checked(self, decision: FixtureDecision) -> FixtureDecision:
         """``decision``, without current planes while the pose is doubted: no motion, no retreat.
 

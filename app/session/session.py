@@ -139,12 +139,15 @@ class Session:
             single_source=self.single_source,
         )
 
-    def hold(self, cause: str) -> None:
+    def hold(self, cause: str, *, doubt: bool = False) -> None:
         """Latch ``hold`` from the next step on, for a ``cause`` that is not visible in the frames.
 
         ``cause`` is a text for the operator, which `StepResult.hold_causes` shows until `rearm`.
+        With ``doubt`` no pose of the tool is known to be true until then (`PoseDoubt`).
         """
         self._monitor.hold()
+        if doubt:
+            self._doubt.begin()
         self._causes.add(cause)
 
     @property

@@ -1,5 +1,6 @@
 """An operator's command changes session, content and outputs together, or nothing."""
 
+import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count, islice
@@ -374,3 +375,26 @@ def test_outputs_are_prepared_while_the_session_steps(world, command):
         world.events[:at].count("lock") == world.events[:at].count("unlock") for at in prepared
     )
     assert max(prepared) < world.events.index(APPLIED[0])
+
+
+def test_margins_are_refused_at_once_while_a_tumour_is_prepared(world):
+    """The thread that receives the poses calls it for a parameter, and must not wait."""
+    entered, leave = threading.Event(), threading.Event()
+    prepare = world.outputs[0].prepare
+
+    def slow_prepare(content):
+        entered.set()
+        assert leave.wait(30.0)
+        return prepare(content)
+
+    world.outputs[0].prepare = slow_prepare
+    change = threading.Thread(target=world.commands.set_tumor, args=(MOVED_TUMOR, LARGER))
+    change.start()
+    assert entered.wait(30.0)
+    before = world.session.setup.margins
+    with pytest.raises(InputError, match="another change is being prepared"):
+        world.commands.set_margins(before.replaced(stop_mm=2.0, warn_mm=6.0))
+    assert world.session.setup.margins == before
+    leave.set()
+    change.join(30.0)
+    assert world.commands.content.tumor is LARGER

@@ -1,5 +1,7 @@
 """Texts that tell the operator why the session is on hold."""
 
+from dataclasses import replace
+
 import pytest
 
 from app.fixture import NotRearmableError, Reason
@@ -66,3 +68,13 @@ def test_the_first_causes_and_the_newest_are_kept(session):
         session.hold(f"cause {number}")
     expected = [*(f"cause {number}" for number in range(MAX_CAUSES - 1)), "cause 19"]
     assert list(good(session, 40).hold_causes) == expected
+
+
+def test_newest_fault_stays_listed_when_a_change_follows(session):
+    for number in range(MAX_CAUSES):
+        session.hold(f"cause {number}")
+    margins = session.setup.margins
+    session.use(replace(session.setup, margins=margins.replaced(stop_mm=margins.stop_mm / 2.0)))
+    causes = good(session, 40).hold_causes
+    assert len(causes) == MAX_CAUSES
+    assert causes[-1] == f"cause {MAX_CAUSES - 1}"

@@ -56,6 +56,15 @@ def test_pose_after_a_jump_gives_no_current_planes(session):
     assert all(each.hold for each in found)
 
 
+def test_hold_by_the_caller_doubts_the_pose_where_it_says_so(session):
+    session.hold("a change")
+    assert good(session, 40).decision.constraint_is_current
+    session.hold("the last run was killed", doubt=True)
+    assert not good(session, 60).decision.constraint_is_current
+    session.rearm()
+    assert good(session, 80).decision.constraint_is_current
+
+
 def test_doubt_of_a_setup_that_is_replaced_stays(session):
     session.step(frame(40, needle(40), cautery_at(30.1, 40)), {Reason.CONTRADICTION: "a doubt"})
     session.use(replace(session.setup, margins=session.setup.margins.replaced(stop_mm=2.0)))

@@ -138,9 +138,13 @@ class ConstraintStream:
             reasons = {*map(Reason, message.reasons), Reason.LATCHED}
             message.reasons = [str(reason) for reason in worst_first(reasons)]
             self._continue_hold()
+            new_cause = self._has_new_cause(message)
+            if new_cause:  # the operator has not seen it with the stale message
+                self._renew_nonce()
             self._identify(message)
             first = self._begin(message, valid_ns, since_ns)
-        if first is not None and in_time and begins:
+            begins = new_cause
+        if first is not None and begins:
             self._fault_seq = first
         self._faulty = faulty
         self._last = message

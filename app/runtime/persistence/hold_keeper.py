@@ -26,7 +26,8 @@ class HoldKeeper:
         if not self._begun:
             self._begun = True
             for cause in self._state.start_causes:
-                live.hold(cause)
+                # The last run may have doubted the pose, which is plausible from its first sample.
+                live.hold(cause, doubt=True)
         self._state.resume()
         try:
             yield

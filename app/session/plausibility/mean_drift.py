@@ -32,6 +32,8 @@ class MeanDrift:
         self._start: Vector = ZERO
         self._first_ns: int | None = None
         self._last_ns = 0
+        self._elapsed_ns = 0
+        """Time measured before the clock was set back."""
 
     @property
     def length_mm(self) -> float:
@@ -41,15 +43,19 @@ class MeanDrift:
     def update(self, difference: Vector, now: Stamp) -> None:
         """Add a difference measured at ``now``."""
         since_ns = now.ns - self._last_ns
-        if self._first_ns is None or since_ns < 0:
+        if self._first_ns is None:
             self._first_ns, since_ns = now.ns, 0
             self._mean = self._start = difference
+        elif since_ns < 0:  # the source's clock was set back: what has drifted stays drifted
+            self._elapsed_ns += self._last_ns - self._first_ns
+            self._first_ns, since_ns = now.ns, 0
+            self._mean = difference
         self._last_ns = now.ns
         share = 1.0 - math.exp(-since_ns / (MEAN_S * NS_PER_S))
         a, b, c = self._mean
         x, y, z = difference
         self._mean = (a + share * (x - a), b + share * (y - b), c + share * (z - c))
-        if now.ns - self._first_ns <= START_NS:
+        if self._elapsed_ns + now.ns - self._first_ns <= START_NS:
             self._start = self._mean
 
     @property

@@ -120,6 +120,8 @@ class _Envelope:
         if now.ns - self._since.ns >= LEARN_NS:
             mean = self._sum / self._count
             left, _, right = np.linalg.svd(mean[:, :3])  # the nearest rotation to the mean
+            if np.linalg.det(left @ right) < 0.0:  # that would be a reflection: it turned about
+                left[:, 2] = -left[:, 2]
             self._middle = Transform(pose.target, pose.source, left @ right, mean[:, 3])
 
 

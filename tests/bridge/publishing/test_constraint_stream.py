@@ -259,6 +259,23 @@ def test_constraint_after_a_stale_one_is_held_as_latched():
     assert not sent.messages[-1].hold
 
 
+def test_nonce_of_a_stale_message_does_not_cover_a_cause_that_comes_after_it():
+    sent = Sent()
+    stream = ConstraintStream(sent, 1000.0)
+    assert stream.publish(constraint(), valid_ns=5_000_000)
+    sent.wait_until(lambda messages: messages[-1].hold)
+    stale = next(message for message in sent.messages if message.hold)
+    late = constraint()
+    late.state, late.hold = FixtureConstraint.UNKNOWN, True
+    late.reasons, late.hold_causes = ["contradiction", "latched"], ["a contradiction"]
+    assert not stream.publish(late, valid_ns=10**12)
+    stream.close()
+    seen = sent.messages[-1]
+    assert seen.rearm_nonce not in (0, stale.rearm_nonce)
+    assert stream.rearm_nonce == seen.rearm_nonce
+    assert stream.fault_seq > stale.seq
+
+
 def test_fault_after_a_stale_constraint_is_the_same_fault():
     sent = Sent()
     stream = ConstraintStream(sent, 1000.0)

@@ -114,6 +114,17 @@ def test_middle_of_an_envelope_is_learned_from_one_breath():
     assert text.startswith("needle in reference is 6.0 mm and 0.0 degrees from the middle")
 
 
+def test_middle_is_learned_although_the_mean_rotation_is_nearest_to_a_reflection():
+    relations = Relations(
+        PlausibilityEntry(pairs=(EnvelopeEntry("reference", "needle", 5.0, 0.2),)), TOOL_FROM_TIP
+    )
+    half_turns = [(math.pi, 0.0, 0.0), (0.0, math.pi, 0.0), (0.0, 0.0, math.pi)]
+    for step, at_ms in enumerate(range(0, 6_000, 20)):
+        checked(relations, moved("reference", "needle", (50.0, 0, 0), half_turns[step % 3]), at_ms)
+    failed, _ = checked(relations, moved("reference", "needle", (90.0, 0, 0)), 6_000)
+    assert failed
+
+
 def test_no_relation_is_false_and_some_are_true():
     assert not Relations(PlausibilityEntry(), TOOL_FROM_TIP)
     assert all(Relations(entry, TOOL_FROM_TIP) for entry, *_ in CASES.values())
