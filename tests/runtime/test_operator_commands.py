@@ -8,7 +8,7 @@ from itertools import count, islice
 import numpy as np
 import pytest
 
-from app.case import TrackingFrame
+from app.case import JointSample, TrackingFrame
 from app.fixture import MarginState, NotRearmableError, TipProximity
 from app.geometry import (
     FrameError,
@@ -21,7 +21,7 @@ from app.geometry import (
     TrackingStatus,
     Transform,
 )
-from app.registration import given_registration
+from app.registration import DriftBound, given_registration
 from app.runtime import OperatorCommands, RearmRefusedError, SeenHold, StepHolds
 from app.session import Session, SessionSetup
 from tests.doubles import PARAMETERS, AnalyticSphere
@@ -29,6 +29,7 @@ from tests.session_content import FACES, TETRAHEDRON, one_link_content
 
 CONTENT = one_link_content()
 TOOL_EDGE, TUMOR_EDGE, BASE_EDGE = CONTENT.static_edges
+ROBOT = replace(CONTENT.robot, max_drift=DriftBound(1e4, 4.0))
 LARGER = SurfaceMesh("tumor", 2.0 * TETRAHEDRON, FACES)
 MOVED_TUMOR = Transform("needle", "tumor", np.eye(3), [4.0, 5.0, 6.0])
 MOVED_BASE = Transform("reference", "robot_base", np.eye(3), [400.0, 0.0, -200.0])
@@ -72,7 +73,7 @@ class OutputDouble:
 class World:
     """A session with two outputs; ``events`` are the calls of the outputs and of the lock."""
 
-    def __init__(self, *, robot=CONTENT.robot, content=CONTENT, proximity=None):
+    def __init__(self, *, robot=ROBOT, content=CONTENT, proximity=None):
         self.events = []
         proximity = proximity or AnalyticSphere(10.0)
         self.session = Session(SessionSetup(TOOL_EDGE, TUMOR_EDGE, proximity, PARAMETERS, robot))
@@ -262,7 +263,7 @@ def test_rearm_is_refused_while_state_is_unknown_and_keeps_the_nonce(world):
 
 
 def known(world):
-    """Take steps until the margin of the session is known."""
+    """Take steps until the margin of the session is known; its robot stands still elsewhere."""
     for index in islice(world.frames, 6):
         step = world.session.step(tracking_frame(index))
         world.holds.publish(step, None)
@@ -284,6 +285,7 @@ def tracking_frame(index):
             )
             for target, source in edges
         ),
+        (JointSample((), (), stamp),),
     )
 
 
