@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from app.session import SINGLE_SOURCE
-
 
 def as_text(summary: dict[str, Any], report: Path | None) -> str:
     """Format ``summary`` (as in ``summary.json``) in a few lines."""
+    from app.session import SINGLE_SOURCE
+
     lines = [
         summary["case"],
         f"  frames        {summary['frames']} ({summary['valid_frames']} valid) "

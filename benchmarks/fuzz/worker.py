@@ -142,12 +142,21 @@ def _inputs(parser: FuzzedParser, job: Job) -> Iterator[tuple[int, bytes]]:
         yield number, make_input(parser, seeds, job.seed, number)
 
 
+def _own_peak() -> int:
+    """Largest resident memory of this program in bytes, without that of the one that started it.
+
+    ``ru_maxrss`` contains the latter: a process has its parent's memory until it runs a program.
+    """
+    status = Path("/proc/self/status").read_text("ascii")
+    line = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
+    return int(line.split()[1]) * 1024
+
+
 def _measured(
     outcome: Outcome, seconds: float, printed: int, progress: Progress, job: Job
 ) -> Outcome:
     """The outcome, or a finding about its time, its memory or what it printed."""
-    kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    peak = max(resource.getrusage(kind).ru_maxrss for kind in kinds) * 1024
+    peak = max(_own_peak(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024)
     progress.slowest_s = max(progress.slowest_s, seconds)
     progress.peak_bytes = max(progress.peak_bytes, peak)
     size = os.fstat(printed).st_size

@@ -130,9 +130,9 @@ def test_reader_that_does_not_read_delays_nothing_and_misses_a_counted_part(
         missed = json.loads(lines[-1])["dropped_lines"]
         kept = len(lines)
     else:
-        (notice,) = [line for line in lines if "were dropped" in line]
-        missed = int(notice.split()[0])
-        kept = len(lines) - 1
+        notices = [line for line in lines if "were dropped" in line]
+        missed = sum(int(notice.split()[0]) for notice in notices)
+        kept = len(lines) - len(notices)
     assert missed > 1000
     assert kept + missed == printed + 1
 

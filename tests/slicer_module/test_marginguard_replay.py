@@ -285,7 +285,7 @@ def test_rearm_is_refused_after_margin_change_that_was_not_displayed(panel_logic
     panel_logic.step()
     status = spin_until(panel_logic, lambda now: "latched" in now.reasons)
     assert "hold: stop_mm lowered from 1 to 0.5, warn_mm lowered from 5 to 4" in status.reasons
-    assert "set_margins from this process accepted: " in status.request
+    assert "rearm from this process REFUSED: " in status.request  # the request after the change
     panel_logic.rearm()
     assert panel_logic.margins().stop_mm == 0.5
     assert "rearm from this process accepted: " in panel_logic.spin().request

@@ -176,8 +176,10 @@ def test_live_session_works_after_all_attacks(
         session.attack_until_unknown("second_sender", what)
     assert session.hostile.end(signal.SIGINT) != 0
     values = session.wait_until_known()
-    assert int(values["source: samples of a second sender"]) >= 10
-    assert values["tracking: tracker -> cautery: lost samples"] == "0"
+    refused = int(values["source: samples of a second sender"])
+    assert refused >= 10
+    # On a busy machine the true sender may be silent for 100 ms, after which the other takes over.
+    assert int(values["tracking: tracker -> cautery: lost samples"]) < refused
     assert session.live.end(signal.SIGINT) == 130
     assert "Traceback" not in session.live.log.read_text()
 

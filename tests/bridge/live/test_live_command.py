@@ -1,6 +1,7 @@
 """``marginguard live`` with a tracker and a receiver, each in a separate process."""
 
 import json
+import re
 import signal
 from pathlib import Path
 
@@ -148,7 +149,9 @@ def test_killed_tracker_becomes_stale_and_hold_stays_until_rearm(
     caller.line()
     refused = json.loads(caller.line())
     assert refused["success"] is False
-    assert str(stale["seq"]) in refused["message"]
+    # A further cause of the hold, such as silent joints, is a later fault.
+    first_fault = int(re.search(r"constraint (\d+), after", refused["message"])[1])
+    assert before["seq"] < stale["seq"] <= first_fault
     operator = start("-m", "app.cli", "rearm", "--yes")
     operator.line(lambda line: line.strip() == f"guard          {held['instance_id']}")
     operator.line(lambda line: line == "re-armed\n")

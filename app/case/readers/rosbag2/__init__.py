@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.case.readers.recording_format import JointSource, Note, RecordingFormat
-from app.files.bounded_io import is_file, is_folder
 
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
@@ -16,6 +15,8 @@ CHANGES_NAME = "changes.yaml"
 
 
 def _recognises(path: Path) -> bool:
+    from app.files.bounded_io import is_folder  # loads numpy, which help texts do not need
+
     return is_folder(path) or path.name.lower().endswith(".mcap")
 
 
@@ -34,6 +35,8 @@ def _messages(path: Path, note: Note) -> "Iterator[RawMessage]":
 
 
 def _note_changes(path: Path, note: Note) -> None:
+    from app.files.bounded_io import is_file
+
     if is_file(path / CHANGES_NAME):
         note(
             f"{path.name}/{CHANGES_NAME}: tumour or registration were replaced during this "
