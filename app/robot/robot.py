@@ -1,6 +1,6 @@
 """A robot: links with shapes, joints, forward and inverse kinematics."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 from app.geometry import FrameError, Transform
@@ -59,6 +59,14 @@ class Robot:
         """
         self._tree.require_positions_for(link, positions)
         return self.forward_kinematics(positions)
+
+    def is_determined(self, link: str, names: Set[str]) -> bool:
+        """True if positions of the joints ``names`` are enough for `measured_kinematics`."""
+        return self._tree.is_determined(link, names)
+
+    def joints_that_move(self, link: str) -> frozenset[str]:
+        """Names of the joints on which the pose of ``link`` depends, with mimic joints."""
+        return self._tree.joints_that_move(link)
 
     def inverse_kinematics(
         self,

@@ -183,7 +183,7 @@ class LiveSession:
             return (
                 TrackingFrame(Stamp(0), ())
                 if now is None
-                else TrackingFrame(now, (), self._frames.take_joints())
+                else TrackingFrame(now, (), self._frames.take_joints(now))
             )
 
     def _faults(self, playback: str) -> Mapping[Reason, str]:

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from app.case import JointSample, TrackingFrame, agreed_sample
-from app.geometry import NS_PER_MS, NS_PER_S, TrackedTransform
+from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform
+from app.session.joint_queue import JointQueue
 from app.session.live_clock import SourceClock
 from app.session.named_frames import missing_frames_problem, path_to_base
 from app.session.pose_tree import Edge, shortest_path
@@ -74,7 +75,7 @@ class LiveFrames:
         self._last_stamp_of: dict[Edge, int] = {}
         self._newest: dict[Edge, TrackedTransform] = {}
         self._groups: dict[int, _Group] = {}
-        self._joints: JointSample | None = None
+        self._joints = JointQueue(setup.margins.stale_after_ns)
         self._restarted = False
         self._first_ns: int | None = None
         self._missing_frames: str | None = None
@@ -107,10 +108,11 @@ class LiveFrames:
             self._add(sample, host_ns, train)
 
     def add_joints(self, sample: JointSample) -> None:
-        """Add joints, stamped by the source's clock; the next frame carries the newest."""
-        if self._joints is None or self._joints.stamp <= sample.stamp:
-            self._joints = sample
-        else:
+        """Add joints, stamped by the source's clock.
+
+        A frame carries the newest whose stamp it has reached (`JointQueue`).
+        """
+        if not self._joints.add(sample):
             self.left_out["joints that came late"] += 1
 
     def ready_in_ns(self, host_ns: int) -> int | None:
@@ -140,13 +142,11 @@ class LiveFrames:
                 self._last_stamp_of[edge] = ns
             self.left_out[REPLACED] += len(poses.keys() & samples.keys())
             poses.update(samples)
-        return TrackingFrame(now, tuple(poses.values()), self.take_joints())
+        return TrackingFrame(now, tuple(poses.values()), self.take_joints(now))
 
-    def take_joints(self) -> tuple[JointSample, ...]:
-        """Remove the newest joints, for a frame that has no poses."""
-        joints = () if self._joints is None else (self._joints,)
-        self._joints = None
-        return joints
+    def take_joints(self, now: Stamp) -> tuple[JointSample, ...]:
+        """Remove the newest joints at ``now``, for a frame that has no poses."""
+        return self._joints.take(now)
 
     def _add(self, sample: TrackedTransform, host_ns: int, train: bool) -> None:
         edge = (sample.target, sample.source)
@@ -238,4 +238,4 @@ class LiveFrames:
         self._newest.clear()
         self._groups.clear()
         self._last_stamp_of.clear()
-        self._joints = None
+        self._joints.clear()

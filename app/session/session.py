@@ -303,17 +303,20 @@ class Session:
     ) -> tuple[Mapping[str, Transform], str]:
         """``root_from_link`` of all links from the latest joints, or none and the problem.
 
+        Joints that do not determine the tool link, such as those of a gripper, are not used.
         Without recorded joints: by inverse kinematics of the tracked ``reference_from_tip``.
         """
-        if frame.joints:
-            self._joints = frame.joints[-1]
         robot = self.setup.robot
+        for sample in reversed(frame.joints):
+            if robot is None or robot.is_posed_by(sample.names):
+                self._joints = sample
+                break
         if robot is None:
             return {}, ""
         if robot.follows_tool:
             return self._followed(reference_from_tip)
         if self._joints is None:
-            return {}, "no joint positions yet"
+            return {}, _incomplete(robot, frame) or "no joint positions yet"
         if not self._is_fresh(self._joints.stamp, frame.stamp):
             return {}, "joint positions are stale or from the future"
         try:
@@ -331,6 +334,16 @@ class Session:
             return self._follower.links(reference_from_tip), ""
         except UnreachableError as error:
             return {}, f"{OUT_OF_REACH}: {error}"
+
+
+def _incomplete(robot: RobotSetup, frame: TrackingFrame) -> str:
+    """What the newest joints of ``frame`` lack for the tool link; empty without joints."""
+    try:
+        for sample in frame.joints[-1:]:
+            robot.robot.measured_kinematics(robot.tool_link, sample.as_mapping())
+    except JointError as error:
+        return str(error)
+    return ""
 
 
 def _moving_frames(setup: SessionSetup) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """Setup of a session: everything that is fixed before its first step."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -70,6 +71,18 @@ class RobotSetup:
                 )
         # Compiles the kinematics, so that the first step does not wait for it.
         self.robot.forward_kinematics({})
+
+    @property
+    def joint_names(self) -> frozenset[str]:
+        """The joints that move ``tool_link``."""
+        return self.robot.joints_that_move(self.tool_link)
+
+    def is_posed_by(self, joint_names: Iterable[str]) -> bool:
+        """True if positions of these joints determine the pose of ``tool_link``.
+
+        It is False for those of another device on the same topic, such as a gripper.
+        """
+        return self.robot.is_determined(self.tool_link, frozenset(joint_names))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

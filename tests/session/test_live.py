@@ -424,6 +424,37 @@ def test_measured_robot_base_makes_margin_unknown_and_is_reported(measured):
     assert len(after) > 20
 
 
+@pytest.mark.parametrize("ahead_ms", [0, 29, 150])
+def test_joints_ahead_of_the_tracker_wait_for_its_present(ahead_ms):
+    """A tracker that stamps late, with an offset of the robot's clock to match."""
+    host = SimulatedHost()
+    track(host, 0, 1000)
+    for at_ms in range(-200, 1000, 5):
+        joints = joint_sample({"waist": 0.001 * at_ms}, at_ms + ahead_ms)
+        host.at(max(at_ms + 3.0, 0.0), partial(host.live.add_joints, joints, of_host=False))
+    steps = [step for at, step in host.run(990) if at > 200]
+    assert len(steps) > 30
+    for step in steps:
+        age_ms = step.joints.stamp.age_ns(step.frame.stamp) / NS_PER_MS
+        assert 0.0 <= age_ms <= 10.0
+    assert host.live.left_out().get("joints that came late", 0) == 0
+
+
+def test_joints_far_ahead_are_reported_at_once_and_do_not_stay():
+    host = SimulatedHost()
+    track(host, 0, 600)
+    for at_ms in range(0, 600, 5):
+        joints = joint_sample({"waist": 0.1}, at_ms + (1000 if at_ms == 300 else 0))
+        host.at(at_ms + 3.0, partial(host.live.add_joints, joints, of_host=False))
+    ages_ms = {
+        at: step.joints.stamp.age_ns(step.frame.stamp) / NS_PER_MS
+        for at, step in host.run(590)
+        if at > 100
+    }
+    assert [at for at, age_ms in ages_ms.items() if age_ms < 0.0] == [pytest.approx(303.2, abs=21)]
+    assert max(ages_ms.values()) <= 25.0
+
+
 @pytest.mark.parametrize(("of_host", "robot_ms"), [(True, HOST_MS), (False, 0)])
 def test_joints_are_converted_to_the_source_clock_once(of_host, robot_ms):
     host = SimulatedHost()

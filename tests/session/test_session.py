@@ -348,9 +348,35 @@ def test_links_follow_joints_and_are_empty_for_stale_or_wrong_joints(touch):
     assert not wrong.links
     assert "waist" in wrong.robot_problem
     del joints["roll"]
-    partly = session.step(frame(207, joints=(joint_sample(joints, 207),)))
+    partly = Session(make_setup(registered(touch, given))).step(
+        frame(207, joints=(joint_sample(joints, 207),))
+    )
     assert not partly.links
     assert "'roll', which moves 'stylus', has no position" in partly.robot_problem
+
+
+def test_joints_of_a_robot_are_those_that_move_its_tool_link(touch):
+    robot = RobotSetup(touch, "robot_base", "forearm", None, DriftBound(5.0, 0.05))
+    assert robot.joint_names == {"waist", "shoulder", "elbow"}
+    assert robot.is_posed_by(["waist", "shoulder", "elbow", "roll"])
+    assert not robot.is_posed_by(["yaw", "pitch", "roll"])
+    assert not robot.is_posed_by(["waist", "shoulder"])
+
+
+def test_joints_of_another_device_do_not_replace_those_of_the_robot(touch):
+    given = given_registration(Transform.identity("reference", "robot_base"))
+    session = Session(make_setup(registered(touch, given)))
+    arm = dict.fromkeys(touch.actuated_joint_names, 0.2)
+    gripper = joint_sample({"finger": 0.01}, 1)
+    poses = (reference(2), needle(2), cautery_at(40.0, 2))
+    both = session.step(frame(2, *poses, joints=(joint_sample(arm, 0), gripper)))
+    only_gripper = session.step(frame(200, joints=(gripper,)))
+    for step in (both, only_gripper):
+        assert step.robot_problem == ""
+        assert step.links
+        assert step.joints.as_mapping() == arm
+    stale = session.step(frame(201, joints=(gripper,)))
+    assert stale.robot_problem == "joint positions are stale or from the future"
 
 
 def drifting(touch, shift_mm, turn_rad=0.0, *, mounted=False):

@@ -36,7 +36,6 @@ from app.session import (
     LiveSession,
     PlaybackRule,
     Session,
-    SessionSetup,
     StepResult,
     guidance_parameters,
     limiter_parameters,
@@ -122,7 +121,7 @@ def live_node(
             WatchedSession(
                 pose_topic=pose_topic,
                 joint_topic=joint_topic,
-                joint_names=_joint_names(setup),
+                joint_names=frozenset() if setup.robot is None else setup.robot.joint_names,
                 edges=lambda: live.edges,
                 static_edges=lambda: run.commands.content.tf_static_edges,
                 restore_static=publisher.publish_static,
@@ -178,7 +177,12 @@ def live_node(
             offset_ns = case.manifest.clock.offset_robot_to_tracker_ns
             add_joints = partial(live.add_joints, of_host=config.joints_of_host)
             joints = listen_to_joints(
-                node, joint_topic, offset_ns, add_joints, senders.accepts_joints
+                node,
+                joint_topic,
+                offset_ns,
+                add_joints,
+                senders.accepts_joints,
+                lambda names: setup.robot is None or setup.robot.is_posed_by(names),
             )
             counted.append(joints.counts)
         try:
@@ -199,11 +203,6 @@ def _pose_topic(entry: LiveSourceEntry) -> str | None:
     if isinstance(entry, TfSourceEntry):
         return topics.TF.name
     return entry.topic if isinstance(entry, TopicSourceEntry) else None
-
-
-def _joint_names(setup: SessionSetup) -> frozenset[str]:
-    robot = setup.robot
-    return frozenset() if robot is None else frozenset(robot.robot.actuated_joint_names)
 
 
 def _host_clock(stamps_of_host: bool) -> Callable[[], int]:

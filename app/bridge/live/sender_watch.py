@@ -36,9 +36,10 @@ class WatchedSession:
     """What a `SenderWatch` has to know of its session.
 
     ``pose_topic``: where its poses arrive, None for a source that is not on the graph.
-    ``named``: the edges that the configuration names. ``joint_topic`` with ``joint_names``: the
-    robot's, None without. The functions return the present measured edges and the present static
-    transforms, without waiting for a step. ``restore_static`` publishes the static ones again.
+    ``named``: the edges that the configuration names. ``joint_topic``: the robot's, None without;
+    ``joint_names``: those that move its tool. The functions return the present measured edges and
+    the present static transforms, without waiting for a step. ``restore_static`` publishes the
+    static ones again.
     """
 
     pose_topic: str | None
@@ -119,7 +120,7 @@ class SenderWatch:
         """Process joint positions; False if they must not be used."""
         self._meet(self._joints, origin)
         if self._session.joint_names.isdisjoint(joints.names):
-            return True  # of another robot
+            return True  # of another device
         sample, now_ns = Sample(joints.ns, (joints.names, joints.positions)), time.monotonic_ns()
         if origin.sender is None:
             if origin.sequence is not None:

@@ -1,7 +1,7 @@
 """The tree of links and joints: link poses and their Jacobian."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from functools import cache
 
 import numpy as np
@@ -96,23 +96,45 @@ class KinematicTree:
 
     def require_positions_for(self, link: str, given: Mapping[str, float]) -> None:
         """Raise `JointError` unless all joints that move ``link`` are given or follow given."""
+        missing = self._missing_for(link, given.keys())
+        if missing is not None:
+            raise JointError(
+                f"joint {self.driver_of(missing)[0]!r}, which moves {link!r}, has no position; "
+                f"expected {', '.join(sorted(self._drivers_for(link)))}, "
+                f"found {', '.join(given) or 'none'}"
+            )
+
+    def is_determined(self, link: str, given: Set[str]) -> bool:
+        """True if all joints that move ``link`` are among ``given`` or follow one that is."""
+        return self._missing_for(link, given) is None
+
+    def joints_that_move(self, link: str) -> frozenset[str]:
+        """Names of the moving joints between the root and ``link``, and of all that they follow."""
+        path = [joint for joint in self.path_to(link) if joint.moves]
+        return frozenset(each.name for joint in path for each in self._with_leaders(joint))
+
+    def _drivers_for(self, link: str) -> frozenset[str]:
         drivers = self._drivers_of.get(link)
         if drivers is None:
             path = [joint for joint in self.path_to(link) if joint.moves]
             drivers = self._drivers_of[link] = frozenset(self.driver_of(each)[0] for each in path)
-        if drivers <= given.keys():
-            return
-        for joint in self.path_to(link):
-            if joint.moves and not self._is_given(joint, given):
-                raise JointError(
-                    f"joint {self.driver_of(joint)[0]!r}, which moves {link!r}, has no position; "
-                    f"expected {', '.join(sorted(drivers))}, found {', '.join(given) or 'none'}"
-                )
+        return drivers
 
-    def _is_given(self, joint: Joint, given: Mapping[str, float]) -> bool:
-        while joint.name not in given and joint.mimic is not None:
+    def _missing_for(self, link: str, given: Set[str]) -> Joint | None:
+        """The first joint on the way to ``link`` that ``given`` does not determine."""
+        if self._drivers_for(link) <= given:
+            return None
+        for joint in self.path_to(link):
+            if joint.moves and all(each.name not in given for each in self._with_leaders(joint)):
+                return joint
+        return None
+
+    def _with_leaders(self, joint: Joint) -> Iterator[Joint]:
+        """``joint`` and those that it follows, directly or through others."""
+        yield joint
+        while joint.mimic is not None:
             joint = self._joint_named[joint.mimic.leader]
-        return joint.name in given
+            yield joint
 
     def path_to(self, link: str) -> list[Joint]:
         """Return the joints from the root to ``link``; raise `JointError` for an unknown link."""

@@ -9,6 +9,7 @@ graph and exits. It does not import the project.
 ======================  ========================================================
 ``tf``, ``tracked``     the pose of the cautery, 100 mm off, at 60 Hz
 ``joints``              the robot's joints 0.5 rad off, at 60 Hz
+``gripper``             the joint of another device on the robot's topic, at 60 Hz
 ``constraint``          constraints that allow everything, at 60 Hz
 ``static``              the robot's base turned, latched on /tf_static, once
 ======================  ========================================================
@@ -34,6 +35,7 @@ PERIOD_S = 1 / 60
 TOPICS = {
     "tracked": ("/tracked_transforms", TrackedTransform),
     "joints": ("/joint_states", JointState),
+    "gripper": ("/joint_states", JointState),
     "constraint": ("/marginguard/constraint", FixtureConstraint),
     "static": ("/tf_static", TFMessage),
 }
@@ -66,6 +68,8 @@ def main():
             found = JointState(
                 name=joints["names"], position=[each + 0.5 for each in joints["positions"]]
             )
+            if what == "gripper":
+                found = JointState(name=["finger"], position=[0.01])
             stamp(found.header)
             return found
         if message_type is FixtureConstraint:

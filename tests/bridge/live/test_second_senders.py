@@ -81,3 +81,19 @@ def test_restarted_tracker_is_no_second_sender(guarded, start, frames_file, doma
             monitor.until(lambda each: "stale" not in each.message.reasons, stale.at_ns)
         monitor.make_permissive()
         assert not any(each.has_second_sender for each in monitor.received)
+
+
+def test_joints_of_another_device_on_the_robots_topic_are_no_fault(
+    guarded, start, frames_file, domain_id
+):
+    guarded("tracked")
+    with monitored(domain_id) as monitor:
+        rival = start(str(RIVAL), str(frames_file), "gripper")
+        rival.line(lambda line: line == "ready\n")
+        begun_ns = rival_begins(rival)
+        monitor.make_permissive()
+        permissive_ns = monitor.until(lambda each: each.is_permissive).at_ns
+        monitor.until(lambda each: each.at_ns > permissive_ns + 10**9)
+        reasons = {each for seen in monitor.since(permissive_ns) for each in seen.message.reasons}
+        assert not reasons & {"second_sender", "redundancy_lost"}
+        assert not any(each.has_second_sender for each in monitor.since(begun_ns))

@@ -148,7 +148,7 @@ def test_lost_pose_has_its_status_and_closed_source_delivers_nothing(nodes):
     source.close()
 
 
-def test_non_finite_joints_are_skipped(nodes):
+def test_non_finite_joints_and_those_of_other_devices_are_skipped(nodes):
     session, tracker = nodes
     inbox = Inbox()
     joints = listen_to_joints(
@@ -157,9 +157,11 @@ def test_non_finite_joints_are_skipped(nodes):
         5,
         lambda sample: inbox.take([sample]),
         EVERY_SENDER.accepts_joints,
+        lambda names: "a" in names,
     )
     publisher = tracker.publisher(topics.JOINT_STATES)
     publish_until_received(publisher, JointState(name=["a"], position=[0.25]), inbox)
+    publisher.publish(JointState(name=["gripper"], position=[9.0]))
     publisher.publish(JointState(name=["a", "b"], position=[1.0]))
     publisher.publish(JointState(name=["a"], position=[float("inf")]))
     publisher.publish(JointState(name=["a"], position=[0.5]))
@@ -167,6 +169,7 @@ def test_non_finite_joints_are_skipped(nodes):
     assert all(sample.as_mapping() == {"a": 0.25} for sample in samples[:-1])
     assert samples[-1].stamp.ns == 5
     assert joints.counts()["/joint_states: refused (InputError)"] == 2
+    assert joints.counts()["/joint_states: refused (JointError)"] == 1
     assert session.failures == 0
 
 
@@ -185,6 +188,7 @@ def test_best_effort_drivers_are_received(domain_id, start, frames_file, kind):
             0,
             lambda sample: joints.take([sample]),
             EVERY_SENDER.accepts_joints,
+            lambda names: True,
         )
         sender = start(str(SENDER), str(frames_file), kind, "again", "best_effort")
         sender.line(lambda line: line.startswith("shift"))

@@ -83,6 +83,11 @@ def test_measured_kinematics_requires_every_joint_that_moves_the_link():
         arm.measured_kinematics("e", measured)
     with pytest.raises(JointError, match="'hand' is unknown"):
         arm.measured_kinematics("hand", measured)
+    assert arm.is_determined("d", {"shoulder", "wrist"})
+    assert not arm.is_determined("e", {"shoulder", "wrist"})
+    assert not arm.is_determined("d", {"finger"})
+    assert arm.joints_that_move("d") == {"shoulder", "elbow", "wrist"}
+    assert arm.joints_that_move("b") == {"shoulder"}
 
 
 def test_prismatic_positions_are_metres_along_a_unit_axis():
