@@ -1,5 +1,6 @@
 """Lines are complete on the disk, survive a damaged end, and files are rotated."""
 
+import errno
 import json
 import os
 import stat
@@ -39,6 +40,50 @@ def test_full_file_is_renamed_and_the_oldest_one_removed(tmp_path):
             file.append({"number": number})  # 13 bytes: one line a file
     numbers = {each.name: lines(each)[0]["number"] for each in tmp_path.iterdir()}
     assert numbers == {"log.jsonl": 9, "log.jsonl.1": 8, "log.jsonl.2": 7}
+
+
+def numbers(folder):
+    return {each.name: [line["number"] for line in lines(each)] for each in folder.iterdir()}
+
+
+@pytest.mark.parametrize("code", [errno.EMFILE, errno.ENOSPC])
+def test_file_that_cannot_be_replaced_is_continued_and_keeps_the_earlier_ones(
+    tmp_path, monkeypatch, code
+):
+    def fail(*_):
+        raise OSError(code, os.strerror(code))
+
+    path, other = tmp_path / "logs" / "log.jsonl", tmp_path / "other"
+    with JsonLinesFile(path, max_bytes=25, kept=2) as file:
+        for number in range(3):
+            file.append({"number": number})
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "open", fail)
+            for number in range(3, 6):
+                with other.open("w"):  # takes each descriptor that is free
+                    file.append({"number": number})
+        assert numbers(path.parent) == {
+            "log.jsonl": [2, 3, 4, 5],
+            "log.jsonl.1": [1],
+            "log.jsonl.2": [0],
+        }
+        file.append({"number": 6})
+    assert other.read_text() == ""
+    assert numbers(path.parent) == {
+        "log.jsonl": [6],
+        "log.jsonl.1": [2, 3, 4, 5],
+        "log.jsonl.2": [1],
+    }
+
+
+def test_removed_file_moves_no_earlier_one(tmp_path):
+    path = tmp_path / "log.jsonl"
+    with JsonLinesFile(path, max_bytes=25, kept=2) as file:
+        for number in range(3):
+            file.append({"number": number})
+        path.unlink()
+        file.append({"number": 3})
+    assert numbers(tmp_path) == {"log.jsonl": [3], "log.jsonl.1": [1], "log.jsonl.2": [0]}
 
 
 @pytest.mark.parametrize("make", [lambda path: path.mkdir(), os.mkfifo])

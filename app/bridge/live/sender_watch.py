@@ -62,6 +62,9 @@ class SenderWatch:
     the first sample of each sender is used.
 
     A name of a node is what the node announces: it is a candidate and not an identity.
+
+    Every guard on the graph publishes `FIXTURE_FRAME`, which no session uses: several senders of it
+    are logged and counted, and are no fault.
     """
 
     def __init__(
@@ -94,7 +97,8 @@ class SenderWatch:
         self._joint_trail, self._joint_sequences = SenderTrail(), SequenceTrail()
         self._seen: dict[bytes, None] = {}
         self._texts: tuple[str, ...] = ()
-        self._refused = 0
+        self._fixture_text = ""
+        self._refused = self._other_fixtures = 0
         self._timer: Timer | None = None
 
     def start(self, *, moving: bool) -> None:
@@ -114,7 +118,15 @@ class SenderWatch:
     def accepts_pose(self, pose: PoseValues, origin: Origin) -> bool:
         """Process a sample of the pose topic; False if it must not be used."""
         self._meet(self._poses, origin)
-        return self._follow(self._frames, pose, origin)
+        if self._poses is self._tf and pose.source == FIXTURE_FRAME:
+            return False  # computed by a guard, not measured
+        is_accepted = self._follow(self._frames, pose, origin)
+        if not is_accepted:
+            self._refused += 1
+        conflicts = not self._texts and self._frames.has_conflict(pose.source)
+        if conflicts and any(pose.source == child for _, child in self._session.edges()):
+            self._check()
+        return is_accepted
 
     def accepts_joints(self, joints: JointValues, origin: Origin) -> bool:
         """Process joint positions; False if they must not be used."""
@@ -144,13 +156,17 @@ class SenderWatch:
                 continue
             contradicts |= self._static.observe(pose, origin, own, now_ns, latched=latched)
             if not latched and pose.source == FIXTURE_FRAME:
-                self._follow(self._published, pose, origin)
+                self._other_fixtures += not self._follow(self._published, pose, origin)
         if contradicts:
             self._check()
 
     def counts(self) -> Mapping[str, int]:
-        """Number of samples that were not used, because another sender is heard as well."""
-        return {"samples of a second sender": self._refused} if self._refused else {}
+        """Number of samples of further senders: those not used, and those of `FIXTURE_FRAME`."""
+        counts = {
+            "samples of a second sender": self._refused,
+            f"samples of {FIXTURE_FRAME} of another node": self._other_fixtures,
+        }
+        return {name: count for name, count in counts.items() if count}
 
     def close(self) -> None:
         """Stop watching the graph. Call it in the node's thread, or before the node closes."""
@@ -177,14 +193,7 @@ class SenderWatch:
             is_accepted = True
             if origin.sequence is not None:
                 frames.observe_sequence(pose.edge, origin.sequence, sample, now_ns)
-        if not is_accepted:
-            self._refused += 1
-        if not self._texts and frames.has_conflict(pose.source) and self._is_used(pose.source):
-            self._check()
         return is_accepted
-
-    def _is_used(self, child: str) -> bool:
-        return child == FIXTURE_FRAME or any(child == used for _, used in self._session.edges())
 
     def _own_static(self) -> dict[str, Transform]:
         return {edge.source: edge for edge in self._session.static_edges()}
@@ -195,15 +204,8 @@ class SenderWatch:
             names.refresh()
         now_ns = time.monotonic_ns()
         edges, own = self._session.edges(), self._own_static()
-        found = []
-        for conflicts, names in (
-            (self._frames.conflicts(edges, (), now_ns, self._poses.is_present), self._poses),
-            (
-                self._published.conflicts((), [FIXTURE_FRAME], now_ns, self._tf.is_present),
-                self._tf,
-            ),
-        ):
-            found += [_text(conflict, names) for conflict in conflicts]
+        conflicts = self._frames.conflicts(edges, (), now_ns, self._poses.is_present)
+        found = [_text(conflict, self._poses) for conflict in conflicts]
         joints = self._joint_trail.check(now_ns, self._joints.is_present)
         if joints or self._joint_sequences.check(now_ns):
             found.append(
@@ -214,6 +216,20 @@ class SenderWatch:
             self._session.restore_static()
         found += self._static.problems(own, {child for _, child in edges}, now_ns)
         self._texts = tuple(found)
+        self._log_fixtures(now_ns)
+
+    def _log_fixtures(self, now_ns: int) -> None:
+        """Log the senders of `FIXTURE_FRAME` when several begin to send it."""
+        found = self._published.conflicts((), [FIXTURE_FRAME], now_ns, self._tf.is_present)
+        text = "; ".join(
+            f"{conflict.edge[0]} -> {FIXTURE_FRAME} on {self._tf.topic} has several senders, "
+            f"{self._tf.text(conflict.senders)}: no session uses it; readers of tf cannot tell "
+            "them apart"
+            for conflict in found
+        )
+        if text and not self._fixture_text:
+            self._ros.node.get_logger().warning(text)
+        self._fixture_text = text
 
     def _foreign_constraints(self) -> Sequence[str]:
         """A text if the graph lists another publisher on our constraint topic."""

@@ -80,7 +80,7 @@ class LiveState:
         self._record = RunRecord(key, os.getpid(), now_ns, now_ns, ended=False, hold=hold)
         # Before the first step: nothing is permitted while the files say that no guard runs.
         self._write(self._record)
-        self._record = replace(self._record, ended=True)  # written if no step follows
+        self._record = replace(self._record, ended=True)  # written by `close` if no step follows
         self._writer = RecordWriter(self._write, self._beat, self._failed)
 
     def update(self, latched: bool, causes: tuple[str, ...]) -> None:
@@ -97,7 +97,7 @@ class LiveState:
         else:
             new = HoldRecord(hold.since_ns, causes)
         self._record = replace(self._record, hold=new, written_ns=self._clock_ns())
-        self._writer.put(self._record)
+        self._writer.put(replace(self._record, ended=False))
 
     def end(self, latched: bool, causes: tuple[str, ...] = ()) -> None:
         """Note an orderly end of the steps; `close` writes it. Undone by `resume`."""
@@ -107,6 +107,7 @@ class LiveState:
     def resume(self) -> None:
         """Note that steps follow, for the first time or after `end`."""
         self._record = replace(self._record, ended=False)
+        self._writer.put(self._record)
 
     def close(self) -> None:
         """Write the final record and end the thread; the locks are released afterwards."""
@@ -133,6 +134,7 @@ class LiveState:
         return tuple(causes), min(since, default=None)
 
     def _write(self, record: RunRecord) -> None:
+        self._last = record
         for slot in self._locks:
             write_durably(record_path(self._folder, slot), as_bytes(record), StateFileError)
 
@@ -153,7 +155,7 @@ class LiveState:
             return
         self._locks[slot].close()
         self._locks[slot], self.problem = restored, ""
-        self._write(self._record)
+        self._write(self._last)  # not a newer one, whose run may have ended without a `close`
 
     def _failed(self, why: str) -> None:
         self._log(f"{why}; a restart will begin on hold, without the causes of later holds")

@@ -23,6 +23,15 @@ def other_arm(config: Path) -> Path:
     return path
 
 
+def no_arm(config: Path) -> Path:
+    """A copy of ``config`` without robot."""
+    values = yaml.safe_load(config.read_text())
+    values = {key: values[key] for key in values.keys() - {"robot", "registration", "clock"}}
+    path = config.with_name("no_arm.yaml")
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
 def first(receiver, accept):
     """The first constraint that ``accept`` accepts."""
     while True:

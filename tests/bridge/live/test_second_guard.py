@@ -2,10 +2,22 @@
 
 import re
 import signal
+from pathlib import Path
 
 import pytest
 
-from tests.bridge.live.restarts import CONSTRAINT, TRACKED, first, live, other_arm, refusal
+from tests.bridge.live.guard_monitor import monitored
+from tests.bridge.live.restarts import (
+    CONSTRAINT,
+    TRACKED,
+    first,
+    live,
+    no_arm,
+    other_arm,
+    refusal,
+)
+
+SENDER = Path(__file__).resolve().parent / "sender.py"
 
 
 @pytest.fixture
@@ -57,3 +69,30 @@ def test_guard_elsewhere_that_sends_is_found_on_the_graph(start, config, monkeyp
     line = refusal(start(*live(config)))
     assert "/marginguard/constraint: node /marginguard publishes the constraint already" in line
     assert guard.process.poll() is None
+
+
+@pytest.mark.parametrize("source", [TRACKED, {"tf": {}, "clock": "host"}], ids=["tracked", "tf"])
+def test_guards_of_two_namespaces_that_publish_planes_are_no_second_senders(
+    start, live_yaml, frames_file, domain_id, source
+):
+    config = live_yaml(source)
+    guards = [
+        start(*live(config)),
+        start(*live(no_arm(config), "--namespace", "watch")),
+    ]
+    for guard in guards:
+        guard.line(lambda line: line.startswith("UNKNOWN"))
+    kind = "tf" if "tf" in source else "tracked"
+    with monitored(domain_id) as monitor:
+        start(str(SENDER), str(frames_file), kind, "again")
+        guards[1].line(lambda line: not line.startswith("UNKNOWN"))
+        monitor.make_permissive()
+        for guard in guards:
+            monitor.until(
+                lambda each, log=guard.log: (
+                    each.has_second_sender or "virtual_fixture on /tf" in log.read_text()
+                )
+            )
+        assert not any(each.has_second_sender for each in monitor.received)
+        monitor.make_permissive()
+    assert all("virtual_fixture on /tf has several" in guard.log.read_text() for guard in guards)

@@ -1,6 +1,7 @@
 """Senders of a session's inputs, followed with the publishers of a real graph."""
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -99,6 +100,28 @@ def test_second_sender_of_another_frame_and_copies_are_no_fault(watched):
         watched.pose(("base", "link"), A, ns)
         watched.pose(("base", "link"), B, ns, x_m=1.0)
     assert not watched.problem
+
+
+@pytest.mark.parametrize("parent", ["tumor", "lump"])
+def test_fixture_of_a_guard_in_another_namespace_is_counted_and_no_fault(
+    watched, monkeypatch, parent
+):
+    logged, used = [], []
+    logger = SimpleNamespace(warning=logged.append)
+    monkeypatch.setattr(watched.ros.node, "get_logger", lambda: logger)
+    for ns in range(20):
+        assert all(watched.pose(each, A, ns) for each in EDGES)
+        for edge, origin, x_m in (("tumor", A, 0.0), (parent, B, 1.0)):
+            fixture = PoseValues(edge, "virtual_fixture", ns, (x_m, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            watched.senders.take_tf([fixture], origin, latched=False)
+            used.append(watched.senders.accepts_pose(fixture, origin))
+    for _ in range(2):
+        watched.ros.call(watched.senders._check)
+    assert not watched.problem
+    assert not any(used)
+    assert list(watched.senders.counts()) == ["samples of virtual_fixture of another node"]
+    (line,) = logged
+    assert "-> virtual_fixture on /tf has several senders" in line
 
 
 def test_second_sender_of_the_robots_joints_is_a_fault(watched):

@@ -190,22 +190,63 @@ def test_replay_is_refused_beside_a_guard_and_leaves_no_file(folder):
     assert run(folder) == ()
 
 
+def remove_files(folder):
+    for path in folder.iterdir():
+        path.unlink(missing_ok=True)  # a file that is being written gets another name
+
+
+def wait_for_writer(state):
+    """Wait until the writer has processed what was put, and has looked at the locks after it."""
+    beats, beat = threading.Semaphore(0), state._beat
+
+    def observed():
+        beat()
+        beats.release()
+
+    state._writer._beat = observed
+    for _ in range(2):  # the first one may have begun before
+        assert beats.acquire(timeout=DEADLINE_S)
+    state._writer._beat = beat
+
+
+@pytest.mark.parametrize("steps", [False, True], ids=["before the first step", "after the steps"])
+def test_files_removed_while_no_steps_are_taken_say_that_the_run_has_not_ended(
+    folder, monkeypatch, steps
+):
+    monkeypatch.setattr("app.runtime.persistence.record_writer.BEAT_S", 0.01)
+    with opened(folder) as state:
+        if steps:
+            state.resume()
+            state.end(False)
+        remove_files(folder)
+        wait_for_writer(state)
+        assert not record_of(folder).allows_start
+        state.end(False)
+    assert record_of(folder).allows_start
+
+
+def test_record_says_that_the_run_has_not_ended_until_it_is_closed(folder, monkeypatch):
+    monkeypatch.setattr("app.runtime.persistence.record_writer.BEAT_S", 0.01)
+    with opened(folder) as state:
+        state.end(True, ("stale",))
+        state.end(False)
+        wait_for_writer(state)
+        assert not record_of(folder).ended
+        record_path(folder, KEY.slots[0]).unlink()
+        state.resume()
+        wait_for_writer(state)
+        assert not record_of(folder).ended
+        state.end(False)
+    assert record_of(folder).ended
+
+
 def test_removed_files_are_locked_and_written_again(folder, monkeypatch):
     monkeypatch.setattr("app.runtime.persistence.record_writer.BEAT_S", 0.01)
     with opened(folder) as state:
         state.resume()
-        for path in folder.iterdir():
-            path.unlink()
-        done = threading.Event()
-        beat = state._beat
-
-        def observed():
-            beat()
-            done.set()
-
-        state._writer._beat = observed
+        remove_files(folder)
         state.update(True, ("stale",))
-        assert done.wait(DEADLINE_S)
+        wait_for_writer(state)
         with pytest.raises(SecondInstanceError):
             run(folder)
     assert not record_of(folder).allows_start
