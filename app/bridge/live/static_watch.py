@@ -14,7 +14,7 @@ MAX_ANGLE_RAD = 1e-4
 """Largest difference of a transform that repeats one of the session."""
 
 MAX_EDGES = 256
-"""Transforms of other nodes that are remembered, besides those that contradict the session."""
+"""Transforms of other nodes that are remembered, besides those of the session's own frames."""
 
 
 class _Foreign(NamedTuple):
@@ -31,7 +31,8 @@ class StaticWatch:
 
     Another node contradicts the session if it places one of the session's static frames elsewhere
     (another parent or another pose), on ``/tf_static`` or ``/tf``, or if it gives a measured frame
-    a static transform. A static one is valid as long as its publisher exists. The session never
+    a static transform. A static one is valid as long as its publisher exists: it is remembered also
+    while it repeats the session's own, which another registration may change. The session never
     uses such a transform, but every other node on the graph may do so. Not thread-safe; times are
     monotonic.
     """
@@ -60,19 +61,15 @@ class StaticWatch:
             transform = pose.sample().transform
         except MarginGuardError:  # names that cannot be frames; the reader counts them
             return False
-        found = _Foreign(pose.target, transform, latched, now_ns)
-        if child in own and _repeats(found, own[child]):
-            self._foreign.pop(key, None)
-            return False
-        self._foreign[key] = found
-        return child in own
+        self._foreign[key] = _Foreign(pose.target, transform, latched, now_ns)
+        return _contradicts(self._foreign[key], own.get(child))
 
     def problems(
         self, own: Mapping[str, Transform], measured: Collection[str], now_ns: int
     ) -> Iterator[str]:
         """One line for each contradiction to ``own`` or to the ``measured`` child frames."""
         for (sender, child), found in self._foreign.items():
-            if child in own or child in measured:
+            if _contradicts(found, own.get(child)) or (child in measured and child not in own):
                 names = self._names[found.latched]
                 expected = (
                     f"{own[child].target} -> {child} of this session alone"
@@ -85,13 +82,15 @@ class StaticWatch:
                 )
 
     def remove_ended(self, own: Mapping[str, Transform], now_ns: int) -> bool:
-        """Remove the transforms whose sender has ended; True if one contradicted ``own``."""
-        ended = [
-            key for key, found in self._foreign.items() if self._has_ended(key[0], found, now_ns)
-        ]
+        """Remove the transforms whose sender has ended; True if one contradicts ``own``."""
+        ended = {
+            key: found
+            for key, found in self._foreign.items()
+            if self._has_ended(key[0], found, now_ns)
+        }
         for key in ended:
             del self._foreign[key]
-        return any(child in own for _, child in ended)
+        return any(_contradicts(found, own.get(child)) for (_, child), found in ended.items())
 
     def _has_ended(self, sender: bytes | None, found: _Foreign, now_ns: int) -> bool:
         is_present = self._names[found.latched].is_present
@@ -100,11 +99,15 @@ class StaticWatch:
         return has_ended(sender, found.heard_ns, now_ns, is_present)
 
 
-def _repeats(found: _Foreign, own: Transform) -> bool:
-    if found.transform is None or found.parent != own.target:
+def _contradicts(found: _Foreign, own: Transform | None) -> bool:
+    """True if ``own``, the session's transform of that frame, exists and is another one."""
+    if own is None:
         return False
     transform = found.transform
-    return (
+    if transform is None or found.parent != own.target:
+        return True
+    repeats = (
         transform.distance_mm_to(own) <= MAX_DISTANCE_MM
         and transform.angle_to(own) <= MAX_ANGLE_RAD
     )
+    return not repeats

@@ -34,13 +34,14 @@ class Watched:
     def __init__(self, ros):
         self.ros = ros
         self.restored = threading.Event()
+        self.static_edges = (BASE,)
         constraint, static = ros.publisher(topics.CONSTRAINT), ros.publisher(topics.TF_STATIC)
         session = WatchedSession(
             pose_topic="/tf",
             joint_topic="/joint_states",
             joint_names=frozenset({"waist"}),
             edges=lambda: EDGES,
-            static_edges=lambda: (BASE,),
+            static_edges=lambda: self.static_edges,
             restore_static=self.restored.set,
         )
         self.senders = SenderWatch(
@@ -163,6 +164,19 @@ def test_static_transform_that_contradicts_the_session_is_a_fault_until_its_node
     rival.close()
     watched.until(lambda text: not text)
     assert watched.restored.is_set() == (child == "robot_base")
+
+
+def test_equal_static_transform_is_a_fault_as_soon_as_the_session_has_another_one(watched, rival):
+    static(rival, "reference", "robot_base", 10.0)
+    static(rival, "odd", "cautery", 0.0)
+    assert "robot_base" not in watched.until(bool)  # the first one has arrived before
+    watched.static_edges = (Transform("reference", "robot_base", np.eye(3), [11.0, 0.0, 0.0]),)
+    watched.until(lambda text: "reference -> robot_base on /tf_static" in text)
+    watched.static_edges = (BASE,)
+    watched.until(lambda text: text and "robot_base" not in text)
+    rival.close()
+    watched.until(lambda text: not text)
+    assert not watched.restored.is_set()
 
 
 def test_static_transforms_of_other_frames_and_equal_ones_are_no_fault(watched, rival):
