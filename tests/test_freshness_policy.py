@@ -14,6 +14,7 @@ from app.bridge.tf import Lookup, TransformBuffer
 from app.case import TrackingFrame
 from app.fixture import (
     FixtureDecision,
+    LimiterParameters,
     MarginMonitor,
     MarginObservation,
     MarginState,
@@ -106,7 +107,7 @@ def listed_as_tracked_in_diagnostics(stamp_ns: int) -> bool:
 
 
 def allows_motion(stamp_ns: int) -> bool:
-    return _allowance_of(step(stamp_ns), STALE_NS, 0) is not None
+    return _allowance_of(step(stamp_ns), STALE_NS, 0, LimiterParameters()) is not None
 
 
 def followed_by_joints(stamp_ns: int) -> bool:

@@ -40,6 +40,7 @@ PARSED_IN = {
 READS_OWN_FILES = {
     "bridge/message_definitions.py": "definitions of this project's messages, as installed",
     "bridge/open_ports.py": "a table of the kernel",
+    "bridge/security.py": "a loaded library, and a table of the kernel",
     "case/messages/definition.py": "message definitions of this project",
     "cli/replay_page.py": "the report that this process wrote",
     "cli/scene_process.py": "a picture that a child process wrote",
@@ -71,6 +72,7 @@ OPENS_FILES = {
     "case/copying.py": {"path.open"},
     "case/recorder/complete_file.py": {"os.open"},
     "files/atomic_io.py": {"os.open", "os.fdopen"},
+    "files/json_lines.py": {"os.open", "self.path.open"},
     "case/recorder/recorder.py": {"self._partial.open"},
     "fixture/proximity/field_cache.py": {"os.fdopen"},
     "scene/scene_file.py": {"zipfile.ZipFile"},

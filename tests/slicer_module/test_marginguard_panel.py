@@ -263,7 +263,7 @@ def test_labels_show_plain_text(panel):
 
     labels = [each for each in vars(panel.ui).values() if hasattr(each, "textFormat")]
     messages = [label for label in labels if not label.objectName().endswith(BUDDY)]
-    assert len(messages) == 6
+    assert len(messages) == 7
     assert {label.textFormat() for label in messages} == {Qt.TextFormat.PlainText}
 
 
