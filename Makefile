@@ -20,13 +20,14 @@ interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path 
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-fast test-playback test-long test-wheel docs lint format doctor clean bench-faults
+.PHONY: help demo test test-fast test-playback test-long test-exhaustive test-wheel docs lint format doctor clean bench-faults
 
 help:
 	@echo 'make demo       install, then replay $(case) into $(report)'
 	@echo 'make test       install the test dependencies, then run all tests'
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests: examples of docstrings, examples on whole cases, types'
+	@echo 'make test-exhaustive  stop a session 100 times, kill 20 recorders (on an idle machine)'
 	@echo 'make test-playback  play the whole recorded case to a live session (75 s), compare with a replay'
 	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
@@ -53,6 +54,9 @@ test-fast: $(test)
 
 test-long: $(test)
 	@$(python) -m pytest --long $(PYTEST_ARGS)
+
+test-exhaustive: $(test)
+	@$(python) -m pytest --exhaustive $(PYTEST_ARGS)
 
 # About five minutes of processor time: two builds, 2 GB of packages, all kernels compiled.
 test-wheel: $(test)

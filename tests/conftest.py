@@ -98,15 +98,17 @@ SLOW = {
 """Reason -> folders and files whose tests have the marker ``slow``: `make test-fast` skips them."""
 
 LONG = {
+    "starts rival drivers and waits until they have ended": (
+        "tests/bridge/live/test_second_senders.py",
+    ),
+    "starts a process for each parser": ("tests/fuzz/test_parsers.py",),
     "starts live sessions again and again": (
         "tests/bridge/live/test_restart.py",
         "tests/bridge/live/test_second_guard.py",
     ),
-    "stops a live session 100 times from outside": ("tests/benchmarks/test_stops.py",),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",
     ),
-    "kills twenty recorders": ("tests/benchmarks/test_long_recorder.py",),
     "checks types in a new cache": ("tests/marginguard/test_typing.py",),
     "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
     "runs examples on whole cases, or beside a replay in real time": (
@@ -118,6 +120,12 @@ LONG = {
     ),
 }
 """Reason -> files that `make test-long` runs (``--long``), and `make test` does not."""
+
+EXHAUSTIVE = {
+    "stops a live session 100 times from outside": ("tests/benchmarks/test_stops.py",),
+    "kills twenty recorders": ("tests/benchmarks/test_long_recorder.py",),
+}
+"""Reason -> files that `make test-exhaustive` runs (``--exhaustive``), on an idle machine."""
 
 FAST_TIER = "not slow"
 """Expression of ``-m`` that selects the fast tier."""
@@ -146,22 +154,34 @@ def is_slow(path: str) -> bool:
     return path.startswith(tuple(slow for paths in SLOW.values() for slow in paths))
 
 
-def is_long(path: str) -> bool:
-    """True if the file ``path`` (relative to the project) is listed in `LONG`."""
-    return path in {long for paths in LONG.values() for long in paths}
+def tier_of(path: str) -> str:
+    """Tier of the file ``path`` (relative to the project): suite, long or exhaustive."""
+    for tier, table in (("long", LONG), ("exhaustive", EXHAUSTIVE)):
+        if path in {each for paths in table.values() for each in paths}:
+            return tier
+    return "suite"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--long``."""
-    parser.addoption("--long", action="store_true", help="run the files of LONG, and only those")
+    """Add ``--long`` and ``--exhaustive``."""
+    parser.addoption(
+        "--long", dest="tier", action="store_const", const="long", help="run the files of LONG only"
+    )
+    parser.addoption(
+        "--exhaustive",
+        dest="tier",
+        action="store_const",
+        const="exhaustive",
+        help="run the files of EXHAUSTIVE only",
+    )
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Select long files; do not import slow files for the fast tier: they load ROS and VTK."""
+    """Select the files of a tier; do not import slow files for the fast one: they load ROS, VTK."""
     if not collection_path.is_relative_to(PROJECT_ROOT):
         return None
     path = collection_path.relative_to(PROJECT_ROOT).as_posix()
-    if collection_path.suffix == ".py" and is_long(path) != config.option.long:
+    if collection_path.suffix == ".py" and tier_of(path) != (config.option.tier or "suite"):
         return True
     if config.option.markexpr != FAST_TIER:
         return None
