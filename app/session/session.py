@@ -182,6 +182,10 @@ class Session:
         loosened = self._causes.change(self.setup, setup, tumor_change)
         if loosened:
             self._monitor.hold()
+        places = (setup.proximity, setup.frame_from_tumor, setup.robot)
+        if places != (self.setup.proximity, self.setup.frame_from_tumor, self.setup.robot):
+            # A retreat from a tumour that no operator has agreed to may approach the true one.
+            self._doubt.begin()
         self.requested = setup
         margins = tightest_margins(
             self.setup.margins, setup.margins, follows_tumor=setup.tumor_motion is not None

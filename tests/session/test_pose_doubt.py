@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from app.fixture import Reason
-from app.geometry import TrackingStatus
+from app.geometry import TrackingStatus, Transform
 from app.session import Session
 from app.session.pose_doubt import DOUBTS
 from tests.session.test_session import cautery_at, frame, lost, make_setup, needle, steps
@@ -69,3 +69,14 @@ def test_doubt_of_a_setup_that_is_replaced_stays(session):
     session.step(frame(40, needle(40), cautery_at(30.1, 40)), {Reason.CONTRADICTION: "a doubt"})
     session.use(replace(session.setup, margins=session.setup.margins.replaced(stop_mm=2.0)))
     assert not good(session, 60).decision.constraint_is_current
+
+
+def test_no_motion_by_a_new_tumour_until_an_operator_has_agreed_to_it(session):
+    tumor = session.setup.frame_from_tumor
+    moved = Transform(tumor.target, tumor.source, tumor.rotation, tumor.translation_mm + 1.0)
+    session.use(replace(session.setup, frame_from_tumor=moved))
+    for at_ms in AFTER_MS:
+        decision = good(session, at_ms).decision
+        assert (decision.hold, decision.constraint_is_current) == (True, False)
+    session.rearm()
+    assert good(session, 400).decision.constraint_is_current
