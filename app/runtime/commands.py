@@ -33,7 +33,7 @@ class OperatorCommands:
 
     Slow work (distance field and surfaces of a new tumour) is done before the session is locked.
     A command that is refused raises before anything has changed. A change that loosens what the
-    session permits latches a hold (`app.session.Session.use`), and every display is told its
+    session permits latches a hold (`app.session.Session.use`), and every display shows its
     causes. Each command and its outcome is listed in ``requests``; ``origin`` is the interface on
     which it arrived. ``holds`` identifies the present hold. ``max_triangles`` limits a new tumour.
     """
