@@ -1,6 +1,5 @@
 """One ROS domain per test, so that tests that run in parallel do not receive each other's data."""
 
-import fcntl
 import os
 import shutil
 import tempfile
@@ -10,28 +9,15 @@ from pathlib import Path
 
 import pytest
 
-MAX_DOMAIN = 100
-"""The ports of domains above 101 are in the ephemeral range of Linux."""
+from benchmarks import ros_domain
 
 
 @contextmanager
 def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other test on this machine uses.
-
-    Processes reserve a domain by locking a file; the system releases the lock of a dead process.
-    """
-    for offset in range(MAX_DOMAIN):
-        domain = 1 + (os.getpid() + offset) % MAX_DOMAIN
-        path = Path(tempfile.gettempdir()) / f"marginguard-ros-domain-{domain}.lock"
-        with path.open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            shutil.rmtree(_state_home(domain), ignore_errors=True)
-            yield domain
-            return
-    pytest.fail(f"all ROS domains from 1 to {MAX_DOMAIN} are in use by other tests")
+    """Reserve a ROS domain that no other test on this machine uses, with an empty state folder."""
+    with ros_domain.reserved_domain() as domain:
+        shutil.rmtree(_state_home(domain), ignore_errors=True)
+        yield domain
 
 
 def _state_home(domain: int) -> Path:

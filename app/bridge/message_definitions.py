@@ -43,7 +43,7 @@ _SHOWN_DIGITS = 12
 _RECHECK_S = 0.1
 """Least time between two checks while there is a problem and the same number of endpoints."""
 
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """Name that rmw gives to the node of an endpoint until the node has announced itself."""
 
 
@@ -136,7 +136,7 @@ def _foreign(clients: Iterable[TopicEndpointInfo], own: TopicEndpointInfo) -> di
 
 def are_named(nodes: Iterable[str]) -> bool:
     """True if the names of all ``nodes`` of `foreign_endpoints` are known."""
-    return not any(node.endswith(_UNKNOWN_NODE) for node in nodes)
+    return not any(node.endswith(UNKNOWN_NODE) for node in nodes)
 
 
 class DefinitionWatch:

@@ -4,10 +4,8 @@ from collections.abc import Iterable
 
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.node import RosNode
-
-UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""Name that rmw gives to the node of an endpoint until the node has announced itself."""
 
 MAX_SHOWN = 4
 """Nodes that one text lists."""

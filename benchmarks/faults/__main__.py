@@ -23,7 +23,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.faults.domain import reserved_domain
+from benchmarks.ros_domain import reserved_domain
 
 
 def parsed() -> argparse.Namespace:

@@ -22,6 +22,7 @@ from rich.table import Table
 from app.bridge import prepare_environment
 from app.cli.progress import with_progress
 from benchmarks.recorder.kills import Kill, run_kill
+from benchmarks.ros_domain import reserved_domain
 
 PROMISED_MS = 100.0
 _MIN_S, _MAX_S = 1.0, 5.0
@@ -44,14 +45,15 @@ def parsed() -> argparse.Namespace:
 
 def main() -> int:
     options = parsed()
-    # A separate domain keeps other ROS traffic of this machine out of the figures.
-    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
-    prepare_environment()
     times = random.Random(options.seed)
     kills = []
-    for _ in with_progress(range(options.kills), "kills"):
-        with tempfile.TemporaryDirectory(prefix="marginguard-record-") as folder:
-            kills.append(run_kill(Path(folder), times.uniform(_MIN_S, _MAX_S)))
+    # A separate domain keeps other ROS traffic of this machine out of the figures.
+    with reserved_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        prepare_environment()
+        for _ in with_progress(range(options.kills), "kills"):
+            with tempfile.TemporaryDirectory(prefix="marginguard-record-") as folder:
+                kills.append(run_kill(Path(folder), times.uniform(_MIN_S, _MAX_S)))
     Console(width=None if sys.stdout.isatty() else 120).print(_table(kills))
     if options.json is not None:
         options.json.write_text(json.dumps([asdict(kill) for kill in kills], indent=1) + "\n")

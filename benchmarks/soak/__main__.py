@@ -28,8 +28,8 @@ from scipy.stats import theilslopes
 from app.cli.progress import announce_duration
 from app.files.shipped import shipped
 from benchmarks.faults.child import Child
-from benchmarks.faults.domain import reserved_domain
 from benchmarks.faults.environment import prepare
+from benchmarks.ros_domain import reserved_domain
 
 RATE_HZ = 200
 SAMPLE_S = 5.0

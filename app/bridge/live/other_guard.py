@@ -11,8 +11,10 @@ from marginguard_msgs.msg import FixtureConstraint
 from std_msgs.msg import Empty
 
 from app.bridge.errors import BridgeError
+from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.node import RosNode
 from app.bridge.qos import NEWEST, Topic
+from app.bridge.sender_names import node_name
 from app.fixture import Reason
 
 MIN_DISCOVERY_S = 0.5
@@ -140,9 +142,8 @@ def _names(ros: RosNode, topic: str, gids: frozenset[bytes] | None = None) -> li
     """The known names of the nodes that publish ``topic``."""
     return sorted(
         {
-            f"node {info.node_namespace.rstrip('/')}/{info.node_name}"
+            f"node {node_name(info)}"
             for info in ros.node.get_publishers_info_by_topic(topic)
-            if not info.node_name.startswith("_NODE_")
-            and (gids is None or bytes(info.endpoint_gid) in gids)
+            if info.node_name != UNKNOWN_NODE and (gids is None or bytes(info.endpoint_gid) in gids)
         }
     )

@@ -7,8 +7,9 @@ from rclpy.node import NodeNameNonExistentError
 from std_msgs.msg import String
 
 from app.bridge import topics
+from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.node import RosNode
-from app.bridge.sender_names import UNKNOWN_NODE, node_name
+from app.bridge.sender_names import node_name
 
 LINGER_S = 1.0
 """Time after the end of a playback for which it counts as found: its last samples may wait."""

@@ -13,10 +13,11 @@ from rclpy.timer import Timer
 from app.bridge import topics
 from app.bridge.live.static_watch import StaticWatch
 from app.bridge.live.subscription import CountedSubscription
+from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.message_origin import Origin, sender_of
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING, STATIC_TF
-from app.bridge.sender_names import UNKNOWN_NODE, SenderNames, node_name, nodes_text
+from app.bridge.sender_names import SenderNames, node_name, nodes_text
 from app.case.messages.ros_messages import TF_MESSAGE
 from app.case.messages.values import JointValues, PoseValues
 from app.fixture import FIXTURE_FRAME, Reason

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from app.bridge import topics
 from app.bridge.errors import BridgeError
 from app.bridge.live.subscription import CountedSubscription
+from app.bridge.message_definitions import UNKNOWN_NODE
 from app.bridge.message_origin import Origin
 from app.bridge.node import RosNode
 from app.bridge.qos import INCOMING
@@ -25,7 +26,6 @@ _REPLY_S = 1.0
 """Time in which a node that was just discovered sends its name, and a playback what it plays."""
 
 _POLL_S = 0.05
-_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 _MAX_REMEMBERED = 4096
 _MAX_CHARS = 200
 _EXPECTED = "expected no publisher besides the playback: recorded and measured poses must not mix"
@@ -79,7 +79,7 @@ class SoleSource:
             self._refuse(
                 each
                 for each in others
-                if each.gid not in silent and (is_over or each.node_name != _UNKNOWN_NODE)
+                if each.gid not in silent and (is_over or each.node_name != UNKNOWN_NODE)
             )
             if is_over:
                 self._known |= silent
@@ -130,7 +130,7 @@ class SoleSource:
         problem = self._tf_problem
         for other in others:
             node = f"node {other.namespace.rstrip('/')}/{other.node_name}"
-            if other.node_name == _UNKNOWN_NODE:
+            if other.node_name == UNKNOWN_NODE:
                 node = "another node"
             problem = f"{other.topic}: {node} publishes on it too"
         if problem:
@@ -156,4 +156,4 @@ class _Endpoint(NamedTuple):
 
 
 def _has_unknown_name(endpoints: Sequence[_Endpoint]) -> bool:
-    return any(each.node_name == _UNKNOWN_NODE for each in endpoints)
+    return any(each.node_name == UNKNOWN_NODE for each in endpoints)
