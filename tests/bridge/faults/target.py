@@ -23,7 +23,12 @@ def main() -> None:
     with RosNode("target") as ros:
         tf = TfListener(ros, buffer)
         states = listen_to_joints(
-            ros, "/joint_states", 0, lambda sample: joints.append("good"), lambda *_: True
+            ros,
+            "/joint_states",
+            0,
+            deliver=lambda sample: joints.append("good"),
+            accepts=lambda *_: True,
+            is_complete=lambda names: True,
         )
         description = DescriptionListener(
             ros,
