@@ -52,7 +52,8 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ScriptedLoadableModuleWidget.setup(self)
         try:
             from app.runtime.latest_value import SWITCH_INTERVAL_S
-            from ROS2Lib.logic import Ros2Api, register_classes
+            from ROS2Lib.class_names import register_classes
+            from ROS2Lib.logic import Ros2Api
         except ImportError as error:
             self.layout.addWidget(
                 qt.QLabel(
@@ -85,7 +86,7 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             return
         self._timer.stop()
         self.removeObservers()
-        self.logic.Destroy()
+        self.logic.Close()
 
     def spin(self):
         """Transfer received data into the scene. Called by the timer."""

@@ -88,7 +88,7 @@ def session_logic() -> Iterator[Any]:
     application = SceneApplication(vtkMRMLScene())
     made = Ros2Api(application.scene)
     yield made
-    made.Destroy()
+    made.Close()
 
 
 @pytest.fixture

@@ -8,6 +8,10 @@ It prints one line of JSON for each. It does not import the project.
     /peer/no_reply          Trigger: never replies
     /peer/lookup            tf2_msgs LookupTransform: source_frame selects how the goal ends
     /robot_state_publisher  another node, with the parameter robot_description
+
+Commands add and remove a node /turtlesim with the parameters and the service /spawn of the program
+of that name, which needs a display. Its service has the type std_srvs/srv/Trigger if turtlesim's
+messages are not installed.
 """
 
 import json
@@ -31,12 +35,18 @@ from tf2_msgs.msg import TFMessage
 
 DEADLINE_S = 20.0
 
+try:
+    from turtlesim.srv import Spawn
+except ImportError:
+    Spawn = None
+
 rclpy.init()
 node = rclpy.create_node("peer")
 robot = rclpy.create_node("robot_state_publisher")
 changed = threading.Condition()
 publishers = {}
 received = {}
+turtles = []
 tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
 
 for name, value in {
@@ -153,12 +163,36 @@ def send_tf(edges, age_s=0.0):
 
 
 def set_parameter(name, value, of="peer"):
-    (result,) = {"peer": node, "robot": robot}[of].set_parameters([Parameter(name, value=value)])
+    (result,) = {"peer": node, "robot": robot, "turtlesim": (turtles or [None])[0]}[
+        of
+    ].set_parameters([Parameter(name, value=value)])
     return result.successful
 
 
 def endpoints(topic):
     return [node.count_publishers(topic), node.count_subscribers(topic)]
+
+
+def spawn(request, response):
+    if isinstance(response, Trigger.Response):
+        response.success, response.message = True, "turtle2"
+    else:
+        response.name = request.name or "turtle2"
+    return response
+
+
+def start_turtlesim():
+    turtles.append(rclpy.create_node("turtlesim"))
+    for name in ("background_r", "background_g", "background_b"):
+        turtles[0].declare_parameter(name, 69)
+    turtles[0].create_service(Spawn or Trigger, "/spawn", spawn)
+    executor.add_node(turtles[0])
+    return Spawn is not None
+
+
+def stop_turtlesim():
+    executor.remove_node(turtles[0])
+    turtles.pop().destroy_node()
 
 
 def has_node(name):
@@ -243,6 +277,8 @@ COMMANDS = {
         set_parameter,
         endpoints,
         has_node,
+        start_turtlesim,
+        stop_turtlesim,
         clients_of,
         wait_until,
     )

@@ -23,7 +23,7 @@ def api(scene, ros_domain, monkeypatch):
         monkeypatch.setenv(name, value)
     made = Ros2Api(scene)
     yield made
-    made.Destroy()
+    made.Close()
 
 
 def test_default_node_is_unique_and_found_by_name(api, scene):

@@ -70,13 +70,13 @@ def test_missing_server_is_reported(logic, node):
     assert node.RemoveAndDeleteServiceClientNode("/missing")
 
 
-def test_second_request_replaces_the_first(logic, node, peer):
+def test_second_request_while_one_is_under_way_is_not_sent(logic, node, peer):
     client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
-    for value in (False, False, True):
-        client.SendAsyncRequest({"data": value})
+    assert [client.SendAsyncRequest({"data": value}) for value in (True, False)] == [1, 0]
     assert logic.WaitForServiceResponse(client, 10.0)
     assert client.GetLastResponse().GetSuccess() is True
-    assert client.GetNumberOfRequestsSent() == 3
+    assert (client.GetNumberOfCalls(), client.GetNumberOfRequestsSent()) == (2, 1)
+    assert client.SendAsyncRequest({"data": False}) == 1
     assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
@@ -93,8 +93,27 @@ def test_invalid_request_is_not_sent(node):
             client.SetTimeoutSeconds(wrong)
     assert node.RemoveAndDeleteServiceClientNode("/x")
     assert node.RemoveAndDeleteServiceClientNode("/y")
-    with pytest.raises(MarginGuardError, match="not on a ROS node"):
-        client.SendAsyncRequest({"data": True})
+    assert client.SendAsyncRequest({"data": True}) == 0
+
+
+def test_messages_of_set_bool_string_have_its_accessors(logic, node, peer):
+    client = node.CreateAndAddServiceClientNode("SetBoolString", "/peer/echo")
+    assert (client.GetSlicerTypeIn(), client.GetSlicerTypeOut()) == ("vtkBoolString",) * 2
+    events = []
+    client.AddObserver(1054, lambda *_: events.append(client.GetLastResponse().GetMessage()))
+    request = client.CreateBlankRequest()
+    request.SetResult(True)
+    request.SetMessage("kept in the scene")
+    assert (request.GetResult(), request.GetData()) == (True, True)
+    assert request.GetMessage() == "kept in the scene"
+    assert client.SendAsyncRequest(request) == 1
+    assert logic.WaitForServiceResponse(client, 10.0)
+    response = client.GetLastResponse()
+    assert (response.GetResult(), response.GetSuccess()) == (True, True)
+    assert (response.GetMessage(), response.GetClassName()) == ("echoed", "vtkBoolString")
+    assert events == ["echoed"]
+    assert client.ServiceModifiedEvent == 1054
+    assert node.RemoveAndDeleteServiceClientNode("/peer/echo")
 
 
 def test_service_client_is_unique_per_service_and_removable(node, caplog):

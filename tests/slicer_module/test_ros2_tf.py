@@ -62,6 +62,8 @@ def test_66_mm_are_broadcast_and_looked_up_as_66_mm(node, peer, spin_until):
 
 def test_each_new_sample_is_one_event(node, peer, spin_until):
     lookup = node.CreateAndAddTf2LookupNode("hall", "door")
+    assert lookup.GetModifiedOnLookup() is True  # as in SlicerROS2
+    lookup.SetModifiedOnLookup(False)
     events = Events(lookup)
     assert (lookup.GetState(), lookup.GetAgeSeconds()) == ("missing", None)
     assert lookup.IsStale()
@@ -130,6 +132,7 @@ def test_disconnected_static_path_is_stale(node):
 def test_pose_moved_by_the_user_is_reset_by_the_next_spin(node):
     """A static transform has no next sample, so the node must be reset without one."""
     lookup = node.CreateAndAddTf2LookupNode("yard", "gate")
+    lookup.SetModifiedOnLookup(False)
     insert(node, "yard", "gate", 0, static=True)
     node.Spin()
     placed = x_mm(lookup)

@@ -145,6 +145,12 @@ KINDS = {
         {"child_frame_id": "tip", "transform": {"translation": {"x": 0.066, "y": 0.0, "z": 0.0}}},
         lambda v: (v.GetChildFrameId(), rows(v.GetTransform())[0, 3]) == ("tip", 66.0),
     ),
+    "Wrench": (
+        "geometry_msgs/msg/Wrench",
+        doubles(1.1, 2.2, 3.3, 4.4, 5.5, 6.6),
+        {"force": {"x": 1.1, "y": 2.2, "z": 3.3}, "torque": {"x": 4.4, "y": 5.5, "z": 6.6}},
+        lambda v: flat(v) == [1.1, 2.2, 3.3, 4.4, 5.5, 6.6],
+    ),
     "WrenchStamped": (
         "geometry_msgs/msg/WrenchStamped",
         doubles(1.1, 2.2, 3.3, 4.4, 5.5, 6.6),

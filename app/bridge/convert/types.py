@@ -22,6 +22,7 @@ SHORT_NAMES = MappingProxyType(
         "PoseStamped": "geometry_msgs/msg/PoseStamped",
         "PoseArray": "geometry_msgs/msg/PoseArray",
         "TransformStamped": "geometry_msgs/msg/TransformStamped",
+        "Wrench": "geometry_msgs/msg/Wrench",
         "WrenchStamped": "geometry_msgs/msg/WrenchStamped",
         "Joy": "sensor_msgs/msg/Joy",
         "JointState": "sensor_msgs/msg/JointState",

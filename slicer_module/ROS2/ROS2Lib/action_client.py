@@ -113,6 +113,15 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
                 f"{self.GetName()}: timeout is {seconds} s; expected more than 0, at most 1e6"
             )
         self._timeout_s = seconds
+        self.save_state()
+
+    def settings(self) -> dict[str, Any]:
+        """The timeout."""
+        return {"timeout_s": self._timeout_s}
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Set the timeout."""
+        self.SetTimeoutSeconds(float(settings["timeout_s"]))
 
     def status(self) -> str:
         """Type and outcome of the last goal."""
@@ -146,7 +155,6 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
         self._client = ActionClient(owner.ros, self._type, action)
         self._action = action
         self.SetName(f"ros2:action:client:{action}")
-        self.SetModuleName("ROS2")
 
     def _stop(self) -> None:
         client, self._client = self._client, None

@@ -17,21 +17,25 @@ from app.bridge.tf.listener import TfListener
 from app.geometry import MarginGuardError, Stamp
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Kind, Member
+from ROS2Lib.mrml_class import MrmlClass
+from ROS2Lib.saved_state import SavedState
 
 MemberKey = tuple[str, tuple[str, ...]]
 
 
-class RosHost(vtkMRMLScriptedModuleNode):
+class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
     """Add it to a scene, `Create` it, call `Spin` often in the scene's thread, `Destroy` it.
 
     ROS runs in a thread of its own; received data wait for `Spin`. Invalid requests (a name in use,
     an unknown kind) return None and log an error. A member that is removed from the scene, by any
-    means, leaves the graph; removing this node from the scene destroys the ROS node.
+    means, leaves the graph; removing this node from the scene destroys the ROS node. Members are
+    MRML references of this node by role: ``publisher``, ``subscriber``, ``parameter``, ``lookup``,
+    ``broadcaster``, ``robot``, ``service_client``, ``service_server``, ``action_client``.
     """
 
     def __init__(self) -> None:
         self._ros: RosNode | None = None
-        self._name = ""
+        self._name = self._namespace = ""
         self._members: dict[MemberKey, Member] = {}
         self._spinning: set[Member] = set()
         self._spins = False
@@ -39,12 +43,11 @@ class RosHost(vtkMRMLScriptedModuleNode):
         self._buffer: TransformBuffer | None = None
         self._broadcaster: TfBroadcaster | None = None
 
-    def GetClassName(self) -> str:
-        """Class name as in SlicerROS2."""
-        return type(self).__name__
+    def Create(self, nodeName: str, nodeNamespace: str = "") -> None:
+        """Join the ROS graph under this name; raises `MarginGuardError` on failure.
 
-    def Create(self, nodeName: str) -> None:
-        """Join the ROS graph under this name; raises `MarginGuardError` on failure."""
+        The MRML name of a node in a namespace is ``ros2:node:NAMESPACE/NAME``.
+        """
         scene = self.GetScene()
         if scene is None:
             raise Ros2Error(f"ROS 2 node {nodeName!r} is in no scene; add it to one first")
@@ -53,10 +56,13 @@ class RosHost(vtkMRMLScriptedModuleNode):
                 f"ROS 2 node is already created as {self._name!r}; cannot create it as {nodeName!r}"
             )
         logging.info(prepare_environment())
-        self._ros = RosNode(nodeName)
-        self._name = nodeName
-        self.SetName(f"ros2:node:{nodeName}")
+        self._ros = RosNode(nodeName, namespace=nodeNamespace)
+        self._name, self._namespace = nodeName, nodeNamespace.strip("/")
+        full = f"/{self._namespace}/{nodeName}" if self._namespace else nodeName
+        self.SetName(f"ros2:node:{full}")
         self.SetModuleName("ROS2")
+        names = (nodeName, self._namespace)
+        SavedState("vtkMRMLROS2NodeNode", "", names, {}).store(self)
 
         @vtk.calldata_type(vtk.VTK_OBJECT)  # type: ignore[untyped-decorator]  # VTK types none
         def removed(_: object, __: str, node: Any) -> None:
@@ -103,6 +109,10 @@ class RosHost(vtkMRMLScriptedModuleNode):
     def GetROS2NodeName(self) -> str:
         """Name on the ROS graph."""
         return self._name
+
+    def GetROS2NodeNamespace(self) -> str:
+        """Namespace on the ROS graph, ``/`` if there is none."""
+        return f"/{self._namespace}"
 
     def IsCreated(self) -> bool:
         """True while it is on the ROS graph."""
@@ -163,6 +173,7 @@ class RosHost(vtkMRMLScriptedModuleNode):
             raise Ros2Error(f"{self._name} already has a {member.ROLE} {' '.join(names)!r}")
         member.join(self, names)
         self._members[key] = member
+        self.AddNodeReferenceID(member.reference_role(), member.GetID())
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -213,6 +224,10 @@ class RosHost(vtkMRMLScriptedModuleNode):
     def release(self, member: Member) -> None:
         """Remove a member from the graph; it stays in the scene and can be added again."""
         self._members = {key: each for key, each in self._members.items() if each is not member}
+        role, node_id = member.reference_role(), member.GetID()
+        for index in reversed(range(self.GetNumberOfNodeReferences(role))):
+            if self.GetNthNodeReferenceID(role, index) == node_id:
+                self.RemoveNthNodeReferenceID(role, index)
         member.leave()
 
     def _remove_member(self, member: Member) -> None:

@@ -33,8 +33,9 @@ from app.bridge.convert import (
 from app.bridge.convert.types import SHORT_NAMES
 from app.geometry import Stamp
 from ROS2Lib import vtk_values
+from ROS2Lib.bool_string import BoolStringResponse, vtkBoolString
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.ros_message import message_of, value_of
+from ROS2Lib.ros_message import RosMessage, message_class, message_of, value_of
 
 SERVICES = MappingProxyType(
     {
@@ -75,6 +76,14 @@ def kind_of(name: str) -> Kind:
 def service_kind(name: str) -> Any:
     """Type of a service; raises `UnknownTypeError`."""
     return service_type(SERVICES.get(name, name))
+
+
+def service_classes(name: str) -> tuple[type[RosMessage], type[RosMessage]]:
+    """Classes of the requests and the responses of a service; raises `UnknownTypeError`."""
+    if name == "SetBoolString":
+        return vtkBoolString, BoolStringResponse
+    kind = service_kind(name)
+    return message_class(kind.Request), message_class(kind.Response)
 
 
 def _data(message: Any) -> Any:

@@ -7,62 +7,28 @@ from typing import Any
 from slicer import vtkMRMLScene
 
 from app.geometry import MarginGuardError
-from ROS2Lib.classes import kind_class
-from ROS2Lib.errors import Ros2Error
-from ROS2Lib.kinds import SERVICES, TOPICS
+from ROS2Lib.class_names import node_class
 from ROS2Lib.node import vtkMRMLROS2NodeNode
-from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
-from ROS2Lib.publisher import vtkMRMLROS2PublisherNode
 from ROS2Lib.robot import vtkMRMLROS2RobotNode
+from ROS2Lib.scene_loader import SceneLoader
+from ROS2Lib.scene_patch import ScenePatch
 from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
-from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
-from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
-from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
 
 DEFAULT_NODE = "slicer"
 _POLL_S = 0.02
 
-_CLASSES = (
-    vtkMRMLROS2NodeNode,
-    vtkMRMLROS2ParameterNode,
-    vtkMRMLROS2RobotNode,
-    vtkMRMLROS2Tf2BroadcasterNode,
-    vtkMRMLROS2Tf2LookupNode,
-)
-_CLASS_FAMILIES = (
-    vtkMRMLROS2PublisherNode,
-    vtkMRMLROS2SubscriberNode,
-    vtkMRMLROS2ServiceClientNode,
-)
-
-
-def node_class(name: str) -> type:
-    """Node class by its name in SlicerROS2; raises `Ros2Error` for an unknown name."""
-    for each in _CLASSES:
-        if name == each.__name__:
-            return each
-    for base in _CLASS_FAMILIES:
-        prefix = base.__name__.removesuffix("Node")
-        if name.startswith(prefix) and name.endswith("Node") and name != base.__name__:
-            return kind_class(base, name)
-    raise Ros2Error(f"{name!r} is no class of the ROS2 module")
-
-
-def register_classes(namespace: Any) -> None:
-    """Add all classes to ``namespace`` (``slicer``), where scripts expect those of C++ modules."""
-    for each in _CLASSES:
-        setattr(namespace, each.__name__, each)
-    for base, names in zip(_CLASS_FAMILIES, (TOPICS, TOPICS, SERVICES), strict=True):
-        for name in names:
-            made = kind_class(base, name)
-            setattr(namespace, made.__name__, made)
-
 
 class Ros2Api:
-    """Logic of the module for one ``scene``."""
+    """Logic of the module for one ``scene``.
+
+    Until `Close` the scene also makes and finds nodes by the class names of SlicerROS2
+    (`ScenePatch`), and nodes of a scene that is loaded join the ROS graph (`SceneLoader`).
+    """
 
     def __init__(self, scene: vtkMRMLScene) -> None:
         self.scene = scene
+        self._patch = ScenePatch(scene)
+        self._loader = SceneLoader(scene, self.GetDefaultROS2Node)
 
     def GetDefaultROS2Node(self) -> vtkMRMLROS2NodeNode:
         """The ROS node ``slicer``, created on first use.
@@ -70,9 +36,10 @@ class Ros2Api:
         Raises `MarginGuardError` if it cannot be created; the scene then stays unchanged.
         """
         for node in self.nodes():
-            if node.GetROS2NodeName() == DEFAULT_NODE:
+            if node.GetROS2NodeName() == DEFAULT_NODE and node.IsCreated():
                 return node
         made = vtkMRMLROS2NodeNode()
+        made.SaveWithSceneOff()  # it is made when the module starts
         self.scene.AddNode(made)
         try:
             made.Create(DEFAULT_NODE)
@@ -127,6 +94,12 @@ class Ros2Api:
         for node in tuple(self.nodes()):
             node.Destroy()
 
+    def Close(self) -> None:
+        """`Destroy`, and undo the changes to the scene object. Idempotent."""
+        self.Destroy()
+        self._patch.remove()
+        self._loader.close()
+
     def listing(self) -> str:
         """ROS nodes and members with their status, one per line."""
         lines = []
@@ -138,6 +111,8 @@ class Ros2Api:
     def nodes(self) -> Iterator[vtkMRMLROS2NodeNode]:
         """The ROS nodes in the scene."""
         # Not `GetNodesByClass`: the collection that it returns is never freed.
-        count = self.scene.GetNumberOfNodesByClass("vtkMRMLScriptedModuleNode")
-        each = [self.scene.GetNthNodeByClass(n, "vtkMRMLScriptedModuleNode") for n in range(count)]
+        # The methods of the class: those of the object are `ScenePatch`'s.
+        name = "vtkMRMLScriptedModuleNode"
+        count = vtkMRMLScene.GetNumberOfNodesByClass(self.scene, name)
+        each = [vtkMRMLScene.GetNthNodeByClass(self.scene, n, name) for n in range(count)]
         return (node for node in each if isinstance(node, vtkMRMLROS2NodeNode))

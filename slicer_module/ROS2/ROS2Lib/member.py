@@ -1,12 +1,17 @@
 """Base of all MRML nodes that belong to a ROS node."""
 
 import logging
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge import RosNode
 from app.bridge.tf import TransformBuffer
 from app.bridge.tf.broadcaster import TfBroadcaster
 from app.geometry import MarginGuardError
+from ROS2Lib.mrml_class import MrmlClass
+from ROS2Lib.saved_state import SavedState, without_events
 
 if TYPE_CHECKING:
     from slicer import vtkMRMLNode as _Node
@@ -43,8 +48,10 @@ class Owner(Protocol):
     def resolve(self, name: str) -> str:
         """Resolved name of a topic or service."""
 
-    def create(self, kind: type[Kind], *names: str) -> Kind | None:
-        """Create another member."""
+    def create(
+        self, kind: type[Kind], *names: str, prepare: Callable[[Kind], None] = ...
+    ) -> Kind | None:
+        """Create another member, after ``prepare(member)``."""
 
     def find(self, kind: type[Kind], *names: str) -> Kind | None:
         """The member of this kind and name."""
@@ -56,8 +63,12 @@ class Owner(Protocol):
         """Remove a member from the graph; it stays in the scene."""
 
 
-class Member(_Node):
+class Member(MrmlClass, _Node):
     """Mixin for MRML node classes; `ROLE` and `key` identify the member on its ROS node.
+
+    The ROS node refers to its members by MRML references: role ``publisher``, ``service_client``
+    and so on. The member's attributes hold what a saved scene needs to create it again
+    (`SavedState`).
 
     A subclass implements `_start` (join the graph; raises `MarginGuardError`), `_stop` (leave it)
     and `spin` (transfer received data into the scene, in the scene's thread).
@@ -66,10 +77,6 @@ class Member(_Node):
     ROLE = ""
     _owner: Owner | None = None
     _names: tuple[str, ...] = ()
-
-    def GetClassName(self) -> str:
-        """Class name as in SlicerROS2; the scene uses the name of the MRML base class."""
-        return type(self).__name__
 
     def AddToROS2Node(self, nodeId: str, *names: str) -> bool:
         """Join the graph as a member of ROS node ``nodeId``; on error log it, return False."""
@@ -107,7 +114,11 @@ class Member(_Node):
         """Become a member of ``owner``. Called by the ROS node only."""
         self._start(owner, *names)
         self._owner, self._names = owner, names
-        self.SetNodeReferenceID("node", owner.GetID())
+        with without_events(self):
+            self.SetNodeReferenceID("node", owner.GetID())
+            if isinstance(self, vtkMRMLScriptedModuleNode):
+                self.SetModuleName("ROS2")
+        self.save_state()
 
     def leave(self) -> None:
         """Leave the owner. Called by the ROS node only."""
@@ -116,6 +127,9 @@ class Member(_Node):
                 self._stop()
             finally:
                 self._owner = None
+                with without_events(self):
+                    self.SetNodeReferenceID("node", None)
+                SavedState.forget(self)
 
     def status(self) -> str:
         """Short status for the listing."""
@@ -123,6 +137,36 @@ class Member(_Node):
 
     def spin(self) -> None:
         """Transfer received data into the scene. Called by the ROS node only."""
+
+    @classmethod
+    def reference_role(cls) -> str:
+        """Role of the ROS node's MRML references to members of this kind."""
+        return cls.ROLE.replace(" ", "_")
+
+    def save_state(self) -> None:
+        """Update the attributes that a saved scene keeps; called when one of `settings` changes."""
+        if self._owner is not None:
+            SavedState(self.family(), self.kind_name(), self._names, self.settings()).store(self)
+
+    @classmethod
+    def family(cls) -> str:
+        """Name of the class without its kind: that which sets `ROLE`."""
+        return next(each.__name__ for each in cls.__mro__ if "ROLE" in vars(each))
+
+    @classmethod
+    def kind_name(cls) -> str:
+        """Kind of a topic, service or action; empty for other members."""
+        return str(getattr(cls, "KIND", ""))
+
+    def settings(self) -> dict[str, Any]:
+        """Plain values that `apply_settings` of a member of the same class takes."""
+        return {}
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Take values of a saved scene, before the member joins a ROS node.
+
+        Raises `MarginGuardError`, KeyError, TypeError or ValueError for values of another form.
+        """
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:

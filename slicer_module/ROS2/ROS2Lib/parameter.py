@@ -27,6 +27,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         self._monitored = ""
         self._values: dict[str, Plain | None] = {}
         self._removed: set[str] = set()
+        self._added: set[str] = set()
 
     def GetMonitoredNodeName(self) -> str:
         """Name of the monitored node as given."""
@@ -46,6 +47,8 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         self._removed.discard(parameterName)
         self._values[parameterName] = None
         self._watch.add(parameterName)
+        self._added.add(parameterName)
+        self.save_state()
         return True
 
     def RemoveParameter(self, parameterName: str) -> bool:
@@ -55,6 +58,8 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
             return False
         del self._values[parameterName]
         self._removed.add(parameterName)
+        self._added.discard(parameterName)
+        self.save_state()
         if self._watch is not None:
             self._watch.remove(parameterName)
         return True
@@ -65,8 +70,20 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
             logging.warning(f"{self.GetName()}: parameter {parameterName!r} is not monitored")
         return self._values.get(parameterName) is not None
 
-    def GetParameterType(self, parameterName: str) -> str:
-        """``integer``, ``double_array`` ...; empty while the value is not known."""
+    def ParameterSet(self, parameterName: str) -> bool:
+        """As `IsParameterSet` without a log line."""
+        return self.IsParameterSet(parameterName, noWarning=True)
+
+    def GetParameterType(self, parameterName: str, result: Any = None) -> Any:
+        """``integer``, ``double_array`` ...; empty while the value is not known.
+
+        With ``result``, a `vtk.reference`, it is set to the type, and True is returned if the
+        value is known.
+        """
+        found = self._type_of(parameterName)
+        return found if result is None else set_output(result, found) and found != ""
+
+    def _type_of(self, parameterName: str) -> str:
         value = self._values.get(parameterName)
         if value is None:
             return ""
@@ -123,6 +140,17 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         value = self._values.get(parameterName)
         return "parameter not found" if value is None else str(value)
 
+    def settings(self) -> dict[str, Any]:
+        """The parameters that a script has added."""
+        return {"parameters": sorted(self._added)}
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Request these parameters when the node joins a ROS node."""
+        names = settings["parameters"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise Ros2Error(f"parameters are {names!r}; expected a list of names")
+        self._added = set(names)
+
     def GetMonitoredParameters(self) -> tuple[str, ...]:
         """Names of the monitored parameters."""
         return tuple(self._values)
@@ -164,7 +192,7 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
             return False
 
     def _value(self, name: str, kind: str) -> Any:
-        found = self.GetParameterType(name)
+        found = self._type_of(name)
         if not found:
             raise Ros2Error(f"parameter {name!r} of {self._monitored} is not known")
         if found != kind and not (found == "array" and kind.endswith("_array")):
@@ -174,8 +202,10 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
     def _start(self, owner: Owner, node: str) -> None:
         self._watch = ParameterWatch(owner.ros, f"/{node.strip('/')}" if node else node)
         self._monitored = node
+        for name in self._added:
+            self._values.setdefault(name, None)
+            self._watch.add(name)
         self.SetName(f"ros2:param:{node}")
-        self.SetModuleName("ROS2")
 
     def _stop(self) -> None:
         if self._watch is not None:

@@ -22,6 +22,7 @@ class vtkMRMLROS2PublisherNode(TopicNode):
     def SetFrameId(self, frameId: str) -> None:
         """Set the frame of messages with an empty one: clouds, images, bare matrices."""
         self._frame_id = frameId
+        self.save_state()
 
     def GetFrameId(self) -> str:
         """Frame of messages with an empty one."""
@@ -46,6 +47,15 @@ class vtkMRMLROS2PublisherNode(TopicNode):
     def GetNumberOfMessagesSent(self) -> int:
         """Number of published messages."""
         return 0 if self._publisher is None else self._publisher.count
+
+    def settings(self) -> dict[str, Any]:
+        """Quality of service and frame."""
+        return {**super().settings(), "frame_id": self._frame_id}
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Set quality of service and frame."""
+        super().apply_settings(settings)
+        self.SetFrameId(str(settings["frame_id"]))
 
     def status(self) -> str:
         """Type and number of messages."""

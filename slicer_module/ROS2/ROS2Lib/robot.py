@@ -1,5 +1,7 @@
 """Robots described by a parameter and posed by tf: one lookup and one model per link."""
 
+import logging
+
 from slicer import vtkMRMLScriptedModuleNode
 
 from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
@@ -10,10 +12,18 @@ from app.scene.nodes.convert import vtk_matrix
 from app.scene.nodes.node_integrity import NodeIntegrity
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
+from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
+from ROS2Lib.robot_goal import create_goal, remove_goal
+from ROS2Lib.robot_kinematics import RobotKinematics
 from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
 
+_ORDER = ("robot", "node", "parameter", "frame", "prefix")
+_OLD_ORDER = ("node", "parameter", "robot", "frame", "prefix")
+ROBOT_ATTRIBUTE = "ros2.robot"
+"""Attribute of the lookups that a robot has created: the robot's name."""
 
-class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
+
+class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
     """One model ``<link>_model`` per link, below its lookup ``ros2:tf2lookup:<parent>To<child>``.
 
     Links stand at their zero pose until tf provides one, and all are grey while any lookup is not
@@ -34,6 +44,7 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._own: list[tuple[str, str]] = []
         self._integrity = NodeIntegrity()
         self._is_stale = True
+        self._is_removed = False
 
     def GetRobotName(self) -> str:
         """The robot's name."""
@@ -48,21 +59,73 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         self._name = robotName
         self.SetName(f"ros2:robot:{robotName}")
 
-    def AddToROS2Node(  # type: ignore[override]  # SlicerROS2's order of names
-        self,
-        nodeId: str,
-        parameterNodeName: str,
-        parameterName: str = "robot_description",
-        robotName: str = "",
-        fixedFrame: str = "",
-        tfPrefix: str = "",
-    ) -> bool:
+    def AddToROS2Node(self, nodeId: str, *names: str) -> bool:
         """Add it to a ROS node; on error log it, return False.
 
-        ``robotName``: by default that of `SetRobotName`, or ``robot``.
+        ``names``: robot, parameter node, parameter (``robot_description``), fixed frame, tf
+        prefix; the last three may be left out. As in older versions of SlicerROS2, a first name
+        that begins with ``/`` or stands alone is the parameter node; then follow parameter, robot
+        (by default that of `SetRobotName`, or ``robot``), fixed frame and prefix.
         """
-        name = robotName or self._name or "robot"
-        return self.add_to(nodeId, (name, parameterNodeName, parameterName, fixedFrame, tfPrefix))
+        if not 1 <= len(names) <= len(_OLD_ORDER):
+            logging.error(f"{self.GetName()}: {len(names)} names; expected 1 to {len(_OLD_ORDER)}")
+            return False
+        order = _OLD_ORDER if len(names) == 1 or names[0].startswith("/") else _ORDER
+        given = dict(zip(order, names, strict=False))
+        name = given.get("robot") or self._name or "robot"
+        parameter = given.get("parameter", "robot_description")
+        rest = (given.get("frame", ""), given.get("prefix", ""))
+        return self.add_to(nodeId, (name, given["node"], parameter, *rest))
+
+    def SetRobotDescriptionParameterNode(
+        self, node: vtkMRMLROS2ParameterNode | None = None
+    ) -> bool:
+        """Refer to the node that monitors the description, role ``parameter``; False on error.
+
+        Without ``node`` it is the ROS node's parameter node, which is created if it has none. The
+        description itself is received by the robot.
+        """
+        if self._owner is None or self._settings is None:
+            logging.error(f"{self.GetName()} is not on a ROS node; add it first")
+            return False
+        if node is None:
+            _, monitored, parameter, *_ = self._names
+            found = self._owner.find(vtkMRMLROS2ParameterNode, monitored)
+            node = found or self._owner.create(vtkMRMLROS2ParameterNode, monitored)
+            if node is None:
+                return False
+            if parameter not in node.GetMonitoredParameters():
+                node.AddParameter(parameter)
+        self.SetNodeReferenceID("parameter", node.GetID())
+        return True
+
+    def ObserveParameterNode(self, node: vtkMRMLROS2ParameterNode) -> None:
+        """As `SetRobotDescriptionParameterNode`."""
+        self.SetRobotDescriptionParameterNode(node)
+
+    def ParseRobotDescription(self) -> bool:
+        """True if a description was received and is valid."""
+        return self._robot is not None
+
+    def SetupRobotVisualization(self) -> None:
+        """Build the robot again from its last description."""
+        if self._robot is not None:
+            self._is_removed = False
+            self._described.put(self._robot)
+            self.spin()
+
+    def RemoveRobotVisualization(self) -> None:
+        """Remove models and lookups until `SetupRobotVisualization` or a new description."""
+        self._is_removed = True
+        self._clear()
+
+    def CreateGoalStateRobot(self, sourceRobot: "vtkMRMLROS2RobotNode") -> bool:
+        """Show a translucent copy of ``sourceRobot``, whose transforms a script may move."""
+        return create_goal(self, sourceRobot)
+
+    def RemoveGoalStateRobot(self) -> bool:
+        """Remove the copy."""
+        return remove_goal(self)
 
     def GetLinkNames(self) -> tuple[str, ...]:
         """Names of the links, the root first; empty before the description is received."""
@@ -98,8 +161,11 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         Rebuilds it also when a link was removed from the scene or its surface changed. Restores
         the parent of a link that was moved in the hierarchy; the root's parent is free.
         """
-        robot = self._described.take(0.0) or (None if self._is_whole() else self._robot)
+        described = self._described.take(0.0)
+        is_lost = not (self._is_removed or self._is_whole())
+        robot = described or (self._robot if is_lost else None)
         if robot is not None:
+            self._is_removed = False
             self._clear()
             self._robot = None
             try:
@@ -128,18 +194,20 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
         if not node.strip("/"):
             raise Ros2Error(f"robot {name!r}: parameter node name is empty; expected a node name")
         self._settings = RobotSettings(name, tf_prefix=tf_prefix, fixed_frame=fixed_frame)
+        self._is_removed = False
         source = DescriptionSource(f"/{node.strip('/')}", parameter, topic="")
         self._description = DescriptionListener(
             owner.ros, self._settings, source, self._described.put
         )
         self.SetName(f"ros2:robot:{name}")
-        self.SetModuleName("ROS2")
 
     def _stop(self) -> None:
         if self._description is not None:
             self._description.close()
             self._description = None
+        self.RemoveGoalStateRobot()
         self._clear()
+        self._robot = None
 
     def _build(self, robot: Robot) -> None:
         owner, settings = self._owner, self._settings
@@ -183,10 +251,20 @@ class vtkMRMLROS2RobotNode(Member, vtkMRMLScriptedModuleNode):
             raise Ros2Error(f"{self.GetName()} is not on a ROS node")
         there = self._owner.find(vtkMRMLROS2Tf2LookupNode, parent, child)
         if there is not None:
+            if there.GetAttribute(ROBOT_ATTRIBUTE) == self.GetRobotName():  # of a loaded scene
+                self._own.append((parent, child))
             return there
-        made = self._owner.create(vtkMRMLROS2Tf2LookupNode, parent, child)
+        # As in SlicerROS2 the root's lookup alone invokes events without a new sample.
+        is_root = not self._lookups
+        made = self._owner.create(
+            vtkMRMLROS2Tf2LookupNode,
+            parent,
+            child,
+            prepare=lambda node: node.SetModifiedOnLookup(is_root),
+        )
         if made is None:
             raise Ros2Error(f"{self.GetName()}: no lookup from {parent!r} to {child!r}")
+        made.SetAttribute(ROBOT_ATTRIBUTE, self.GetRobotName())
         self._own.append((parent, child))
         return made
 

@@ -6,6 +6,7 @@ six values; a list is a tuple. `app.bridge.convert` scales lengths field by fiel
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -21,24 +22,54 @@ Plain = Mapping[str, Any]
 
 
 class RosMessage:
-    """``message.GetHeader().SetFrameId("needle")``: the field ``frame_id`` becomes ``FrameId``."""
+    """``message.GetHeader().SetFrameId("needle")``: the field ``frame_id`` becomes ``FrameId``.
 
-    def __init__(self, kind: type, values: dict[str, Any]) -> None:
-        self._kind = kind
+    Base of one class per ROS type (`message_class`), which has the type's constants as attributes.
+    """
+
+    KIND: Any = None
+
+    def __init__(self, values: dict[str, Any] | None = None) -> None:
+        """A blank message; ``values`` by field name are used as they are."""
+        if self.KIND is None:
+            raise Ros2Error("RosMessage has no ROS type; expected one of its subclasses")
+        if values is None:
+            values = _field_values(to_plain(self.KIND()), self.KIND)
         self._values = values
         self._fields = {camel(field): field for field in values}
 
-    def GetClassName(self) -> str:
+    @classmethod
+    def GetClassName(cls) -> str:
         """Class name as in SlicerROS2: ``vtkGeometryMsgsPoseStamped``."""
-        package, _, name = type_name(self._kind).split("/")
-        return f"vtk{camel(package)}{name}"
+        return cls.__name__
+
+    def IsA(self, name: str) -> bool:
+        """True for the names of its class and their base classes."""
+        return any(each.__name__ == name for each in type(self).__mro__) or name == "vtkObject"
+
+    @classmethod
+    def SafeDownCast(cls, value: Any) -> Any:
+        """``value`` if it is of this class; otherwise None."""
+        return value if isinstance(value, cls) else None
+
+    def NewInstance(self) -> Any:
+        """A blank message of the same class."""
+        return type(self)()
+
+    def DeepCopy(self, other: Any) -> None:
+        """Become a copy of a message of the same type; raises `Ros2Error` for another."""
+        self.take(message_of(other, self.KIND))
+
+    def take(self, message: Any) -> None:
+        """Become the value of a ROS message of its type."""
+        self._values = _field_values(to_plain(message), self.KIND)
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         field = self.__dict__.get("_fields", {}).get(name[3:])
         if field is None or name[:3] not in ("Get", "Set"):
             raise AttributeError(
-                f"{self._kind.__name__} has no {name}; "
-                f"expected Get or Set of one of {', '.join(self._fields)}"
+                f"{type(self).__name__} has no {name}; "
+                f"expected Get or Set of one of {', '.join(self.__dict__.get('_fields', ()))}"
             )
         if name[:3] == "Get":
             return lambda: self._values[field]
@@ -54,7 +85,34 @@ class RosMessage:
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{field}={value!r}" for field, value in self._values.items())
-        return f"{self._kind.__name__}({shown})"
+        return f"{self.KIND.__name__}({shown})"
+
+
+@cache
+def message_class(kind: Any) -> type[RosMessage]:
+    """Class of the messages of a ROS type, named as in SlicerROS2, with the type's constants."""
+    package, _, name = type_name(kind).split("/")
+    # rosidl keeps the constants in the private dictionary of the type's metaclass.
+    constants = getattr(type(kind), f"_{type(kind).__name__}__constants", {})
+    members = {"KIND": kind, "__doc__": f"A ``{type_name(kind)}`` in the scene's units."}
+    return type(f"vtk{camel(package)}{camel(name)}", (RosMessage,), {**constants, **members})
+
+
+def classes_within(kind: Any) -> set[type[RosMessage]]:
+    """Classes of the messages of a ROS type and of all types it contains."""
+    found: set[type[RosMessage]] = set()
+    waiting = [kind]
+    while waiting:
+        kind = waiting.pop()
+        made = message_class(kind)
+        if made in found:
+            continue
+        found.add(made)
+        for slot in kind.SLOT_TYPES:
+            inner = slot.value_type if isinstance(slot, AbstractNestedType) else slot
+            if isinstance(inner, NamespacedType):
+                waiting.append(_class(inner))
+    return found
 
 
 def value_of(message: Any) -> Any:
@@ -113,9 +171,11 @@ def _value(plain: Plain, kind: Any) -> Any:
     equivalent = _EQUIVALENTS.get(type_name(kind))
     if equivalent is not None:
         return equivalent.value(plain)
-    return RosMessage(
-        kind, {field: _field_value(plain[field], slot) for field, slot in _slots(kind)}
-    )
+    return message_class(kind)(_field_values(plain, kind))
+
+
+def _field_values(plain: Plain, kind: Any) -> dict[str, Any]:
+    return {field: _field_value(plain[field], slot) for field, slot in _slots(kind)}
 
 
 def _field_value(plain: Any, slot: AbstractType) -> Any:
@@ -136,8 +196,8 @@ def _plain(value: Any, kind: Any) -> Plain:
         return equivalent.plain(value)
     slots = dict(_slots(kind))
     if isinstance(value, RosMessage):
-        if value._kind is not kind:
-            raise Ros2Error(f"message is a {value._kind.__name__}; expected a {kind.__name__}")
+        if value.KIND is not kind:
+            raise Ros2Error(f"message is a {value.KIND.__name__}; expected a {kind.__name__}")
         return {field: _field_plain(value._values[field], slots[field]) for field in slots}
     if len(slots) == 2 and "header" in slots:
         (field,) = slots.keys() - {"header"}

@@ -1,5 +1,6 @@
 """Non-blocking service clients."""
 
+import logging
 import threading
 from typing import Any
 
@@ -9,11 +10,13 @@ from app.bridge.calls import CallError, ServiceClient
 from app.bridge.convert import type_name
 from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
-from ROS2Lib.kinds import service_kind
+from ROS2Lib.kinds import service_classes, service_kind
 from ROS2Lib.member import Member, Owner
-from ROS2Lib.ros_message import message_of, value_of
+from ROS2Lib.ros_message import message_of
 
 _TIMEOUT_S = 5.0
+_USER_EVENT = 1000
+"""VTK's first event number for applications."""
 
 
 class _Call:
@@ -37,13 +40,18 @@ class _Call:
 
 
 class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
-    """Service client. `Spin` invokes ``ModifiedEvent`` when a request is answered or fails."""
+    """Service client. `Spin` invokes the events when a request is answered or fails.
+
+    These are ``ModifiedEvent`` and ``ServiceModifiedEvent`` (1054).
+    """
 
     ROLE = "service client"
     KIND = ""
+    ServiceModifiedEvent = _USER_EVENT + 54
 
     def __init__(self) -> None:
         self._type = service_kind(self.KIND)
+        self._request_class, self._response_class = service_classes(self.KIND)
         self._client: ServiceClient | None = None
         self._service = ""
         self._call: _Call | None = None
@@ -63,11 +71,11 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
 
     def GetSlicerTypeIn(self) -> str:
         """Class name of the requests."""
-        return type(self.CreateBlankRequest()).__name__
+        return self._request_class.GetClassName()
 
     def GetSlicerTypeOut(self) -> str:
         """Class name of the responses."""
-        return type(value_of(self._type.Response())).__name__
+        return self._response_class.GetClassName()
 
     def PreRequestCheck(self) -> bool:
         """True if a request can be sent now: it is on a ROS node and none is under way."""
@@ -75,18 +83,19 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
 
     def CreateBlankRequest(self) -> Any:
         """An empty request to fill in and send."""
-        return value_of(self._type.Request())
+        return self._request_class()
 
     def SendAsyncRequest(self, request: Any) -> int:
-        """Send a request; returns 1. A pending request is abandoned.
+        """Send a request; returns 1, or 0 with a log line if `PreRequestCheck` is false.
 
         Raises `MarginGuardError` and sends nothing for a request of another type.
         """
         self._calls += 1
-        if self._client is None:
-            raise Ros2Error(f"{self.GetName()}: the service client is not on a ROS node")
         message = message_of(request, self._type.Request)
-        self._cancel_call()
+        if self._client is None or self._call is not None:
+            reason = "is not on a ROS node" if self._client is None else "has a request under way"
+            logging.error(f"{self.GetName()}: the service client {reason}; nothing was sent")
+            return 0
         self._response, self._error = None, "the request is under way"
         self._call = _Call(self._client, message, self._timeout_s)
         self._sent += 1
@@ -115,6 +124,15 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
                 f"{self.GetName()}: timeout is {seconds} s; expected more than 0, at most 1e6"
             )
         self._timeout_s = seconds
+        self.save_state()
+
+    def settings(self) -> dict[str, Any]:
+        """The timeout."""
+        return {"timeout_s": self._timeout_s}
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Set the timeout."""
+        self.SetTimeoutSeconds(float(settings["timeout_s"]))
 
     def GetNumberOfCalls(self) -> int:
         """Number of calls of `SendAsyncRequest`."""
@@ -145,16 +163,17 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
             self._call, self._error = None, call.error
             if not call.error:
                 try:
-                    self._response = value_of(call.reply)
+                    self._response = self._response_class()
+                    self._response.take(call.reply)
                 except MarginGuardError as error:
-                    self._error = str(error)
+                    self._response, self._error = None, str(error)
             self.Modified()
+            self.InvokeEvent(self.ServiceModifiedEvent)
 
     def _start(self, owner: Owner, service: str) -> None:
         self._client = ServiceClient(owner.ros, self._type, service)
         self._service = service
         self.SetName(f"ros2:srv:client:{service}")
-        self.SetModuleName("ROS2")
 
     def _stop(self) -> None:
         self._cancel_call()

@@ -94,7 +94,6 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
         self._server = ServiceServer(owner.ros, self._type, service, self._answer, in_thread=True)
         self._service = service
         self.SetName(f"ros2:srv:server:{service}")
-        self.SetModuleName("ROS2")
 
     def _stop(self) -> None:
         server, self._server = self._server, None

@@ -11,6 +11,7 @@ from app.geometry import MarginGuardError
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Owner
 from ROS2Lib.output_argument import set_output
+from ROS2Lib.saved_state import without_events
 from ROS2Lib.topic_node import TopicNode
 from ROS2Lib.yaml_text import yaml_text
 
@@ -73,6 +74,8 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
         if nodeId and not isinstance(self.GetScene().GetNodeByID(nodeId), target_class):
             raise Ros2Error(f"target {nodeId!r} of {self.GetName()} is no {target_class.__name__}")
         self._target = nodeId
+        with without_events(self):
+            self.SetNodeReferenceID("target", nodeId or None)
 
     def GetTargetNodeID(self) -> str:
         """The node that shows the newest message."""

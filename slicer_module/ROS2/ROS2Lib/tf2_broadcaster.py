@@ -78,7 +78,6 @@ class vtkMRMLROS2Tf2BroadcasterNode(FramePair, vtkMRMLScriptedModuleNode):
         if parent == child:
             raise Ros2Error(f"frame {child!r} is its own parent; expected two different frames")
         self.set_frames(parent, child)
-        self.SetModuleName("ROS2")
 
     def _stop(self) -> None:
         self.ObserveTransformNode(None)

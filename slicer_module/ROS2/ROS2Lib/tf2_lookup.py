@@ -1,5 +1,7 @@
 """Transform node that shows a tf transform and its age."""
 
+from typing import Any
+
 from slicer import vtkMRMLLinearTransformNode
 
 from app.bridge.robots.settings import STALE_AFTER_NS, pose_limits
@@ -14,7 +16,7 @@ MISSING, VALID, STALE = "missing", "valid", "stale"
 
 
 class vtkMRMLROS2Tf2LookupNode(FramePair, vtkMRMLLinearTransformNode):
-    """``parent_from_child`` in mm; one ``TransformModifiedEvent`` per new sample.
+    """``parent_from_child`` in mm; a ``TransformModifiedEvent`` per spin, or per new sample.
 
     Its state is ``missing`` before the first sample, ``valid``, or ``stale``: while tf has no
     answer, or while the oldest of the newest samples along the path is older than
@@ -31,15 +33,22 @@ class vtkMRMLROS2Tf2LookupNode(FramePair, vtkMRMLLinearTransformNode):
         self._found: Lookup | None = None
         self._problem = ""
         self._stale_after_ns = STALE_AFTER_NS
-        self._always_modified = False
+        self._always_modified = True
+        self._compared = (0, 0)
 
     def SetModifiedOnLookup(self, always: bool) -> None:
-        """Set whether every `Spin` with a pose invokes the event, new or not; default False."""
-        self._always_modified = always
+        """Set whether every `Spin` with a pose invokes the event, new or not; default True."""
+        self._always_modified = bool(always)
+        self.save_state()
 
     def GetModifiedOnLookup(self) -> bool:
         """True if every `Spin` with a pose invokes the event."""
         return self._always_modified
+
+    def IsDifferentFromLast(self, seconds: int, nanoSeconds: int) -> bool:
+        """True if the stamp differs from that of the last call, which it replaces."""
+        before, self._compared = self._compared, (int(seconds), int(nanoSeconds))
+        return self._compared != before
 
     def GetState(self) -> str:
         """``missing``, ``valid`` or ``stale`` at this moment, independent of `Spin`."""
@@ -78,10 +87,23 @@ class vtkMRMLROS2Tf2LookupNode(FramePair, vtkMRMLLinearTransformNode):
         if not seconds > 0.0:
             raise Ros2Error(f"{self.GetName()}: stale after {seconds} s; expected more than 0")
         self._stale_after_ns = round(seconds * NS_PER_S)
+        self.save_state()
 
     def GetStaleAfterSeconds(self) -> float:
         """Largest age in s of a valid pose."""
         return self._stale_after_ns / NS_PER_S
+
+    def settings(self) -> dict[str, Any]:
+        """Events and the age limit."""
+        return {
+            "modified_on_lookup": self._always_modified,
+            "stale_after_s": self.GetStaleAfterSeconds(),
+        }
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Set events and the age limit."""
+        self.SetModifiedOnLookup(settings["modified_on_lookup"])
+        self.SetStaleAfterSeconds(float(settings["stale_after_s"]))
 
     def status(self) -> str:
         """State and age."""

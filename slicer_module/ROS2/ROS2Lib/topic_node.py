@@ -49,6 +49,8 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
     def SetQoSHistoryDepth(self, depth: int) -> None:
         """Set the queue depth, before the node is added to a ROS node."""
         self._check_not_added()
+        if not isinstance(depth, int):
+            raise Ros2Error(f"history depth is {depth!r}; expected an integer")
         qos_profile(depth=depth)
         self._depth = depth
 
@@ -78,6 +80,20 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
         """Durability policy."""
         return self._durability
 
+    def settings(self) -> dict[str, Any]:
+        """Quality of service."""
+        return {
+            "depth": self._depth,
+            "reliability": self._reliability,
+            "durability": self._durability,
+        }
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Set the quality of service."""
+        self.SetQoSHistoryDepth(settings["depth"])
+        self.SetQoSReliability(settings["reliability"])
+        self.SetQoSDurability(settings["durability"])
+
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
         """The resolved name of the topic."""
@@ -95,7 +111,6 @@ class TopicNode(Member, vtkMRMLScriptedModuleNode):
         """Store the topic in name and attributes, which a saved scene keeps."""
         self._topic = topic
         self.SetName(f"{prefix}{topic}")
-        self.SetModuleName("ROS2")
         self.SetAttribute("ros2.topic", topic)
         self.SetAttribute("ros2.type", self.GetROSType())
 

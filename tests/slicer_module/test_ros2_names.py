@@ -1,0 +1,268 @@
+"""Names, classes, references and constants by which SlicerROS2's scripts find things."""
+
+from types import SimpleNamespace
+
+import pytest
+import slicer
+import vtk
+
+from app.geometry import MarginGuardError
+from tests.slicer_module.test_ros2_robots import URDF
+
+NAMES = {
+    "vtkMRMLROS2NodeNode": """
+        Create Destroy Spin GetROS2NodeName GetSpinning WarnIfNotSpinning
+        CreateAndAddPublisherNode CreateAndAddSubscriberNode CreateAndAddServiceClientNode
+        CreateAndAddParameterNode CreateAndAddTf2BroadcasterNode CreateAndAddTf2LookupNode
+        CreateAndAddRobotNode GetPublisherNodeByTopic GetSubscriberNodeByTopic
+        GetServiceClientNodeByService GetServiceClientNodeByTopic GetParameterNodeByNode
+        GetParameterNodeByNodeID GetTf2BroadcasterNodeByID GetTf2BroadcasterNodeByParentChild
+        GetTf2LookupNodeByID GetTf2LookupNodeByParentChild GetRobotNodeByName
+        RemoveAndDeletePublisherNode RemoveAndDeleteSubscriberNode RemoveAndDeleteServiceClientNode
+        RemoveAndDeleteParameterNode RemoveAndDeleteParameterNodeByNodeID
+        RemoveAndDeleteTf2BroadcasterNode RemoveAndDeleteTf2LookupNode RemoveAndDeleteRobotNode
+        RegisteredROS2PublisherNodes RegisteredROS2SubscriberNodes
+        RegisteredROS2ServiceClientNodes""",
+    "vtkMRMLROS2PublisherNode": """
+        AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node GetTopic GetROSType GetSlicerType
+        GetBlankMessage Publish GetNumberOfCalls GetNumberOfMessagesSent SetQoSHistoryDepth
+        SetQoSReliability SetQoSDurability Reliable BestEffort TransientLocal Volatile
+        ReliabilitySystemDefault DurabilitySystemDefault""",
+    "vtkMRMLROS2SubscriberNode": """
+        AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node GetTopic GetROSType GetSlicerType
+        GetLastMessage GetLastMessageYAML GetLastMessageVariant GetNumberOfMessages GetBlankMessage
+        SetQoSHistoryDepth SetQoSReliability SetQoSDurability Reliable TransientLocal""",
+    "vtkMRMLROS2ServiceClientNode": """
+        AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node GetService GetROSType GetSlicerTypeIn
+        GetSlicerTypeOut CreateBlankRequest PreRequestCheck SendAsyncRequest GetLastResponse
+        GetLastResponseStatus GetNumberOfCalls GetNumberOfRequestsSent ServiceModifiedEvent""",
+    "vtkMRMLROS2ParameterNode": """
+        AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node IsMonitoredNodeReady
+        GetMonitoredNodeName AddParameter RemoveParameter IsParameterSet ParameterSet
+        GetParameterType PrintParameter PrintParameterValue GetParameterAsBool
+        GetParameterAsInteger GetParameterAsDouble GetParameterAsString GetParameterAsVectorOfBools
+        GetParameterAsVectorOfIntegers GetParameterAsVectorOfDoubles GetParameterAsVectorOfStrings
+        ParameterModifiedEvent""",
+    "vtkMRMLROS2Tf2BroadcasterNode": """
+        AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node SetParentID GetParentID SetChildID
+        GetChildID IsParentAndChildSet Broadcast ObserveTransformNode""",
+    "vtkMRMLROS2Tf2LookupNode": """
+        AddToROS2Node RemoveFromROS2Node IsAddedToROS2Node SetParentID GetParentID SetChildID
+        GetChildID IsParentAndChildSet SetModifiedOnLookup GetModifiedOnLookup
+        IsDifferentFromLast""",
+    "vtkMRMLROS2RobotNode": """
+        AddToROS2Node RemoveFromROS2Node GetRobotName SetRobotName SetRobotDescriptionParameterNode
+        ObserveParameterNode ParseRobotDescription SetupRobotVisualization
+        RemoveRobotVisualization CreateGoalStateRobot RemoveGoalStateRobot SetupKDLIKWithLimits
+        FindRootAndTipLinks GetSegments GetJoints GetJointTypes GetJointLowerPositionLimits
+        GetJointUpperPositionLimits ComputeKDLFK ComputeKDLIK ComputeLocalTransform""",
+}
+KINDS = [
+    "Empty",
+    "String",
+    "Bool",
+    "Int",
+    "Double",
+    "IntArray",
+    "DoubleArray",
+    "IntTable",
+    "DoubleTable",
+    "Pose",
+    "PoseStamped",
+    "TransformStamped",
+    "Wrench",
+    "WrenchStamped",
+    "PoseArray",
+    "Joy",
+    "JointState",
+    "UInt8Image",
+    "PointCloud",
+]
+
+
+@pytest.fixture(scope="module")
+def namespace():
+    """Stands for the module ``slicer``, to which the panel adds the classes."""
+    from ROS2Lib.class_names import register_classes
+
+    made = SimpleNamespace()
+    register_classes(made)
+    return made
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_class_has_every_public_name(namespace, name):
+    found = getattr(namespace, name)
+    assert [each for each in NAMES[name].split() if not hasattr(found, each)] == []
+
+
+@pytest.mark.parametrize("role", ["Publisher", "Subscriber"])
+def test_every_kind_has_a_class_below_the_base_class(namespace, node, role):
+    base = getattr(namespace, f"vtkMRMLROS2{role}Node")
+    registered = getattr(node, f"RegisteredROS2{role}Nodes")()
+    assert isinstance(registered, str)
+    for kind in KINDS:
+        name = f"vtkMRMLROS2{role}{kind}Node"
+        assert name in registered.split("\n")
+        made = getattr(namespace, name)()
+        assert made.IsA(name)
+        assert made.IsA(base.__name__)
+        assert made.IsA("vtkMRMLNode")
+        assert base.SafeDownCast(made) is made
+        assert made.GetNodeTagName() == f"ROS2{role}{kind}"
+    with pytest.raises(MarginGuardError):
+        base()  # abstract: it has no kind
+
+
+def test_messages_have_constructors_and_constants(namespace):
+    header = namespace.vtkStdMsgsHeader()
+    header.SetFrameId("needle")
+    assert (header.GetFrameId(), header.GetStamp().GetSec()) == ("needle", 0)
+    assert header.GetStamp().GetClassName() == "vtkBuiltinInterfacesTime"
+    stamped = namespace.vtkGeometryMsgsPoseStamped()
+    stamped.SetHeader(header)
+    assert isinstance(stamped.GetPose(), vtk.vtkMatrix4x4)
+    copied = stamped.NewInstance()
+    copied.DeepCopy(stamped)
+    header.SetFrameId("changed")
+    assert copied.GetHeader().GetFrameId() == "needle"
+    assert namespace.vtkSensorMsgsPointField.FLOAT32 == 7
+    assert namespace.vtkStdSrvsSetBoolRequest().GetData() is False
+    assert namespace.vtkStdMsgsHeader.SafeDownCast(stamped) is None
+    with pytest.raises(AttributeError, match="vtkStdMsgsHeader has no GetNothing"):
+        header.GetNothing()
+
+
+def test_node_refers_to_its_members_by_role(node):
+    made = {
+        "publisher": node.CreateAndAddPublisherNode("String", "/r"),
+        "subscriber": node.CreateAndAddSubscriberNode("String", "/r"),
+        "service_client": node.CreateAndAddServiceClientNode("Trigger", "/r"),
+        "parameter": node.CreateAndAddParameterNode("/r"),
+        "broadcaster": node.CreateAndAddTf2BroadcasterNode("r", "s"),
+        "lookup": node.CreateAndAddTf2LookupNode("r", "s"),
+        "robot": node.CreateAndAddRobotNode("r", "/r"),
+    }
+    second = node.CreateAndAddPublisherNode("String", "/second")
+    for role, member in made.items():
+        assert node.GetNthNodeReference(role, 0) is member
+        assert member.GetNodeReference("node") is node
+    assert node.GetNumberOfNodeReferences("publisher") == 2
+    assert node.RemoveAndDeletePublisherNode("/r")
+    assert node.GetNthNodeReference("publisher", 0) is second
+    assert second.RemoveFromROS2Node(node.GetID(), "/second")
+    assert node.GetNumberOfNodeReferences("publisher") == 0
+    assert second.GetNodeReference("node") is None
+    for member in (second, *made.values()):
+        node.GetScene().RemoveNode(member)
+    assert all(node.GetNumberOfNodeReferences(role) == 0 for role in made)
+
+
+def test_node_in_a_namespace(logic, peer):
+    made = logic.AddNewNodeByClass("vtkMRMLROS2NodeNode")
+    made.Create("helper", "/station")
+    assert (made.GetName(), made.GetROS2NodeName()) == ("ros2:node:/station/helper", "helper")
+    assert made.GetROS2NodeNamespace() == "/station"
+    made.CreateAndAddPublisherNode("String", "relative")
+    peer(
+        "wait_until",
+        call={"do": "endpoints", "topic": "/station/relative"},
+        value=[1, 0],
+    )
+    made.Destroy()
+
+
+def test_default_node_is_not_saved_with_the_scene(logic, node):
+    assert not node.GetSaveWithScene()
+    other = logic.AddNewNodeByClass("vtkMRMLROS2NodeNode")
+    other.Create("saved")
+    assert other.GetSaveWithScene()
+    other.Destroy()
+
+
+def test_scene_makes_and_finds_nodes_by_their_class_names(logic, node):
+    scene = logic.scene
+    publisher = scene.AddNewNodeByClass("vtkMRMLROS2PublisherStringNode", "own name")
+    assert (publisher.GetName(), publisher.GetScene()) == ("own name", scene)
+    assert scene.CreateNodeByClass("vtkMRMLROS2Tf2LookupNode").GetScene() is None
+    assert scene.GetFirstNodeByClass("vtkMRMLROS2PublisherNode") is publisher
+    assert scene.GetNumberOfNodesByClass("vtkMRMLROS2PublisherNode") == 1
+    assert scene.GetNthNodeByClass(0, "vtkMRMLROS2PublisherStringNode") is publisher
+    assert scene.GetNthNodeByClass(1, "vtkMRMLROS2PublisherStringNode") is None
+    found = scene.GetNodesByClass("vtkMRMLROS2NodeNode")
+    assert [found.GetItemAsObject(0), found.GetNumberOfItems()] == [node, 1]
+    with pytest.raises(MarginGuardError, match="no class of the ROS2 module"):
+        scene.AddNewNodeByClass("vtkMRMLROS2NothingNode")
+    # Other classes are the scene's own.
+    text = scene.AddNewNodeByClass("vtkMRMLTextNode", "text")
+    assert scene.GetFirstNodeByClass("vtkMRMLTextNode") is text
+    assert scene.GetNumberOfNodesByClass("vtkMRMLTextNode") == 1
+    for each in (publisher, text):
+        scene.RemoveNode(each)
+
+
+def test_closed_logic_leaves_the_scene_as_it_was():
+    from ROS2Lib.logic import Ros2Api
+
+    scene = slicer.vtkMRMLScene()
+    api = Ros2Api(scene)
+    assert "AddNewNodeByClass" in vars(scene)
+    api.Close()
+    api.Close()
+    assert "AddNewNodeByClass" not in vars(scene)
+    assert scene.AddNewNodeByClass("vtkMRMLROS2NodeNode") is None
+
+
+def test_stamp_of_a_lookup_is_compared_with_the_last_one(namespace):
+    lookup = namespace.vtkMRMLROS2Tf2LookupNode()
+    stamps = ((0, 0), (1, 0), (1, 0), (1, 5), (0, 0))
+    different = [lookup.IsDifferentFromLast(*stamp) for stamp in stamps]
+    assert different == [False, True, False, True, True]
+
+
+def test_robot_computes_and_shows_a_goal(logic, node, peer, spin_until):
+    assert peer("set_parameter", name="robot_description", value=URDF, of="robot")
+    robot = logic.AddNewNodeByClass("vtkMRMLROS2RobotNode")
+    # The order of names of its present version, and of the older one with a leading slash.
+    assert robot.AddToROS2Node(node.GetID(), "arm", "robot_state_publisher", "robot_description")
+    assert robot.GetRobotName() == "arm"
+    assert not robot.ParseRobotDescription()
+    assert robot.ComputeKDLFK((0.5,), vtk.vtkMatrix4x4()) is None
+    assert robot.SetRobotDescriptionParameterNode() is True
+    parameters = robot.GetNodeReference("parameter")
+    assert parameters is node.GetParameterNodeByNode("/robot_state_publisher")
+    spin_until(robot.ParseRobotDescription)
+    spin_until(lambda: parameters.ParameterSet("robot_description"))
+    assert robot.FindRootAndTipLinks() == ("base", "tip")
+    assert (robot.GetSegments(), robot.GetJoints()) == (("wrist", "tip"), ("turn",))
+    assert robot.GetJointTypes() == ("revolute",)
+    assert (robot.GetJointLowerPositionLimits(), robot.GetJointUpperPositionLimits()) == (
+        (-3.0,),
+        (3.0,),
+    )
+    pose, local = vtk.vtkMatrix4x4(), vtk.vtkMatrix4x4()
+    assert robot.ComputeKDLFK((vtk.vtkMath.Pi() / 2,), pose) is pose
+    assert [pose.GetElement(row, 3) for row in range(3)] == pytest.approx([0.0, 300.0, 100.0])
+    assert robot.ComputeLocalTransform((0.2,), local, "tip") is local
+    assert local.GetElement(0, 3) == pytest.approx(300.0)
+    assert robot.ComputeKDLIK(pose, (1.0,)) == pytest.approx((vtk.vtkMath.Pi() / 2,))
+    pose.SetElement(2, 3, 900.0)
+    assert robot.ComputeKDLIK(pose) == ()
+    assert robot.ComputeKDLFK((1.0, 2.0), pose) is None
+    assert robot.ComputeLocalTransform((1.0,), pose, "nothing") is None
+    scene = logic.scene
+    assert robot.CreateGoalStateRobot(robot) is True
+    goal = scene.GetFirstNodeByName("tip_model_goal")
+    assert goal.GetParentTransformNode().GetName() == "tip_goal_transform"
+    assert robot.GetNumberOfNodeReferences("goal_model") == 2
+    assert goal.GetDisplayNode().GetOpacity() == pytest.approx(0.3)
+    assert robot.RemoveGoalStateRobot() is True
+    assert scene.GetFirstNodeByName("tip_model_goal") is None
+    robot.RemoveRobotVisualization()
+    node.Spin()
+    assert robot.GetLinkNames() == ()
+    robot.SetupRobotVisualization()
+    assert robot.GetLinkNames() == ("base", "wrist", "tip")
+    assert node.RemoveAndDeleteRobotNode("arm") is True
+    assert node.RemoveAndDeleteParameterNodeByNodeID(parameters.GetID()) is True
+    assert scene.GetFirstNodeByName("tip_model") is None
