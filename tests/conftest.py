@@ -73,6 +73,7 @@ SLOW = {
         "tests/tools/test_wheel.py",
     ),
     "computes for more than about 3 s": (
+        "tests/case/readers/test_batches.py",
         "tests/case/test_schema_agreement.py",
         "tests/case/tumor/test_contour_surface.py",
         "tests/fixture/control/test_guidance.py",

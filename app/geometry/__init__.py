@@ -31,6 +31,7 @@ from app.geometry.slots import slot_setters
 from app.geometry.stamp import NS_PER_MS, NS_PER_S, Stamp
 from app.geometry.tracked import TrackedTransform, TrackingStatus
 from app.geometry.transform import (
+    ROTATION_TOLERANCE,
     FloatArray,
     Transform,
     mean_transform,
@@ -42,6 +43,7 @@ from app.geometry.welding import weld_vertices
 __all__ = [
     "NS_PER_MS",
     "NS_PER_S",
+    "ROTATION_TOLERANCE",
     "FloatArray",
     "FrameError",
     "Freshness",

@@ -80,6 +80,18 @@ class Transform:
         return _unchecked(check_frame(target), check_frame(source), rotation, translation_mm)
 
     @classmethod
+    def of_read_only(
+        cls, target: str, source: str, rotation: FloatArray, translation_mm: FloatArray
+    ) -> "Transform":
+        """As `unchecked`, from arrays that are read-only and names that are valid."""
+        made = object.__new__(cls)
+        _set_target(made, target)
+        _set_source(made, source)
+        _set_rotation(made, rotation)
+        _set_translation(made, translation_mm)
+        return made
+
+    @classmethod
     def from_matrix(cls, matrix: ArrayLike, *, target: str, source: str) -> "Transform":
         """Construct from a homogeneous (4, 4) matrix in mm, or its 16 numbers in row order."""
         name = f"{target}_from_{source}"

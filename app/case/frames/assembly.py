@@ -86,8 +86,8 @@ class FrameAssembler:
         if draft is not None:
             draft.unfiltered = unfiltered
 
-    def add_joints(self, sample: JointSample) -> None:
-        """Add a joint sample, its stamp on the tracker's clock."""
+    def add_joints(self, sample: JointSample) -> Iterable[TrackingFrame]:
+        """Add a joint sample, its stamp on the tracker's clock; it completes no frame."""
         if self._joints and sample.stamp.ns < self._joints[-1].stamp.ns:
             insort_right(self._joints, sample, key=_ns)
         else:
@@ -100,6 +100,7 @@ class FrameAssembler:
                     "clock.offset_robot_to_tracker_ms may be wrong"
                 )
             self._joints_dropped = True
+        return ()
 
     def flush(self) -> Iterator[TrackingFrame]:
         """Yield all buffered frames, at the end or after a jump of the clock."""

@@ -9,9 +9,11 @@ value lies at a multiple of its own size, counted from the end of the encapsulat
 """
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
+
+from app.case.messages.cdr_columns import MessageColumns
 
 Values = TypeVar("Values")
 Known = Mapping[bytes, Any]
@@ -144,6 +146,27 @@ class LayoutReader(Generic[Values]):
         except struct.error as error:
             raise ValueError(str(error)) from error
         return self._values(layout.unpack(data), layout.known)
+
+    def batch(
+        self,
+        messages: Sequence[bytes],
+        decode: Callable[[MessageColumns, str, Known], list[Any]],
+    ) -> list[Any]:
+        """What ``decode`` returns for ``messages`` of one length, None for each that it cannot.
+
+        ``decode`` takes their columns, the `struct` format of the layout that is known for this
+        length, and the known stretches. Learns no layout: where none is known all are None.
+        """
+        order, length = messages[0][:2], len(messages[0])
+        layout = self._layouts.get(order, {}).get(length)
+        if layout is None:
+            return [None] * len(messages)
+        columns = MessageColumns(messages, layout.codes[0])
+        found = decode(columns, layout.codes, layout.known)
+        has_order = columns.equal(0, order)
+        if has_order.all():
+            return found
+        return [each if same else None for each, same in zip(found, has_order, strict=True)]
 
     def _learn(self, data: bytes) -> _Layout:
         walk = Walk(data)

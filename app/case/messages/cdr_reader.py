@@ -19,9 +19,6 @@ from app.case.messages.ros_messages import JOINT_STATE, TF_MESSAGE, TRACKED_TRAN
 from app.case.messages.values import JointValues, PoseValues, frame_name
 from app.geometry import NS_PER_S
 
-Values = PoseValues | tuple[PoseValues, ...] | JointValues
-ReadBytes = Callable[[bytes], Values | None]
-
 _POSE_NUMBERS = 10
 """Values of a stamped transform: two of its stamp, its names, seven of its pose."""
 _MIN_POSE_BYTES = 4 + 4 + 4 + 1 + 4 + 1 + 7 * 8
@@ -30,7 +27,7 @@ _MAX_FRAME_BYTES = 1024
 """Longest name of a frame that is read here, with its terminating zero."""
 
 
-def bytes_reader(definitions: Typesdict, message_type: str) -> ReadBytes | None:
+def bytes_reader(definitions: Typesdict, message_type: str) -> LayoutReader[Any] | None:
     """A reader for messages of ``message_type``; None where its definition is not the known one."""
     fields, make_reader = _READERS.get(message_type, ((), None))
     try:

@@ -5,7 +5,7 @@ because the parser of rosbags needs up to 0.1 ms per character, and so is the nu
 a message has by its definition, because rosbags generates code for all of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from typing import Any
 
@@ -14,6 +14,8 @@ from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from app.case.messages.cdr_batch import Batch
+from app.case.messages.cdr_layout import LayoutReader
 from app.case.messages.cdr_reader import bytes_reader
 from app.case.messages.ros_messages import (
     JOINT_STATE,
@@ -50,9 +52,32 @@ def values_reader(message_type: str) -> Callable[[bytes], Any]:
     return message_decoder(message_type)
 
 
+class MessageDecoder:
+    """Decodes messages of one type; made by `message_decoder`."""
+
+    def __init__(
+        self, decode: Callable[[bytes], Any], read_bytes: LayoutReader[Any] | None
+    ) -> None:
+        self._decode = decode
+        self._read_bytes = read_bytes
+
+    def __call__(self, data: bytes) -> Any:
+        """The values of one message; raises `InputError` for bytes that are not such a message."""
+        return self._decode(data)
+
+    def batch(self, messages: Sequence[bytes], decode: Batch) -> list[Any]:
+        """The samples of ``messages`` of one length by ``decode`` of `app.case.messages.cdr_batch`.
+
+        None for each message that has to be decoded by itself.
+        """
+        if self._read_bytes is None:
+            return [None] * len(messages)
+        return self._read_bytes.batch(messages, decode)
+
+
 def message_decoder(
     message_type: str, definition: str = "", *, idl: bool = False
-) -> Callable[[bytes], Any]:
+) -> MessageDecoder:
     """A decoder for messages of ``message_type`` as a recording defines it.
 
     ``definition`` is a ``ros2msg`` schema, or a ``ros2idl`` one where ``idl``; without one the type
@@ -83,7 +108,7 @@ def message_decoder(
                 f"{len(data)} bytes are not a {message_type}: {_reason(error)}"
             ) from error
 
-    return decode
+    return MessageDecoder(decode, read_bytes)
 
 
 # Recordings have the same few definitions, which take some 20 ms each.

@@ -5,8 +5,15 @@ from itertools import islice
 from pathlib import Path
 
 from app.case.readers.rosbag2.database_file import read_database
-from app.case.readers.rosbag2.mcap_file import read_mcap_messages
-from app.case.readers.rosbag2.messages import RawMessage
+from app.case.readers.rosbag2.mcap_file import read_mcap_runs
+from app.case.readers.rosbag2.messages import (
+    MAX_RUN_BYTES,
+    MAX_RUN_MESSAGES,
+    Connection,
+    MessageRun,
+    RawMessage,
+    RunMessage,
+)
 from app.files.bounded_io import is_folder
 from app.geometry import InputError
 
@@ -14,17 +21,63 @@ _MAX_FILES = 10_000
 
 
 def read_bag(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
-    """Yield the messages of the file or folder ``path``; `InputError` where it cannot be read.
+    """Yield the messages of the file or folder ``path`` one by one; raises as `read_bag_runs`."""
+    for run in read_bag_runs(path, note):
+        yield from run.raw_messages()
 
-    ``metadata.yaml`` is not read: it is missing after a crash.
+
+def read_bag_runs(path: Path, note: Callable[[str], None]) -> Iterator[MessageRun]:
+    """Yield the messages of the file or folder ``path`` in runs, in their order.
+
+    ``metadata.yaml`` is not read: it is missing after a crash. Raises `InputError` where the
+    recording cannot be read.
     """
     if not is_folder(path):
-        yield from read_mcap_messages(path, note)
+        yield from read_mcap_runs(path, note)
         return
     parts = _parts(path, ".mcap")
-    read = read_mcap_messages if parts else read_database
+    read = read_mcap_runs if parts else _database_runs
     for part in parts or _databases(path):
         yield from read(part, note)
+
+
+def _database_runs(path: Path, note: Callable[[str], None]) -> Iterator[MessageRun]:
+    """The messages of a database in runs; notes and errors keep their place among them."""
+    held: list[str] = []
+
+    def pass_on() -> None:
+        for text in held:
+            note(text)
+        held.clear()
+
+    messages = read_database(path, held.append)
+    connections: dict[int, Connection] = {}
+    numbers: dict[Connection, int] = {}
+    ended = False
+    while not ended:
+        run: list[RunMessage] = []
+        size = 0
+        problem: Exception | None = None
+        try:
+            while len(run) < MAX_RUN_MESSAGES and size <= MAX_RUN_BYTES and not ended:
+                message = next(messages, None)
+                if message is None:
+                    ended = True
+                    break
+                if not run:
+                    pass_on()
+                connection, data, log_ns, publish_ns, sequence = message
+                number = numbers.setdefault(connection, len(numbers))
+                connections[number] = connection
+                run.append((number, data, log_ns, publish_ns, sequence))
+                size += len(data)
+        except Exception as error:  # after the messages that were read before it
+            problem = error
+        if run:
+            yield MessageRun(connections, run)
+        pass_on()
+        if problem is not None:
+            raise problem
 
 
 def _databases(folder: Path) -> list[Path]:

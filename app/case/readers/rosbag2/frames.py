@@ -5,14 +5,16 @@ not on it: an edge belongs to ``/tracked_transforms`` from its first sample ther
 is not read because it holds no measurements. Message types come from the recording itself.
 """
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from app.case.frames.assembly import FrameAssembler
 from app.case.frames.samples import TrackingFrame
-from app.case.messages.decoder import message_decoder
+from app.case.messages.cdr_batch import Batch, joint_samples, tf_samples, tracked_samples
+from app.case.messages.decoder import MessageDecoder, message_decoder
 from app.case.messages.ros_messages import (
     JOINT_STATE,
     TF_MESSAGE,
@@ -24,9 +26,9 @@ from app.case.messages.ros_messages import (
 )
 from app.case.messages.values import JointValues, PoseValues, TimeValues
 from app.case.readers.recording_format import Note
-from app.case.readers.rosbag2.bag import read_bag
-from app.case.readers.rosbag2.messages import Connection, RawMessage
-from app.geometry import InputError, MarginGuardError, Stamp
+from app.case.readers.rosbag2.bag import read_bag_runs
+from app.case.readers.rosbag2.messages import Connection, MessageRun, RunMessage
+from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform
 
 _UNUSABLE = (MarginGuardError, AttributeError, TypeError, ValueError, OverflowError)
 """What a message raises that cannot be used; its type may have fields of other types."""
@@ -36,6 +38,9 @@ _MAX_DEFINITION_CHARS = 32 * 1024
 
 _MAX_UNREADABLE = 10_000
 """A topic with more unreadable messages, and more of them than readable ones, is not read on."""
+
+_MIN_BATCH = 4
+"""Fewer messages of one length are decoded one by one."""
 
 
 def read_mcap(
@@ -49,7 +54,7 @@ def read_mcap(
     """
     frames = 0
     for frame in _FrameReader(path, note, joint_states_topic, offset_ns).frames(
-        read_bag(path, note)
+        read_bag_runs(path, note)
     ):
         frames += 1
         yield frame
@@ -59,8 +64,33 @@ def read_mcap(
         )
 
 
+@dataclass(slots=True, eq=False)
+class _Topic:
+    """Use of one topic. ``add`` takes the values of one message, ``add_sample`` those of a batch.
+
+    ``batch`` decodes many messages; None decodes them one by one.
+    """
+
+    name: str
+    message_type: str
+    add: Callable[[Any], Iterable[TrackingFrame]]
+    batch: Batch | None = None
+    add_sample: Callable[[Any], Iterable[TrackingFrame]] = field(default=lambda sample: ())
+    readable: int = 0
+    unreadable: int = 0
+
+    @property
+    def is_left_out(self) -> bool:
+        """True if its messages are not read on."""
+        return self.unreadable > max(_MAX_UNREADABLE, self.readable)
+
+
 class _FrameReader:
-    """Turns the messages of one recording into frames; for one pass."""
+    """Turns the messages of one recording into frames; for one pass.
+
+    Messages of one connection and length in a run are decoded together, as far as they are good
+    samples in a known layout. All are then used one after the other in their order.
+    """
 
     def __init__(
         self, path: Path, note: Note, joint_states_topic: str | None, offset_ns: int
@@ -70,68 +100,121 @@ class _FrameReader:
         self._offset_ns = offset_ns
         self._assembler = FrameAssembler(note)
         self._tracked_edges: set[tuple[str, str]] = set()
-        self._unreadable: Counter[str] = Counter()
-        self._readable: Counter[str] = Counter()
-        self._decoders: dict[tuple[str, bytes], Callable[[bytes], Any] | InputError] = {}
+        self._decoders: dict[tuple[str, bytes], MessageDecoder | InputError] = {}
         self._definition_chars = 0
-        self._uses: dict[str, tuple[str, Callable[[Any], Iterable[TrackingFrame]]]] = {
-            TRACKED_TRANSFORMS_TOPIC: (TRACKED_TRANSFORM, self._add_tracked),
-            TF_TOPIC: (TF_MESSAGE, self._add_tf),
-            UNFILTERED_TIME_TOPIC: (TIME_REFERENCE, self._add_unfiltered),
-        }
+        topics = [
+            _Topic(
+                TRACKED_TRANSFORMS_TOPIC,
+                TRACKED_TRANSFORM,
+                self._add_tracked,
+                tracked_samples,
+                self._add_tracked_sample,
+            ),
+            _Topic(
+                TF_TOPIC,
+                TF_MESSAGE,
+                self._add_tf,
+                # An edge that is tracked stays so: its transforms on /tf are not used any more.
+                partial(tf_samples, unused=self._tracked_edges),
+                self._add_tf_samples,
+            ),
+            _Topic(UNFILTERED_TIME_TOPIC, TIME_REFERENCE, self._add_unfiltered),
+        ]
         if joint_states_topic is not None:
-            self._uses[joint_states_topic] = (JOINT_STATE, self._add_joints)
-        self._handlers: dict[Connection, Callable[[bytes], Iterable[TrackingFrame]]] = {}
+            joints = partial(joint_samples, offset_ns=offset_ns)
+            add_sample = self._assembler.add_joints
+            topics.append(
+                _Topic(joint_states_topic, JOINT_STATE, self._add_joints, joints, add_sample)
+            )
+        self._topics = {topic.name: topic for topic in topics}
+        self._used: dict[Connection, _Topic | None] = {}
+        self._skipped: list[_Topic] = []
 
-    def frames(self, messages: Iterator[RawMessage]) -> Iterator[TrackingFrame]:
-        for connection, data, _, _, _ in messages:
-            handle = self._handlers.get(connection)
-            if handle is None:
-                handle = self._handlers[connection] = self._handler(connection)
-            try:
-                yield from handle(data)
-            # A type with the known name may have fields of other types.
-            except (
-                MarginGuardError,
-                AttributeError,
-                TypeError,
-                ValueError,
-                OverflowError,
-            ) as error:
-                self._skip(connection.topic, error)
+    def frames(self, runs: Iterator[MessageRun]) -> Iterator[TrackingFrame]:
+        for run in runs:
+            yield from self._frames_of(run)
         yield from self._assembler.flush()
-        for topic, count in self._unreadable.items():
-            if count > 1:
-                self._note(f"{count} messages on {topic} were skipped in all")
+        for topic in self._skipped:
+            if topic.unreadable > 1:
+                self._note(f"{topic.unreadable} messages on {topic.name} were skipped in all")
 
-    def _handler(self, connection: Connection) -> Callable[[bytes], Iterable[TrackingFrame]]:
-        """Adds a message of ``connection`` and returns the frames that are complete then."""
-        expected_type, add = self._uses.get(connection.topic, ("", None))
-        if add is None or connection.message_encoding != "cdr":
-            return lambda data: ()
-        if connection.message_type != expected_type:
+    def _frames_of(self, run: MessageRun) -> Iterator[TrackingFrame]:
+        alike: dict[tuple[int, int], list[int]] = {}
+        for index, message in enumerate(run.messages):
+            key = (message[0], len(message[1]))
+            if key in alike:
+                alike[key].append(index)
+            else:
+                alike[key] = [index]
+        samples: list[Any] = [None] * len(run.messages)
+        topics: dict[int, _Topic | None] = {}
+        for index, (number, data, _, _, _) in enumerate(run.messages):
+            sample = samples[index]
+            if sample is not None:
+                topic = topics[number]
+                if topic is not None and topic.unreadable <= _MAX_UNREADABLE:
+                    topic.readable += 1
+                    finished = topic.add_sample(sample)
+                    if finished:
+                        yield from finished
+                    continue
+            connection = run.connections.get(number)
+            if connection is None:
+                continue
+            topic = topics[number] = self._topic_of(connection)
+            if topic is None:
+                continue
+            try:
+                yield from self._read(topic, connection, data)
+            # A type with the known name may have fields of other types.
+            except _UNUSABLE as error:
+                self._skip(topic, error)
+            # Decoded after the first of them, which makes the decoder and learns the layout.
+            indices = alike.pop((number, len(data)), ())
+            if topic.batch is not None and len(indices) > _MIN_BATCH:
+                self._decode(topic, connection, run.messages, indices, samples)
+
+    def _decode(
+        self,
+        topic: _Topic,
+        connection: Connection,
+        messages: list[RunMessage],
+        indices: Sequence[int],
+        samples: list[Any],
+    ) -> None:
+        """Fill in the ``samples`` of messages of one length that can be decoded together."""
+        decoder = self._decoders.get((connection.message_type, connection.schema))
+        if topic.batch is None or not isinstance(decoder, MessageDecoder):
+            return
+        found = decoder.batch([messages[index][1] for index in indices], topic.batch)
+        for index, sample in zip(indices, found, strict=True):
+            samples[index] = sample
+
+    def _topic_of(self, connection: Connection) -> _Topic | None:
+        """The topic of ``connection``; None where it is not used."""
+        if connection in self._used:
+            return self._used[connection]
+        topic = self._topics.get(connection.topic)
+        if topic is None or connection.message_encoding != "cdr":
+            self._used[connection] = None
+            return None
+        if connection.message_type != topic.message_type:
             raise InputError(
                 f"{self._path}: topic {connection.topic} carries {connection.message_type}; "
-                f"expected {expected_type}"
+                f"expected {topic.message_type}"
             )
+        self._used[connection] = topic
+        return topic
 
-        return lambda data: self._read(connection, data, add)
-
-    def _read(
-        self,
-        connection: Connection,
-        data: bytes,
-        add: Callable[[Any], Iterable[TrackingFrame]],
-    ) -> Iterable[TrackingFrame]:
-        topic = connection.topic
-        if self._unreadable[topic] > max(_MAX_UNREADABLE, self._readable[topic]):
-            self._unreadable[topic] += 1
+    def _read(self, topic: _Topic, connection: Connection, data: bytes) -> Iterable[TrackingFrame]:
+        if topic.is_left_out:
+            topic.unreadable += 1
             return ()
         values = self._decoder(connection)(data)
-        self._readable[topic] += 1
-        return add(values)
+        topic.readable += 1
+        return topic.add(values)
 
-    def _decoder(self, connection: Connection) -> Callable[[bytes], Any]:
+    def _decoder(self, connection: Connection) -> MessageDecoder:
         """The decoder of a definition, made once; raises `InputError` for an unusable one."""
         key = (connection.message_type, connection.schema)
         if key not in self._decoders:
@@ -141,7 +224,7 @@ class _FrameReader:
             raise found
         return found
 
-    def _new_decoder(self, connection: Connection) -> Callable[[bytes], Any] | InputError:
+    def _new_decoder(self, connection: Connection) -> MessageDecoder | InputError:
         self._definition_chars += len(connection.schema)
         if self._definition_chars > _MAX_DEFINITION_CHARS:
             return InputError(
@@ -157,24 +240,33 @@ class _FrameReader:
         except InputError as error:
             return error
 
-    def _skip(self, topic: str, error: Exception) -> None:
-        self._unreadable[topic] += 1
-        if self._unreadable[topic] == 1:
-            self._note(f"a message on {topic} cannot be used and is skipped: {error}")
+    def _skip(self, topic: _Topic, error: Exception) -> None:
+        topic.unreadable += 1
+        if topic.unreadable == 1:
+            self._skipped.append(topic)
+            self._note(f"a message on {topic.name} cannot be used and is skipped: {error}")
 
     def _add_tracked(self, values: PoseValues) -> Iterable[TrackingFrame]:
         self._tracked_edges.add(values.edge)
         return self._assembler.add_pose(values.sample())
+
+    def _add_tracked_sample(self, sample: TrackedTransform) -> Iterable[TrackingFrame]:
+        self._tracked_edges.add((sample.target, sample.source))
+        return self._assembler.add_pose(sample)
 
     def _add_tf(self, poses: tuple[PoseValues, ...]) -> Iterable[TrackingFrame]:
         for values in poses:
             if values.edge not in self._tracked_edges:
                 yield from self._assembler.add_pose(values.sample())
 
+    def _add_tf_samples(self, samples: tuple[TrackedTransform, ...]) -> Iterable[TrackingFrame]:
+        for sample in samples:
+            if (sample.target, sample.source) not in self._tracked_edges:
+                yield from self._assembler.add_pose(sample)
+
     def _add_unfiltered(self, values: TimeValues) -> Iterable[TrackingFrame]:
         self._assembler.add_unfiltered(Stamp(values.ns), Stamp(values.unfiltered_ns))
         return ()
 
     def _add_joints(self, values: JointValues) -> Iterable[TrackingFrame]:
-        self._assembler.add_joints(values.sample(offset_ns=self._offset_ns))
-        return ()
+        return self._assembler.add_joints(values.sample(offset_ns=self._offset_ns))

@@ -5,11 +5,12 @@ from pathlib import Path
 
 from mcap.records import Channel, Schema
 
-from app.case.readers.rosbag2.mcap_records import MessageRecord, read_records
+from app.case.readers.rosbag2.mcap_records import read_records
 from app.case.readers.rosbag2.messages import (
     MAX_CONNECTIONS,
     MAX_DEFINITION_BYTES,
     Connection,
+    MessageRun,
     RawMessage,
 )
 from app.files.bounded_io import open_for_reading
@@ -21,19 +22,22 @@ _NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
 
 
 def read_mcap_messages(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
-    """Yield the messages of ``path``; `InputError` for a file that is not MCAP or exceeds a limit.
+    """Yield the messages of ``path`` one by one; raises as `read_mcap_runs`."""
+    for run in read_mcap_runs(path, note):
+        yield from run.raw_messages()
 
-    A definition above `MAX_DEFINITION_BYTES` is left out and reported to ``note``.
+
+def read_mcap_runs(path: Path, note: Callable[[str], None]) -> Iterator[MessageRun]:
+    """Yield the messages of ``path`` in runs, which do not reach across damage that is noted.
+
+    Raises `InputError` for a file that is not MCAP or exceeds a limit. A definition above
+    `MAX_DEFINITION_BYTES` is left out and reported to ``note``.
     """
     with open_for_reading(path) as file:
         channels = _Channels(path.name, note)
         for record in read_records(file, path.name, note):
-            if isinstance(record, MessageRecord):
-                connection = channels.connections.get(record.channel)
-                if connection is not None:
-                    yield RawMessage(
-                        connection, record.data, record.log_ns, record.publish_ns, record.sequence
-                    )
+            if isinstance(record, list):
+                yield MessageRun(channels.connections, record)
             elif isinstance(record, Schema):
                 channels.add_schema(record)
             else:

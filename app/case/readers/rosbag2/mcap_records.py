@@ -2,7 +2,8 @@
 
 No length in the file is trusted: intact records are used, others are reported. The mcap package
 decodes all records but messages: a second of recording holds hundreds of them, and only their bytes
-are used.
+are used. Messages that follow each other in a chunk are yielded together, so that they can be
+decoded at once.
 
 Limits: a record and an unpacked chunk have `MAX_MESSAGE_BYTES`; all chunks together unpack to
 `_MAX_RATIO` times the bytes read, which real recordings do not approach (lz4 cannot exceed it), so
@@ -13,7 +14,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
-from typing import IO, NamedTuple
+from typing import IO
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -22,13 +23,19 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
-from app.case.readers.rosbag2.messages import MAX_MESSAGE_BYTES
+from app.case.readers.rosbag2.messages import (
+    MAX_MESSAGE_BYTES,
+    MAX_RUN_BYTES,
+    MAX_RUN_MESSAGES,
+    RunMessage,
+)
 from app.geometry import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+_BOTH_HEADS = struct.Struct("<BQHIQQ")
 _FOOTER_HEAD = struct.Struct("<QQI")
 _MESSAGE = int(Opcode.MESSAGE)
 _READ = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL)
@@ -43,21 +50,12 @@ _DAMAGED = (McapError, struct.error, ValueError, OverflowError, RuntimeError, zs
 """What the decoders raise for damaged bytes."""
 
 
-class MessageRecord(NamedTuple):
-    """A message record."""
-
-    channel: int
-    sequence: int
-    log_ns: int
-    publish_ns: int
-    data: bytes
-
-
-Record = Schema | Channel | MessageRecord
+Record = Schema | Channel | list[RunMessage]
+"""A list holds messages that follow each other, without another record between them."""
 
 
 def read_records(file: IO[bytes], name: str, note: Callable[[str], None]) -> Iterator[Record]:
-    """Yield schemas, channels and messages, in chunks or not, up to the end of the data.
+    """Yield schemas, channels and runs of messages, in chunks or not, up to the end of the data.
 
     ``file`` is at its start; ``name`` is for messages. Skipped records, a cut file and a missing
     index are reported to ``note``. Raises `InputError` for a file that is not MCAP, and for one
@@ -130,34 +128,59 @@ def _check_ratio(unpacked: int, packed: int, name: str) -> None:
 
 def _parsed(opcode: int, body: bytes) -> Record:
     if opcode == _MESSAGE:
-        return _message(body, 0, len(body))
+        return [_message(body, 0, len(body))]
     stream = ReadDataStream(BytesIO(body))
     found: Record = Schema.read(stream) if opcode == Opcode.SCHEMA else Channel.read(stream)
     return found
 
 
-def _message(data: bytes, at: int, length: int) -> MessageRecord:
+def _message(data: bytes, at: int, length: int) -> RunMessage:
     """The message at ``at``, as far as the data go."""
     if length < _MESSAGE_HEAD.size:
         raise ValueError(f"a message has {length} bytes; expected {_MESSAGE_HEAD.size} or more")
     channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(data, at)
     content = data[at + _MESSAGE_HEAD.size : at + length]
-    return MessageRecord(channel, sequence, log_ns, publish_ns, content)
+    return channel, content, log_ns, publish_ns, sequence
 
 
 def _records_in(data: bytes) -> Iterator[Record]:
     """Yield the records of an unpacked chunk, a last one that is cut as far as it goes."""
-    at = 0
-    while at < len(data):
-        opcode, length = _HEAD.unpack_from(data, at)
-        at += _HEAD.size
-        if opcode == _MESSAGE:  # most records
-            yield _message(data, at, length)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            yield _parsed(opcode, data[at : at + length])
-        else:  # bytes without meaning; no other record may be in a chunk
-            raise ValueError(f"a chunk holds opcode {opcode}; expected schemas, channels, messages")
-        at += length
+    run: list[RunMessage] = []
+    at = began = 0
+    last_at = len(data) - _BOTH_HEADS.size
+    unpack = _BOTH_HEADS.unpack_from
+    try:
+        while at < len(data):
+            if at <= last_at:
+                opcode, length, channel, sequence, log_ns, publish_ns = unpack(data, at)
+                if opcode == _MESSAGE and length >= _MESSAGE_HEAD.size:  # most records
+                    content_at = at + _BOTH_HEADS.size
+                    at += _HEAD.size + length
+                    run.append((channel, data[content_at:at], log_ns, publish_ns, sequence))
+                    if len(run) >= MAX_RUN_MESSAGES or at - began > MAX_RUN_BYTES:
+                        yield run
+                        run, began = [], at
+                    continue
+            opcode, length = _HEAD.unpack_from(data, at)
+            at += _HEAD.size
+            if opcode == _MESSAGE:
+                run.append(_message(data, at, length))
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                if run:
+                    yield run
+                run, began = [], at
+                yield _parsed(opcode, data[at : at + length])
+            else:  # bytes without meaning; no other record may be in a chunk
+                raise ValueError(
+                    f"a chunk holds opcode {opcode}; expected schemas, channels, messages"
+                )
+            at += length
+    except Exception:
+        if run:  # what comes before the damage
+            yield run
+        raise
+    if run:
+        yield run
 
 
 def _unpacked(chunk: Chunk) -> bytes:

@@ -1,9 +1,9 @@
 """What the readers of bags yield: serialised messages, each with its topic and its times."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 """Maximum size of a message, of any other record and of an unpacked chunk."""
@@ -13,6 +13,16 @@ MAX_DEFINITION_BYTES = 1024 * 1024
 
 MAX_CONNECTIONS = 4096
 """Maximum number of different topics, types and definitions of a recording."""
+
+MAX_RUN_MESSAGES = 1024
+MAX_RUN_BYTES = 1024 * 1024
+"""A run of messages ends at either."""
+
+RunMessage: TypeAlias = tuple[int, bytes, int, int, int]
+"""A message of a `MessageRun`: number of its connection, data, log_ns, publish_ns, sequence.
+
+A plain tuple, because a recording holds hundreds of messages per second.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,3 +54,21 @@ class RawMessage(NamedTuple):
     log_ns: int
     publish_ns: int
     sequence: int
+
+
+class MessageRun(NamedTuple):
+    """Messages that follow each other in a recording, so that they can be decoded together.
+
+    ``connections`` by their numbers; messages of other numbers have none and are not used. It is
+    valid until the next run is read.
+    """
+
+    connections: Mapping[int, Connection]
+    messages: list[RunMessage]
+
+    def raw_messages(self) -> Iterator[RawMessage]:
+        """Yield those messages that have a connection."""
+        for number, data, log_ns, publish_ns, sequence in self.messages:
+            connection = self.connections.get(number)
+            if connection is not None:
+                yield RawMessage(connection, data, log_ns, publish_ns, sequence)
