@@ -34,6 +34,7 @@ UNSTATED = {
     "parent and child are two frames": r"child is .*, the parent; expected another frame",
     "a direction and an axis have a length above 0": r"has length \S+; expected more than 0",
     "every value of max_mm is more than that of min_mm": r"max_mm is .*expected more than min_mm",
+    "xacro_args are given for a .xacro only": r"xacro_args are given, but .* is not a \.xacro file",
     "end_s is start_s or later": r"end_s is .*; expected start_s \(.*\) or later",
 }
 """Rule that a reader of values checks and a schema cannot state -> its message."""

@@ -26,6 +26,8 @@ def documents(schema: Values) -> st.SearchStrategy[Any]:
         return st.just(schema["const"])
     if "enum" in schema:
         return st.sampled_from(schema["enum"])
+    if isinstance(schema["type"], list):
+        return st.one_of([documents({**schema, "type": kind}) for kind in schema["type"]])
     match schema["type"]:
         case "boolean":
             return st.booleans()
@@ -33,6 +35,9 @@ def documents(schema: Values) -> st.SearchStrategy[Any]:
             return _texts(schema["pattern"])
         case "array":
             return _lists(schema)
+        case "object" if "propertyNames" in schema:
+            names, values = schema["propertyNames"], schema["additionalProperties"]
+            return st.dictionaries(documents(names), documents(values), max_size=2)
         case "object":
             variants = schema.get("oneOf", [{"properties": {}, "required": []}])
             return st.one_of([_mappings(schema, variant) for variant in variants])
@@ -103,6 +108,8 @@ def settled(values: Values) -> Values:
         dwell |= {"start_s": 2 * index, "end_s": 2 * index + 1.5}
     for block, key in ((values["tool"], "tip_from"), (values["tumor"], "pose")):
         block[key] = {"matrix": QUARTER_TURN}
+    if "xacro_args" in (robot := values.get("robot", {})):
+        robot["urdf"] = "package://arm/arm.xacro"
     plausibility = values.get("plausibility", {})
     for pair in plausibility.get("pairs", []):
         pair["child"] = pair["parent"] + "_2"

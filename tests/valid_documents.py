@@ -23,6 +23,18 @@ POINTS = {
         "max_drift_deg": 2.0,
     }
 }
+XACRO = {
+    "package_dirs": {"arm_description": "/opt/arm", "tools": "meshes/tools"},
+    "robot": {
+        "urdf": "package://arm_description/arm.xacro",
+        "base_frame": "base",
+        "tool_link": "tool",
+        "xacro_args": {"name": "arm", "safety": True, "length": 0.5, "joints": 6},
+        "collision_meshes": "optional",
+    },
+}
+"""A robot of a xacro file, with all its keys but the topic of the joints."""
+
 CONTROL = {
     "operators": ["/console", "/room/marginguard_rearm"],
     "security": "required",
@@ -109,10 +121,12 @@ def complete(document: str) -> list[dict[str, Any]]:
             full | CONTROL | mesh | {"source": tf} | PLAUSIBILITY,
             full | BOX | POINTS | segment | {"source": igtl, "clock": known},
             full | {"tumor": contour},
+            full | XACRO | POINTS,
         ]
     return [
         values,
         full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
+        full | XACRO | POINTS,
         full
         | BOX
         | mesh

@@ -27,7 +27,7 @@ from app.case.tumor import BuiltTumor, tumor_from_contour, tumor_from_segmentati
 from app.files.bounded_io import is_folder
 from app.files.meshes import load_mesh
 from app.files.packages import PACKAGE_SCHEME
-from app.files.paths import resolve_file, resolve_inside, sha256_of
+from app.files.paths import resolve_file, resolve_inside, resolve_package_folder, sha256_of
 from app.geometry import InputError, MeshError, SurfaceMesh
 
 
@@ -102,6 +102,10 @@ class Case:
         """Notes about the tumour once it is built, and about the last reading once it has ended."""
         return (*self._mesh_notes, *self._notes)
 
+    def add_notes(self, notes: Sequence[str]) -> None:
+        """Add sentences on the case's files to its notes, each once."""
+        self._mesh_notes.extend(note for note in notes if note not in self._mesh_notes)
+
     def tool_mesh(self) -> SurfaceMesh:
         """The tool's closed surface in the frame of its tip."""
         tool = self.manifest.tool
@@ -149,17 +153,41 @@ class Case:
             _mesh_notes=list(notes),
         )
 
+    def with_own_packages(self) -> "Case":
+        """A copy of the case that finds packages in the manifest's ``package_dirs``, too.
+
+        Those of the caller precede them. Raises `InputError` for a folder that does not exist, and
+        for one in the case folder where the robot is a xacro file.
+        """
+        robot, entries = self.manifest.robot, []
+        for name, folder in self.manifest.package_dirs.items():
+            where = f"{self.manifest.file}: package_dirs.{name}"
+            path = resolve_package_folder(self.folder, folder, where)
+            if robot is not None and _is_xacro(robot.urdf) and self._is_inside(path):
+                raise InputError(
+                    f"{where} is {folder!r}: it is in the case folder and could give code to "
+                    "robot.urdf, which is xacro; expected a folder outside the case folder"
+                )
+            entries.append(Path(f"{name}={path}"))
+        return replace(self, package_dirs=(*self.package_dirs, *entries))
+
     def robot_urdf(self) -> Path:
         """Path of the robot's file; `InputError` for a case without one or with its own xacro."""
         robot = self.manifest.robot
         if robot is None:
             raise InputError(f"{self.manifest.file}: robot is missing: the case has no robot")
-        if robot.urdf.lower().endswith(".xacro") and not robot.urdf.startswith(PACKAGE_SCHEME):
+        path = self._file(robot.urdf, "robot.urdf")
+        is_named_by_user = robot.urdf.startswith(PACKAGE_SCHEME)
+        if _is_xacro(robot.urdf) and not is_named_by_user and self._is_inside(path):
             raise InputError(
                 f"{self.manifest.file}: robot.urdf is {robot.urdf!r}: a xacro file is code and is "
-                "read from a package only, not from the case folder; expand it first"
+                "not read from the case folder; expected a package or an absolute path outside it, "
+                "or the expanded URDF"
             )
-        return self._file(robot.urdf, "robot.urdf")
+        return path
+
+    def _is_inside(self, path: Path) -> bool:
+        return path.resolve().is_relative_to(self.folder.resolve())
 
     def check_files(self) -> None:
         """Raise `InputError` unless the files of tumour, tool and robot exist."""
@@ -206,6 +234,10 @@ class Case:
         return resolve_file(self.folder, name, where, package_dirs=self.package_dirs)
 
 
+def _is_xacro(urdf: str) -> bool:
+    return urdf.lower().endswith(".xacro")
+
+
 def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     """Open the case in ``folder`` and check it: manifest, names, files, SHA-256, recording.
 
@@ -219,7 +251,7 @@ def open_case(folder: Path, *, package_dirs: Sequence[Path] = ()) -> Case:
     manifest = load_manifest(folder)
     entry = manifest.recorded()
     recording = resolve_inside(folder, entry.path, "case.yaml: recording.path")
-    case = Case(folder, manifest, recording, tuple(package_dirs))
+    case = Case(folder, manifest, recording, tuple(package_dirs)).with_own_packages()
     recording_format = _check_recording(recording, entry.sha256)
     case.check_files()
     if case.has_joints and not recording_format.has_joints:

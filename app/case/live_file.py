@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -13,6 +13,7 @@ from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
     read_clock,
     read_margins,
+    read_package_dirs,
     read_provenance,
     read_registration,
     read_robot,
@@ -83,6 +84,7 @@ def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
         found = "it is a folder" if is_folder(path) else "no such file"
         raise InputError(f"{path} is not a live configuration: {found}")
     live = read_live(Section.load(path, LIVE), path, package_dirs)
+    live = replace(live, case=live.case.with_own_packages())
     live.case.check_files()
     return live
 
@@ -107,6 +109,7 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
             margins=read_margins(document),
             expected=None,
             plausibility=read_plausibility(document),
+            package_dirs=read_package_dirs(document),
         ),
         None,
         tuple(package_dirs),

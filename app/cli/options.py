@@ -18,12 +18,13 @@ def add_package_dirs(parser: argparse.ArgumentParser) -> None:
     """Add the folders in which ``package://`` names are resolved."""
     parser.add_argument(
         "--package-dir",
-        type=existing_folder,
+        type=package_folder,
         action="append",
         default=[],
         metavar="DIR",
         dest="package_dirs",
-        help="where package://NAME/... is found: the folder NAME, or its parent; may be repeated",
+        help="where package://NAME/... is found: the folder of the package (its package.xml names "
+        "it), a folder that contains it, or NAME=FOLDER; may be repeated",
     )
 
 
@@ -74,6 +75,16 @@ def folder_path(text: str) -> Path:
     if text.startswith("package://"):
         raise argparse.ArgumentTypeError(f"{text!r} names shipped data; expected another folder")
     return Path(text)
+
+
+def package_folder(text: str) -> Path:
+    """Path of an existing folder of packages, or ``NAME=FOLDER`` for that of one package."""
+    from app.files.packages import split_package_dir  # every command loads this file
+
+    name, folder = split_package_dir(folder_path(text))
+    if name is None:
+        return existing_folder(text)
+    return Path(f"{name}={existing_folder(str(folder))}")
 
 
 def existing_folder(text: str) -> Path:

@@ -13,6 +13,8 @@ from pathlib import Path
 
 from app.geometry import InputError, MarginGuardError
 
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -74,7 +76,17 @@ def read_bounded(path: Path, max_bytes: int, error: type[MarginGuardError] = Inp
         content = file.read(max_bytes + 1)
     if len(content) > max_bytes:
         raise error(f"{path} has more than the {max_bytes} bytes allowed")
+    check_is_content(content, path, error)
     return content
+
+
+def check_is_content(start: bytes, path: Path, error: type[MarginGuardError] = InputError) -> None:
+    """Raise ``error`` if the first bytes of the file at ``path`` are a pointer of Git LFS."""
+    if start.startswith(_LFS_POINTER):
+        raise error(
+            f"{path} is a pointer of Git LFS to a file that is not here; expected the file itself: "
+            "fetch it by 'git lfs pull'"
+        )
 
 
 def is_file(path: Path) -> bool:

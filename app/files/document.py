@@ -20,6 +20,7 @@ from app.files.keys import (
     Number,
     Numbers,
     Text,
+    Texts,
     unit_of,
 )
 from app.files.suggestions import did_you_mean
@@ -94,6 +95,34 @@ class Section:
             if not is_text or (item.pattern and not item.pattern.fullmatch(str(value))):
                 raise self._refused(f"{key}[{index}]", value, item.expected)
         return tuple(map(str, values))
+
+    def texts_by_name(self, key: str) -> dict[str, str]:
+        """Return the mapping of names to texts under ``key``."""
+        declared = self._declared(key, Texts)
+        values = self._get(key)
+        if not isinstance(values, dict):
+            raise self._refused(key, values, "a mapping")
+        texts = {}
+        for name, value in values.items():
+            if not isinstance(name, str) or not declared.name.fullmatch(name):
+                raise InputError(
+                    f"{self.place(key)} has the name {_shown(name)}; "
+                    f"expected {declared.name_expected}"
+                )
+            texts[name] = self._plain_text(f"{key}.{name}", value, declared.plain_values)
+        return texts
+
+    def _plain_text(self, key: str, value: object, plain_values: bool) -> str:
+        if isinstance(value, str) and value.strip():
+            return value
+        if not plain_values:
+            raise self._refused(key, value, "a text")
+        if isinstance(value, bool):
+            return str(value).lower()
+        if isinstance(value, int | float):
+            _finite(value, self.place(key))
+            return str(value)
+        raise self._refused(key, value, "a text, a number, true or false")
 
     def frame(self, key: str) -> str:
         """Return the name of a frame under ``key``."""

@@ -18,6 +18,7 @@ from app.files.keys import (
     Number,
     Numbers,
     Text,
+    Texts,
     Variant,
     unit_of,
 )
@@ -82,6 +83,13 @@ def _type_of(key: Key) -> Schema:
                 "type": "array",
                 "items": _schema(items),
                 **({"minItems": 1} if if_empty else {}),
+            }
+        case Texts(name=name, plain_values=plain_values):
+            kinds = ["string", "number", "boolean"] if plain_values else "string"
+            return {
+                "type": "object",
+                "propertyNames": {"type": "string", "pattern": whole(name.pattern)},
+                "additionalProperties": {"type": kinds, "pattern": r"\S"},
             }
         case Block():
             return _object(key)

@@ -111,6 +111,18 @@ class ListOf(Key):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Texts(Key):
+    """A mapping of names of the user's choice, which match ``name`` as a whole, to texts.
+
+    With ``plain_values`` a number, true or false may be given as well and is read as its text.
+    """
+
+    name: re.Pattern[str]
+    name_expected: str
+    plain_values: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Variant:
     """One of the combinations of optional keys that a block allows, for `Block.variants`.
 

@@ -3,7 +3,8 @@
 The folders of a package, in this order:
 
 1. each entry of ``package_dirs``: ``NAME=FOLDER``, a folder that is the package (it is called NAME
-   or its ``package.xml`` names it), or a folder that contains the package;
+   or its ``package.xml`` names it), or a folder that contains the package, under its name or, up
+   to two levels below, in a folder whose ``package.xml`` names it;
 2. the folders ``above`` a file, the nearest first: one that is the package, or contains it;
 3. for ``marginguard`` the project's own ``data`` folder;
 4. ``share/NAME`` under each entry of ``AMENT_PREFIX_PATH``, then ``ROS_PACKAGE_PATH``.
@@ -11,6 +12,7 @@ The folders of a package, in this order:
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
 from app.files.bounded_io import is_file, is_folder
@@ -23,6 +25,10 @@ OWN_PACKAGE = "marginguard"
 PROJECT_DATA = shipped("data")
 
 _MAX_MANIFEST_BYTES = 1_000_000
+_MAX_SEARCHED = 2000
+"""Limit for the folders that are searched below one entry."""
+
+_LEVELS = 2
 
 
 class PackageFolders:
@@ -54,6 +60,7 @@ class PackageFolders:
                 yield folder
             elif name is None:
                 yield from _as_or_in(folder, package)
+                yield from _declared_below(folder, package)
         for folder in self._above:
             yield from _as_or_in(folder, package)
         if package == OWN_PACKAGE:
@@ -94,6 +101,26 @@ def _as_or_in(folder: Path, package: str) -> Iterator[Path]:
         yield folder
     if is_folder(folder / package):
         yield folder / package
+
+
+def _declared_below(folder: Path, package: str) -> Iterator[Path]:
+    """Folders below ``folder`` whose ``package.xml`` names ``package``, in alphabetical order."""
+    level, searched = [folder], 0
+    for _ in range(_LEVELS):
+        below: list[Path] = []
+        for each in level:
+            below.extend(islice(_subfolders(each), max(0, _MAX_SEARCHED - searched - len(below))))
+        searched += len(below)
+        yield from (each for each in below if _declared_name(each) == package)
+        level = below
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    try:
+        names = sorted(entry.name for entry in os.scandir(folder) if entry.is_dir())
+    except OSError:
+        return []
+    return [folder / name for name in names if not name.startswith(".")]
 
 
 def _declared_name(folder: Path) -> str | None:

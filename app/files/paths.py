@@ -52,13 +52,15 @@ def resolve_inside(folder: Path, name: str, where: str) -> Path:
 def resolve_file(
     folder: Path, name: str, where: str, *, package_dirs: Sequence[str | Path] = ()
 ) -> Path:
-    """Resolve ``name``, relative to ``folder`` or ``package://NAME/...``, to an existing file.
+    """Resolve ``name`` to an existing file: absolute, in ``folder`` or ``package://NAME/...``.
 
     A package is looked for in ``package_dirs``, and ``marginguard`` is the project's ``data/``: the
-    first folder of `PackageFolders`. Raises `InputError` as `resolve_inside` does, also for an
-    unknown package.
+    first folder of `PackageFolders`. Raises `InputError` as `resolve_inside` does for a relative
+    name, also for an unknown package.
     """
-    if not name.startswith(PACKAGE_SCHEME):
+    if Path(name).is_absolute():
+        path = Path(name)
+    elif not name.startswith(PACKAGE_SCHEME):
         path = resolve_inside(folder, name, where)
     else:
         package, rest = split_package_name(name)
@@ -70,6 +72,17 @@ def resolve_file(
     if not is_file(path):
         raise InputError(f"{where} is {name!r}: {path} is not a file")
     return path
+
+
+def resolve_package_folder(folder: Path, name: str, where: str) -> Path:
+    """Resolve ``name``, absolute or relative to ``folder``, to an existing folder.
+
+    Raises `InputError` as `resolve_inside` does.
+    """
+    path = Path(name) if Path(name).is_absolute() else resolve_inside(folder, name, where)
+    if not is_folder(path):
+        raise InputError(f"{where} is {name!r}; expected an existing folder")
+    return path.resolve()
 
 
 def input_path(text: str) -> Path:

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 from app.geometry import FrameError, Transform
+from app.robot.kinematics.closed_tree import ClosedTree
+from app.robot.kinematics.closure import LoopClosure
 from app.robot.kinematics.inverse import IkOptions, inverse_kinematics
 from app.robot.kinematics.joint import Joint
 from app.robot.kinematics.link_poses import LinkPoses
@@ -15,17 +17,28 @@ from app.robot.shapes import Link
 class Robot:
     """A tree of links, made by `load_robot` or from links and joints.
 
+    ``closures`` are joints that close loops of links; the joints that follow from them are not
+    actuated.
     ``warnings`` has one sentence for each deviation from the file, such as a missing display mesh.
+    ``links_without_collision`` names the links whose collision meshes could not be read: nothing
+    may be concluded from the absence of a collision with them.
     """
 
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     warnings: tuple[str, ...] = ()
+    links_without_collision: tuple[str, ...] = ()
+    closures: tuple[LoopClosure, ...] = ()
     _tree: KinematicTree = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        tree = KinematicTree([link.name for link in self.links], self.joints)
+        names = [link.name for link in self.links]
+        tree = (
+            ClosedTree(names, self.joints, self.closures)
+            if self.closures
+            else KinematicTree(names, self.joints)
+        )
         object.__setattr__(self, "_tree", tree)
 
     @property
@@ -35,16 +48,31 @@ class Robot:
 
     @property
     def actuated_joint_names(self) -> tuple[str, ...]:
-        """The joints that are neither fixed nor mimic joints, in file order."""
-        return tuple(joint.name for joint in self.joints if joint.moves and joint.mimic is None)
+        """The joints that are not fixed and follow no other joint, in file order."""
+        return tuple(
+            joint.name
+            for joint in self.joints
+            if joint.moves and joint.mimic is None and joint.name not in self._tree.dependent
+        )
+
+    @property
+    def dependent_joint_names(self) -> tuple[str, ...]:
+        """The joints whose positions follow from closed loops, in file order."""
+        return tuple(j.name for j in self.joints if j.name in self._tree.dependent)
+
+    @property
+    def loop_gaps(self) -> tuple[tuple[float, float], ...]:
+        """For each of ``closures`` the gap (mm, rad) that is left with the joints at 0."""
+        return self._tree.gaps if isinstance(self._tree, ClosedTree) else ()
 
     def forward_kinematics(self, positions: Mapping[str, float]) -> LinkPoses:
         """Return ``root_from_link`` in mm for every link.
 
         ``positions`` are in rad (m for sliding joints). A joint without position is at 0. A mimic
-        joint without position follows its leader. Limits are not applied, because a measured
-        position can be outside of them. Raises `JointError` for a name that is not a moving joint,
-        for a position that is not finite, and for one that makes a link pose overflow.
+        joint without position follows its leader, and a joint of a closed loop the others. Limits
+        are not applied, because a measured position can be outside of them. Raises `JointError`
+        for a name that is not a moving joint, for a position that is not finite, for one that
+        makes a link pose overflow, and for positions at which a loop does not close.
         """
         # Unchecked: origins were checked on loading, and the motion of a joint is a rotation by
         # its formula, so that the product is one as well.

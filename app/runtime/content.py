@@ -1,7 +1,8 @@
 """What a session is about: structures, tool, robot, static transforms, registration, margins."""
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.case import Case
@@ -22,7 +23,8 @@ class SessionContent:
     ``tumor`` is in the frame ``tumor.frame``; ``tool`` in ``tip_frame``, or None where only the
     tip is known. ``static_edges`` are the calibrations and the registration, each child frame
     once. ``robot`` is None for a tool that is held by hand. ``robot_file`` with ``package_dirs``
-    is where the robot's description is read from. ``simulated``: the poses are not a patient's.
+    and ``xacro_args`` is where the robot's description is read from. ``simulated``: the poses are
+    not a patient's.
     """
 
     name: str
@@ -34,6 +36,7 @@ class SessionContent:
     robot: RobotSetup | None = None
     robot_file: Path | None = None
     package_dirs: tuple[Path, ...] = ()
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
     simulated: bool = False
 
     def __post_init__(self) -> None:
@@ -73,7 +76,9 @@ class SessionContent:
         """Read the robot's URDF; None without a robot. Raises `UrdfError` for a broken file."""
         if self.robot_file is None:
             return None
-        return urdf_text(self.robot_file, package_dirs=self.package_dirs)
+        return urdf_text(
+            self.robot_file, package_dirs=self.package_dirs, xacro_args=self.xacro_args
+        )
 
 
 def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionContent:
@@ -88,6 +93,7 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
         robot=setup.robot,
         robot_file=None if setup.robot is None else case.robot_urdf(),
         package_dirs=case.package_dirs,
+        xacro_args={} if case.manifest.robot is None else case.manifest.robot.xacro_args,
         simulated=case.manifest.provenance.kind == "simulated",
     )
 

@@ -1,3 +1,4 @@
+from .case_robot import load_case_robot
 from .frame_senders import FrameSenders, SenderConflict
 from .from_case import margin_parameters, robot_from_case, setup_from_case
 from .joint_clock import tip_signals, with_estimated_clock
@@ -45,6 +46,7 @@ __all__ = [
     "guidance_parameters",
     "has_ended",
     "limiter_parameters",
+    "load_case_robot",
     "loosened_margins",
     "margin_changes",
     "margin_parameters",

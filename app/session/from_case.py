@@ -5,7 +5,7 @@ from dataclasses import replace
 from app.case import Case
 from app.fixture import MarginParameters, ProximityEngine, TipProximity
 from app.registration import DriftBound
-from app.robot import load_robot
+from app.session.case_robot import load_case_robot
 from app.session.named_frames import check_frames
 from app.session.registering import register_robot
 from app.session.setup import ProximityModel, RobotSetup, SessionSetup
@@ -63,7 +63,7 @@ def _robot_setup(case: Case, margins: MarginParameters) -> RobotSetup | None:
     if robot is None or registration is None:
         return None
     unregistered = RobotSetup(
-        robot=load_robot(case.robot_urdf(), package_dirs=case.package_dirs),
+        robot=load_case_robot(case),
         base_frame=robot.base_frame,
         tool_link=robot.tool_link,
         registration=None,

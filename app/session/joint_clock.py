@@ -8,7 +8,7 @@ import numpy as np
 from app.case import Case, TrackingFrame
 from app.geometry import FloatArray, FreshnessLimits, InputError
 from app.registration import TimedSignal
-from app.robot import load_robot
+from app.session.case_robot import load_case_robot
 from app.session.pose_tree import PoseTree, is_sampled
 from app.session.setup import REFERENCE
 
@@ -47,7 +47,7 @@ def tip_signals(case: Case, frames: Iterable[TrackingFrame]) -> tuple[TimedSigna
     margins, tool, tool_link = manifest.margins, manifest.tool, manifest.robot.tool_link
     limits = FreshnessLimits(margins.stale_after_ns, margins.frozen_after_ns)
     poses = PoseTree(limits, (tool.frame,))
-    robot = load_robot(case.robot_urdf(), package_dirs=case.package_dirs)
+    robot = load_case_robot(case)
     joint_times: list[int] = []
     joint_tips: list[FloatArray] = []
     times: list[int] = []

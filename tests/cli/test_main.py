@@ -56,6 +56,11 @@ def test_package_is_found_in_given_folder(tmp_path, capsys):
     (case / "tumor.stl").rename(tmp_path / "packages/shapes/tumor.stl")
     for folder in ("packages", "packages/shapes"):
         assert main(["info", str(case), "--package-dir", str(tmp_path / folder)]) == 0
+    named = f"shapes={tmp_path / 'packages/shapes'}"
+    assert main(["info", str(case), "--package-dir", named]) == 0
+    with pytest.raises(SystemExit):
+        main(["info", str(case), "--package-dir", "shapes=/nowhere"])
+    assert "'/nowhere': no such folder" in capsys.readouterr().err
     assert main(["info", str(case)]) == 2
     assert "package 'shapes' not found (no --package-dir)" in capsys.readouterr().err
     with pytest.raises(SystemExit) as stop:

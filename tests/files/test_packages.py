@@ -52,6 +52,22 @@ def test_broken_manifest_names_no_package(checkout: Path, manifest: str) -> None
     assert list(PackageFolders([checkout]).named("arm")) == []
 
 
+def test_package_below_a_given_folder_is_found_by_its_manifest(
+    checkout: Path, tmp_path: Path
+) -> None:
+    manifest = """<?xml version="1.0"?>
+<?xml-model href="http://download.ros.org/schema/package_format3.xsd" schematypens="x"?>
+<package format="3"><name>arm</name></package>"""
+    (checkout / "package.xml").write_text(manifest)
+    nested = tmp_path / "workspace" / "src" / "repository"
+    nested.mkdir(parents=True)
+    (nested / "package.xml").write_text(manifest)
+    assert list(PackageFolders([tmp_path]).named("arm")) == [checkout]
+    assert list(PackageFolders([tmp_path / "workspace"]).named("arm")) == [nested]
+    assert list(PackageFolders([checkout]).named("arm")) == [checkout]
+    assert list(PackageFolders([tmp_path]).named("other")) == []
+
+
 def test_manifest_of_a_case_finds_packages_as_its_urdf_does(checkout: Path) -> None:
     for entry in (checkout, f"arm={checkout}"):
         found = resolve_file(checkout, "package://arm/arm.urdf", "robot.urdf", package_dirs=[entry])

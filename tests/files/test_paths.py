@@ -92,6 +92,13 @@ def test_folder_is_refused_as_file(folder: Path) -> None:
         resolve_file(folder, "sub", "k")
 
 
+def test_absolute_name_of_a_file_is_accepted_where_files_are_named(folder: Path) -> None:
+    path = folder / "sub" / "mesh.stl"
+    assert resolve_file(folder.parent, str(path), "tool.mesh.path") == path
+    with pytest.raises(InputError, match=r"^k is '/nowhere/x.stl': .* is not a file"):
+        resolve_file(folder, "/nowhere/x.stl", "k")
+
+
 def test_sha256_of_a_file(folder: Path) -> None:
     assert sha256_of(folder / "sub/mesh.stl") == hashlib.sha256(b"inside").hexdigest()
 

@@ -8,6 +8,7 @@ from app.case.manifest.plausibility import read_plausibility
 from app.case.manifest.sections import (
     read_clock,
     read_margins,
+    read_package_dirs,
     read_provenance,
     read_registration,
     read_robot,
@@ -45,6 +46,7 @@ def read_manifest(document: Section) -> CaseManifest:
         margins=read_margins(document),
         plausibility=read_plausibility(document),
         expected=document.text("expected") if "expected" in document else None,
+        package_dirs=read_package_dirs(document),
     )
 
 

@@ -4,6 +4,7 @@ Every matrix is a `Transform` in mm, every duration an integer in ns. `load_mani
 `open_live` read and check them.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -100,12 +101,17 @@ class TumorEntry:
 
 @dataclass(frozen=True, slots=True)
 class RobotEntry:
-    """The robot that holds the tool. ``joint_states``: topic of its joints, None without any."""
+    """The robot that holds the tool. ``joint_states``: topic of its joints, None without any.
+
+    ``require_meshes``: whether a missing collision mesh is an error.
+    """
 
     urdf: str
     base_frame: str
     tool_link: str
     joint_states: str | None
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    require_meshes: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +176,7 @@ class CaseManifest:
     margins: MarginEntry
     expected: str | None
     plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
+    package_dirs: Mapping[str, str] = field(default_factory=dict)
 
     def recorded(self) -> RecordingEntry:
         """The recording; `InputError` for a live case."""

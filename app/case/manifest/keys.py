@@ -15,6 +15,7 @@ from app.files.keys import (
     Number,
     Numbers,
     Text,
+    Texts,
     Variant,
 )
 from app.files.meshes import UNITS_MM
@@ -28,8 +29,8 @@ MIN_DRIFT = 0.1
 _YEAR_MS = 365 * 86_400_000
 
 FILES = (
-    "the named files exist, in the folder of this file or of a package, have a known format, and a "
-    "sha256 is that of its file"
+    "the named files exist, in the folder of this file or of a package or by an absolute path, "
+    "have a known format, and a sha256 is that of its file"
 )
 SESSION_LIMITS = (
     "a session accepts stop_mm up to 100, warn_mm up to 200, k_tre up to 10, "
@@ -37,7 +38,7 @@ SESSION_LIMITS = (
     "release_band_mm up to 10, frozen_after_ms up to 60000"
 )
 OWN_BASE_FRAME = "robot.base_frame is the name of no other frame"
-MESH_PATH = "mesh file (.stl, .ply, .obj), relative or package://NAME/..."
+MESH_PATH = "mesh file (.stl, .ply, .obj), relative, absolute or package://NAME/..."
 
 _SCHEMA = Integer("version of the format", 1, 1)
 _NAME = Text("name of the case, shown in reports")
@@ -135,7 +136,7 @@ _TUMOR = Block(
         ),
         "contour": Block(
             "points on the tumour's surface; the tumour is their convex hull, rounded outward",
-            {"path": Text(".mrk.json, .fcsv or .yaml, relative or package://NAME/...")},
+            {"path": Text(".mrk.json, .fcsv or .yaml, relative, absolute or package://NAME/...")},
             optional=True,
         ),
         "pose": Block(
@@ -150,7 +151,7 @@ _TUMOR = Block(
 _ROBOT = Block(
     "the robot that holds the tool; without it the tool is held by hand",
     {
-        "urdf": Text(".urdf, .xacro or AMBF .yaml, relative or package://NAME/..."),
+        "urdf": Text(".urdf, .xacro or AMBF .yaml, relative, absolute or package://NAME/..."),
         "base_frame": Frame("name of the robot's root in the frame tree"),
         "tool_link": Text("link whose origin is the tip of the tool"),
         "joint_states": Text(
@@ -159,7 +160,29 @@ _ROBOT = Block(
             pattern=TOPIC,
             expected=TOPIC_EXPECTED,
         ),
+        "xacro_args": Texts(
+            "values of the arguments of a .xacro, by name",
+            re.compile(r"[^\W\d]\w*"),
+            "the name of a xacro argument",
+            plain_values=True,
+            optional=True,
+        ),
+        "collision_meshes": Choice(
+            "required: a missing one is an error; optional: it is left out, with a note, and the "
+            "robot is for its kinematics",
+            ("required", "optional"),
+            default="required",
+        ),
     },
+    optional=True,
+    rules=("xacro_args are given for a .xacro only",),
+)
+
+_PACKAGE_DIRS = Texts(
+    "folders of the packages that package://NAME/... names: absolute or inside the folder of this "
+    "file; a --package-dir precedes them",
+    re.compile(r"[A-Za-z][A-Za-z0-9_-]*"),
+    "the name of a package: letters, digits, '_' and '-'",
     optional=True,
 )
 
@@ -257,6 +280,7 @@ CASE = Block(
         "tool": _TOOL,
         "tumor": _TUMOR,
         "robot": _ROBOT,
+        "package_dirs": _PACKAGE_DIRS,
         "registration": REGISTRATION,
         "margins": _MARGINS,
         "plausibility": PLAUSIBILITY,

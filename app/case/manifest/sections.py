@@ -117,9 +117,23 @@ def read_robot(document: Section) -> RobotEntry | None:
         return None
     block = document.section("robot")
     joint_states = block.text("joint_states") if "joint_states" in block else None
+    urdf = block.text("urdf")
+    xacro_args = block.texts_by_name("xacro_args") if "xacro_args" in block else {}
+    if xacro_args and not urdf.lower().endswith(".xacro"):
+        raise InputError(f"{block.place('xacro_args')} are given, but {urdf} is not a .xacro file")
     return RobotEntry(
-        block.text("urdf"), block.frame("base_frame"), block.text("tool_link"), joint_states
+        urdf,
+        block.frame("base_frame"),
+        block.text("tool_link"),
+        joint_states,
+        xacro_args,
+        block.choice("collision_meshes") == "required",
     )
+
+
+def read_package_dirs(document: Section) -> dict[str, str]:
+    """Read ``package_dirs``: folders as written, by the name of their package."""
+    return document.texts_by_name("package_dirs") if "package_dirs" in document else {}
 
 
 def check_topic(topic: str, where: str) -> str:

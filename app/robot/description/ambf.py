@@ -1,62 +1,79 @@
 """Loads the description file (ADF) or the map of mesh files of the simulator AMBF as a `Robot`.
 
-``world``, the simulator's frame, is the root of all links. With the joints at 0 every body is at
-its ``location``, the pose of the frame of its mesh, which the simulator publishes (Munawar et al.,
+``world``, the simulator's frame, is the root of all links. A body without a parent is at its
+``location``, the pose of the frame of its mesh, which the simulator publishes (Munawar et al.,
 AMBF, IROS 2019). The inertial offset applies to the mass and to collision primitives without an
 offset of their own. A joint rotates or slides about ``child axis`` through ``child pivot``, both in
-the child's frame.
+the child's frame; `ambf_joints` has its pose at position 0. Further joints of a body close loops.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
 from app.robot.description.adf import AdfDocument, AdfSection, read_adf
+from app.robot.description.ambf_joints import (
+    AdfJoint,
+    read_joint,
+    spanning_tree,
+    split_ball,
+)
 from app.robot.description.ambf_shapes import BodyShapes
 from app.robot.description.mesh_locator import MeshLocator
 from app.robot.errors import AdfError, RobotMeshError, UrdfError
+from app.robot.kinematics.closed_tree import CLOSED
 from app.robot.kinematics.joint import MM_PER_M, Joint, JointType
 from app.robot.meshes.mesh_file import read_robot_mesh
 from app.robot.robot import Robot
 from app.robot.shapes import Link, Shape
 
-WORLD = "world"
+WORLD, WORLD_BODY = "world", "world-body"
 MAX_MAP_CHARACTERS = 1_000_000
 
-_REVOLUTE_TYPES = ("hinge", "revolute", "continuous", "torsion spring", "torsional spring")
-_PRISMATIC_TYPES = ("slider", "prismatic", "linear spring", "spring")
-_PIVOT_TOLERANCE_MM = 2.0
-_AXIS_TOLERANCE_RAD = math.radians(1.0)
 
-
-def load_adf(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Robot:
+def load_adf(
+    path: str | Path,
+    *,
+    package_dirs: Sequence[str | Path] = (),
+    require_meshes: bool = True,
+) -> Robot:
     """Load an ADF file; the first link is ``world``.
 
     A mesh that is missing at its path is looked for in ``package_dirs`` and beside the file (see
-    `ambf_shapes`). `Robot.warnings` lists meshes found elsewhere, and pivots and axes that do not
-    fit the locations of the bodies; the locations are used. Raises `AdfError` for a malformed
-    file, for joints of several degrees of freedom and for closed loops, and `RobotMeshError` for a
-    mesh for collision that is missing or malformed.
+    `ambf_shapes`). `Robot.warnings` lists meshes found elsewhere, joints that do not fit the
+    locations of the bodies, and loops that rounded numbers leave open. Joints that close loops are
+    in `Robot.closures`. Raises `AdfError` for a malformed file, for joints of several degrees of
+    freedom other than point-to-point and for loops that do not close, and `RobotMeshError` for a
+    mesh for collision that is missing or malformed, unless ``require_meshes`` is false.
     """
     path = Path(path)
     document = read_adf(path)
-    names = {key: _ros_name(section, key) for key, section in document.bodies.items()}
-    if len({WORLD, *names.values()}) != len(names) + 1:
-        raise AdfError(f"{path} has two bodies of one name, or one named {WORLD!r}")
-    shapes = BodyShapes(path, document.settings, package_dirs)
+    names = _body_names(document, path)
+    shapes = BodyShapes(path, document.settings, package_dirs, require_meshes)
     try:
         # Numbers that overflow become infinite and are refused by the values that hold them.
         with np.errstate(all="ignore"):
-            joints = _Joints(document, names)
-            links = tuple(shapes.link(names[key], body) for key, body in document.bodies.items())
-            all_joints = tuple(joints.read())
-            warnings = dict.fromkeys((*shapes.warnings, *joints.warnings))
-            return Robot(path.stem, (Link(WORLD), *links), all_joints, tuple(warnings))
+            mechanism = _Mechanism(document, names)
+            bodies = {name: shapes.link(name, document.bodies[key]) for key, name in names.items()}
+            links = (bodies.pop(WORLD, Link(WORLD)), *bodies.values(), *mechanism.more_links)
+            warnings = dict.fromkeys((*shapes.warnings, *mechanism.warnings))
+            robot = Robot(
+                path.stem,
+                links,
+                tuple(mechanism.joints),
+                tuple(warnings),
+                tuple(shapes.without_collision),
+                mechanism.closures,
+            )
+            return mechanism.warn_of_gaps(robot)
     except (UrdfError, TransformError, FrameError) as problem:
         raise AdfError(f"{path}: {problem}") from problem
+    except np.linalg.LinAlgError as problem:
+        raise AdfError(f"{path}: a location or a loop has no solution: {problem}") from problem
     except (RobotMeshError, MeshError) as problem:
         raise RobotMeshError(f"{path}: {problem}") from problem
 
@@ -112,8 +129,8 @@ def bodies_from_mesh_map(
     return Robot("ambf", tuple(links), tuple(joints))
 
 
-class _Joints:
-    """The joints of the file, and a fixed joint to ``world`` for each body without a parent."""
+class _Mechanism:
+    """Links, joints and loop closures of the file; a body without parent is fixed to ``world``."""
 
     def __init__(self, document: AdfDocument, names: Mapping[str, str]) -> None:
         self.warnings: list[str] = []
@@ -122,79 +139,89 @@ class _Joints:
         self._world_from = {
             name: document.bodies[key].pose("location") for key, name in names.items()
         }
+        read = [self._read(key, section) for key, section in document.joints.items()]
+        self.warnings.extend(joint.note for joint in read if joint.note is not None)
+        children = {joint.child for joint in read}
+        roots = [name for name in self._world_from if name not in children]
+        fixed = (name for name in roots if name != WORLD)
+        tree, closing = spanning_tree(read, roots)
+        self.joints = [_fixed_in_world(name, self._world_from[name]) for name in fixed]
+        self.closures = tuple(joint.closure() for joint in closing)
+        self.more_links: list[Link] = []
+        for joint in tree:
+            if joint.is_ball:
+                self._add_ball(joint)
+            else:
+                self.joints.append(joint.joint())
 
-    def read(self) -> Iterable[Joint]:
-        joints = [self._joint(key, section) for key, section in self._document.joints.items()]
-        children = {joint.child for joint in joints}
-        for name, matrix in self._world_from.items():
-            if name not in children:
-                yield _fixed_in_world(name, matrix)
-        yield from joints
+    def warn_of_gaps(self, robot: Robot) -> Robot:
+        """``robot`` with a warning for each loop that rounded numbers leave open."""
+        warnings = [
+            f"joint {closure.name!r} between {closure.parent!r} and {closure.child!r} closes its "
+            f"loop up to {gap_mm:.3g} mm and {math.degrees(gap_rad):.3g} degrees, the rounding of "
+            "the file"
+            for closure, (gap_mm, gap_rad) in zip(robot.closures, robot.loop_gaps, strict=True)
+            if max(gap_mm, gap_rad) > CLOSED
+        ]
+        return replace(robot, warnings=(*robot.warnings, *warnings)) if warnings else robot
 
-    def _joint(self, key: str, section: AdfSection) -> Joint:
+    def _add_ball(self, joint: AdfJoint) -> None:
+        links, joints = split_ball(joint)
+        self.more_links.extend(map(Link, links))
+        self.joints.extend(joints)
+        self.warnings.append(
+            f"{joint.place}: the point-to-point joint, the only one of body {joint.child!r}, is "
+            f"modelled as the joints {', '.join(each.name for each in joints)}"
+        )
+
+    def _read(self, key: str, section: AdfSection) -> AdfJoint:
         parent, child = self._body(section, "parent"), self._body(section, "child")
-        kind = section.text("type")
-        matrix = np.linalg.solve(self._world_from[parent], self._world_from[child])
-        matrix[:3, 3] *= MM_PER_M
-        origin = Transform.from_matrix(matrix, target=parent, source=child)
+        if child == WORLD:
+            raise AdfError(f"{section.place}: child is {WORLD!r}, the root; expected another body")
+        if parent == child:
+            raise AdfError(f"{section.place}: parent and child are {child!r}; expected two bodies")
         name = _ros_name(section, key)
-        if kind == "fixed":
-            return Joint(name, JointType.FIXED, origin, np.array([0.0, 0.0, 1.0]))
-        if kind not in (*_REVOLUTE_TYPES, *_PRISMATIC_TYPES):
-            raise AdfError(
-                f"{section.place} has the type {kind!r}; expected one of "
-                f"{', '.join((*_REVOLUTE_TYPES, *_PRISMATIC_TYPES))} or fixed"
-            )
-        lower, upper = -math.inf, math.inf
-        limits = section.inside("joint limits")
-        if "low" in limits and "high" in limits:
-            lower, upper = limits.number("low"), limits.number("high")
-        axis = section.inside("child axis").numbers("xyz")
-        pivot_mm = MM_PER_M * section.inside("child pivot").numbers("xyz")
-        self._warn_on_mismatch(section, origin, axis, pivot_mm, slides=kind in _PRISMATIC_TYPES)
-        if section.number("joint offset", 0.0) != 0.0:
-            self.warnings.append(
-                f"{section.place}: 'joint offset' is not applied, position 0 is at the "
-                "bodies' locations"
-            )
-        revolute = JointType.CONTINUOUS if math.isinf(lower) else JointType.REVOLUTE
-        joint_type = JointType.PRISMATIC if kind in _PRISMATIC_TYPES else revolute
-        return Joint(name, joint_type, origin, axis, lower, upper, pivot_mm=pivot_mm)
+        world_from = {WORLD: np.eye(4), **self._world_from}
+        return read_joint(section, name, (parent, world_from[parent]), (child, world_from[child]))
 
     def _body(self, section: AdfSection, role: str) -> str:
         """Return the link of a joint, given by the key of its section or by the body's name."""
         body = section.text(role)
         if body in self._names:
             return self._names[body]
-        if body.replace(" ", "") in self._names.values():
+        if body.replace(" ", "") in (WORLD, *self._names.values()):
             return body.replace(" ", "")
         raise AdfError(
             f"{section.place}: {role} is {body!r}; expected one of {', '.join(self._names)}"
         )
 
-    def _warn_on_mismatch(
-        self, section: AdfSection, origin: Transform, axis: FloatArray, pivot_mm: FloatArray,
-        *, slides: bool,
-    ) -> None:  # fmt: skip
-        """Warn if parent axis and pivot differ from the child's, with bodies at their locations."""
-        if not ("parent axis" in section and "parent pivot" in section):
-            return
-        child_axis = origin.rotate(axis)
-        parent_axis = section.inside("parent axis").numbers("xyz")
-        lengths = np.linalg.norm(child_axis) * np.linalg.norm(parent_axis)
-        if lengths == 0.0:  # Joint refuses a zero child axis; a zero parent axis is ignored
-            return
-        angle = math.acos(float(np.clip(child_axis @ parent_axis / lengths, -1.0, 1.0)))
-        gap_mm = origin.apply(pivot_mm) - MM_PER_M * section.inside("parent pivot").numbers("xyz")
-        if slides:  # a distance along the axis is a joint position
-            along = (gap_mm @ child_axis) * child_axis / (child_axis @ child_axis)
-            gap_mm = gap_mm - along
-        distance_mm = float(np.linalg.norm(gap_mm))
-        if angle > _AXIS_TOLERANCE_RAD or distance_mm > _PIVOT_TOLERANCE_MM:
-            self.warnings.append(
-                f"{section.place}: with the bodies at their locations the pivots are "
-                f"{distance_mm:.3g} mm and the axes {math.degrees(angle):.3g} degrees apart"
+
+def _body_names(document: AdfDocument, path: Path) -> dict[str, str]:
+    """Names of the links by the key of their body.
+
+    A body ``world`` at the origin and without a parent is the root; elsewhere it is a link
+    ``world-body``. Raises `AdfError` for two bodies of one name.
+    """
+    names = {key: _ros_name(section, key) for key, section in document.bodies.items()}
+    keys: dict[str, str] = {}
+    for key, name in names.items():
+        if name in keys:
+            raise AdfError(
+                f"{path}: the bodies {keys[name]!r} and {key!r} are both named {name!r}; "
+                "expected different names"
             )
+        keys[name] = key
+    if WORLD in keys:
+        is_child = any(
+            section.values.get("child") in (keys[WORLD], WORLD)
+            for section in document.joints.values()
+        )
+        location = document.bodies[keys[WORLD]].pose("location")
+        if is_child or not np.array_equal(location, np.eye(4)):
+            if WORLD_BODY in keys:
+                raise AdfError(f"{path} has the bodies {WORLD!r} and {WORLD_BODY!r}; expected one")
+            names[keys[WORLD]] = WORLD_BODY
+    return names
 
 
 def _fixed_in_world(name: str, world_from_body: FloatArray) -> Joint:

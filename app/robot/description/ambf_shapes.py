@@ -1,4 +1,4 @@
-"""The shapes of AMBF bodies: meshes at two resolutions, boxes, spheres and cylinders.
+"""The shapes of AMBF bodies: meshes at two resolutions, and primitives.
 
 A mesh is at ``high resolution path`` for display and at ``low resolution path`` for collision. The
 paths of the body precede those of the file and are relative to the file. ADF files are often copied
@@ -16,6 +16,7 @@ from app.files.mesh_file import FileMesh
 from app.files.packages import split_package_dir
 from app.geometry import FloatArray, MeshError, SurfaceMesh
 from app.robot.description.adf import AdfSection
+from app.robot.description.ambf_joints import shortest_rotation
 from app.robot.description.mesh_locator import MeshLocator
 from app.robot.errors import AdfError, RobotMeshError
 from app.robot.kinematics.joint import MM_PER_M
@@ -25,12 +26,23 @@ from app.robot.shapes import Link, Rgba, Shape
 
 HIGH, LOW = "high resolution path", "low resolution path"
 
+PLANE_M, PLANE_DEPTH_M = 10.0, 0.1
+"""Width and thickness of the slab that stands for an infinite plane."""
+
 
 class BodyShapes:
     """Converts bodies to links. Each mesh file is read once; `warnings` lists deviations."""
 
-    def __init__(self, adf: Path, settings: AdfSection, package_dirs: Sequence[str | Path]) -> None:
+    def __init__(
+        self,
+        adf: Path,
+        settings: AdfSection,
+        package_dirs: Sequence[str | Path],
+        require_meshes: bool = True,
+    ) -> None:
         self.warnings: list[str] = []
+        self.without_collision: list[str] = []
+        self._require_meshes = require_meshes
         self._locator = MeshLocator(adf, package_dirs)
         self._settings = settings
         folder = adf.parent
@@ -44,14 +56,24 @@ class BodyShapes:
     def link(self, name: str, body: AdfSection) -> Link:
         """Return the link of a body, with shapes in the body's frame, in mm."""
         body.scale()  # check it also for a body without shapes
-        return Link(name, tuple(self._visuals(name, body)), tuple(self._collisions(name, body)))
+        visuals = tuple(self._visuals(name, body))
+        try:
+            return Link(name, visuals, tuple(self._collisions(name, body)))
+        except (RobotMeshError, MeshError) as problem:
+            if self._require_meshes:
+                raise
+            self.without_collision.append(name)
+            self.warnings.append(f"collision shapes of body {name!r} left out: {problem}")
+            return Link(name, visuals)
 
     def _visuals(self, name: str, body: AdfSection) -> Iterator[Shape]:
         color = self._color(body)
         try:
             if "shape" in body or "compound shape" in body:
-                shapes = _primitives(name, body, "shape", "compound shape", "geometry", np.eye(4))
-            elif "mesh" in body:
+                shapes = self._primitives(
+                    name, body, "shape", "compound shape", "geometry", np.eye(4)
+                )
+            elif _has_mesh(body, "mesh"):
                 file = body.text("mesh")
                 shapes = [self._mesh(name, body, file, (HIGH, LOW))]
             else:
@@ -65,12 +87,13 @@ class BodyShapes:
     def _collisions(self, name: str, body: AdfSection) -> Iterator[Shape]:
         if "collision shape" in body or "compound collision shape" in body:
             offset = "collision offset" if "collision offset" in body else "inertial offset"
-            yield from _primitives(
+            yield from self._primitives(
                 name, body, "collision shape", "compound collision shape", "collision geometry",
                 body.pose(offset),
             )  # fmt: skip
-        elif "collision mesh" in body or "mesh" in body:
-            file = body.text("collision mesh" if "collision mesh" in body else "mesh")
+        elif _has_mesh(body, "collision mesh") or _has_mesh(body, "mesh"):
+            has_own = _has_mesh(body, "collision mesh")
+            file = body.text("collision mesh" if has_own else "mesh")
             yield self._mesh(name, body, file, (LOW, HIGH))
 
     def _mesh(self, name: str, body: AdfSection, file: str, roles: Sequence[str]) -> Shape:
@@ -138,39 +161,73 @@ class BodyShapes:
             )
         return red, green, blue, alpha
 
-
-def _primitives(
-    name: str, body: AdfSection, single: str, compound: str, geometry: str, pose: FloatArray
-) -> list[Shape]:
-    """Return the single primitive at ``pose`` (m), or those of the compound at their offsets."""
-    if single in body:
-        return [_primitive(name, body, body.text(single), body.inside(geometry), pose)]
-    return [
-        _primitive(name, body, entry.text("shape"), entry.inside("geometry"), entry.pose("offset"))
-        for entry in body.entries(compound)
-    ]
-
-
-def _primitive(
-    name: str, body: AdfSection, kind: str, geometry: AdfSection, pose: FloatArray
-) -> Shape:
-    match kind.lower():
-        case "box":
-            vertices, faces = primitives.box(geometry.numbers("xyz").tolist())
-        case "sphere":
-            vertices, faces = primitives.sphere(geometry.number("radius"))
-        case "cylinder":
-            vertices, faces = primitives.cylinder(
-                geometry.number("radius"), geometry.number("height")
+    def _primitives(
+        self,
+        name: str,
+        body: AdfSection,
+        single: str,
+        compound: str,
+        geometry: str,
+        pose: FloatArray,
+    ) -> list[Shape]:
+        """Return the primitive at ``pose`` (m), or those of the compound at their offsets."""
+        if single in body:
+            return [self._primitive(name, body, body.text(single), body.inside(geometry), pose)]
+        return [
+            self._primitive(
+                name, body, entry.text("shape"), entry.inside("geometry"), entry.pose("offset")
             )
-            vertices = vertices @ _z_along(geometry).T
-        case _:
-            raise RobotMeshError(
-                f"{body.place} has the primitive {kind!r}; expected box, sphere or cylinder"
-            )
-    scale = np.abs(body.scale())  # primitives are symmetric
-    vertices = (vertices * scale) @ pose[:3, :3].T + pose[:3, 3]
-    return Shape(SurfaceMesh(name, vertices * MM_PER_M, faces.astype(np.int32)), None, kind.lower())
+            for entry in body.entries(compound)
+        ]
+
+    def _primitive(
+        self, name: str, body: AdfSection, kind: str, geometry: AdfSection, pose: FloatArray
+    ) -> Shape:
+        kind, scale = kind.lower(), body.scale()
+        match kind:
+            case "box":
+                vertices, faces = primitives.box(geometry.numbers("xyz").tolist())
+            case "sphere":
+                vertices, faces = primitives.sphere(geometry.number("radius"))
+            case "cylinder" | "cone" | "capsule":
+                build = getattr(primitives, kind)
+                vertices, faces = build(geometry.number("radius"), geometry.number("height"))
+                vertices = vertices @ _z_along(geometry).T
+            case "plane":
+                self.warnings.append(
+                    f"{body.place}: a plane is infinite; it is a slab of {PLANE_M:g} m below it"
+                )
+                vertices, faces = _plane(geometry)
+            case _:
+                raise RobotMeshError(
+                    f"{body.place} has the primitive {kind!r}; expected box, sphere, cylinder, "
+                    "cone, capsule or plane"
+                )
+        if (
+            scale.prod() < 0.0
+        ):  # a mirrored surface is inside out; reversing the corners restores it
+            faces = faces[:, ::-1]
+        vertices = (vertices * scale) @ pose[:3, :3].T + pose[:3, 3]
+        mesh = SurfaceMesh(name, vertices * MM_PER_M, faces.astype(np.int32))
+        return Shape(mesh, None, kind)
+
+
+def _has_mesh(body: AdfSection, key: str) -> bool:
+    """True if the body names a mesh file; an empty name means none, as in the simulator."""
+    return key in body and body.values[key] != ""
+
+
+def _plane(geometry: AdfSection) -> primitives.Surface:
+    """A slab (m) whose top is the plane at ``offset`` (m) along its ``normal``."""
+    normal = np.array([0.0, 0.0, 1.0])
+    if "normal" in geometry:
+        normal = geometry.inside("normal").numbers("xyz")
+    length = float(np.linalg.norm(normal))
+    if not 1e-9 <= length < np.inf:
+        raise AdfError(f"{geometry.place}: 'normal' is {normal.tolist()}; expected a direction")
+    vertices, faces = primitives.box((PLANE_M, PLANE_M, PLANE_DEPTH_M))
+    vertices[:, 2] += geometry.number("offset", 0.0) - PLANE_DEPTH_M / 2.0
+    return vertices @ shortest_rotation(np.array([0.0, 0.0, 1.0]), normal / length).T, faces
 
 
 def _z_along(geometry: AdfSection) -> FloatArray:

@@ -29,15 +29,18 @@ def load_robot(
     *,
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
+    require_meshes: bool = True,
 ) -> Robot:
     """Load a robot file: URDF, ``.xacro`` (see `xacro_file`) or AMBF's ADF (``.yaml``).
 
     Every visual and every collision of every link is read. ``package_dirs`` are folders of
     ``package://`` names (see `mesh_locator`, which also searches others). A missing or malformed
-    mesh raises `RobotMeshError` if it is for collision. If it is for display, it is left out with
-    a sentence in `Robot.warnings`. A name that leaves its package or needs a network is refused in
-    both. Raises `UrdfError` or `AdfError` for a description that is unsafe, malformed or not one
-    tree of links, and for ``xacro_args`` with another file than xacro.
+    mesh raises `RobotMeshError` if it is for collision. Without ``require_meshes`` the link has no
+    collision shapes, is named in `Robot.links_without_collision`, and the robot is for its
+    kinematics. A mesh for display is left out with a sentence in `Robot.warnings`. A name that
+    leaves its package or needs a network is refused in both. Raises `UrdfError` or `AdfError` for
+    a description that is unsafe, malformed or not one tree of links, and for ``xacro_args`` with
+    another file than xacro.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -48,17 +51,22 @@ def load_robot(
     if suffix in ADF_SUFFIXES:
         from app.robot.description.ambf import load_adf
 
-        return load_adf(path, package_dirs=package_dirs)
+        return load_adf(path, package_dirs=package_dirs, require_meshes=require_meshes)
     locator = MeshLocator(path, package_dirs)
     if suffix == ".xacro":
         from app.robot.description.xacro_file import expand_xacro
 
         data = expand_xacro(path, xacro_args or {}, package_dirs)
-        return _robot(parse_urdf(data, path), locator, path)
-    return _robot(read_urdf(path), locator, path)
+        return _robot(parse_urdf(data, f"{path}, expanded by xacro"), locator, path, require_meshes)
+    return _robot(read_urdf(path), locator, path, require_meshes)
 
 
-def urdf_text(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> str | None:
+def urdf_text(
+    path: str | Path,
+    *,
+    package_dirs: Sequence[str | Path] = (),
+    xacro_args: Mapping[str, str] | None = None,
+) -> str | None:
     """Return the URDF text of a robot file, expanded if it is xacro; None for an ADF."""
     path = Path(path)
     suffix = path.suffix.lower()
@@ -67,7 +75,7 @@ def urdf_text(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> s
     if suffix == ".xacro":
         from app.robot.description.xacro_file import expand_xacro
 
-        return expand_xacro(path, {}, package_dirs).decode()
+        return expand_xacro(path, xacro_args or {}, package_dirs).decode()
     return read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES).decode()
 
 
@@ -96,19 +104,21 @@ def robot_from_text(
     return _robot(model, MeshLocator(None, package_dirs, allowed_dirs=allowed_dirs), name)
 
 
-def _robot(model: Any, locator: MeshLocator, name: Path | str) -> Robot:
+def _robot(
+    model: Any, locator: MeshLocator, name: Path | str, require_meshes: bool = True
+) -> Robot:
     try:
         # Numbers that overflow become infinite and are refused by the values that hold them.
         with np.errstate(all="ignore"):
-            return _assembled(model, locator)
+            return _assembled(model, locator, require_meshes)
     except (UrdfError, TransformError, FrameError) as problem:
         raise UrdfError(f"{name}: {problem}") from problem
     except (RobotMeshError, MeshError) as problem:
         raise RobotMeshError(f"{name}: {problem}") from problem
 
 
-def _assembled(model: Any, locator: MeshLocator) -> Robot:
-    shapes = _ShapeReader(locator, _named_colors(model))
+def _assembled(model: Any, locator: MeshLocator, require_meshes: bool) -> Robot:
+    shapes = _ShapeReader(locator, _named_colors(model), require_meshes)
     names = {joint.name for joint in model.joints}
     for joint in model.joints:
         if joint.mimic is not None and joint.mimic.joint not in names:
@@ -122,18 +132,22 @@ def _assembled(model: Any, locator: MeshLocator) -> Robot:
         Link(
             link.name,
             tuple(shape for each in link.visuals if (shape := shapes.visual(link.name, each))),
-            tuple(shapes.collision(link.name, each) for each in link.collisions),
+            shapes.collisions(link.name, link.collisions),
         )
         for link in model.links
     )
-    return Robot(model.name, links, joints, tuple(shapes.warnings))
+    return Robot(model.name, links, joints, tuple(shapes.warnings), tuple(shapes.without_collision))
 
 
 class _ShapeReader:
     """Converts visuals and collisions to shapes; each mesh file is read once."""
 
-    def __init__(self, locator: MeshLocator, named_colors: Mapping[str, Rgba]) -> None:
+    def __init__(
+        self, locator: MeshLocator, named_colors: Mapping[str, Rgba], require_meshes: bool
+    ) -> None:
         self.warnings: list[str] = []
+        self.without_collision: list[str] = []
+        self._require_meshes = require_meshes
         self._locator = locator
         self._named_colors = named_colors
         self._files: dict[Path, FileMesh] = {}
@@ -151,7 +165,17 @@ class _ShapeReader:
         color = self._material_color(visual.material)
         return shape if color is None else Shape(shape.mesh, color, shape.source)
 
-    def collision(self, link: str, collision: Any) -> Shape:
+    def collisions(self, link: str, collisions: Sequence[Any]) -> tuple[Shape, ...]:
+        try:
+            return tuple(self._collision(link, each) for each in collisions)
+        except (RobotMeshError, MeshError) as problem:
+            if self._require_meshes:
+                raise
+            self.without_collision.append(link)
+            self.warnings.append(f"collision shapes of link {link!r} left out: {problem}")
+            return ()
+
+    def _collision(self, link: str, collision: Any) -> Shape:
         mesh = collision.geometry.mesh
         if mesh is not None and self._locator.find(mesh.filename) is None:
             raise RobotMeshError(f"collision {_missing(mesh.filename, link)}")

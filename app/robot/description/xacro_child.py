@@ -9,6 +9,7 @@ prints is not read.
 import errno
 import json
 import os
+import re
 import resource
 import signal
 import sys
@@ -23,6 +24,7 @@ import xacro
 import xacro.substitution_args
 
 from app.files.bounded_io import is_file, read_bounded
+from app.files.suggestions import did_you_mean
 from app.files.xml_guard import read_xml
 from app.robot.description.mesh_locator import MeshLocator
 from app.robot.errors import UrdfError
@@ -30,6 +32,8 @@ from app.robot.errors import UrdfError
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_MEMORY_BYTES = 512 * 1024 * 1024
 """Limit for the memory that an expansion adds to that of the interpreter."""
+
+_PYTHON_CLASS = re.compile(r"<class '[\w.]+'>:? ?")
 
 
 def main() -> None:
@@ -73,10 +77,12 @@ def _limit(max_cpu_s: float) -> None:
 
 
 def _expand(path: Path, arguments: dict[str, str], reader: "_Reader", max_bytes: int) -> bytes:
+    values = _Arguments(arguments)
     with _restricted_to(reader):
         try:
-            document = xacro.process_file(str(path), mappings=dict(arguments), verbosity=0)
-            text = document.toxml().encode()
+            document = xacro.process_file(str(path), mappings=values, verbosity=0)
+            # The lines of the program xacro, so that a message can name one of them.
+            text = document.toprettyxml(indent="  ").encode()
         except (UrdfError, MemoryError):
             raise
         except (xacro.XacroException, ExpatError) as problem:
@@ -89,9 +95,41 @@ def _expand(path: Path, arguments: dict[str, str], reader: "_Reader", max_bytes:
         except Exception as problem:  # expressions of the file raise exceptions of any type
             kind = type(problem).__name__
             raise UrdfError(f"{path} cannot be expanded: {kind}: {_one_line(problem)}") from problem
+    values.require_used(path)
     if len(text) > max_bytes:
         raise UrdfError(f"{path} expands to {len(text)} bytes; expected at most {max_bytes}")
     return bytes(text)
+
+
+class _Arguments(dict[str, str]):
+    """Values of ``<xacro:arg>``, which records the names that the expansion declares or reads.
+
+    xacro ignores an argument that no file declares, so that a misspelt one would select the robot
+    of its default value.
+    """
+
+    def __init__(self, given: dict[str, str]) -> None:
+        super().__init__(given)
+        self._given = tuple(given)
+        self._used: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self._used.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self._used.add(name)
+        return super().__getitem__(name)
+
+    def require_used(self, path: Path) -> None:
+        """Raise `UrdfError` for given arguments that the file neither declares nor reads."""
+        unknown = [name for name in self._given if name not in self._used]
+        if unknown:
+            known = sorted(self._used)
+            raise UrdfError(
+                f"{path} has no xacro argument {', '.join(map(repr, unknown))}; expected "
+                f"{', '.join(known) or 'none'}{did_you_mean(unknown[0], known)}"
+            )
 
 
 class _Reader:
@@ -143,7 +181,7 @@ def _restricted_to(reader: _Reader) -> Iterator[None]:
 
 
 def _one_line(problem: BaseException) -> str:
-    return " ".join(str(problem).split())
+    return " ".join(_PYTHON_CLASS.sub("", str(problem)).split())
 
 
 if __name__ == "__main__":

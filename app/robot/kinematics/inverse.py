@@ -81,12 +81,10 @@ class _Problem:
     def __init__(
         self, tree: KinematicTree, link: str, goal: Transform, fixed: Mapping[str, float]
     ) -> None:
-        names = dict.fromkeys(
-            tree.driver_of(joint)[0] for joint in tree.path_to(link) if joint.moves
-        )
+        names = tree.drivers_to(link)
         self.tree, self.link, self.goal = tree, link, goal
         self.drivers: Sequence[Joint] = [tree.joint(name) for name in names]
-        self.names = list(names)
+        self.names = names
         self.fixed = {name: value for name, value in fixed.items() if name not in names}
         self.lower, self.upper = self._bounds()
 
@@ -117,7 +115,13 @@ class _Problem:
         return self.tree.link_matrices(self.tree.complete_positions(given))
 
     def attempt(self, positions: FloatArray) -> _Attempt:
-        matrices = self.matrices(positions)
+        """Evaluate ``positions``; the error is infinite where a loop of links does not close."""
+        try:
+            matrices = self.matrices(positions)
+        except JointError:
+            if not self.tree.dependent:
+                raise
+            return _Attempt(positions, np.empty((0, 4, 4)), np.full(6, math.inf))
         reached = matrices[self.tree.link_rows[self.link]]
         turn = scipy.spatial.transform.Rotation.from_matrix(
             self.goal.rotation @ reached[:3, :3].T
@@ -146,7 +150,7 @@ class _Problem:
         weights = np.repeat([1.0, MM_PER_RAD], 3)[:, None]
         best, damping = self.attempt(start), 1e-2
         for _ in range(options.max_iterations):
-            if best.is_solution(options) or damping > 1e8:
+            if best.is_solution(options) or damping > 1e8 or math.isinf(best.cost):
                 break
             jacobian = weights * self.tree.jacobian(self.link, self.names, best.matrices)
             gradient = jacobian.T @ best.error
@@ -187,11 +191,16 @@ def inverse_kinematics(
     first. The result is deterministic. Raises `UnreachableError` with the smallest residual when
     no start leads to the pose, and `JointError` for a seed of an unknown or a mimic joint.
     """
-    actuated = [joint for joint in tree.joints if joint.moves and joint.mimic is None]
+    actuated = [
+        joint
+        for joint in tree.joints
+        if joint.moves and joint.mimic is None and joint.name not in tree.dependent
+    ]
     known = {joint.name for joint in actuated}
     for name in seed:
         if tree.joint(name).name not in known:
-            raise JointError(f"joint {name!r} is a mimic joint; expected a seed of its leader")
+            kind = "follows from a closed loop" if name in tree.dependent else "is a mimic joint"
+            raise JointError(f"joint {name!r} {kind}; expected a seed of the joints that lead it")
     positions = tree.complete_positions(seed)
     problem = _Problem(tree, link, root_from_link, {name: positions[name] for name in known})
     first, *others = problem.starts(seed, options.restarts)

@@ -15,7 +15,8 @@ class KinematicTree:
     """Joints, sorted from root to leaves, that form one tree over ``link_names``.
 
     Raises `UrdfError` for several roots, a loop, a link with two parents, a joint of an unknown
-    link, and a mimic joint without leader or in a loop of mimics.
+    link, and a mimic joint without leader or in a loop of mimics. ``dependent``: names of the
+    joints that follow from the others because they close loops, none here (see `ClosedTree`).
     """
 
     def __init__(self, link_names: Sequence[str], joints: Sequence[Joint]) -> None:
@@ -37,6 +38,7 @@ class KinematicTree:
         )
         self._moving = frozenset(name for name, _ in self._leaders_first)
         self._drivers_of: dict[str, frozenset[str]] = {}
+        self.dependent: frozenset[str] = frozenset()
 
     def joint(self, name: str) -> Joint:
         """Return the moving joint ``name``; raise `JointError` for a fixed or an unknown one."""
@@ -113,11 +115,15 @@ class KinematicTree:
         path = [joint for joint in self.path_to(link) if joint.moves]
         return frozenset(each.name for joint in path for each in self._with_leaders(joint))
 
+    def drivers_to(self, link: str) -> list[str]:
+        """Names of the actuated joints that move ``link``, in order from the root."""
+        path = [joint for joint in self.path_to(link) if joint.moves]
+        return list(dict.fromkeys(self.driver_of(joint)[0] for joint in path))
+
     def _drivers_for(self, link: str) -> frozenset[str]:
         drivers = self._drivers_of.get(link)
         if drivers is None:
-            path = [joint for joint in self.path_to(link) if joint.moves]
-            drivers = self._drivers_of[link] = frozenset(self.driver_of(each)[0] for each in path)
+            drivers = self._drivers_of[link] = frozenset(self.drivers_to(link))
         return drivers
 
     def _missing_for(self, link: str, given: Set[str]) -> Joint | None:

@@ -1,4 +1,4 @@
-"""Boxes, cylinders and spheres of a URDF as closed triangle surfaces around the origin."""
+"""Boxes, cylinders, spheres, cones and capsules as closed triangle surfaces at the origin."""
 
 import math
 from collections.abc import Sequence
@@ -39,6 +39,21 @@ def sphere(radius: float) -> Surface:
     radii = radius * np.cos(latitude)
     radii[[0, -1]] = 0.0
     return revolved(radii, radius * np.sin(latitude))
+
+
+def cone(radius: float, height: float) -> Surface:
+    """Return a cone along z with its tip up and its middle at the origin, as in AMBF (Bullet)."""
+    radius, height = _sizes("cone", (radius, height), 2)
+    return revolved(np.array([0.0, radius, 0.0]), np.array([-0.5, -0.5, 0.5]) * height)
+
+
+def capsule(radius: float, height: float) -> Surface:
+    """Return a centred capsule along z; ``height`` is between the centres of its ends (Bullet)."""
+    radius, height = _sizes("capsule", (radius, height), 2)
+    latitude = np.linspace(0.0, math.pi / 2.0, SIDES // 4 + 1)
+    radii, heights = radius * np.cos(latitude), radius * np.sin(latitude) + 0.5 * height
+    radii[-1] = 0.0
+    return revolved(np.concatenate([radii[::-1], radii]), np.concatenate([-heights[::-1], heights]))
 
 
 def revolved(radii: FloatArray, heights: FloatArray) -> Surface:

@@ -189,23 +189,112 @@ def test_primitives_have_scale_offsets_and_colours(write_adf):
     np.testing.assert_allclose(upper, [600, 300, 200], atol=1e-9)
 
 
-def test_locations_that_contradict_the_pivots_are_a_warning(write_adf):
+def test_joint_decides_where_locations_contradict_its_pivots(write_adf):
+    """The simulator pulls the bodies together; the joint's positions are those of its frames."""
     robot = load_adf(write_adf([ARM, {**HAND, "location": at(1, 2.5, 3)}], [joint()]))
-    assert "the pivots are 224 mm" in robot.warnings[0]
+    assert (
+        "'leftarm' and 'hand': with the bodies at their locations the pivots are 224 mm"
+        in (robot.warnings[0])
+    )
+    hand = robot.forward_kinematics({})["hand"]
+    np.testing.assert_allclose(hand.translation_mm, [1000, 2400, 3000], atol=1e-9)
+
+
+@pytest.mark.parametrize("key", ["joint offset", "child offset", "offset"])
+def test_offset_turns_the_child_about_the_axis_of_the_joint(write_adf, key):
+    robot = load_adf(write_adf([ARM, HAND], [joint(**{key: math.pi / 2})]))
+    assert "90 degrees from position 0" in robot.warnings[0]
+    hand = robot.forward_kinematics({})["hand"]
+    np.testing.assert_allclose(hand.translation_mm, [900, 2300, 3000], atol=1e-9)
+
+
+def test_opposite_axes_turn_as_in_the_simulator(write_adf):
+    """By pi about child axis x X: about y where the child's z axis is along -z of the parent."""
+    flipped = joint(**{"parent axis": {"x": 0, "y": 0, "z": -1}})
+    robot = load_adf(write_adf([ARM, HAND], [flipped]))
+    in_arm = robot.forward_kinematics({})["leftarm"].rotation.T
+    turned = in_arm @ robot.forward_kinematics({})["hand"].rotation
+    np.testing.assert_allclose(turned, np.diag([-1.0, 1.0, -1.0]), atol=1e-9)
+
+
+def test_body_that_hangs_on_a_point_turns_about_three_axes(write_adf):
+    robot = load_adf(write_adf([ARM, HAND], [joint("p2p")]))
+    assert robot.actuated_joint_names == ("wristroll-x", "wristroll-y", "wristroll-z")
+    assert "the only one of body 'hand', is modelled as" in robot.warnings[0]
+    turned = robot.forward_kinematics({"wristroll-z": math.pi})
+    np.testing.assert_allclose(turned["hand"].translation_mm, [1000, 2200, 3000], atol=1e-9)
+    turned = robot.forward_kinematics({"wristroll-y": math.pi / 2})
+    np.testing.assert_allclose(turned["hand"].translation_mm, [1000, 2300, 2900], atol=1e-9)
+
+
+@pytest.mark.parametrize(("x", "names"), [(0, ["world", "leftarm"]), (1, ["world", "world-body"])])
+def test_body_named_world_is_the_root_or_beside_it(write_adf, x, names):
+    world = {"name": "world", "mesh": "", "location": at(x, 0, 0), "shape": "Box",
+             "geometry": {"x": 1, "y": 1, "z": 1}}  # fmt: skip
+    arm = {**ARM, "mesh": ""}
+    robot = load_adf(write_adf([world, arm], [joint("fixed", "BODY world", "BODY left arm")]))
+    assert [link.name for link in robot.links][:2] == names
+    bodies = {link.name: link for link in robot.links}
+    assert len(bodies[names[x]].visuals) == 1
+    assert bodies["leftarm"].visuals == ()
+    arm_pose = robot.forward_kinematics({})["leftarm"]
+    np.testing.assert_allclose(arm_pose.translation_mm, [1000, 2000, 3000], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("shape", "geometry", "low", "high", "volume_mm3"),
+    [
+        ("CAPSULE", {"radius": 0.01, "height": 0.1}, [-10, -10, -60], [10, 10, 60],
+         math.pi * 100 * 100 + 4 / 3 * math.pi * 1000),
+        ("CONE", {"radius": 0.01, "height": 0.06}, [-10, -10, -30], [10, 10, 30],
+         math.pi * 100 * 60 / 3),
+        ("Cone", {"radius": 0.01, "height": 0.06, "axis": "x"}, [-30, -10, -10], [30, 10, 10],
+         math.pi * 100 * 60 / 3),
+        ("PLANE", {"normal": {"x": 0, "y": 0, "z": 2}, "offset": 0.5}, [-5000, -5000, 400],
+         [5000, 5000, 500], 1e7 * 1e3),
+        ("plane", {"normal": {"x": -1, "y": 0, "z": 0}}, [0, -5000, -5000], [100, 5000, 5000],
+         1e7 * 1e3),
+    ],
+)  # fmt: skip
+def test_primitives_have_the_sizes_of_the_simulator(
+    write_adf, shape, geometry, low, high, volume_mm3
+):
+    body = {
+        **ARM,
+        "location": at(0, 0, 0),
+        "collision shape": shape,
+        "collision geometry": geometry,
+    }
+    robot = load_adf(write_adf([body]))
+    (collision,) = robot.links[1].collisions
+    np.testing.assert_allclose(collision.mesh.bounds_mm, [low, high], atol=1e-9)
+    assert collision.mesh.require_closed("x").signed_volume_mm3 == pytest.approx(
+        volume_mm3, rel=0.01
+    )
+    assert any("a plane is infinite" in each for each in robot.warnings) == (
+        shape.lower() == "plane"
+    )
+
+
+def test_missing_mesh_for_collision_can_be_left_out(write_adf):
+    path = write_adf([{**ARM, "mesh": "arm.STL"}])
+    robot = load_adf(path, require_meshes=False)
+    assert robot.links_without_collision == ("leftarm",)
+    assert "collision shapes of body 'leftarm' left out: mesh 'arm.STL'" in robot.warnings[-1]
 
 
 @pytest.mark.parametrize(
     ("bodies", "joints", "message"),
     [
-        ([ARM, HAND], [joint("p2p")], "type 'p2p'; expected one of hinge"),
+        ([ARM, HAND], [joint("6dof")], "between 'leftarm' and 'hand' has the type '6dof'"),
         ([ARM], [joint()], "child is 'BODY hand'; expected one of BODY left arm"),
-        ([ARM, HAND], [joint(), {**joint(), "name": "again"}], "child of the joints"),
+        ([ARM, HAND], [joint(child="BODY left arm")], "parent and child are 'leftarm'"),
         (
             [ARM, HAND],
             [joint(), {**joint(parent="BODY hand", child="BODY left arm"), "name": "back"}],
-            "loop",
+            "'hand', 'leftarm' are children of each other in a loop",
         ),
-        ([ARM, {**ARM, "name": "leftarm"}], [], "two bodies of one name"),
+        ([ARM, {**ARM, "name": "leftarm"}], [], "are both named 'leftarm'"),
         ([{**ARM, "scale": 0}], [], "'scale' is 0"),
         ([{**ARM, "scale": [1, 2]}], [], "'scale' is"),
         (

@@ -105,6 +105,45 @@ def test_arguments_are_parsed(write, write_urdf):
         load_robot(write_urdf('<link name="a"/>'), xacro_args={"a": "1"})
 
 
+def test_argument_that_no_file_declares_is_refused_by_name(write):
+    path = write("arm.urdf.xacro", CHAIN)
+    write("parts/part.xacro", PART)
+    with pytest.raises(
+        UrdfError, match="no xacro argument 'lenght'; expected length; did you mean 'length'"
+    ):
+        load_robot(path, xacro_args={"lenght": "0.1"})
+    with pytest.raises(UrdfError, match=r"no xacro argument 'dof', 'wrist'; expected none$"):
+        load_robot(write("b.xacro", '<link name="l"/>'), xacro_args={"dof": "6", "wrist": "a"})
+
+
+def test_argument_that_is_read_but_not_declared_is_accepted(write):
+    path = write("a.xacro", '<link name="$(arg first)"/>')
+    assert load_robot(path, xacro_args={"first": "l"}).root_link == "l"
+    path = write("b.xacro", "<link name=\"${xacro.arg('first')}\"/>")
+    assert load_robot(path, xacro_args={"first": "l"}).root_link == "l"
+
+
+def test_commented_declaration_does_not_count(write):
+    path = write("a.xacro", '<!-- <xacro:arg name="old" default="1"/> --><link name="l"/>')
+    with pytest.raises(UrdfError, match="no xacro argument 'old'"):
+        load_robot(path, xacro_args={"old": "2"})
+
+
+def test_messages_name_the_line_of_the_expanded_text_and_no_python_class(write):
+    joint = '<joint name="j" type="planar"><parent link="a"/><child link="b"/></joint>'
+    path = write("a.xacro", f'<link name="a"/>\n<link name="b"/>\n{joint}')
+    text = urdf_text(path).splitlines()
+    line = 1 + next(n for n, each in enumerate(text) if '"planar"' in each)
+    assert line > 5
+    with pytest.raises(
+        UrdfError, match=f"expanded by xacro: joint 'j' in line {line} has the type"
+    ):
+        load_robot(path)
+    with pytest.raises(UrdfError, match=r"cannot be expanded: \$\(find pkg\) accepts") as refused:
+        load_robot(write("b.xacro", '<link name="$(find )"/>'))
+    assert "<class" not in str(refused.value)
+
+
 def test_text_from_the_network_is_not_expanded():
     with pytest.raises(UrdfError, match="xacro element"):
         robot_from_text(f'{HEAD}<link name="a"/><xacro:arg name="x"/></robot>')

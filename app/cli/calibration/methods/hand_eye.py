@@ -26,11 +26,11 @@ def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
     from app.cli.calibration.calibration_result import CalibrationResult, Residuals
     from app.geometry import InputError
     from app.registration import predict_tre, select_poses, solve_robot_world
-    from app.robot import load_robot
+    from app.session import load_case_robot
 
     recording, track = inputs.recording, inputs.tool_track
     case, base, link = _case_with_joints(recording)
-    robot = load_robot(case.robot_urdf(), package_dirs=case.package_dirs)
+    robot = load_case_robot(case)
     joints = sorted(
         (sample for frame in recording.frames for sample in frame.joints),
         key=lambda sample: sample.stamp.ns,
