@@ -70,7 +70,7 @@ def imported(folder: str) -> dict[str, Path]:
 @pytest.mark.parametrize(
     ("folder", "declared"),
     [
-        ("app", CORE | EXTRAS["ros"] | EXTRAS["scene"]),
+        ("app", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["hdf5"]),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),
         ("tests", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["test"]),

@@ -135,6 +135,7 @@ def complete(document: str) -> list[dict[str, Any]]:
         | {
             "registration": {"method": "robot_world", "dwells": [{"start_s": 0, "end_s": 1}]},
             "tumor": contour,
+            "recording": {"path": "t.igs.mha", "rate_hz": 20.0},
         },
     ]
 

@@ -73,7 +73,7 @@ class Case:
             )
         topic = robot.joint_states if robot else None
         joints = JointSource(topic, clock.offset_robot_to_tracker_ns)
-        return read_recording(path, note_to(self._notes), joints)
+        return read_recording(path, note_to(self._notes), joints, self._rate_hz)
 
     def recorded_messages(self) -> Iterator[RawMessage] | None:
         """Yield all messages of the recording as recorded; None for a format without messages."""
@@ -92,6 +92,11 @@ class Case:
         robot = self.manifest.robot
         topic = robot.joint_states if robot else None
         return read_recording(path, note_to(self._notes), JointSource(topic))
+
+    @property
+    def _rate_hz(self) -> float | None:
+        recording = self.manifest.recording
+        return None if recording is None else recording.rate_hz
 
     def with_joint_offset(self, offset_ns: int) -> "Case":
         """A copy of the case with a known clock offset: tracker = robot + ``offset_ns``."""

@@ -22,7 +22,7 @@ def as_text(summary: dict[str, Any], report: Path | None) -> str:
     for number, breach in enumerate(summary["breaches"], start=1):
         lines.append(
             f"  breach {number:<6} {breach['start_s']:.3f} to {breach['end_s']:.3f} s, "
-            f"deepest {breach['min_signed_distance_mm']:.3f} mm"
+            f"deepest {breach['min_signed_distance_mm']:.3f} mm{_on_path(breach)}"
         )
     if not summary["breaches"]:
         lines.append("  breaches      none")
@@ -38,3 +38,14 @@ def as_text(summary: dict[str, Any], report: Path | None) -> str:
     if report is not None:
         lines.append(f"  report        {report / 'report.html'}")
     return "\n".join(lines)
+
+
+def _on_path(breach: dict[str, Any]) -> str:
+    """Where the tool is deepest between frames; empty if it is not known."""
+    if breach["deepest_s"] is None:
+        return ""
+    seen = "; seen in no frame" if breach["between_frames"] else ""
+    return (
+        f"; on the path {breach['path_min_signed_distance_mm']:.3f} mm at "
+        f"{breach['deepest_s']:.3f} s, not below {breach['path_lower_bound_mm']:.3f} mm{seen}"
+    )

@@ -13,6 +13,7 @@ OWN_MESSAGES = ("marginguard_msgs", "tf2_msgs")
 """Packages of the wheel ``marginguard-interfaces``, which is compiled for each Python."""
 
 _MODULES = {
+    "hdf5": re.compile(r"h5py"),
     "notebook": re.compile(r"pandas|ipykernel"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),
     "scene": re.compile(r"slicer(_core)?|vtk(modules)?|trame(_\w+)?|wslink|aiohttp|msgpack"),

@@ -34,6 +34,8 @@ _LANDMARK = Block(
 )
 _DOCUMENT = Block("named points", {"landmarks": ListOf("the points", _LANDMARK)})
 _FIDUCIAL_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label"
+_OLD_COLUMNS = "label,x,y,z,sel,vis"
+"""Of Slicer 3, whose points are in RAS."""
 
 
 def read_landmarks(path: Path) -> dict[str, FloatArray]:
@@ -123,7 +125,7 @@ def _json_numbers(values: Any) -> list[float]:
 
 
 def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
-    """Return labels and positions in mm of a table of Slicer 4, and its coordinate system."""
+    """Return labels and positions in mm of a table of Slicer 3 to 5, and its coordinate system."""
     try:
         lines = read_bounded(path, _MAX_BYTES).decode("utf-8").splitlines()
     except UnicodeDecodeError as error:
@@ -133,20 +135,25 @@ def _fiducials(path: Path) -> tuple[list[tuple[str, list[float]]], str]:
         for key, _, value in (line[1:].partition("=") for line in lines if line.startswith("#"))
     }
     axes, columns = header.get("CoordinateSystem"), header.get("columns", "")
-    if axes is None or not columns.startswith(_FIDUCIAL_COLUMNS):
+    is_old = columns.replace(" ", "").startswith(_OLD_COLUMNS)
+    if is_old:
+        axes = axes or "RAS"
+    elif axes is None or not columns.startswith(_FIDUCIAL_COLUMNS):
         raise InputError(
             f"{path} is not a Slicer fiducial file; expected a CoordinateSystem and the columns "
-            f"{_FIDUCIAL_COLUMNS}"
+            f"{_FIDUCIAL_COLUMNS}, or those of Slicer 3, {_OLD_COLUMNS}"
         )
+    expected = _OLD_COLUMNS if is_old else _FIDUCIAL_COLUMNS
+    label = expected.split(",").index("label")
     rows = [line for line in lines if line.strip() and not line.startswith("#")]
     points = []
     try:
         # Strict, because an unclosed quotation mark would swallow the points that follow.
         for row in csv.reader(rows, strict=True):
             place = f"{path}: the row {','.join(row)[:80]!r}"
-            if len(row) < len(_FIDUCIAL_COLUMNS.split(",")):
-                raise InputError(f"{place} is not a point; expected {_FIDUCIAL_COLUMNS}")
-            points.append((row[11], parse_numbers(" ".join(row[1:4]), 3, place)))
+            if len(row) < len(expected.split(",")):
+                raise InputError(f"{place} is not a point; expected {expected}")
+            points.append((row[label], parse_numbers(" ".join(row[1:4]), 3, place)))
     except csv.Error as error:
         raise InputError(f"{path}: row {len(points) + 1} is not a point: {error}") from error
     return points, axes

@@ -38,6 +38,12 @@ class PlusConfiguration:
     matrices: Mapping[tuple[str, str], str]
     landmarks_mm: Mapping[str, FloatArray]
 
+    @property
+    def tool(self) -> str | None:
+        """The tool whose tip is calibrated (``StylusTipToStylus``), None unless there is one."""
+        found = [target for target, source in self.matrices if source == f"{target}_tip"]
+        return found[0] if len(found) == 1 else None
+
     def transform(self, target: str, source: str) -> Transform:
         """Return ``target_from_source``; raise `InputError` where it is missing or not rigid."""
         if (target, source) not in self.matrices:

@@ -1,10 +1,6 @@
-"""A calibrated transform as a file: YAML for cases, ITK's text for 3D Slicer.
+"""A calibrated transform as a file: YAML for cases, ITK's text or HDF5 of 3D Slicer.
 
-A ``.tfm`` file of Slicer does not hold the matrix that Slicer displays. ITK uses LPS axes where
-Slicer uses RAS (x and y negated), and stores the transform from the parent, which resamples an
-image. With ``F = diag(-1, -1, 1, 1)`` the file's matrix is ``F inverse(M) F`` for the ``M`` (to
-parent, RAS) of Slicer's transforms module. The file rotates about a centre ``c``:
-``y = A (x - c) + c + t`` (ITK, `MatrixOffsetTransformBase`). Slicer writes a centre; here it is 0.
+`app.files.itk_parameters` describes how ITK stores the matrix that Slicer displays.
 """
 
 from collections.abc import Callable
@@ -16,6 +12,8 @@ import yaml
 from app.files.atomic_io import check_output_path, write_file
 from app.files.bounded_io import read_bounded
 from app.files.document import Section
+from app.files.hdf5_transforms import HDF5_SIGNATURE, read_hdf5_matrices
+from app.files.itk_parameters import ITK_LINEAR, RAS_LPS, matrix_from_parameters
 from app.files.keys import Block, Numbers, Text
 from app.files.numbers import parse_numbers
 from app.geometry import (
@@ -27,9 +25,6 @@ from app.geometry import (
     join_transform_name,
 )
 
-RAS_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
-"""RAS coordinates to LPS, and LPS to RAS."""
-
 _DOCUMENT = Block(
     "a transform",
     {
@@ -40,10 +35,7 @@ _DOCUMENT = Block(
     },
 )
 _ITK_HEADER = "#Insight Transform File V1.0"
-_ITK_LINEAR = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
 _MAX_BYTES = 1_000_000
-_MAX_CENTRE_MM = 1e6
-"""Largest coordinate of a centre of rotation; a larger one cancels digits of the translation."""
 
 
 def write_transform(path: Path, transform: Transform, note: str = "") -> None:
@@ -67,8 +59,8 @@ def check_transform_path(path: Path) -> None:
 def read_transform(path: Path, *, target: str, source: str) -> Transform:
     """Read ``target_from_source`` from a file of `write_transform`, of Slicer, or of 16 numbers.
 
-    Frames are checked in YAML, the only format that has them. Raises `InputError` for a file that
-    does not hold a rigid transform.
+    Slicer's ``.h5`` is recognised by its content and needs h5py. Frames are checked in YAML, the
+    only format that has them. Raises `InputError` for a file that does not hold a rigid transform.
     """
     try:
         if path.suffix.lower() in _YAML:
@@ -78,6 +70,23 @@ def read_transform(path: Path, *, target: str, source: str) -> Transform:
         raise
     except MarginGuardError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def read_any_transform(path: Path) -> tuple[FloatArray, tuple[str, str] | None]:
+    """Read the matrix (4, 4) of a file as `read_transform`, and target and source if it has both.
+
+    Raises `InputError` for a file that does not hold a rigid transform.
+    """
+    if path.suffix.lower() not in _YAML:
+        return read_transform(path, target="target", source="source").matrix, None
+    document = Section.load(path, _DOCUMENT)
+    target, source = (
+        document.text(key) if key in document else fallback
+        for key, fallback in (("target", ""), ("source", ""))
+    )
+    names = (target, source) if target and source else None
+    pose = read_transform(path, target=target or "target", source=source or "source")
+    return pose.matrix, names
 
 
 def _to_yaml(transform: Transform, note: str) -> str:
@@ -109,7 +118,7 @@ def _to_itk(transform: Transform, note: str) -> str:
             _ITK_HEADER,
             f"# {name}{': ' if note else ''}{note}",
             "#Transform 0",
-            f"Transform: {_ITK_LINEAR[0]}",
+            f"Transform: {ITK_LINEAR[0]}",
             f"Parameters: {' '.join(f'{number:.17g}' for number in numbers)}",
             "FixedParameters: 0 0 0",
             "",
@@ -118,8 +127,11 @@ def _to_itk(transform: Transform, note: str) -> str:
 
 
 def _matrix_of(path: Path) -> FloatArray:
-    """Read the matrix (4, 4), to parent and in RAS, of a text file."""
-    text = read_bounded(path, _MAX_BYTES).decode("utf-8", errors="replace")
+    """Read the matrix (4, 4), to parent and in RAS, of a text file or an ``.h5`` file."""
+    content = read_bounded(path, _MAX_BYTES)
+    if content.startswith(HDF5_SIGNATURE):
+        return read_hdf5_matrices([content], [str(path)])[0]
+    text = content.decode("utf-8", errors="replace")
     if text.startswith(_ITK_HEADER):
         return _from_itk(text, path)
     numbers = parse_numbers(text, 16, f"{path} (a matrix, as it has no ITK header)")
@@ -131,24 +143,16 @@ def _from_itk(text: str, path: Path) -> FloatArray:
     fields = [(key.strip(), value) for key, _, value in (line.partition(":") for line in lines)]
     kinds = [value.strip() for key, value in fields if key == "Transform"]
     known = dict(fields)
-    if len(kinds) != 1 or kinds[0] not in _ITK_LINEAR or len(known) != len(fields):
+    if len(kinds) != 1 or kinds[0] not in ITK_LINEAR or len(known) != len(fields):
         raise InputError(
             f"{path} holds {', '.join(kinds) or 'nothing'} in {len(fields)} fields; expected one "
-            f"{_ITK_LINEAR[0]} and no field twice"
+            f"{ITK_LINEAR[0]} and no field twice"
         )
-    parameters = np.array(parse_numbers(known.get("Parameters", ""), 12, f"{path}: Parameters"))
-    centre = np.array(
-        parse_numbers(known.get("FixedParameters", ""), 3, f"{path}: FixedParameters")
+    return matrix_from_parameters(
+        parse_numbers(known.get("Parameters", ""), 12, f"{path}: Parameters"),
+        parse_numbers(known.get("FixedParameters", ""), 3, f"{path}: FixedParameters"),
+        str(path),
     )
-    if not np.abs(centre).max() <= _MAX_CENTRE_MM:
-        raise InputError(
-            f"{path}: the centre, FixedParameters, is {centre.tolist()}; expected coordinates "
-            f"of at most {_MAX_CENTRE_MM:g} mm"
-        )
-    stored = Transform("lps", "lps", parameters[:9].reshape(3, 3), parameters[9:])
-    turned = stored.rotation @ centre
-    about_origin = Transform("lps", "lps", stored.rotation, parameters[9:] + centre - turned)
-    return np.asarray(RAS_LPS @ about_origin.inverse().matrix @ RAS_LPS)
 
 
 _YAML = (".yaml", ".yml")

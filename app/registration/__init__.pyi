@@ -31,6 +31,7 @@ from .robot_base.robot_world import RobotWorldResult, solve_robot_world
 from .robot_base.time_offset import TimeOffset, estimate_time_offset
 from .robot_base.timed_signal import TimedSignal
 from .tool.pivot import PivotResult, calibrate_pivot
+from .tool.pivot_selection import expected_tip_sigma_mm, select_pivot_poses
 from .tool.spin import SpinResult, calibrate_spin
 from .tool.tip_frame import tip_transform
 from .uncertainty.acceptance import AcceptanceLimits, evaluate_acceptance
@@ -82,6 +83,7 @@ __all__ = [
     "detect_landmarks",
     "estimate_time_offset",
     "evaluate_acceptance",
+    "expected_tip_sigma_mm",
     "given_registration",
     "match_landmarks",
     "predict_layout_tre",
@@ -89,6 +91,7 @@ __all__ = [
     "register_points",
     "register_points_robust",
     "register_surface",
+    "select_pivot_poses",
     "select_poses",
     "solve_robot_world",
     "tip_transform",

@@ -26,6 +26,8 @@ _ROUNDING = 1e-9
 
 MAX_SAMPLES = 100
 MAX_REFITS = 30
+MAX_UNDECIDED_SHARE = 0.1
+"""Largest share of observations at the bound that may be left out to end a cycle of refits."""
 
 
 def find_consensus(
@@ -60,6 +62,7 @@ def find_consensus(
     # The initial fit is rough: its better half is used even if all exceed the bound.
     bound = chi_square_quantile(1.0 - FALSE_REJECTION_RATE / count, freedom)
     inliers = squared <= max(bound, float(np.sort(squared)[min_inliers - 1]))
+    earlier: list[NDArray[np.bool_]] = []
     for _ in range(MAX_REFITS):
         try:
             state = refine(inliers, state)
@@ -76,8 +79,33 @@ def find_consensus(
             )
         if np.array_equal(consistent, inliers):
             return inliers, state
+        earlier.append(inliers)
+        repeated = [index for index, mask in enumerate(earlier) if np.array_equal(mask, consistent)]
+        if repeated:
+            inliers = _common(np.array(earlier[repeated[0] :]), what, min_inliers)
+            return inliers, refine(inliers, state)
         inliers = consistent
-    raise NoConsensusError(f"inliers of the {what} did not converge in {MAX_REFITS} refits")
+    raise NoConsensusError(
+        f"which {what} agree changes with each of {MAX_REFITS} refits, between "
+        f"{min(map(np.sum, earlier))} and {max(map(np.sum, earlier))} of {count}; expected a "
+        "majority that fits one result"
+    )
+
+
+def _common(cycle: NDArray[np.bool_], what: str, min_inliers: int) -> NDArray[np.bool_]:
+    """Resolve a cycle (k, count) of refits: observations at the bound are in only some of them.
+
+    Those are left out. Raises `NoConsensusError` if they are many: then no result is favoured.
+    """
+    common = np.asarray(np.all(cycle, axis=0))
+    undecided = int(np.any(cycle, axis=0).sum() - common.sum())
+    if common.sum() < min_inliers or undecided > MAX_UNDECIDED_SHARE * len(common):
+        raise NoConsensusError(
+            f"{undecided} of {len(common)} {what} agree in one refit and not in the next; "
+            f"expected a majority that fits one result, with {MAX_UNDECIDED_SHARE:.0%} undecided "
+            "at most"
+        )
+    return common
 
 
 def _consistent_with_fit(

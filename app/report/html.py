@@ -84,7 +84,7 @@ def _head(case: str, summary: dict[str, Any]) -> str:
     frames, valid = summary["frames"], summary["valid_frames"]
     tiles = (
         (_text(len(summary["breaches"])), "breaches of the tumour"),
-        (_length(summary["min_signed_distance_mm"]), "smallest signed distance"),
+        (_length(_lowest(summary)), "smallest signed distance"),
         (_time(summary["duration_s"]), f"replayed, {frames} frames"),
         (f"{100.0 * valid / frames:.1f} %", f"of the frames valid ({valid})"),
         (_verdict(summary["expected"]), "expected results of the case"),
@@ -128,10 +128,28 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
             _time(breach["end_s"]),
             _time(breach["duration_s"]),
             _length(breach["min_signed_distance_mm"]),
+            _length(breach["path_min_signed_distance_mm"]),
+            _length(breach["path_lower_bound_mm"]),
+            "-" if breach["deepest_s"] is None else _time(breach["deepest_s"]),
+            "between frames" if breach["between_frames"] else "in frames",
         )
         for number, breach in enumerate(breaches, start=1)
     ]
-    return _table("Breaches", ("", "from", "to", "lasted", "deepest"), rows)
+    header = (
+        *("", "from", "to", "lasted", "deepest frame"),
+        *("deepest on the path", "not below", "at", "seen"),
+    )
+    note = (
+        '<p class="note">The path between two frames is taken as straight. "between frames": the '
+        "tool is outside in every frame and passed through the tumour between two of them.</p>"
+    )
+    return _table("Breaches", header, rows) + note
+
+
+def _lowest(summary: dict[str, Any]) -> float | None:
+    """The lowest distance of all frames and of the paths between them."""
+    keys = ("min_signed_distance_mm", "path_min_signed_distance_mm")
+    return min((summary[key] for key in keys if summary[key] is not None), default=None)
 
 
 def _expected(checks: Sequence[dict[str, str]] | None) -> str:

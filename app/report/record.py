@@ -6,16 +6,22 @@ from dataclasses import asdict, dataclass, field
 from app.case import Expected
 from app.fixture import MarginParameters, MarginState
 from app.registration import RegistrationResult
+from app.report.breach_paths import BreachPaths, breach_depths
+from app.report.breaches import find_breaches
 from app.report.rows import ReportRow
 from app.runtime import PassiveOutput, ReplayRun, StepTiming
-from app.session import StepResult
+from app.session import PathDepth, StepResult
 
 
 @dataclass(slots=True)
 class ReplayLog(PassiveOutput):
-    """`Output` that keeps a `ReportRow` of every step, and the whole of the deepest step."""
+    """`Output` that keeps a `ReportRow` of every step, and the whole of the deepest step.
+
+    ``paths`` are the poses of the tool around its breaches.
+    """
 
     rows: list[ReportRow] = field(default_factory=list)
+    paths: BreachPaths = field(default_factory=BreachPaths)
     durations_ns: list[int] = field(default_factory=list)
     deepest: StepResult | None = None
     _deepest_mm: float | None = None
@@ -23,6 +29,7 @@ class ReplayLog(PassiveOutput):
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Keep the row of ``step`` and the time that it took to compute."""
         row = ReportRow.from_step(step)
+        self.paths.add(len(self.rows), step, inside=row.inside)
         self.rows.append(row)
         self.durations_ns.append(timing.duration_ns)
         distance = row.signed_distance_mm
@@ -38,7 +45,8 @@ class ReplayRecord:
     ``provenance`` is the origin that the case states; ``notes`` are remarks of the reader (a
     truncated file, skipped samples). ``registration`` is None for a case without a robot,
     ``expected`` is None for a case without expected results. ``single_source``: nothing independent
-    could contradict the tracker.
+    could contradict the tracker. ``depths`` are the deepest points on the interpolated path, by the
+    index of the first row of a breach.
     """
 
     case: str
@@ -51,6 +59,7 @@ class ReplayRecord:
     notes: tuple[str, ...] = ()
     tip_only: bool = False
     single_source: bool = True
+    depths: Mapping[int, PathDepth] = field(default_factory=dict)
 
 
 def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
@@ -58,6 +67,8 @@ def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
     prepared = run.prepared
     case, setup = prepared.case, prepared.setup
     clock = prepared.clock
+    stale_after_ns = setup.margins.stale_after_ns
+    breaches = find_breaches(log.rows, stale_after_ns)
     estimated = () if clock is None else (f"offset of the joints' clock: {clock.reason}",)
     return ReplayRecord(
         case=case.manifest.name,
@@ -70,6 +81,7 @@ def record_of(run: ReplayRun, log: ReplayLog) -> ReplayRecord:
         notes=(*estimated, *case.notes(), *_notes_of(run, log)),
         tip_only=prepared.tip_only,
         single_source=run.session.single_source,
+        depths=breach_depths(log.paths, breaches, setup.proximity, stale_after_ns),
     )
 
 

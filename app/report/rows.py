@@ -20,7 +20,9 @@ class ReportRow:
     ``signed_distance_mm`` and ``lower_bound_mm`` are None where the step did not evaluate them;
     ``tip_mm`` is the tool's tip in tumour coordinates, None where it is not known;
     ``stop_total_mm`` and ``warn_total_mm`` are the margins that the step applied, None where it
-    applied none. Raises `ReportError` for a number that is not finite: an unknown value is None.
+    applied none. ``between_frames`` is true if the tool passed through the tumour on the path from
+    the last frame and is outside in both; the distance is then that of the deepest point of the
+    path. Raises `ReportError` for a number that is not finite: an unknown value is None.
     """
 
     stamp_ns: int
@@ -31,6 +33,7 @@ class ReportRow:
     tip_mm: tuple[float, float, float] | None = None
     stop_total_mm: float | None = None
     warn_total_mm: float | None = None
+    between_frames: bool = False
 
     def __post_init__(self) -> None:
         numbers = (
@@ -61,6 +64,7 @@ class ReportRow:
             tip_mm=None if tip is None else _point(tip.translation_mm.tolist()),
             stop_total_mm=_finite(margin.total_mm) if margin else None,
             warn_total_mm=_finite(margin.warn_total_mm) if margin else None,
+            between_frames=step.between_frames is not None,
         )
 
     @property

@@ -1,7 +1,7 @@
 """``summary.json``: the results of a replay, for people and programs."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -11,8 +11,9 @@ from app.registration import RegistrationResult
 from app.report.breaches import Breach, find_breaches
 from app.report.checks import Check, check_expected
 from app.report.record import ReplayRecord
-from app.report.rows import ReportRow
+from app.report.rows import ReportRow, seconds_since
 from app.report.timing import StepTiming
+from app.session import PathDepth
 
 _DECIMALS = 6
 
@@ -41,7 +42,8 @@ def summarise(record: ReplayRecord) -> dict[str, Any]:
             state.name: _rounded(ns / NS_PER_S) for state, ns in state_durations_ns(rows).items()
         },
         "min_signed_distance_mm": _rounded(min(distances, default=None)),
-        "breaches": [_breach(breach) for breach in breaches],
+        **_deepest(record.depths.values()),
+        "breaches": [_breach(breach, record) for breach in breaches],
         "registration": _registration(record.registration),
         "margins": _margins(record.margins),
         "timing": _timing(StepTiming.from_durations(record.durations_ns)),
@@ -71,12 +73,31 @@ def all_passed(summary: dict[str, Any]) -> bool:
     return all(check["result"] == "pass" for check in summary["expected"] or ())
 
 
-def _breach(breach: Breach) -> dict[str, float | None]:
+def _breach(breach: Breach, record: ReplayRecord) -> dict[str, Any]:
+    inside = record.rows[breach.first : breach.last + 1]
+    depth = record.depths.get(breach.first)
+    first_ns = record.rows[0].stamp_ns
     return {
         "start_s": _rounded(breach.start_s),
         "end_s": _rounded(breach.end_s),
         "duration_s": _rounded(breach.duration_s),
         "min_signed_distance_mm": _rounded(breach.min_signed_distance_mm),
+        "between_frames": all(row.between_frames for row in inside if row.inside),
+        "deepest_s": None
+        if depth is None
+        else _rounded(seconds_since(first_ns, depth.deepest.stamp.ns)),
+        **_deepest(() if depth is None else (depth,)),
+    }
+
+
+def _deepest(depths: Iterable[PathDepth]) -> dict[str, float | None]:
+    """The lowest estimate and the lowest bound of the interpolated paths."""
+    found = list(depths)
+    estimates = [depth.deepest.proximity.signed_distance_mm for depth in found]
+    bounds = [depth.lower_bound_mm for depth in found]
+    return {
+        "path_min_signed_distance_mm": _rounded(min(estimates, default=None)),
+        "path_lower_bound_mm": _rounded(min(bounds, default=None)),
     }
 
 

@@ -10,6 +10,7 @@ from .live_control import (
     tumor_motion_parameters,
 )
 from .loosening import loosened_margins, margin_changes, tightest_margins
+from .path_depth import PathDepth, PathPoint, deepest_on_path
 from .plausibility.plausibility import SINGLE_SOURCE
 from .playback_rule import PlaybackRule
 from .pose_tree import MeasuredPose, PoseTree
@@ -31,6 +32,8 @@ __all__ = [
     "KnownEdges",
     "LiveSession",
     "MeasuredPose",
+    "PathDepth",
+    "PathPoint",
     "PlaybackRule",
     "PoseTree",
     "ProximityModel",
@@ -43,6 +46,7 @@ __all__ = [
     "SessionSetup",
     "StepResult",
     "TumorChange",
+    "deepest_on_path",
     "guidance_parameters",
     "has_ended",
     "limiter_parameters",

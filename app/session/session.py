@@ -1,7 +1,7 @@
 """Session: one pure step from a tracker frame to a decision with its constraint."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 from app.case import JointSample, TrackingFrame
@@ -28,6 +28,7 @@ from app.session.hold_causes import HoldCauses
 from app.session.known_edges import known_edges
 from app.session.loosening import tightest_margins
 from app.session.named_frames import base_measured_problem
+from app.session.path_depth import PathDepth, PathPoint, deepest_on_path, point_between
 from app.session.plausibility.plausibility import Plausibility
 from app.session.pose_doubt import PoseDoubt
 from app.session.pose_tree import Edge, PoseTree
@@ -38,14 +39,9 @@ from app.session.tumor_velocity import TumorVelocity
 NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
 """No faults outside the frames."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _LastPose:
-    """Pose and proximity of the tool at ``stamp``."""
-
-    stamp: Stamp
-    tumor_from_tip: Transform
-    proximity: Proximity
+_DEPTH_TOLERANCE_MM = 0.1
+_DEPTH_EVALUATIONS = 32
+"""Accuracy of the depth of a breach between two frames, and its limit, which bounds a step."""
 
 
 class Session:
@@ -66,7 +62,7 @@ class Session:
         self._plausibility = Plausibility(setup)
         self._checked_edges: tuple[Edge, ...] = ()
         self._frames_problem = ""
-        self._last: _LastPose | None = None
+        self._last: PathPoint | None = None
         self._virtual_fixture: Transform | None = None
         self._causes = HoldCauses(setup)
         self._doubt = PoseDoubt()
@@ -106,13 +102,13 @@ class Session:
             problems |= {Reason.REGISTRATION_REFUSED}
         # The constraint reaches the robot through the reference frame.
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
-        proximity, swept = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
+        proximity, between = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,
                 stamp=min((pose.oldest for pose in used if pose.oldest is not None), default=None),
                 proximity=proximity,
-                swept=swept,
+                swept=None if between is None else between.proximity,
                 problems=problems | tool.problems | registration_problems | found.keys(),
                 sigma_tre_mm=sigma_tre_mm,
                 unchanged_ns=max(pose.unchanged_ns for pose in used),
@@ -137,6 +133,7 @@ class Session:
             hold_causes=self._causes.texts,
             edges=known_edges(self.setup, self._poses.usable(), links, self._joints),
             single_source=self.single_source,
+            between_frames=between,
         )
 
     def hold(self, cause: str, *, doubt: bool = False) -> None:
@@ -259,8 +256,8 @@ class Session:
 
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp
-    ) -> tuple[Proximity | None, Proximity | None]:
-        """Proximity of the tool now, and of its deepest pose if it passed through the tumour.
+    ) -> tuple[Proximity | None, PathDepth | None]:
+        """Proximity of the tool now, and its deepest pose if it passed through the tumour.
 
         The second is None without a breach on the path from the last known pose. Frames in which
         the tool was lost are skipped.
@@ -269,7 +266,8 @@ class Session:
             return None, None
         model = self.setup.proximity
         here = self._recent.augment(model.evaluate(tumor_from_tip, stamp), tumor_from_tip)
-        last, self._last = self._last, _LastPose(now, tumor_from_tip, here)
+        end = PathPoint(now, tumor_from_tip, here)
+        last, self._last = self._last, end
         if last is None or not self._is_fresh(last.stamp, now):
             return here, None
         before = last.proximity
@@ -279,7 +277,17 @@ class Session:
         if not outside or way_mm < before.lower_bound_mm + here.lower_bound_mm:
             return here, None
         swept = model.sweep(last.tumor_from_tip, tumor_from_tip, stamp)
-        return here, swept.lowest if swept.lowest.signed_distance_mm <= 0.0 else None
+        if swept.lowest.signed_distance_mm > 0.0:
+            return here, None
+        # The sweep ends at the first contact, which may be far above the deepest point.
+        contact = point_between(last, end, min(swept.fraction, 1.0), lambda _: swept.lowest)
+        return here, deepest_on_path(
+            (last, contact, end),
+            lambda pose: model.evaluate(pose, stamp),
+            radius_mm=model.radius_mm,
+            tolerance_mm=_DEPTH_TOLERANCE_MM,
+            max_evaluations=_DEPTH_EVALUATIONS,
+        )
 
     def _registration_at_tip(
         self, tip: Transform | None, problems: frozenset[Reason]

@@ -8,6 +8,7 @@ from app.fixture import FixtureDecision
 from app.geometry import Transform
 from app.registration import RegistrationDrift
 from app.session.known_edges import NO_EDGES, KnownEdges
+from app.session.path_depth import PathDepth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +24,9 @@ class StepResult:
     recording that is played on the graph of a live session, empty if there is none.
     ``hold_causes`` are texts on what began and prolonged the present hold, oldest first; empty
     without a hold. ``single_source`` is True if nothing independent can contradict the tracker.
-    ``edges`` are those that the step used, for twists in other frames.
+    ``edges`` are those that the step used, for twists in other frames. ``between_frames`` is the
+    deepest point on the path from the last known pose if the tool passed through the tumour there
+    and is outside at both ends; the decision's proximity is then that of this point.
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
@@ -46,3 +49,4 @@ class StepResult:
     hold_causes: tuple[str, ...] = ()
     single_source: bool = False
     edges: KnownEdges = NO_EDGES
+    between_frames: PathDepth | None = None

@@ -125,3 +125,44 @@ def test_undetermined_parameter_is_an_error() -> None:
             refine=lambda mask, state: state,
             linearise=lambda state: (np.zeros((4, 1)), np.zeros((4, 1, 1))),
         )
+
+
+def test_refits_that_alternate_end_without_the_undecided() -> None:
+    """Test double of a fit: value 9 agrees only in every second refit."""
+    rounds = iter(range(1, 100))
+
+    def linearise(state: int) -> tuple[FloatArray, FloatArray]:
+        residuals = np.zeros((20, 1))
+        residuals[9] = 50.0 if state % 2 else 0.0
+        return residuals, np.full((20, 1, 1), 1e-3)
+
+    good, _ = find_consensus(
+        20,
+        "values",
+        sample_size=2,
+        noise_known=True,
+        initialise=lambda mask: 0,
+        refine=lambda mask, state: next(rounds),
+        linearise=linearise,
+    )
+    assert np.flatnonzero(~good).tolist() == [9]
+
+
+def test_refits_between_which_many_change_are_refused() -> None:
+    rounds = iter(range(1, 100))
+
+    def linearise(state: int) -> tuple[FloatArray, FloatArray]:
+        residuals = np.zeros((20, 1))
+        residuals[slice(0, 5) if state % 2 else slice(5, 10)] = 50.0
+        return residuals, np.full((20, 1, 1), 1e-3)
+
+    with pytest.raises(NoConsensusError, match="values agree in one refit and not in the next"):
+        find_consensus(
+            20,
+            "values",
+            sample_size=2,
+            noise_known=True,
+            initialise=lambda mask: 0,
+            refine=lambda mask, state: next(rounds),
+            linearise=linearise,
+        )

@@ -33,6 +33,7 @@ def step(distance_mm: float | None, *, ns: int = 5, tip: bool = True) -> SimpleN
         frame=SimpleNamespace(stamp=Stamp(ns)),
         decision=decision,
         tumor_from_tip=tip_pose if tip else None,
+        between_frames=None,
     )
 
 

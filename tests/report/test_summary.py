@@ -32,7 +32,16 @@ def test_summary_of_hand_computed_rows(record_of: Record) -> None:
     }
     assert summary["min_signed_distance_mm"] == -2.5
     assert summary["breaches"] == [
-        {"start_s": 0.04, "end_s": 0.06, "duration_s": 0.02, "min_signed_distance_mm": -2.5}
+        {
+            "start_s": 0.04,
+            "end_s": 0.06,
+            "duration_s": 0.02,
+            "min_signed_distance_mm": -2.5,
+            "between_frames": False,
+            "deepest_s": None,
+            "path_min_signed_distance_mm": None,
+            "path_lower_bound_mm": None,
+        }
     ]
     assert summary["margins"]["stale_after_ms"] == 200.0
     assert summary["timing"]["step_p50_us"] == 1.0

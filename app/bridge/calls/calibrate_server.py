@@ -138,12 +138,8 @@ class _Method(NamedTuple):
     estimate: Callable[[Calibrate.Goal, _Collection, TransformBuffer], _Calibration]
 
 
-def _moved(last: Transform, pose: Transform) -> bool:
-    return len(select_poses((last, pose))) > 1
-
-
 def _rotated(last: Transform, pose: Transform) -> bool:
-    # Compare angles only: a sensor near the shaft hardly moves during a spin.
+    # Compare angles only: a sensor near the tip or the shaft hardly moves.
     return len(select_poses((last, pose), min_distance_mm=0.0)) > 1
 
 
@@ -200,7 +196,7 @@ def _locate_landmark(
 _METHODS: dict[int, _Method] = {
     Calibrate.Goal.PIVOT: _Method(
         "pivot the tool about its tip, as far as possible in all directions",
-        _moved,
+        _rotated,
         _calibrate_tip,
     ),
     Calibrate.Goal.SPIN: _Method(

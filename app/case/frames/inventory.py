@@ -20,6 +20,11 @@ class EdgeCount:
         """Samples of any status."""
         return self.statuses.total()
 
+    @property
+    def valid(self) -> int:
+        """Samples with a pose."""
+        return self.statuses[TrackingStatus.OK]
+
 
 @dataclass(slots=True)
 class RecordingInventory:

@@ -52,4 +52,5 @@ def read_manifest(document: Section) -> CaseManifest:
 
 def _recording(block: Section) -> RecordingEntry:
     sha256 = block.text("sha256").lower() if "sha256" in block else None
-    return RecordingEntry(block.text("path"), sha256)
+    rate_hz = block.number("rate_hz") if "rate_hz" in block else None
+    return RecordingEntry(block.text("path"), sha256, rate_hz)

@@ -30,10 +30,14 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True)
 class RecordingEntry:
-    """The recording: a path as written, relative to the case, and its SHA-256 where given."""
+    """The recording: a path as written, relative to the case, and its SHA-256 where given.
+
+    ``rate_hz`` is that of a recording without times, None where it has them.
+    """
 
     path: str
     sha256: str | None
+    rate_hz: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

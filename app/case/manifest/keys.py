@@ -27,6 +27,7 @@ MIN_DRIFT = 0.1
 """Smallest drift bound, in mm and in degrees: the noise of any tracker exceeds a smaller one."""
 
 _YEAR_MS = 365 * 86_400_000
+MAX_RATE_HZ = 20_000.0
 
 FILES = (
     "the named files exist, in the folder of this file or of a package or by an absolute path, "
@@ -55,12 +56,18 @@ _PROVENANCE = Block(
 _RECORDING = Block(
     "the recorded tracking data",
     {
-        "path": Text(".mcap, a rosbag2 folder, .igs.mha, .igs.nrrd, .mrb or .mrml"),
+        "path": Text("a file or folder in one of the formats of docs/formats.md"),
         "sha256": Text(
             "SHA-256 of the file, checked when given",
             optional=True,
             pattern=re.compile(r"[0-9A-Fa-f]{64}"),
             expected="64 hexadecimal digits",
+        ),
+        "rate_hz": Number(
+            "rate of a recording without times; expected only there",
+            optional=True,
+            above=0.0,
+            maximum=MAX_RATE_HZ,
         ),
     },
 )

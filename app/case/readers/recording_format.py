@@ -44,6 +44,7 @@ class JointSource:
 
 
 ReadFrames: TypeAlias = "Callable[[Path, Note, JointSource], Iterator[TrackingFrame]]"
+ReadAtRate: TypeAlias = "Callable[[Path, Note, float], Iterator[TrackingFrame]] | None"
 ReadMessages: TypeAlias = "Callable[[Path, Note], Iterator[RawMessage]] | None"
 
 
@@ -70,6 +71,7 @@ class RecordingFormat:
     check: Callable[[Path], None] = _accept
     has_joints: bool = False
     messages: ReadMessages = None
+    read_at_rate: ReadAtRate = None
     is_fallback: bool = False
 
 

@@ -46,11 +46,21 @@ def format_of(path: Path) -> RecordingFormat:
 
 
 def read_recording(
-    path: Path, note: Note, joints: JointSource = _NO_JOINTS
+    path: Path, note: Note, joints: JointSource = _NO_JOINTS, rate_hz: float | None = None
 ) -> "Iterator[TrackingFrame]":
     """Yield the frames of the recording at ``path``, in any of the formats.
 
-    ``note`` takes what the reader skipped or assumed. Raises `InputError` for an unknown format and
-    for a recording that cannot be read.
+    ``note`` takes what the reader skipped or assumed. ``rate_hz`` is that of a recording without
+    times. Raises `InputError` for an unknown format, for a recording that cannot be read, and for a
+    rate of a recording that has times.
     """
-    return format_of(path).read(path, note, joints)
+    found = format_of(path)
+    if rate_hz is None:
+        return found.read(path, note, joints)
+    if found.read_at_rate is None:
+        from app.geometry import InputError
+
+        raise InputError(
+            f"{path} has times of its own; expected no rate (recording.rate_hz, --rate-hz)"
+        )
+    return found.read_at_rate(path, note, rate_hz)

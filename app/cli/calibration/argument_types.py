@@ -4,6 +4,7 @@ import argparse
 import math
 
 MAX_AGE_MS = 60_000.0
+MAX_RATE_HZ = 20_000.0
 MAX_OFFSET_MS = 4e12
 """More than a century: one clock may count from 1970, and the other from its own start."""
 
@@ -35,6 +36,16 @@ def clock_offset_ms(text: str) -> float:
     if not abs(value) <= MAX_OFFSET_MS:
         raise argparse.ArgumentTypeError(
             f"{text!r} is out of range; expected -{MAX_OFFSET_MS:g} to {MAX_OFFSET_MS:g} ms"
+        )
+    return value
+
+
+def rate_hz(text: str) -> float:
+    """A rate in Hz, above 0 and at most `MAX_RATE_HZ`."""
+    value = number(text)
+    if not 0.0 < value <= MAX_RATE_HZ:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is out of range; expected more than 0 and at most {MAX_RATE_HZ:g} Hz"
         )
     return value
 

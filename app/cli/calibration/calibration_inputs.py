@@ -41,7 +41,10 @@ class CalibrationInputs:
     def recording(self) -> Recording:
         """The frames of the recording within `span`."""
         return open_recording(
-            self.options.recording, self.span, package_dirs=self.options.package_dirs
+            self.options.recording,
+            self.span,
+            package_dirs=self.options.package_dirs,
+            rate_hz=self.options.rate_hz,
         )
 
     @cached_property
@@ -49,7 +52,7 @@ class CalibrationInputs:
         """The poses of the tool in the reference frame (`Input.TOOL_TRACK`)."""
         return extract_tool_track(
             self.recording,
-            tool=self.options.tool,
+            tool=self.options.tool or self._tool_of_plus(),
             reference=self.options.reference,
             max_age_ms=self.options.max_age_ms,
         )
@@ -59,6 +62,14 @@ class CalibrationInputs:
         """The PLUS configuration, or None if none was given (`Input.TIP`)."""
         path = self.options.plus_config
         return None if path is None else read_plus_config(path)
+
+    def _tool_of_plus(self) -> str | None:
+        """The tool of the PLUS configuration, if one was given and its recording has the frame."""
+        if getattr(self.options, "plus_config", None) is None or self.plus_configuration is None:
+            return None
+        tool = self.plus_configuration.tool
+        tracked = {source for _, source in self.recording.edges}
+        return tool if tool in tracked else None
 
     @cached_property
     def tool_from_tip(self) -> Transform:

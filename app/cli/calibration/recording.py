@@ -85,18 +85,29 @@ class TimeSpan:
         return tuple(selected)
 
 
-def open_recording(path: Path, span: TimeSpan, *, package_dirs: Iterable[Path] = ()) -> Recording:
+def open_recording(
+    path: Path,
+    span: TimeSpan,
+    *,
+    package_dirs: Iterable[Path] = (),
+    rate_hz: float | None = None,
+) -> Recording:
     """Read a recording in any of the formats of `app.case`, or the recording of a case folder.
 
     Joints are read only for a case folder. Their stamps are on the tracker's clock; the offset is
-    estimated if the case sets ``clock.estimate``. Raises `InputError` for another kind of file.
+    estimated if the case sets ``clock.estimate``. ``rate_hz`` is that of a recording without times;
+    a case states it itself. Raises `InputError` for another kind of file.
     """
     if (path / "case.yaml").is_file():
+        if rate_hz is not None:
+            raise InputError(
+                f"--rate-hz is {rate_hz:g} for a case; expected recording.rate_hz in its case.yaml"
+            )
         case, _ = with_estimated_clock(open_case(path, package_dirs=tuple(package_dirs)))
         frames = span.select(case.recorded_frames())
         return Recording(path, frames, case, case.notes())
     notes: list[str] = []
-    frames = span.select(read_recording(path, notes.append))
+    frames = span.select(read_recording(path, notes.append, rate_hz=rate_hz))
     return Recording(path, frames, None, tuple(notes))
 
 

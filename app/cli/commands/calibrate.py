@@ -10,7 +10,7 @@ import math
 import time
 from pathlib import Path
 
-from app.cli.calibration.argument_types import age_ms, frame_name, number
+from app.cli.calibration.argument_types import age_ms, frame_name, number, rate_hz
 from app.cli.calibration.calibration_method import CalibrationMethod, Input
 from app.cli.calibration.registry import load_methods
 from app.cli.options import add_json, add_package_dirs, input_argument
@@ -58,6 +58,9 @@ def _add_recording(parser: argparse.ArgumentParser, *, with_joints: bool) -> Non
     parser.add_argument(
         "--to-s", type=number, default=math.inf, metavar="S", help="use it up to there"
     )
+    parser.add_argument(
+        "--rate-hz", type=rate_hz, metavar="HZ", help="rate of a recording without times"
+    )
 
 
 def _add_tool_track(parser: argparse.ArgumentParser) -> None:
@@ -80,7 +83,7 @@ def _add_tool_track(parser: argparse.ArgumentParser) -> None:
 def _add_tip(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tip-from", type=Path, metavar="FILE",
-        help="the tip in the tool's frame: YAML, .tfm, 16 numbers, PLUS configuration",
+        help="the tip in the tool's frame: YAML, .tfm, .h5, 16 numbers, PLUS configuration",
     )  # fmt: skip
     parser.add_argument(
         "--plus-config", type=Path, metavar="FILE",

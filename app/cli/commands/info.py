@@ -1,29 +1,68 @@
-"""Describe a recorded case: frames, transforms with their statuses, joints, meshes."""
+"""Describe a recorded case, or a file: what it is, what it can be used for, what is missing.
+
+A case: frames, transforms with their statuses, joints, meshes. A file: a recording, a mesh, a
+robot, a transform, a configuration of PLUS, points or a segmentation.
+"""
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
-from app.cli.options import add_case, add_json
+from app.cli.calibration.argument_types import rate_hz
+from app.cli.options import CASE_HELP, add_json, add_package_dirs, input_argument
 from app.cli.progress import with_progress
 
-SUMMARY = "describe a recorded case"
+SUMMARY = "describe a recorded case, or a file that may become part of one"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard info``."""
-    add_case(parser)
+    parser.add_argument(
+        "path", type=input_argument, metavar="PATH", help=f"{CASE_HELP}; or any file"
+    )
+    add_package_dirs(parser)
     add_json(parser)
+    parser.add_argument(
+        "--rate-hz", type=rate_hz, metavar="HZ", help="rate of a recording without times"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read the whole recording and print its description."""
+    """Read the whole recording or file and print its description."""
+    if not _is_case(options.path):
+        return _describe_file(options)
     from app.case import open_case
     from app.session import with_repaired_tumor
 
-    case = with_repaired_tumor(open_case(options.case, package_dirs=options.package_dirs))
+    case = with_repaired_tumor(open_case(options.path, package_dirs=options.package_dirs))
     found = describe(case)
     print(json.dumps(found, indent=2) if options.json else as_text(found))
+    return 0
+
+
+def _is_case(path: Path) -> bool:
+    """True for a folder with a case.yaml, and for a path that only a case can explain."""
+    from app.case import recording_formats
+    from app.files.bounded_io import is_file, is_folder
+
+    if is_file(path / "case.yaml"):
+        return True
+    return not is_file(path) and not (
+        is_folder(path) and any(each.recognises(path) for each in recording_formats())
+    )
+
+
+def _describe_file(options: argparse.Namespace) -> int:
+    from app.cli.file_info.describe_file import describe_file
+    from app.cli.file_info.recording import describe_at_rate
+
+    found = (
+        describe_file(options.path, options.package_dirs)
+        if options.rate_hz is None
+        else describe_at_rate(options.path, options.rate_hz)
+    )
+    print(json.dumps(found.as_json(), indent=2) if options.json else found.as_text())
     return 0
 
 

@@ -7,7 +7,7 @@ assignment of that size fits as well, the match is ambiguous and not accepted.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
 import numpy as np
@@ -75,12 +75,26 @@ def detect_landmarks(
     dwells = detect_dwells(reference_from_tip, settings)
     if len(dwells) < MIN_POINTS:
         raise TooFewError(
-            f"{len(dwells)} dwells in {len(reference_from_tip)} samples; "
+            f"{len(dwells)} dwells in {len(reference_from_tip)} samples"
+            f"{_still_rests(reference_from_tip, settings or DwellSettings())}; "
             f"expected at least {MIN_POINTS}"
         )
     positions = np.stack([dwell.position_mm for dwell in dwells])
     return LandmarkDetection(
         dwells, match_landmarks(positions, landmarks_mm, tolerance_mm=tolerance_mm)
+    )
+
+
+def _still_rests(samples: Sequence[TrackedTransform], settings: DwellSettings) -> str:
+    """Part of a message on rests in which the shaft did not turn; empty without any."""
+    rests = detect_dwells(samples, replace(settings, min_turn_rad=0.0))
+    still = [rest.turn_rad for rest in rests if rest.turn_rad < settings.min_turn_rad]
+    if not still:
+        return ""
+    return (
+        f" (the tip rested at {len(still)} more places, where the shaft turned by at most "
+        f"{math.degrees(max(still)):.3g} degrees; a dwell needs "
+        f"{math.degrees(settings.min_turn_rad):.3g})"
     )
 
 

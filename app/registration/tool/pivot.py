@@ -38,6 +38,11 @@ MIN_SWING_RAD = math.radians(30.0)
 """Minimum swing for acceptance. Below it the tip along the shaft depends on the assumed noise: in
 real recordings of 20 to 30 degrees it varied by up to 8 mm with residuals of 0.2 mm."""
 
+NARROW_SHARE = 0.06
+"""That variation as a share of the distance from the sensor to the tip, to which it is
+proportional. For a sensor so close to the tip that it is below the permitted sigma, sigma alone
+decides."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PivotResult:
@@ -120,9 +125,10 @@ def calibrate_pivot(
     """Compute the tip of a tool from n >= 10 poses that rotate about it.
 
     ``noise`` is that of one pose; by default both its parts are estimated from the residuals. Not
-    accepted if the swing of the shaft is below `MIN_SWING_RAD` or sigma of the tip is above
-    ``max_tip_sigma_mm``. Raises `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose
-    repeated, too little rotation, one axis only) or `NoConsensusError`.
+    accepted if sigma of the tip is above ``max_tip_sigma_mm``, or if the swing of the shaft is
+    below `MIN_SWING_RAD` and the sensor is not close to the tip (`NARROW_SHARE`). Raises
+    `TooFewError`, `FrameError`, `DegenerateMotionError` (one pose repeated, too little rotation,
+    one axis only) or `NoConsensusError`.
 
     >>> import numpy as np
     >>> import marginguard as mg
@@ -203,7 +209,7 @@ def _result(
     swing = _swing(directions)
     sigma = math.sqrt(float(np.trace(covariance[:3, :3])))
     faults = []
-    if swing < MIN_SWING_RAD:
+    if swing < MIN_SWING_RAD and NARROW_SHARE * fit.length_mm > max_tip_sigma_mm:
         faults.append(
             f"the shaft swings over {math.degrees(swing):.3g} degrees; "
             f"expected at least {math.degrees(MIN_SWING_RAD):g}"

@@ -173,6 +173,27 @@ def _bundle_seeds() -> Sequence[bytes]:
     return [_bundle(flat), _bundle({"a/a.mrml": _scene(nested), "a/Data/N.seq.mrb": inner})]
 
 
+def _sequence_bundle_seeds() -> Sequence[bytes]:
+    """A bundle of one sequence, with its index."""
+    index = (
+        '<Sequence id="q" name="Sequence" singletonTag="SequenceIndex" indexName="time" '
+        'indexUnit="s" indexType="numeric" indexValues="t0:0.5;t1:1.5;"/>'
+    )
+    scene = _inner().replace('name="n"', 'name="NeedleToTracker"').replace("</MRML>", index)
+    return [_bundle({"N/N.mrml": f"{scene}</MRML>"})]
+
+
+def _perk_tutor() -> bytes:
+    elements = "".join(
+        f'<log TimeStampSec="{index}" TimeStampNSec="500" type="transform" '
+        f'DeviceName="{name}ToReference" transform="{_MATRIX}"/>'
+        for name in ("Needle", "Probe")
+        for index in range(3)
+    )
+    message = '<log TimeStampSec="1" TimeStampNSec="0" type="message" message="Insertion"/>'
+    return f"<TransformRecorderLog>{elements}{message}</TransformRecorderLog>".encode()
+
+
 def _nrrd(*, encoding: str, kind: str, named: bool) -> bytes:
     labels = np.zeros((8, 9, 10), dtype=kind)
     labels[2:6, 2:7, 2:8] = 1
@@ -202,6 +223,16 @@ def _nrrd_seeds() -> Sequence[bytes]:
 
 def _read_tumor(path: Path) -> None:
     tumor_from_segmentation(path, frame="tumor", segment="1")
+
+
+def _untimed() -> bytes:
+    lines = _igsio(".mha").decode("latin-1").splitlines(keepends=True)
+    return "".join(line for line in lines if "imestamp =" not in line).encode("latin-1")
+
+
+def _read_at_rate(path: Path) -> None:
+    for _ in read_recording(path, lambda note: None, rate_hz=20.0):
+        pass
 
 
 def _read_frames(path: Path) -> None:
@@ -249,6 +280,16 @@ PARSERS = (
         {"needle.seq.mha": _igsio(".mha"), "stylus.seq.mrml": _inner().encode()},
     ),
     FuzzedParser("mrb", "x.mrb", _read_frames, _bundle_seeds, ZIP),
+    FuzzedParser("seq_mrb", "x.seq.mrb", _read_frames, _sequence_bundle_seeds, ZIP),
+    FuzzedParser("seq_mha", "x.seq.mha", _read_frames, lambda: [_igsio(".mha")], TEXT),
+    FuzzedParser("igs_mhd", "x.igs.mhd", _read_at_rate, lambda: [_untimed()], TEXT),
+    FuzzedParser(
+        "perk_tutor",
+        "x.xml",
+        _read_frames,
+        lambda: [_perk_tutor()],
+        (*TEXT, *[mutate_xml] * len(TEXT)),
+    ),
     FuzzedParser("segmentation", "x.seg.nrrd", _read_tumor, _nrrd_seeds, NRRD),
     FuzzedParser(
         "contour",

@@ -1,11 +1,15 @@
 """Files of numbers and names: YAML, transforms, landmarks, PLUS configurations."""
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from app.files import read_landmarks, read_plus_config, read_transform
+from app.files.hdf5_transforms import read_hdf5_matrices
 from app.files.shipped import shipped
 from app.files.yaml_file import load_yaml
+from benchmarks.fuzz.forked import start_forked_hdf5
+from benchmarks.fuzz.mutators.raw import RAW
 from benchmarks.fuzz.mutators.text import TEXT
 from benchmarks.fuzz.mutators.tree import mutate_json, mutate_xml
 from benchmarks.fuzz.mutators.yaml_text import YAML
@@ -49,6 +53,13 @@ _FIDUCIALS = """# Markups fiducial file version = 4.11
 2,4,5,6,0,0,0,1,1,1,0,"F,2",,
 3,7,8,9,0,0,0,1,1,1,0,F-3,"text",
 """
+_OLD_FIDUCIALS = """# Fiducial List file /tmp/F.fcsv
+# version = 2
+# name = F
+# columns = label,x,y,z,sel,vis
+F-1,1.5,-2.0,30,1,1
+"F,2",4,5,6,1,1
+"""
 _PLUS = f"""<?xml version="1.0"?>
 <PlusConfiguration version="2.9"><CoordinateDefinitions>
 <Transform From="StylusTip" To="Stylus" Matrix="{_MATRIX}" Error="0.5" Date="2020"/>
@@ -63,6 +74,27 @@ def _yaml_seeds() -> Sequence[bytes]:
     cases = (("recorded_case", "case.yaml"), ("live_example", "live.yaml"))
     shipped_files = [shipped("data", *parts).read_bytes() for parts in cases]
     return [_TRANSFORM.encode(), _LANDMARKS.encode(), *shipped_files]
+
+
+def _hdf5_seeds() -> Sequence[bytes]:
+    """A transform of ITK in its present and its older layout."""
+    import h5py
+    import numpy as np
+
+    seeds = []
+    for prefix in ("Transform", "Tranform"):
+        content = io.BytesIO()
+        with h5py.File(content, "w") as file:
+            group = file.create_group("TransformGroup/0")
+            group["TransformType"] = ["AffineTransform_double_3_3"]
+            group[f"{prefix}Parameters"] = np.append(np.eye(3).ravel(), [1.0, 2.0, 3.0])
+            group[f"{prefix}FixedParameters"] = np.zeros(3)
+        seeds.append(content.getvalue())
+    return seeds
+
+
+def _read_hdf5(path: Path) -> None:
+    read_hdf5_matrices([path.read_bytes()], [str(path)], start=start_forked_hdf5)
 
 
 def _read_plus(path: Path) -> None:
@@ -96,7 +128,14 @@ PARSERS = (
         lambda: [_MARKUPS.encode()],
         (*TEXT, *[mutate_json] * len(TEXT)),
     ),
-    FuzzedParser("fiducials", "points.fcsv", read_landmarks, lambda: [_FIDUCIALS.encode()], TEXT),
+    FuzzedParser(
+        "fiducials",
+        "points.fcsv",
+        read_landmarks,
+        lambda: [_FIDUCIALS.encode(), _OLD_FIDUCIALS.encode()],
+        TEXT,
+    ),
+    FuzzedParser("transform_hdf5", "needle.h5", _read_hdf5, _hdf5_seeds, RAW),
     FuzzedParser(
         "plus_config",
         "plus.xml",

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.case import read_igsio
+from app.case import read_igsio, read_recording
 from app.case.readers.igsio.header import check_igsio_header
 from app.geometry import InputError, Stamp, TrackingStatus
 from tests.oracles.igsio_text import igsio_samples, igsio_times_s
@@ -113,10 +113,11 @@ def test_frame_without_timestamp_is_skipped_with_a_note(tmp_path: Path) -> None:
     assert notes == ["frame 0 has no Timestamp: skipped"]
 
 
-@pytest.mark.parametrize("body", ["", frame(0, f"AToBTransform = {ONE}")])
-def test_a_file_without_any_frame_is_refused(tmp_path: Path, body: str) -> None:
-    with pytest.raises(InputError, match="holds no frame with a Timestamp"):
-        read(mha(tmp_path, body))
+def test_a_file_without_any_frame_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not a recording of a tracker"):
+        read(mha(tmp_path, ""))
+    with pytest.raises(InputError, match="holds no frame with a Timestamp, but 1 without"):
+        read(mha(tmp_path, frame(0, f"AToBTransform = {ONE}")))
 
 
 def test_clock_jumps_and_missing_transforms_are_kept(tmp_path: Path) -> None:
@@ -268,3 +269,45 @@ def test_too_many_transforms_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="transform 'A1024ToB' is one too many; expected 1024"):
         read(mha(tmp_path, body))
+
+
+def test_frames_without_times_need_a_stated_rate(tmp_path: Path) -> None:
+    body = "".join(frame(index, f"StylusToTrackerTransform = {ONE}") for index in range(5))
+    path = mha(tmp_path, body)
+    with pytest.raises(InputError, match=r"no frame with a Timestamp, but 5 without; .*rate_hz"):
+        read(path)
+    notes: list[str] = []
+    frames = list(read_recording(path, notes.append, rate_hz=20.0))
+    assert [one.stamp.ns for one in frames] == [50_000_000 * index for index in range(5)]
+    assert notes == ["the frames have no times: taken at 20 Hz, as stated"]
+
+
+def test_stated_rate_is_refused_where_frames_have_times(tmp_path: Path) -> None:
+    path = mha(tmp_path, frame(0, f"StylusToTrackerTransform = {ONE}", "Timestamp = 1"))
+    with pytest.raises(InputError, match=r"frame 0 has a Timestamp; expected none with a stated"):
+        list(read_recording(path, print, rate_hz=20.0))
+
+
+def test_images_without_tracking_are_no_recording(tmp_path: Path) -> None:
+    body = "".join(frame(index, f"Timestamp = {index}", "ImageStatus = OK") for index in range(3))
+    with pytest.raises(InputError, match="holds 3 images without tracking; expected fields like"):
+        read(mha(tmp_path, body))
+    with pytest.raises(InputError, match="is not a recording of a tracker: its header has no"):
+        read(mha(tmp_path, "Comment = none\n"))
+
+
+@pytest.mark.parametrize("name", ["x.igs.mhd", "x.seq.mha", "x.seq.mhd"])
+def test_header_with_its_data_elsewhere_is_read(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    body = frame(0, f"StylusToTrackerTransform = {ONE}", "Timestamp = 1")
+    path.write_text(HEAD + body + "ElementDataFile = x.zraw\n")
+    (one,) = read_recording(path, print)
+    assert [(pose.source, pose.target) for pose in one.poses] == [("stylus", "tracker")]
+
+
+def test_sequence_of_slicer_has_the_frames_in_one_word_of_its_names(tmp_path: Path) -> None:
+    path = tmp_path / "Recording.seq.mha"
+    body = frame(0, f"Recording-NeedleToReference-SeqTransform = {ONE}", "Timestamp = 1")
+    path.write_text(HEAD + body + END)
+    (one,) = read_recording(path, print)
+    assert [(pose.source, pose.target) for pose in one.poses] == [("needle", "reference")]

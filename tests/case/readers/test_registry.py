@@ -13,6 +13,9 @@ from app.geometry import InputError
 Manifest = dict[str, Any]
 WriteCase = Callable[..., Path]
 
+IGSIO = (".igs.mha", ".igs.mhd", ".igs.nrrd", ".igs.nhdr", ".seq.mha", ".seq.mhd", ".seq.nrrd")
+PERK_TUTOR = (".xml of PerkTutor",)
+KINDS = ", ".join((*IGSIO, ".mrb", ".mrml", *PERK_TUTOR, ".mcap", "a rosbag2 folder"))
 NEW_FORMAT = '''
 """Poses as lines of comma-separated numbers: time in s, x, y, z in mm."""
 
@@ -63,8 +66,8 @@ def write_csv_case(write_case: WriteCase, manifest: Manifest, text: str) -> Path
 
 def test_formats_are_found_with_fallbacks_last() -> None:
     kinds = [each.kinds for each in recording_formats()]
-    assert kinds == [(".igs.mha", ".igs.nrrd"), (".mrb", ".mrml"), (".mcap", "a rosbag2 folder")]
-    assert recording_kinds() == ".igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder"
+    assert kinds == [IGSIO, (".mrb", ".mrml"), PERK_TUTOR, (".mcap", "a rosbag2 folder")]
+    assert recording_kinds() == KINDS
 
 
 def test_each_module_among_the_readers_is_a_format() -> None:
@@ -79,7 +82,7 @@ def test_new_format_is_one_file(manifest: Manifest, write_case: WriteCase) -> No
     assert (first.stamp.ns, last.stamp.ns) == (1_500_000_000, 1_750_000_000)
     np.testing.assert_array_equal(last.poses[0].transform.translation_mm, [4.0, 5.0, 6.0])
     assert case.notes() == ("read as CSV",)
-    assert recording_kinds() == (".csv, .igs.mha, .igs.nrrd, .mrb, .mrml, .mcap, a rosbag2 folder")
+    assert recording_kinds() == f".csv, {KINDS}"
 
 
 @pytest.mark.usefixtures("csv_format")

@@ -1,4 +1,4 @@
-"""IGSIO sequence metafiles, as PLUS writes them: poses in a text header."""
+"""Sequence metafiles of IGSIO, as PLUS writes them, and of 3D Slicer: poses in a text header."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +9,7 @@ from app.case.readers.recording_format import JointSource, Note, RecordingFormat
 if TYPE_CHECKING:
     from app.case.frames.samples import TrackingFrame
 
-_ENDINGS = (".igs.mha", ".igs.nrrd")
+_ENDINGS = (".igs.mha", ".igs.mhd", ".igs.nrrd", ".igs.nhdr", ".seq.mha", ".seq.mhd", ".seq.nrrd")
 
 
 def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFrame]":
@@ -18,10 +18,22 @@ def _read(path: Path, note: Note, joints: JointSource) -> "Iterator[TrackingFram
     return read_igsio(path, note)
 
 
+def _read_at_rate(path: Path, note: Note, rate_hz: float) -> "Iterator[TrackingFrame]":
+    from app.case.readers.igsio.header import read_igsio
+
+    return read_igsio(path, note, rate_hz)
+
+
 def _check(path: Path) -> None:
     from app.case.readers.igsio.header import check_igsio_header
 
     check_igsio_header(path)
 
 
-FORMAT = RecordingFormat(kinds=_ENDINGS, recognises=has_ending(*_ENDINGS), read=_read, check=_check)
+FORMAT = RecordingFormat(
+    kinds=_ENDINGS,
+    recognises=has_ending(*_ENDINGS),
+    read=_read,
+    check=_check,
+    read_at_rate=_read_at_rate,
+)

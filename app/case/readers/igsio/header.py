@@ -1,8 +1,9 @@
-"""Headers of IGSIO sequence metafiles (``.igs.mha``, ``.igs.nrrd``), read line by line.
+"""Headers of sequence metafiles (``.igs.mha``, ``.seq.nrrd``, ...), read line by line.
 
 The header holds all tracking data: ``Seq_Frame0000_StylusToTrackerTransform = 16 numbers`` (row by
 row, mm), its ``...Status``, ``Timestamp`` and ``UnfilteredTimestamp`` in seconds. Images may follow
-the header, compressed or not. They are not read, and ``ImageStatus`` is ignored.
+the header or lie in a second file, compressed or not. They are not read, and ``ImageStatus`` is
+ignored.
 """
 
 import re
@@ -19,6 +20,7 @@ from app.case.readers.recording_format import Note
 from app.files.bounded_io import open_for_reading
 from app.files.numbers import parse_numbers
 from app.geometry import (
+    NS_PER_S,
     FrameError,
     InputError,
     MarginGuardError,
@@ -38,6 +40,7 @@ FramesOf = Callable[[str], tuple[str, str] | None]
 
 _FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(\S+)", re.ASCII)
 _STATUS_SUFFIX, _TRANSFORM_SUFFIX = "TransformStatus", "Transform"
+_WORD = re.compile(r"[A-Za-z0-9]+")
 _MAX_LINE_BYTES = 1_000_000
 _MAX_FRAME_FIELDS = 1024
 _MAX_TRANSFORMS = 1024
@@ -50,24 +53,39 @@ def check_igsio_header(path: Path) -> None:
             pass
 
 
-def read_igsio(path: Path, note: Note) -> Iterator[TrackingFrame]:
-    """Yield the frames of ``path`` in the file's order, across clock jumps; see `read_header`."""
+def read_igsio(path: Path, note: Note, rate_hz: float | None = None) -> Iterator[TrackingFrame]:
+    """Yield the frames of ``path`` in the file's order, across clock jumps; see `read_header`.
+
+    Slicer's sequences (``.seq.``) have more than the two frames in the name of a transform. Raises
+    `InputError` for a file without a transform as well.
+    """
+    names = FrameNames(note, words=".seq." in path.name.lower())
+    frames = poses = 0
     with open_for_reading(path) as file:
-        yield from read_header(file, str(path), FrameNames(note).of, note)
+        for frame in read_header(file, str(path), names.of, note, rate_hz):
+            frames += 1
+            poses += len(frame.poses)
+            yield frame
+    if not poses and not names.seen:
+        raise InputError(
+            f"{path} holds {frames} images without tracking; expected fields like "
+            "Seq_Frame0000_StylusToTrackerTransform"
+        )
 
 
 def read_header(
-    file: IO[bytes], path: str, frames_of: FramesOf, note: Note
+    file: IO[bytes], path: str, frames_of: FramesOf, note: Note, rate_hz: float | None = None
 ) -> Iterator[TrackingFrame]:
     """Yield the frames of a header in its order; the ending of ``path`` gives the syntax.
 
     A missing status counts as OK; numbers that are not a pose become NOT_FINITE or NOT_RIGID. A
-    frame without a time is skipped and reported to ``note``. ``frames_of`` returns source and
-    target for the name of a transform, or None to skip it. Raises `InputError`, with the line, for
-    malformed text, and for a header without any frame.
+    frame without a time is skipped and reported to ``note``. With ``rate_hz`` the header must have
+    no times, and frame n is at n / ``rate_hz`` s. ``frames_of`` returns source and target for the
+    name of a transform, or None to skip it. Raises `InputError`, with the line, for malformed text,
+    and for a header without any frame.
     """
     draft: _Draft | None = None
-    count = 0
+    count = skipped = 0
     for line, key, value in _fields(file, path):
         match = _FRAME_FIELD.fullmatch(key)
         if match is None:
@@ -82,8 +100,10 @@ def read_header(
             if frame := draft.finished(path, frames_of, note):
                 count += 1
                 yield frame
+            else:
+                skipped += 1
             draft = None
-        draft = draft or _Draft(index)
+        draft = draft or _Draft(index, rate_hz)
         if len(draft.fields) >= _MAX_FRAME_FIELDS:
             raise InputError(
                 f"{path} line {line}: frame {index} has more than {_MAX_FRAME_FIELDS} fields; "
@@ -95,11 +115,24 @@ def read_header(
                 f"{draft.fields[match[2]][0]}"
             )
         draft.fields[match[2]] = (line, value)
-    if draft is not None and (frame := draft.finished(path, frames_of, note)):
-        count += 1
-        yield frame
+    if draft is not None:
+        if frame := draft.finished(path, frames_of, note):
+            count += 1
+            yield frame
+        else:
+            skipped += 1
+    if not count and not skipped:
+        raise InputError(
+            f"{path} is not a recording of a tracker: its header has no field like "
+            "Seq_Frame0000_StylusToTrackerTransform"
+        )
     if not count:
-        raise InputError(f"{path} holds no frame with a Timestamp")
+        raise InputError(
+            f"{path} holds no frame with a Timestamp, but {skipped} without; expected times, or "
+            "the rate of the frames (recording.rate_hz of a case.yaml, --rate-hz)"
+        )
+    if rate_hz is not None:
+        note(f"the frames have no times: taken at {rate_hz:g} Hz, as stated")
 
 
 @dataclass(slots=True)
@@ -107,11 +140,19 @@ class _Draft:
     """The fields of one frame that have been read: (line, value) by name."""
 
     index: int
+    rate_hz: float | None = None
     fields: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def finished(self, path: str, frames_of: FramesOf, note: Note) -> TrackingFrame | None:
         """The frame; None when it has no Timestamp."""
         stamp = self._stamp(path, "Timestamp")
+        if self.rate_hz is not None:
+            if stamp is not None:
+                raise InputError(
+                    f"{path}: frame {self.index} has a Timestamp; expected none with a stated rate "
+                    f"({self.rate_hz:g} Hz)"
+                )
+            stamp = Stamp(round(self.index * NS_PER_S / self.rate_hz))
         if stamp is None:
             note(f"frame {self.index} has no Timestamp: skipped")
             return None
@@ -162,11 +203,20 @@ def tracked_sample(
 
 
 class FrameNames:
-    """Splits transform names into source and target; each name is noted once."""
+    """Splits transform names into source and target; each name is noted once.
 
-    def __init__(self, note: Note) -> None:
+    With ``words`` the frames are those of the one word like ``NeedleToReference`` in the name.
+    """
+
+    def __init__(self, note: Note, *, words: bool = False) -> None:
         self._note = note
+        self._words = words
         self._known: dict[str, tuple[str, str] | None] = {}
+
+    @property
+    def seen(self) -> bool:
+        """True if there was any name, also one that cannot be split."""
+        return bool(self._known)
 
     def of(self, name: str) -> tuple[str, str] | None:
         """Source and target of a transform; None for a name that cannot be split."""
@@ -179,6 +229,8 @@ class FrameNames:
         return self._known[name]
 
     def _split(self, name: str) -> tuple[str, str] | None:
+        if self._words:
+            return frames_in_name(name, self._note)
         try:
             frames = split_transform_name(name)
             if frames is None:
@@ -193,9 +245,22 @@ class FrameNames:
         return frames
 
 
+def frames_in_name(name: str, note: Note) -> tuple[str, str] | None:
+    """Source and target by a name like ``NeedleToReference`` or ``NeedleToReference-Sequence``."""
+    try:
+        found = [frames for word in _WORD.findall(name) if (frames := split_transform_name(word))]
+    except FrameError as error:
+        note(f"sequence {name!r} skipped: {error}")
+        return None
+    if len(found) != 1:
+        note(f"sequence {name!r} skipped: {len(found)} names like NeedleToReference; expected one")
+        return None
+    return found[0]
+
+
 def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
     """Yield line number, key and value of each field; `InputError` for a cut header."""
-    nrrd = path.lower().endswith(".nrrd")
+    nrrd = path.lower().endswith((".nrrd", ".nhdr"))
     last = "before any frame"
     line = 0
     while raw := file.readline(_MAX_LINE_BYTES + 1):

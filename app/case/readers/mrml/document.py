@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from urllib.parse import unquote
 
 from app.files.xml_guard import walk_xml
@@ -10,7 +10,8 @@ from app.geometry import InputError
 
 _TRANSFORM_NODES = ("vtkMRMLLinearTransformNode", "vtkMRMLTransformNode")
 _TRANSFORM_TAGS = ("LinearTransform", "Transform")
-_STORAGE_ENDING = "SequenceStorage"
+_STORAGE_ENDINGS = ("SequenceStorage", "TransformStorage")
+_NODE_NUMBER = re.compile(r"\d+$")
 _ITEM = re.compile("[^;]+")
 _MAX_ITEMS = 2_000_000
 _MAX_SEQUENCES = 256
@@ -22,8 +23,9 @@ _DERIVED = "MarginGuard.Derived"
 class SequenceEntry:
     """A sequence of transforms over time.
 
-    ``name``: the transform's name if the scene has it, else the sequence's. ``file_name``: relative
-    to the scene. ``index``: text of item IDs and their times in s, for `index_items`. ``lost``:
+    ``name``: the transform's name if the scene has it, else the sequence's, which may be empty.
+    ``file_name``: relative to the scene; empty if the scene itself has the items, as in a
+    ``.seq.mrb``. ``index``: text of item IDs and their times in s, for `index_items`. ``lost``:
     times in s and statuses of samples that the sequence does not hold.
     """
 
@@ -35,18 +37,24 @@ class SequenceEntry:
 
 @dataclass(frozen=True, slots=True)
 class TransformEntry:
-    """A linear transform node: its matrix to the parent as text of 16 numbers, and its status."""
+    """A linear transform node: its matrix to the parent as text of 16 numbers, and its status.
+
+    Without a ``matrix`` the numbers are in the file ``file_name``, relative to the scene.
+    """
 
     matrix: str
     status: str
+    name: str = ""
+    file_name: str = ""
 
 
 @dataclass(slots=True)
 class MrmlDocument:
-    """Sequences and transforms, by node ID, of one scene file."""
+    """Sequences of transforms, transforms by node ID, and classes of other sequences of a scene."""
 
     sequences: list[SequenceEntry] = field(default_factory=list)
     transforms: dict[str, TransformEntry] = field(default_factory=dict)
+    other_classes: tuple[str, ...] = ()
 
 
 class ItemLimit:
@@ -101,12 +109,10 @@ class _Parser:
         identity = attributes.get("id", "")
         if tag == "Sequence":
             self.sequences.append(attributes)
-        elif tag.endswith(_STORAGE_ENDING):
+        elif tag.endswith(_STORAGE_ENDINGS):
             self.storages[identity] = unquote(attributes.get("fileName", ""))
         elif tag in _TRANSFORM_TAGS:
-            status = self._pairs(attributes.get("attributes", "")).get("TransformStatus", "OK")
-            matrix = attributes.get("matrixTransformToParent", "")
-            self.transforms[identity] = TransformEntry(matrix, status)
+            self.transforms[identity] = self._transform(attributes)
 
     def document(self) -> MrmlDocument:
         if len(self.sequences) > _MAX_SEQUENCES:
@@ -115,11 +121,38 @@ class _Parser:
                 f"expected {_MAX_SEQUENCES} or fewer"
             )
         entries = [self._entry(attributes) for attributes in self.sequences]
-        return MrmlDocument([entry for entry in entries if entry is not None], self.transforms)
+        # A storage may come after the node that names it.
+        transforms = {
+            identity: replace(entry, file_name=self.storages.get(entry.file_name, ""))
+            for identity, entry in self.transforms.items()
+        }
+        others = dict.fromkeys(each for each in map(self._class_of, self.sequences) if each)
+        return MrmlDocument(
+            [entry for entry in entries if entry is not None],
+            transforms,
+            tuple(name for name in others if name not in _TRANSFORM_NODES),
+        )
+
+    def _transform(self, node: dict[str, str]) -> TransformEntry:
+        """A transform, with the ID of its storage in place of the name of its file."""
+        status = self._pairs(node.get("attributes", "")).get("TransformStatus", "OK")
+        storage = self._pairs(node.get("references", "")).get("storage", "")
+        return TransformEntry(
+            node.get("matrixTransformToParent", ""),
+            status,
+            node.get("name", ""),
+            storage or node.get("storageNodeRef", ""),
+        )
+
+    def _class_of(self, node: dict[str, str]) -> str:
+        """Class of the items of a sequence; Slicer 4.4 gives it in their IDs only."""
+        known = self._pairs(node.get("attributes", "")).get("DataNodeClassName", "")
+        first = node.get("indexValues", "").partition(":")[0]
+        return known or _NODE_NUMBER.sub("", unquote(first))
 
     def _entry(self, node: dict[str, str]) -> SequenceEntry | None:
         known = self._pairs(node.get("attributes", ""))
-        if known.get("DataNodeClassName") not in _TRANSFORM_NODES or _DERIVED in known:
+        if self._class_of(node) not in _TRANSFORM_NODES or _DERIVED in known:
             return None
         name = node.get("name", "")
         where = f"{self.where}: sequence {name!r}"
@@ -133,13 +166,16 @@ class _Parser:
                 f"{where} is over {over[0]!r} in {over[1]!r} ({over[2]}); expected time in 's'"
             )
         storage = self._pairs(node.get("references", "")).get("storage", "")
-        if not self.storages.get(storage):
+        storage = storage or node.get("storageNodeRef", "")
+        index = self._counted(node.get("indexValues", ""), ";")
+        first = unquote(index.partition(":")[0])
+        if not self.storages.get(storage) and first not in self.transforms:
             raise InputError(f"{where} has no file: storage {storage!r} is not in the scene")
         lost = known.get(_LOST, "")
         return SequenceEntry(
             known.get("Sequences.Source") or name,
-            self.storages[storage],
-            self._counted(node.get("indexValues", ""), ";"),
+            self.storages.get(storage, ""),
+            index,
             tuple(_split(item, "=", where) for item in self._counted(lost, "=").split()),
         )
 

@@ -72,13 +72,30 @@ def open_mrml(path: Path) -> Iterator[MrmlFiles]:
         yield _Folder(path)
 
 
-def inner_scene(files: MrmlFiles, file: IO[bytes], name: str, where: str) -> bytes:
-    """The scene in ``file``, one of ``files``; by the ending of ``name`` a scene or a bundle."""
+@contextmanager
+def open_inner(files: MrmlFiles, file: IO[bytes], name: str, where: str) -> Iterator[MrmlFiles]:
+    """Open the scene in ``file``, ``name`` of ``files``; by its ending a scene or a bundle."""
     content = files.budget.read(file, where)
-    if name.endswith(".mrb"):
+    if name.lower().endswith(".mrb"):
         with _Bundle.opened(BytesIO(content), where, files.budget) as bundle:
-            return bundle.scene()
-    return content
+            yield bundle
+    else:
+        yield _Inner(files, content, PurePosixPath(name).parent, where)
+
+
+class _Inner:
+    """A scene that is a file of another scene, in whose folder its own files are."""
+
+    def __init__(self, files: MrmlFiles, content: bytes, folder: PurePosixPath, where: str) -> None:
+        self.where = where
+        self.budget = files.budget
+        self._files, self._content, self._folder = files, content, folder
+
+    def scene(self) -> bytes:
+        return self._content
+
+    def open(self, name: str) -> AbstractContextManager[IO[bytes]]:
+        return self._files.open(str(self._folder / name))
 
 
 class _Folder:

@@ -14,11 +14,11 @@ def calibrate(inputs: "CalibrationInputs") -> "CalibrationResult":
     """Compute ``tool_from_tip``, with +z along the line from the sensor to the tip."""
     from app.cli.calibration.calibration_result import CalibrationResult, Residuals
     from app.cli.calibration.tip import tip_frame_of
-    from app.registration import calibrate_pivot, select_poses
+    from app.registration import calibrate_pivot, select_pivot_poses
 
     track = inputs.tool_track
     poses = track.poses
-    selected = select_poses(poses)
+    selected = select_pivot_poses(poses)
     pivot = calibrate_pivot([poses[index] for index in selected])
     residuals = Residuals(
         "distance of the tip from the pivot",
