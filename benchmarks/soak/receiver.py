@@ -12,8 +12,10 @@ import threading
 import time
 from contextlib import suppress
 
+import numpy as np
 import rclpy
 from marginguard_msgs.msg import FixtureConstraint
+from numpy.typing import NDArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 
@@ -21,6 +23,9 @@ from benchmarks.rate_receiver import seq_of
 
 TOPICS = ("/marginguard/constraint", "/bare/constraint")
 LATE_NS = 10_000_000
+BIN_NS = 10_000
+BINS = 100_000
+"""Bins of the histogram of gaps, up to 1 s; the last bin has all longer ones."""
 
 
 class Stream:
@@ -33,6 +38,7 @@ class Stream:
         """Forget all gaps and counts."""
         self.received = self.lost = self.over_10_ms = 0
         self.max_gap_ns = 0
+        self.histogram = np.zeros(BINS, dtype=np.int64)
         self.last_ns = self.last_seq = None
 
     def take(self, raw: bytes) -> None:
@@ -42,18 +48,28 @@ class Stream:
             gap_ns = now_ns - self.last_ns
             self.max_gap_ns = max(self.max_gap_ns, gap_ns)
             self.over_10_ms += gap_ns > LATE_NS
+            self.histogram[min(gap_ns // BIN_NS, BINS - 1)] += 1
             self.lost += max(0, seq - self.last_seq - 1)
         self.received += 1
         self.last_ns, self.last_seq = now_ns, seq
 
     def figures(self) -> dict[str, float]:
-        """The counts, and the longest gap in ms."""
+        """The counts, the 99.99th percentile of the gaps and the longest one, in ms."""
         return {
             "received": self.received,
             "lost": self.lost,
             "over_10_ms": self.over_10_ms,
+            "p9999_gap_ms": percentile_ms(self.histogram, 0.9999),
             "max_gap_ms": self.max_gap_ns / 1e6,
         }
+
+
+def percentile_ms(histogram: NDArray[np.int64], share: float) -> float:
+    """Upper edge in ms of the bin below which ``share`` of the gaps are; 0 without gaps."""
+    cumulated = np.cumsum(histogram)
+    if not cumulated[-1]:
+        return 0.0
+    return float(np.searchsorted(cumulated, share * cumulated[-1]) + 1) * BIN_NS / 1e6
 
 
 def main() -> int:
