@@ -103,6 +103,10 @@ LONG = {
         "tests/bridge/live/test_second_senders.py",
     ),
     "starts a process for each parser": ("tests/fuzz/test_parsers.py",),
+    "attacks a live session with many malformed messages": ("tests/bridge/faults/test_live.py",),
+    "plays a recording to sessions that refuse it": (
+        "tests/bridge/playback/test_refused_playback.py",
+    ),
     "starts live sessions again and again": (
         "tests/bridge/live/test_restart.py",
         "tests/bridge/live/test_second_guard.py",
