@@ -15,16 +15,23 @@ from app.cli.signals import SignalState
 if TYPE_CHECKING:
     from app.bridge.live import LiveNode
     from app.viewer import LiveFeed, Viewer
+    from app.viewer.drawing.pictures import MakeScheduler
 
 CONSTRAINT_HZ = 100.0
 """Rate at which the constraint is repeated. Drawing the page leaves no time for 1 kHz."""
 
 
 @contextmanager
-def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["Viewer"]:
+def live_page(
+    options: argparse.Namespace,
+    received: SignalState,
+    *,
+    scheduler: "MakeScheduler | None" = None,
+) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context.
 
-    A signal during the preparation ends the process at once.
+    A signal during the preparation ends the process at once. ``scheduler`` draws the pictures;
+    a benchmark replaces it.
     """
     with received.ends_at_once():
         load_bridge("which a live session needs")
@@ -41,6 +48,7 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
             ViewStateBuilder,
             stop_surface,
         )
+        from app.viewer.drawing.pictures import RenderLoop
 
         prepared = prepare_live(
             options.config, package_dirs=options.package_dirs, tip_only=options.tip_only
@@ -52,7 +60,9 @@ def live_page(options: argparse.Namespace, received: SignalState) -> Iterator["V
         builder = ViewStateBuilder(setup, content, surface)
         feed = LiveFeed(builder, setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(content.name, live=True)
-        viewer = Viewer(SceneView(content), feed, LiveTimeline(), title)
+        viewer = Viewer(
+            SceneView(content), feed, LiveTimeline(), title, scheduler=scheduler or RenderLoop
+        )
         feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
     with ThreadPoolExecutor(max_workers=1) as workers:

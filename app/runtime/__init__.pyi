@@ -20,11 +20,13 @@ from .persistence.errors import SecondInstanceError, StateFileError
 from .persistence.hold_keeper import HoldKeeper
 from .persistence.instance_key import InstanceKey, arm_name, host_id
 from .persistence.live_state import LiveState, live_state, refuse_beside_guard
+from .qt_spinner import QtSpinner
 from .received_constraint import ReceivedConstraint
 from .replay_run import ReplayRun
 from .requests import OperatorRequest, RequestKind, RequestLog, TooManyRequestsError
 from .sources import Deliver, Source
 from .step_thread import DeliveredStep, StepRun, StepThread
+from .wakeup import Wakeup
 
 __all__ = [
     "SWITCH_INTERVAL_S",
@@ -45,6 +47,7 @@ __all__ = [
     "PassiveOutput",
     "PreparedCase",
     "PreparedLive",
+    "QtSpinner",
     "RearmRefusedError",
     "ReceivedConstraint",
     "RecordingExtent",
@@ -63,6 +66,7 @@ __all__ = [
     "StepTiming",
     "SwitchContent",
     "TooManyRequestsError",
+    "Wakeup",
     "arm_name",
     "content_of",
     "host_id",

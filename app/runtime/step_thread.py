@@ -58,16 +58,22 @@ class StepThread:
     """Runs ``run`` until it ends, fails or is stopped.
 
     ``clock_ns`` is a steady clock. ``describe`` makes one line of the error that ended the run;
-    it is kept in ``failure``.
+    it is kept in ``failure``. ``changed()`` is called in this thread after each step and at the
+    end, to wake the thread that displays.
     """
 
     def __init__(
-        self, run: StepRun, clock_ns: Callable[[], int], describe: Callable[[Exception], str] = str
+        self,
+        run: StepRun,
+        clock_ns: Callable[[], int],
+        describe: Callable[[Exception], str] = str,
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.run = run
         self.failure = ""
         self._clock_ns = clock_ns
         self._describe = describe
+        self._changed = changed
         self._latest: LatestValue[DeliveredStep] = LatestValue()
         self._thread = threading.Thread(target=self._work, name="MarginGuard steps", daemon=True)
         self._thread.start()
@@ -78,10 +84,7 @@ class StepThread:
         return not self._thread.is_alive()
 
     def newest(self, wait_s: float) -> DeliveredStep | None:
-        """Return the newest step that was not returned yet; waits at most ``wait_s`` for one.
-
-        The wait lets this thread's run work where a GUI's event loop keeps the interpreter.
-        """
+        """Return the newest step that was not returned yet; waits at most ``wait_s`` for one."""
         return self._latest.take(wait_s)
 
     def present_ns(self, last: DeliveredStep) -> int:
@@ -117,5 +120,7 @@ class StepThread:
                 content = None if commands is None else commands.content
                 seen = None if commands is None else commands.seen()
                 self._latest.put(DeliveredStep(self, step, content, self._clock_ns(), seen))
+                self._changed()
         except Exception as error:  # any error: the display reports it and turns grey
             self.failure = self._describe(error)
+        self._changed()

@@ -34,6 +34,11 @@ class Page:
         state.look = ""
         state.plot = None  # an open page does not draw names that are added later
 
+    @property
+    def shown(self) -> ViewState | None:
+        """The state of the last `prepare`."""
+        return self._now
+
     def prepare(self) -> bool:
         """Update the scene to the present; return True if anything changed."""
         now = self._now = self._feed.now()

@@ -4,6 +4,7 @@ This file loads in any Slicer. It imports MarginGuard itself when the panel is c
 panel shows one line if that fails.
 """
 
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from slicer.util import VTKObservationMixin
 
 from MarginGuardLib.installation import missing_requirement
 
-SPIN_MS = 20
-"""Interval of the timer that updates scene and panel."""
+WATCHDOG_MS = 20
+"""Longest time after which data that have become stale without a step are still shown."""
 
 
 class MarginGuard(ScriptedLoadableModule):
@@ -59,7 +60,8 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._gui_tag = None
         self._margins = None
         self._patient_to_ras = None
-        self._timer = None
+        self._spinner = None
+        self._banner = None
 
     def setup(self):
         """Create the panel; without MarginGuard it is one line with the cause."""
@@ -72,22 +74,22 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.layout.addWidget(ui_widget)
         self.ui = slicer.util.childWidgetVariables(ui_widget)
         ui_widget.setMRMLScene(slicer.mrmlScene)
-        self.logic = MarginGuardLogic()
+        self.logic = MarginGuardLogic(self._changed)
         self._connect_widgets()
         self._use_parameter_node()
         events = slicer.vtkMRMLScene
         self.addObserver(slicer.mrmlScene, events.StartCloseEvent, self.on_scene_closes)
         self.addObserver(slicer.mrmlScene, events.EndCloseEvent, self.on_scene_closed)
-        self._timer = qt.QTimer()
-        self._timer.setInterval(SPIN_MS)
-        self._timer.timeout.connect(self.spin)
-        self._timer.start()
+        from app.runtime import SWITCH_INTERVAL_S, QtSpinner
+
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self._spinner = QtSpinner(qt, self.spin, watchdog_ms=WATCHDOG_MS)
         self.spin()
 
     def cleanup(self):
-        """End timer, session and jobs before the module is unloaded."""
-        if self._timer is not None:
-            self._timer.stop()
+        """End spinner, session and jobs before the module is unloaded."""
+        if self._spinner is not None:
+            self._spinner.stop()
         if self.logic is None:
             return
         self._disconnect_parameter_node()
@@ -95,7 +97,7 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.logic.panel_logic.close()
 
     def spin(self):
-        """Show the newest step and the status. The timer calls this.
+        """Show the newest step and the status. Called for each step, and by a watchdog.
 
         An error here is a bug: PythonQt logs it, and the banner turns to UNKNOWN.
         """
@@ -143,6 +145,11 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         """Seek to the slider's position."""
         with self._errors_displayed():
             self.logic.panel_logic.seek(seconds)
+
+    def _changed(self):
+        """Wake Qt's thread; called in other threads."""
+        if self._spinner is not None:
+            self._spinner.wake()
 
     def _connect_widgets(self):
         from app.scene import Preset
@@ -226,6 +233,9 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
     def _show_banner(self, state, text):
         """Show ``text`` after the symbol of ``state``, on its colour."""
+        if (state, text) == self._banner:
+            return  # Qt would read the style sheet at each step
+        self._banner = (state, text)
         display = state.display
         self.ui.bannerLabel.setText(f"{display.symbol} {text}")
         self.ui.bannerLabel.setStyleSheet(
@@ -272,13 +282,18 @@ class MarginGuardWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
 
 
 class MarginGuardLogic(ScriptedLoadableModuleLogic):
-    """The logic for scripts: `panel_logic` has the commands, the parameter node the settings."""
+    """The logic for scripts: `panel_logic` has the commands, the parameter node the settings.
 
-    def __init__(self):
+    ``changed()`` is called in any thread when `panel_logic` has something to show.
+    """
+
+    def __init__(self, changed=lambda: None):
         ScriptedLoadableModuleLogic.__init__(self)
         from MarginGuardLib.logic import PanelLogic
 
-        self.panel_logic = PanelLogic(slicer.mrmlScene, slicer.app.applicationLogic())
+        self.panel_logic = PanelLogic(
+            slicer.mrmlScene, slicer.app.applicationLogic(), changed=changed
+        )
 
     def getParameterNode(self):
         """Return the typed settings."""
@@ -329,7 +344,7 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
 
         end_s = time.monotonic() + 60.0
         while time.monotonic() < end_s:
-            status = logic.spin()
+            status = logic.spin(0.02)  # other threads run while it waits
             shown_s = status.position_s
             if shown_s is not None and 0.0 <= shown_s - seconds < 0.1:
                 return

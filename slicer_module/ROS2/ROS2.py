@@ -11,8 +11,8 @@ import slicer
 from slicer.ScriptedLoadableModule import ScriptedLoadableModule, ScriptedLoadableModuleWidget
 from slicer.util import VTKObservationMixin
 
-SPIN_MS = 20
-LIST_EVERY_SPINS = 10
+LIST_MS = 200
+"""Interval of the timer that updates the list of nodes."""
 
 
 class ROS2(ScriptedLoadableModule):
@@ -43,15 +43,15 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ScriptedLoadableModuleWidget.__init__(self, parent)
         VTKObservationMixin.__init__(self)
         self.logic = None
-        self._timer = None
-        self._spins = 0
+        self._spinner = None
+        self._list_timer = None
         self._listed = ""
 
     def setup(self):
         """Build the panel and the default ROS node; without ROS 2, a one-line message."""
         ScriptedLoadableModuleWidget.setup(self)
         try:
-            from app.runtime.latest_value import SWITCH_INTERVAL_S
+            from app.runtime import SWITCH_INTERVAL_S, QtSpinner
             from ROS2Lib.class_names import register_classes
             from ROS2Lib.logic import Ros2Api
         except ImportError as error:
@@ -69,31 +69,31 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.ui = slicer.util.childWidgetVariables(panel)
         self.ui.addRobotButton.clicked.connect(self.on_add_robot)
         self.ui.removeRobotButton.clicked.connect(self.on_remove_robot)
-        self.logic = Ros2Api(slicer.mrmlScene)
+        self.logic = Ros2Api(slicer.mrmlScene, self._received)
         self._make_default_node()
         # Closing the scene removes all nodes; scripts look the default one up by name.
         self.addObserver(
             slicer.mrmlScene, slicer.vtkMRMLScene.EndCloseEvent, self._make_default_node
         )
-        self._timer = qt.QTimer()
-        self._timer.setInterval(SPIN_MS)
-        self._timer.timeout.connect(self.spin)
-        self._timer.start()
+        self._spinner = QtSpinner(qt, self.spin)
+        self.spin()
+        self._list_timer = qt.QTimer()
+        self._list_timer.setInterval(LIST_MS)
+        self._list_timer.timeout.connect(self._list)
+        self._list_timer.start()
 
     def cleanup(self):
         """Leave the ROS graph when the module is unloaded."""
         if self.logic is None:
             return
-        self._timer.stop()
+        self._spinner.stop()
+        self._list_timer.stop()
         self.removeObservers()
         self.logic.Close()
 
     def spin(self):
-        """Transfer received data into the scene. Called by the timer."""
+        """Transfer received data into the scene. Called when data have arrived."""
         self.logic.Spin()
-        self._spins += 1
-        if self._spins % LIST_EVERY_SPINS == 0:
-            self._list()
 
     def on_add_robot(self, checked=False):
         """Add the robot described by the five fields."""
@@ -113,6 +113,11 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         """Remove the robot with the name in the field."""
         name = self.ui.robotNameLineEdit.property("text").strip()
         self._do(lambda: self.logic.RemoveRobot(name), f"there is no robot {name!r}")
+
+    def _received(self):
+        """Wake Qt's thread; called in ROS's threads."""
+        if self._spinner is not None:
+            self._spinner.wake()
 
     def _make_default_node(self, caller=None, event=None):
         self._do(self.logic.GetDefaultROS2Node)

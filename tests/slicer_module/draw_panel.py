@@ -37,13 +37,13 @@ def main(path: str) -> None:
     widget.ui.registrationPathLineEdit.setText("data/recorded_case")
     widget.ui.loadButton.click()
     while not widget.ui.playButton.isEnabled():
-        widget.spin()
+        gui.processEvents()
     widget.ui.registerButton.click()
     while not widget.ui.acceptButton.isEnabled():
-        widget.spin()
+        gui.processEvents()
     widget.ui.seekSlider.setValue(BREACH_S)
     while not widget.ui.bannerLabel.text().startswith("\N{MULTIPLICATION X} POSITIVE"):
-        widget.spin()
+        gui.processEvents()
     widget.parent.resize(*SIZE)
     gui.processEvents()
     widget.parent.grab().save(path)

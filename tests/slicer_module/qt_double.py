@@ -13,7 +13,8 @@ parts of PythonQt that MarginGuard.py uses:
 ``path.currentPath``
 ``widget.name``                                    the object's name, for slicer.util
 ``panel.setMRMLScene(scene)``                      slots of qMRML's widgets
-``qt.QTimer()``, ``qt.QLabel(s)``,                 classes of Qt without their modules
+``qt.QTimer()``, ``qt.QSocketNotifier``,           classes of Qt without their modules
+``qt.QLabel(s)``,
 ``qt.QApplication.beep()``
 =================================================  =============================================
 
@@ -289,6 +290,7 @@ qt = SimpleNamespace(
     QFile=type("QFile", (QtCore.QFile,), {"ReadOnly": QtCore.QFile.OpenModeFlag.ReadOnly}),
     QIcon=QtGui.QIcon,
     QLabel=QtWidgets.QLabel,
+    QSocketNotifier=QtCore.QSocketNotifier,
     QTimer=QtCore.QTimer,
     QUiLoader=QUiLoader,
     QVBoxLayout=QtWidgets.QVBoxLayout,

@@ -34,7 +34,7 @@ class CommandsDouble:
         self.is_following = False
 
     def spin(self):
-        return self.panel_logic.spin(0.0)
+        return self.panel_logic.spin()
 
     def margins(self):
         return self.panel_logic.margins()
@@ -71,7 +71,7 @@ def panel(desktop, application, monkeypatch, errors):
     in_slicer(monkeypatch, application)
     widget = desktop.MarginGuardWidget(panel_parent(FOLDER))
     widget.setup()
-    widget._timer.stop()  # the tests call spin
+    widget._spinner.stop()  # the tests call spin
     yield widget
     widget.cleanup()
 
@@ -198,7 +198,7 @@ def test_tumour_selector_lists_supported_nodes(panel, pressed, application, kind
 
 
 @pytest.mark.parametrize("broken", ["spin", "alarm_due"])
-def test_failing_timer_makes_banner_unknown(panel, monkeypatch, broken):
+def test_failing_spin_makes_banner_unknown(panel, monkeypatch, broken):
     panel._show_banner(MarginState.NEGATIVE, "NEGATIVE: clear, 9.9 mm")
 
     def fail():
@@ -216,6 +216,7 @@ def test_replayed_case_is_shown(panel, desktop, monkeypatch):
 
     def until(is_reached):
         for _ in range(MAX_SPINS):
+            panel.logic.panel_logic.spin(0.02)
             panel.spin()
             if is_reached():
                 return

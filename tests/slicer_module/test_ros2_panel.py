@@ -121,8 +121,7 @@ def test_list_shows_the_status_of_each_member(make_panel):
     node.CreateAndAddParameterNode("/missing")
     node.CreateAndAddTf2BroadcasterNode("a", "b")
     node.CreateAndAddTf2LookupNode("c", "d")
-    for _ in range(10):
-        panel.spin()
+    panel._list()
     assert panel.ui.nodesLabel.text().split("\n") == [
         "ros2:node:slicer",
         "    ros2:pub:/text: std_msgs/msg/String, 1 sent",
@@ -134,17 +133,84 @@ def test_list_shows_the_status_of_each_member(make_panel):
     ]
 
 
-def test_timer_spins_until_the_module_is_unloaded(make_panel, wait_until):
-    from tests.slicer_module.qt_double import QApplication
+def test_message_is_in_the_scene_without_a_timer(make_panel, peer):
+    from benchmarks.latency.qt_loops import quit_loop, run_releasing
 
     panel = make_panel()
-    wait_until(lambda: panel._spins >= 3, QApplication.processEvents)
-    panel.cleanup()
-    spins = panel._spins
-    QApplication.processEvents()
-    assert panel._spins == spins
-    assert not panel._timer.isActive()
+    node = panel.logic.GetDefaultROS2Node()
+    texts = node.CreateAndAddSubscriberNode("String", "/woken")
+    pose = node.CreateAndAddTf2LookupNode("woken_parent", "woken_child")
+    panel._spinner._watchdog.stop()
+    panel._list_timer.stop()
+    texts.AddObserver("ModifiedEvent", lambda *_: quit_loop())
+    message = {"topic": "/woken", "type": "std_msgs/msg/String", "messages": [{"data": "now"}]}
+    peer.send("publish", **message)
+    run_releasing()
+    peer.result()
+    assert texts.GetLastMessage() == "now"
+
+    pose.AddObserver(slicer.vtkMRMLTransformNode.TransformModifiedEvent, lambda *_: quit_loop())
+    peer.send("send_tf", edges=[["woken_parent", "woken_child", [0.5, 0.0, 0.0]]])
+    run_releasing()
+    peer.result()
+    assert pose.GetMatrixTransformToParent().GetElement(0, 3) == 500.0
+
+
+def test_answers_and_parameters_are_in_the_scene_without_a_timer(make_panel, peer):
+    from benchmarks.latency.qt_loops import quit_loop, run_releasing
+
+    panel = make_panel()
+    node = panel.logic.GetDefaultROS2Node()
+    parameters = node.CreateAndAddParameterNode("/peer")
+    client = node.CreateAndAddServiceClientNode("SetBool", "/peer/echo")
+    panel._spinner._watchdog.stop()
+    panel._list_timer.stop()
+    parameters.AddObserver(parameters.ParameterModifiedEvent, lambda *_: quit_loop())
+    parameters.AddParameter("count")
+    run_releasing()
+    assert parameters.GetParameterAsInteger("count") == 7
+
+    client.AddObserver("ModifiedEvent", lambda *_: quit_loop())
+    client.SendAsyncRequest(client.CreateBlankRequest())
+    run_releasing()
+    assert client.GetLastResponseStatus()
+
+
+def test_silent_source_becomes_stale_in_the_scene_without_a_message(make_panel, peer):
+    from benchmarks.latency.qt_loops import quit_loop, run_releasing
+
+    panel = make_panel()
+    pose = panel.logic.GetDefaultROS2Node().CreateAndAddTf2LookupNode("once_parent", "once_child")
+    states = []
+
+    def note(*_):
+        if pose.GetAttribute("ros2.state") not in states[-1:]:
+            states.append(pose.GetAttribute("ros2.state"))
+        if states[-1] == "stale":
+            quit_loop()
+
+    pose.AddObserver("ModifiedEvent", note)
+    peer.send("send_tf", edges=[["once_parent", "once_child", [0.5, 0.0, 0.0]]])
+    run_releasing()
+    peer.result()
+    assert states[-2:] == ["valid", "stale"]
+
+
+def test_unloaded_module_spins_no_more_and_leaves_no_descriptor_open(make_panel):
+    from benchmarks.latency.qt_loops import run_releasing
+
+    make_panel().cleanup()
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for _ in range(3):
+        panel = make_panel()
+        panel.cleanup()
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
     assert slicer.mrmlScene.GetFirstNodeByName("ros2:node:slicer") is None
+    spins = []
+    panel.logic.Spin = lambda: spins.append(None)
+    panel._received()
+    run_releasing(250)
+    assert spins == []
     panel.cleanup()
 
 

@@ -2,6 +2,7 @@
 
 import threading
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -17,14 +18,22 @@ class TopicQueue:
 
     A full queue drops its oldest message and counts it in `lost`. Messages that DDS drops before
     the node's thread receives them are not counted. Messages over 256 MB are ignored and counted
-    in `too_long`.
+    in `too_long`. ``received()`` is called in the node's thread after every queued message.
     """
 
-    def __init__(self, ros: RosNode, kind: str | type, name: str, qos: QoSProfile) -> None:
+    def __init__(
+        self,
+        ros: RosNode,
+        kind: str | type,
+        name: str,
+        qos: QoSProfile,
+        received: Callable[[], None] = lambda: None,
+    ) -> None:
         self.topic = Topic(name, message_type(kind), qos)
         self.lost = 0
         self.too_long = 0
         self._ros = ros
+        self._received = received
         self._lock = threading.Lock()
         self._raws: deque[bytes] = deque()
         self._subscription = create_endpoint(
@@ -55,3 +64,4 @@ class TopicQueue:
             if len(self._raws) > self.topic.qos.depth:
                 self._raws.popleft()
                 self.lost += 1
+        self._received()

@@ -55,8 +55,9 @@ class RenderLoop:
     """The page's `RenderScheduler`; also trame's `RcaRenderSchedulerProtocol`.
 
     The next picture is drawn when one of the active clients has the last one, and shows the newest
-    state; clients that are slower skip pictures. The loop itself calls ``heartbeat`` with the
-    number of the last picture, so that a heartbeat proves that pictures are still drawn.
+    state, as soon as `wake` is called; clients that are slower skip pictures. The loop itself calls
+    ``heartbeat`` with the number of the last picture, so that a heartbeat proves that pictures are
+    still drawn.
     """
 
     def __init__(self, area: PictureArea, source: Source, heartbeat: Callable[[int], None]) -> None:
@@ -110,16 +111,21 @@ class RenderLoop:
         """Draw until cancelled."""
         is_high_quality, changed_ns = False, 0
         while True:
-            began_ns = monotonic_ns()
+            began_ns, pause_ns = monotonic_ns(), self.frame_rate.period_ns
+            self._wake.clear()
             changed = self._source.prepare() or self._render_requested
             if changed:
                 is_high_quality, changed_ns, self._render_requested = False, began_ns, False
                 self._draw(high_quality=False)
                 self.frame_rate.record(monotonic_ns() - began_ns)
+                pause_ns = self.frame_rate.period_ns
             elif not is_high_quality and began_ns - changed_ns > _STILL_NS:
                 is_high_quality = True
                 self._draw(high_quality=True)
-            await self._rest(began_ns + self.frame_rate.period_ns)
+            else:  # the next step is drawn when it comes; the state of a replay changes by itself
+                await _within(self._wake.wait(), pause_ns)
+                pause_ns = 0
+            await self._rest(began_ns + pause_ns)
 
     def _draw(self, *, high_quality: bool) -> None:
         self.rca.set_high_quality(high_quality)

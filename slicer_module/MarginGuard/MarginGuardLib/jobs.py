@@ -17,9 +17,13 @@ class _Job:
 
 
 class Jobs:
-    """Runs jobs one after the other in a thread; `collect` calls back in the caller's thread."""
+    """Runs jobs one after the other in a thread; `collect` calls back in the caller's thread.
 
-    def __init__(self) -> None:
+    ``done()`` is called in any thread when a job is done, to have `collect` called.
+    """
+
+    def __init__(self, done: Callable[[], None] = lambda: None) -> None:
+        self._done = done
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="MarginGuard job")
         self._jobs: list[_Job] = []
 
@@ -30,7 +34,9 @@ class Jobs:
 
     def submit(self, name: str, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
         """Run ``work()`` in the background; a later `collect` calls ``then`` with its result."""
-        self._jobs.append(_Job(name, self._executor.submit(work), then))
+        future = self._executor.submit(work)
+        self._jobs.append(_Job(name, future, then))
+        future.add_done_callback(lambda _: self._done())
 
     def collect(self) -> str:
         """Call ``then`` of each finished job; return the last error as one line, or nothing."""

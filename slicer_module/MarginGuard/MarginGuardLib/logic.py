@@ -1,6 +1,6 @@
 """Commands of the panel's buttons. Without Qt: connects a session, its display and jobs.
 
-Call everything in the scene's thread; its timer calls `PanelLogic.spin`.
+Call everything in the scene's thread, and `PanelLogic.spin` when something has changed.
 """
 
 import time
@@ -34,9 +34,6 @@ from .shown_session import ShownSession
 from .status import PanelStatus
 from .tumor_input import surface_of
 
-WAIT_S = 0.005
-"""How long a spin waits for a step; other threads run during this time."""
-
 
 class PanelLogic:
     """Commands for one session at a time, live or replayed, shown in ``mrml_scene``.
@@ -44,7 +41,8 @@ class PanelLogic:
     With the application's ``logic`` its views draw once per step.
 
     A command that is refused raises `MarginGuardError` with one line for the user. The status
-    contains errors that occur later.
+    contains errors that occur later. ``changed()`` is called in any thread when there is a new step
+    or a job is done: `spin` then, and at least every 0.1 s, or a silent session does not turn grey.
     """
 
     def __init__(
@@ -52,13 +50,14 @@ class PanelLogic:
         mrml_scene: vtkMRMLScene,
         logic: vtkMRMLApplicationLogic | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.alarm = Alarm()
-        self.session = ShownSession(mrml_scene, logic, clock_ns)
+        self.session = ShownSession(mrml_scene, logic, clock_ns, changed)
         self.candidate: RegistrationResult | None = None
         self._mrml_scene = mrml_scene
         self._clock_ns = clock_ns
-        self._jobs = Jobs()
+        self._jobs = Jobs(changed)
         self._message = ""
         self._follow: vtkMRMLCameraNode | None = None
 
@@ -207,8 +206,11 @@ class PanelLogic:
         """True while the camera follows the tool."""
         return self._follow is not None
 
-    def spin(self, wait_s: float = WAIT_S) -> PanelStatus:
-        """Show the newest step, show stale data as unknown, and return the status."""
+    def spin(self, wait_s: float = 0.0) -> PanelStatus:
+        """Show the newest step, show stale data as unknown, and return the status.
+
+        Waits for a step and for the running job, for each at most ``wait_s``.
+        """
         failure = self._jobs.collect()
         if failure:
             self._message = failure

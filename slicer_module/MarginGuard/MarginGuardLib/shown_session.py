@@ -16,6 +16,7 @@ from app.runtime import (
     StepThread,
 )
 from app.scene import TransformHealth
+from app.session import StepResult
 
 from .display import NOT_TRACKED_YET, SessionDisplay
 from .jobs import one_line
@@ -25,6 +26,7 @@ class ShownSession:
     """A live session or a replay in ``mrml_scene``. Call it in the scene's thread only.
 
     ``opacity``, ``patient_to_ras`` and ``rate`` apply to each later display or replay.
+    ``changed()`` is called in another thread when there is a new step.
     """
 
     def __init__(
@@ -32,6 +34,7 @@ class ShownSession:
         mrml_scene: vtkMRMLScene,
         logic: vtkMRMLApplicationLogic | None,
         clock_ns: Callable[[], int],
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
         self.opacity = 0.4
         self.patient_to_ras: vtkMRMLTransformNode | None = None
@@ -44,6 +47,7 @@ class ShownSession:
         self._mrml_scene = mrml_scene
         self._logic = logic
         self._clock_ns = clock_ns
+        self._changed = changed
         self._last: DeliveredStep | None = None
 
     def begin(self, run: StepRun, opened: PreparedCase | None = None) -> None:
@@ -105,7 +109,7 @@ class ShownSession:
                 display.clear()
 
     def _start(self, run: StepRun) -> None:
-        self.thread = StepThread(run, self._clock_ns, one_line)
+        self.thread = StepThread(run, self._clock_ns, one_line, self._changed)
 
     def _show(self, thread: StepThread, delivered: DeliveredStep | None) -> None:
         if delivered is not None and delivered.content is not None:
@@ -154,6 +158,11 @@ class ShownSession:
     def is_playing(self) -> bool:
         """True while a replay runs and is not paused."""
         return self.is_running and self.opened is not None and not self.replay().player.paused
+
+    @property
+    def shown_step(self) -> StepResult | None:
+        """The step that was shown last; None before the first."""
+        return None if self._last is None else self._last.step
 
     @property
     def position_s(self) -> float | None:

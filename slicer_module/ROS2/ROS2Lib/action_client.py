@@ -1,6 +1,7 @@
 """Non-blocking action clients, an addition to SlicerROS2's interface."""
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
@@ -21,23 +22,31 @@ _CANCEL_TIMEOUT_S = 3.0
 class _Goal:
     """One active goal, executed in a thread of its own."""
 
-    def __init__(self, client: ActionClient, goal: Any, timeout_s: float) -> None:
+    def __init__(
+        self, client: ActionClient, goal: Any, timeout_s: float, changed: Callable[[], None]
+    ) -> None:
         self.result: Any = None
         self.error = ""
         self.feedback: LatestValue[Any] = LatestValue()
         self.done = threading.Event()
         self.cancel = threading.Event()
         self._work = (client, goal, timeout_s)
+        self._changed = changed
         threading.Thread(target=self._run, name=f"goal of {client.name}", daemon=True).start()
 
     def _run(self) -> None:
         client, goal, timeout_s = self._work
         try:
-            self.result = client.call(goal, timeout_s, self.cancel, feedback=self.feedback.put)
+            self.result = client.call(goal, timeout_s, self.cancel, feedback=self._take)
         except CallError as error:
             self.error = str(error)
             self.result = error.result if isinstance(error, GoalEndedError) else None
         self.done.set()
+        self._changed()
+
+    def _take(self, feedback: Any) -> None:
+        self.feedback.put(feedback)
+        self._changed()
 
 
 class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
@@ -70,14 +79,14 @@ class vtkMRMLROS2ActionClientNode(Member, vtkMRMLScriptedModuleNode):
 
     def SendAsyncGoal(self, goal: Any) -> None:
         """Send a goal; raises `MarginGuardError` for another type or while a goal is active."""
-        if self._client is None:
+        if self._client is None or self._owner is None:
             raise Ros2Error(f"{self.GetName()}: the action client is not on a ROS node")
         if self._goal is not None:
             raise Ros2Error(f"{self._action}: a goal is under way; cancel it first")
         message = message_of(goal, self._type.Goal)
         self._feedback = self._result = None
         self._error = "the goal is under way"
-        self._goal = _Goal(self._client, message, self._timeout_s)
+        self._goal = _Goal(self._client, message, self._timeout_s, self._owner.wake)
 
     def CancelGoal(self) -> bool:
         """Request cancellation of the active goal; False if there is none."""

@@ -23,14 +23,19 @@ from ROS2Lib.saved_state import SavedState
 MemberKey = tuple[str, tuple[str, ...]]
 
 
+def _nothing() -> None:
+    """Callback of a node that nothing waits for."""
+
+
 class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
     """Add it to a scene, `Create` it, call `Spin` often in the scene's thread, `Destroy` it.
 
-    ROS runs in a thread of its own; received data wait for `Spin`. Invalid requests (a name in use,
-    an unknown kind) return None and log an error. A member that is removed from the scene, by any
-    means, leaves the graph; removing this node from the scene destroys the ROS node. Members are
-    MRML references of this node by role: ``publisher``, ``subscriber``, ``parameter``, ``lookup``,
-    ``broadcaster``, ``robot``, ``service_client``, ``service_server``, ``action_client``.
+    ROS runs in a thread of its own; received data wait for `Spin`, which `call_when_received` can
+    call for. Invalid requests (a name in use, an unknown kind) return None and log an error. A
+    member that is removed from the scene, by any means, leaves the graph; removing this node from
+    the scene destroys the ROS node. Members are MRML references of this node by role:
+    ``publisher``, ``subscriber``, ``parameter``, ``lookup``, ``broadcaster``, ``robot``,
+    ``service_client``, ``service_server``, ``action_client``.
     """
 
     def __init__(self) -> None:
@@ -42,6 +47,7 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
         self._observer: tuple[vtkMRMLScene, int] | None = None
         self._buffer: TransformBuffer | None = None
         self._broadcaster: TfBroadcaster | None = None
+        self._received: Callable[[], None] = _nothing
 
     def Create(self, nodeName: str, nodeNamespace: str = "") -> None:
         """Join the ROS graph under this name; raises `MarginGuardError` on failure.
@@ -132,7 +138,7 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
         """Transforms received on tf since the first use of this property."""
         if self._buffer is None:
             self._buffer = TransformBuffer()
-            TfListener(self.ros, self._buffer)
+            TfListener(self.ros, self._buffer, received=self.wake)
         return self._buffer
 
     @property
@@ -141,6 +147,14 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
         if self._broadcaster is None:
             self._broadcaster = TfBroadcaster(self.ros)
         return self._broadcaster
+
+    def call_when_received(self, callback: Callable[[], None]) -> None:
+        """Call ``callback()``, in any thread, whenever data have arrived that wait for `Spin`."""
+        self._received = callback
+
+    def wake(self) -> None:
+        """Signal that data wait for `Spin`. Thread-safe."""
+        self._received()
 
     def now_ns(self) -> int:
         """Time in ns on the node's clock, which is ``/clock`` with ``use_sim_time``."""

@@ -1,7 +1,7 @@
 """Logic of the module for scripts: the default ROS node, robots and spinning."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from slicer import vtkMRMLScene
@@ -23,12 +23,16 @@ class Ros2Api:
 
     Until `Close` the scene also makes and finds nodes by the class names of SlicerROS2
     (`ScenePatch`), and nodes of a scene that is loaded join the ROS graph (`SceneLoader`).
+
+    ``received()`` is called in any thread when data wait for `Spin`, once `Spin` has been called
+    after the creation of the ROS node that has received them.
     """
 
-    def __init__(self, scene: vtkMRMLScene) -> None:
+    def __init__(self, scene: vtkMRMLScene, received: Callable[[], None] | None = None) -> None:
         self.scene = scene
         self._patch = ScenePatch(scene)
         self._loader = SceneLoader(scene, self.GetDefaultROS2Node)
+        self._received = received
 
     def GetDefaultROS2Node(self) -> vtkMRMLROS2NodeNode:
         """The ROS node ``slicer``, created on first use.
@@ -59,6 +63,8 @@ class Ros2Api:
     def Spin(self) -> None:
         """Bring what has come into the scene, for every ROS node in it; often, in its thread."""
         for node in self.nodes():
+            if self._received is not None:
+                node.call_when_received(self._received)
             node.Spin()
 
     def AddRobot(

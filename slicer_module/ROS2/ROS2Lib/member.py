@@ -39,6 +39,9 @@ class Owner(Protocol):
     def GetID(self) -> str:
         """MRML ID."""
 
+    def wake(self) -> None:
+        """Signal that data wait for `Spin`; from any thread."""
+
     def now_ns(self) -> int:
         """Time in ns on its clock."""
 

@@ -200,7 +200,8 @@ class vtkMRMLROS2ParameterNode(Member, vtkMRMLScriptedModuleNode):
         return self._values[name]
 
     def _start(self, owner: Owner, node: str) -> None:
-        self._watch = ParameterWatch(owner.ros, f"/{node.strip('/')}" if node else node)
+        watched = f"/{node.strip('/')}" if node else node
+        self._watch = ParameterWatch(owner.ros, watched, owner.wake)
         self._monitored = node
         for name in self._added:
             self._values.setdefault(name, None)

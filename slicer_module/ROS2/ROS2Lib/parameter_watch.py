@@ -1,6 +1,7 @@
 """Watches parameters of another node: requests values in a thread and listens for changes."""
 
 import threading
+from collections.abc import Callable
 
 from app.bridge import BridgeError, RosNode
 from app.bridge.calls import ParameterChange, ParameterClient, ParameterUnsetError
@@ -17,11 +18,13 @@ class ParameterWatch:
     """`add` a name, then `take` new values; the value is None for a parameter that is not set.
 
     All names are requested again when the node returns after it was gone. Changes of the node's
-    other parameters are returned as well.
+    other parameters are returned as well. ``changed()`` is called in another thread when there are
+    new values.
     """
 
-    def __init__(self, ros: RosNode, node: str) -> None:
+    def __init__(self, ros: RosNode, node: str, changed: Callable[[], None]) -> None:
         self._ros = ros
+        self._changed = changed
         self._client = ParameterClient(ros, node)
         self._condition = threading.Condition()
         self._names: set[str] = set()
@@ -71,6 +74,7 @@ class ParameterWatch:
                 if name in self._change_counts or len(self._change_counts) < _MAX_PARAMETERS:
                     self._change_counts[name] = self._change_counts.get(name, 0) + 1
                     self._new[name] = value
+        self._changed()
 
     def _run(self) -> None:
         was_available = False
@@ -102,4 +106,5 @@ class ParameterWatch:
                 # A change received in the meantime is newer than the answer.
                 if name in self._names and self._change_counts.get(name, 0) == count:
                     self._new[name] = value
+            self._changed()
         return True

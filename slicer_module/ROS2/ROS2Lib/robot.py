@@ -196,9 +196,12 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
         self._settings = RobotSettings(name, tf_prefix=tf_prefix, fixed_frame=fixed_frame)
         self._is_removed = False
         source = DescriptionSource(f"/{node.strip('/')}", parameter, topic="")
-        self._description = DescriptionListener(
-            owner.ros, self._settings, source, self._described.put
-        )
+
+        def described(robot: Robot) -> None:
+            self._described.put(robot)
+            owner.wake()
+
+        self._description = DescriptionListener(owner.ros, self._settings, source, described)
         self.SetName(f"ros2:robot:{name}")
 
     def _stop(self) -> None:

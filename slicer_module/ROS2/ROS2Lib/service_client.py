@@ -2,6 +2,7 @@
 
 import logging
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
@@ -22,12 +23,15 @@ _USER_EVENT = 1000
 class _Call:
     """One pending request, in a thread that waits for the server and its response."""
 
-    def __init__(self, client: ServiceClient, request: Any, timeout_s: float) -> None:
+    def __init__(
+        self, client: ServiceClient, request: Any, timeout_s: float, ended: Callable[[], None]
+    ) -> None:
         self.reply: Any = None
         self.error = ""
         self.done = threading.Event()
         self.cancel = threading.Event()
         self._work = (client, request, timeout_s)
+        self._ended = ended
         threading.Thread(target=self._run, name=f"call of {client.name}", daemon=True).start()
 
     def _run(self) -> None:
@@ -37,6 +41,7 @@ class _Call:
         except CallError as error:
             self.error = str(error)
         self.done.set()
+        self._ended()
 
 
 class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
@@ -92,12 +97,13 @@ class vtkMRMLROS2ServiceClientNode(Member, vtkMRMLScriptedModuleNode):
         """
         self._calls += 1
         message = message_of(request, self._type.Request)
-        if self._client is None or self._call is not None:
-            reason = "is not on a ROS node" if self._client is None else "has a request under way"
+        client, owner = self._client, self._owner
+        if client is None or owner is None or self._call is not None:
+            reason = "is not on a ROS node" if client is None else "has a request under way"
             logging.error(f"{self.GetName()}: the service client {reason}; nothing was sent")
             return 0
         self._response, self._error = None, "the request is under way"
-        self._call = _Call(self._client, message, self._timeout_s)
+        self._call = _Call(client, message, self._timeout_s, owner.wake)
         self._sent += 1
         return 1
 

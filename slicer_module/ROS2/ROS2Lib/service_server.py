@@ -108,6 +108,8 @@ class vtkMRMLROS2ServiceServerNode(Member, vtkMRMLScriptedModuleNode):
         """Wait for `spin` to answer. Runs in the server's thread."""
         pending = _PendingRequest(request)
         self._pending = pending
+        if self._owner is not None:
+            self._owner.wake()
         if not pending.over.wait(_TIMEOUT_S):
             pending.over.set()
             raise Ros2Error(f"{self._service}: no spin has answered within {_TIMEOUT_S:g} s")

@@ -118,7 +118,7 @@ class vtkMRMLROS2SubscriberNode(TopicNode):
             target.SetAndObservePolyData(value)
 
     def _start(self, owner: Owner, topic: str) -> None:
-        self._queue = TopicQueue(owner.ros, self.kind.type, topic, self.quality())
+        self._queue = TopicQueue(owner.ros, self.kind.type, topic, self.quality(), owner.wake)
         self.set_topic("ros2:sub:", topic)
 
     def _stop(self) -> None:

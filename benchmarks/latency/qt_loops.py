@@ -1,0 +1,43 @@
+"""Event loops of Qt: one that releases Python's lock as PySide6's, one that keeps it as PythonQt's.
+
+In desktop Slicer the binding is PythonQt, which cannot be installed elsewhere.
+"""
+
+import ctypes
+from collections.abc import Callable
+from pathlib import Path
+
+import PySide6
+from PySide6 import QtCore
+
+DEADLINE_MS = 20_000
+"""Ends a loop that waits for something that does not come."""
+
+
+def run_releasing(stop_after_ms: int = DEADLINE_MS) -> None:
+    """Run PySide6's event loop, during which other threads run, until `quit_loop`."""
+    QtCore.QTimer.singleShot(stop_after_ms, quit_loop)
+    QtCore.QCoreApplication.exec()
+
+
+def run_keeping(stop_after_ms: int = DEADLINE_MS) -> None:
+    """Run the same loop with the interpreter lock kept, until `quit_loop`: TEST DOUBLE of PythonQt.
+
+    Functions of a `ctypes.PyDLL` are called without a release of the lock, as PythonQt calls Qt.
+    """
+    QtCore.QTimer.singleShot(stop_after_ms, quit_loop)
+    library = next((Path(PySide6.__file__).parent / "Qt" / "lib").glob("libQt6Core.so*"))
+    ctypes.PyDLL(str(library))["_ZN16QCoreApplication4execEv"]()
+
+
+def quit_loop() -> None:
+    """End the loop that runs."""
+    QtCore.QCoreApplication.exit(0)
+
+
+RELEASED, KEPT = "lock released", "lock kept"
+LOOPS: dict[str, tuple[Callable[..., None], bool]] = {
+    RELEASED: (run_releasing, False),
+    KEPT: (run_keeping, True),
+}
+"""By name: the loop, and whether it keeps the interpreter lock."""
