@@ -6,6 +6,7 @@ the panel is made, so that a Slicer without ROS 2 shows a one-line message inste
 
 import sys
 
+import ctk
 import qt
 import slicer
 from slicer.ScriptedLoadableModule import ScriptedLoadableModule, ScriptedLoadableModuleWidget
@@ -46,6 +47,8 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self._spinner = None
         self._list_timer = None
         self._listed = ""
+        self.robot_form = None
+        self.tables = None
 
     def setup(self):
         """Build the panel and the default ROS node; without ROS 2, a one-line message."""
@@ -54,6 +57,8 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             from app.runtime import SWITCH_INTERVAL_S, QtSpinner
             from ROS2Lib.class_names import register_classes
             from ROS2Lib.logic import Ros2Api
+            from ROS2Lib.panel_robot import RobotForm
+            from ROS2Lib.panel_tables import MemberTables
         except ImportError as error:
             self.layout.addWidget(
                 qt.QLabel(
@@ -67,6 +72,9 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         panel = slicer.util.loadUI(self.resourcePath("UI/ROS2.ui"))
         self.layout.addWidget(panel)
         self.ui = slicer.util.childWidgetVariables(panel)
+        self.ui.descriptionPathLineEdit.filters = ctk.ctkPathLineEdit.Files
+        self.robot_form = RobotForm(self.ui)
+        self.tables = MemberTables(self.ui, qt.QTableWidgetItem, self.robot_form.choose)
         self.ui.addRobotButton.clicked.connect(self.on_add_robot)
         self.ui.removeRobotButton.clicked.connect(self.on_remove_robot)
         self.logic = Ros2Api(slicer.mrmlScene, self._received)
@@ -96,22 +104,13 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.logic.Spin()
 
     def on_add_robot(self, checked=False):
-        """Add the robot described by the five fields."""
-        fields = (
-            self.ui.robotNameLineEdit,
-            self.ui.parameterNodeLineEdit,
-            self.ui.parameterLineEdit,
-            self.ui.fixedFrameLineEdit,
-            self.ui.tfPrefixLineEdit,
-        )
-        name, *rest = (field.property("text").strip() for field in fields)
-        self._do(
-            lambda: self.logic.AddRobot(name, *rest), f"robot {name!r} was not added: see the log"
-        )
+        """Add the robot described by the fields."""
+        text = f"robot {self.robot_form.name!r} was not added: see the log"
+        self._do(lambda: self.robot_form.add(self.logic), text)
 
     def on_remove_robot(self, checked=False):
         """Remove the robot with the name in the field."""
-        name = self.ui.robotNameLineEdit.property("text").strip()
+        name = self.robot_form.name
         self._do(lambda: self.logic.RemoveRobot(name), f"there is no robot {name!r}")
 
     def _received(self):
@@ -138,3 +137,4 @@ class ROS2Widget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         if text != self._listed:
             self._listed = text
             self.ui.nodesLabel.setText(text)
+        self.tables.update(self.logic)

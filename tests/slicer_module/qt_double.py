@@ -291,6 +291,7 @@ qt = SimpleNamespace(
     QIcon=QtGui.QIcon,
     QLabel=QtWidgets.QLabel,
     QSocketNotifier=QtCore.QSocketNotifier,
+    QTableWidgetItem=QtWidgets.QTableWidgetItem,
     QTimer=QtCore.QTimer,
     QUiLoader=QUiLoader,
     QVBoxLayout=QtWidgets.QVBoxLayout,

@@ -147,6 +147,12 @@ def publish(topic, type, messages, best_effort=False):
         publisher.publish(filled(type_of(type), each))
 
 
+def publish_latched(topic, type, data):
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publishers[topic] = node.create_publisher(type_of(type), topic, latched)
+    publishers[topic].publish(filled(type_of(type), {"data": data}))
+
+
 def send_tf(edges, age_s=0.0):
     wait(lambda: tf.get_subscription_count() > 0, Deadline("no subscriber to /tf"))
     now = node.get_clock().now() - rclpy.duration.Duration(nanoseconds=int(age_s * 1e9))
@@ -273,6 +279,7 @@ COMMANDS = {
         listen,
         take,
         publish,
+        publish_latched,
         send_tf,
         set_parameter,
         endpoints,

@@ -115,7 +115,7 @@ def test_robot_is_removed_without_leftovers_repeatedly(
     before = names(logic.scene)
     for number in range(100):
         if number == 3:
-            monkeypatch.setattr("ROS2Lib.robot.DescriptionListener", ListenerDouble)
+            monkeypatch.setattr("ROS2Lib.robot_sources.DescriptionListener", ListenerDouble)
         robot = robots("robot1", *WHERE)
         assert logic.AddRobot("robot1", *WHERE) is None
         spin_until(robot.GetLinkNames)
@@ -261,7 +261,7 @@ def test_failed_build_leaves_no_partial_robot(
         raise SceneError("no model")
 
     before = names(logic.scene)
-    monkeypatch.setattr("ROS2Lib.robot.RobotModel", model_double)
+    monkeypatch.setattr("ROS2Lib.robot_links.RobotModel", model_double)
     robot = robots("robot1", *WHERE)
     spin_until(lambda: "ros2:robot:robot1: no model" in caplog.text)
     assert robot.GetLinkNames() == ()

@@ -204,10 +204,10 @@ class RosHost(MrmlClass, vtkMRMLScriptedModuleNode):
             if scene is None or self._ros is None:
                 name = self.GetName() or "a ROS 2 node"
                 raise Ros2Error(f"{name} is not on the graph; call Create first")
+            prepare(member)
         except MarginGuardError as error:
             logging.error(str(error))
             return None
-        prepare(member)
         scene.AddNode(member)
         if not member.add_to(self.GetID(), names):
             scene.RemoveNode(member)

@@ -10,6 +10,7 @@ from app.geometry import MarginGuardError
 from ROS2Lib.class_names import node_class
 from ROS2Lib.node import vtkMRMLROS2NodeNode
 from ROS2Lib.robot import vtkMRMLROS2RobotNode
+from ROS2Lib.robot_sources import PARAMETER
 from ROS2Lib.scene_loader import SceneLoader
 from ROS2Lib.scene_patch import ScenePatch
 from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
@@ -74,10 +75,12 @@ class Ros2Api:
         parameterName: str = "robot_description",
         fixedFrame: str = "",
         tfPrefix: str = "",
+        source: str = PARAMETER,
+        jointStates: str = "",
     ) -> vtkMRMLROS2RobotNode | None:
         """Add a robot to the default node; see `vtkMRMLROS2NodeNode.CreateAndAddRobotNode`."""
         return self.GetDefaultROS2Node().CreateAndAddRobotNode(
-            robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix
+            robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix, source, jointStates
         )
 
     def RemoveRobot(self, robotName: str) -> bool:

@@ -7,6 +7,7 @@ from ROS2Lib.kinds import SERVICES, TOPICS
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
 from ROS2Lib.publisher import vtkMRMLROS2PublisherNode
 from ROS2Lib.robot import vtkMRMLROS2RobotNode
+from ROS2Lib.robot_sources import PARAMETER
 from ROS2Lib.service_client import vtkMRMLROS2ServiceClientNode
 from ROS2Lib.service_server import Handler, vtkMRMLROS2ServiceServerNode
 from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
@@ -189,10 +190,21 @@ class vtkMRMLROS2NodeNode(RosHost):
         parameterName: str = "robot_description",
         fixedFrame: str = "",
         tfPrefix: str = "",
+        source: str = PARAMETER,
+        jointStates: str = "",
     ) -> vtkMRMLROS2RobotNode | None:
-        """Add a robot described by a parameter of another node; None if the name is in use."""
+        """Add a robot described by a parameter of another node; None if the name is in use.
+
+        With another ``source`` (`vtkMRMLROS2RobotNode.SetDescriptionSource`) ``parameterName`` is
+        the name of a topic or a file. With ``jointStates``, a topic, the links do not follow tf.
+        """
+
+        def prepare(robot: vtkMRMLROS2RobotNode) -> None:
+            robot.SetDescriptionSource(source)
+            robot.SetJointStatesTopic(jointStates)
+
         names = (robotName, parameterNodeName, parameterName, fixedFrame, tfPrefix)
-        return self.create(vtkMRMLROS2RobotNode, *names)
+        return self.create(vtkMRMLROS2RobotNode, *names, prepare=prepare)
 
     def GetRobotNodeByName(self, robotName: str) -> vtkMRMLROS2RobotNode | None:
         """The member; None if there is none."""

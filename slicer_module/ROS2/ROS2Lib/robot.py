@@ -1,34 +1,33 @@
-"""Robots described by a parameter and posed by tf: one lookup and one model per link."""
+"""Robots: a description from the graph or a file, and poses from tf or joint states."""
 
 import logging
+from typing import Any
 
 from slicer import vtkMRMLScriptedModuleNode
 
-from app.bridge.robots import DescriptionListener, DescriptionSource, RobotSettings
+from app.bridge.robots import RobotSettings
 from app.robot import Robot
 from app.runtime.latest_value import LatestValue
-from app.scene import RobotModel, SceneError
-from app.scene.nodes.convert import vtk_matrix
-from app.scene.nodes.node_integrity import NodeIntegrity
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.member import Member, Owner
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
 from ROS2Lib.robot_goal import create_goal, remove_goal
+from ROS2Lib.robot_joints import JointLinks
 from ROS2Lib.robot_kinematics import RobotKinematics
-from ROS2Lib.tf2_lookup import MISSING, vtkMRMLROS2Tf2LookupNode
+from ROS2Lib.robot_links import TfLinks
+from ROS2Lib.robot_sources import PARAMETER, SOURCES, Description, description
 
 _ORDER = ("robot", "node", "parameter", "frame", "prefix")
 _OLD_ORDER = ("node", "parameter", "robot", "frame", "prefix")
-ROBOT_ATTRIBUTE = "ros2.robot"
-"""Attribute of the lookups that a robot has created: the robot's name."""
 
 
 class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
     """One model ``<link>_model`` per link, below its lookup ``ros2:tf2lookup:<parent>To<child>``.
 
-    Links stand at their zero pose until tf provides one, and all are grey while any lookup is not
-    ``valid``: a coloured robot is at its measured pose. The robot is rebuilt when the description
-    changes. ``ModifiedEvent`` is invoked after a build and when the robot turns grey or coloured.
+    Links stand at their zero pose until tf (or joint states, see `JointLinks`) provides one, and
+    all are grey while any pose is not valid: a coloured robot is at its measured pose. The robot is
+    rebuilt when the description changes. ``ModifiedEvent`` is invoked after a build and when the
+    robot turns grey or coloured.
     """
 
     ROLE = "robot"
@@ -36,15 +35,13 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
     def __init__(self) -> None:
         self._settings: RobotSettings | None = None
         self._name = ""
-        self._description: DescriptionListener | None = None
+        self._description: Description | None = None
+        self._source = PARAMETER
+        self._joint_states = ""
         self._described: LatestValue[Robot] = LatestValue()
         self._robot: Robot | None = None
-        self._model: RobotModel | None = None
-        self._lookups: dict[str, vtkMRMLROS2Tf2LookupNode] = {}
-        self._own: list[tuple[str, str]] = []
-        self._integrity = NodeIntegrity()
+        self._links: TfLinks | JointLinks | None = None
         self._is_stale = True
-        self._is_removed = False
 
     def GetRobotName(self) -> str:
         """The robot's name."""
@@ -52,10 +49,7 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
 
     def SetRobotName(self, robotName: str) -> None:
         """Set the name with which `AddToROS2Node` adds the robot."""
-        if self.IsAddedToROS2Node():
-            raise Ros2Error(
-                f"{self.GetName()}: the name must be set before it is added to a ROS node"
-            )
+        self._check_not_added()
         self._name = robotName
         self.SetName(f"ros2:robot:{robotName}")
 
@@ -76,6 +70,26 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
         parameter = given.get("parameter", "robot_description")
         rest = (given.get("frame", ""), given.get("prefix", ""))
         return self.add_to(nodeId, (name, given["node"], parameter, *rest))
+
+    def SetDescriptionSource(self, source: str) -> None:
+        """Set where the description comes from, before the robot is added.
+
+        ``parameter`` (of the parameter node), ``topic``, ``file`` (URDF, xacro or ADF) or ``mesh
+        map`` (a parameter of AMBF); the parameter's name is then that of the topic or the file.
+        """
+        self._check_not_added()
+        if source not in SOURCES:
+            raise Ros2Error(f"source is {source!r}; expected one of {', '.join(SOURCES)}")
+        self._source = source
+
+    def SetJointStatesTopic(self, topic: str) -> None:
+        """Set the topic of the joint states to follow, before the robot is added; empty: tf."""
+        self._check_not_added()
+        self._joint_states = topic
+
+    def _check_not_added(self) -> None:
+        if self.IsAddedToROS2Node():
+            raise Ros2Error(f"{self.GetName()}: it must be set before it is added to a ROS node")
 
     def SetRobotDescriptionParameterNode(
         self, node: vtkMRMLROS2ParameterNode | None = None
@@ -110,13 +124,11 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
     def SetupRobotVisualization(self) -> None:
         """Build the robot again from its last description."""
         if self._robot is not None:
-            self._is_removed = False
             self._described.put(self._robot)
             self.spin()
 
     def RemoveRobotVisualization(self) -> None:
         """Remove models and lookups until `SetupRobotVisualization` or a new description."""
-        self._is_removed = True
         self._clear()
 
     def CreateGoalStateRobot(self, sourceRobot: "vtkMRMLROS2RobotNode") -> bool:
@@ -129,7 +141,11 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
 
     def GetLinkNames(self) -> tuple[str, ...]:
         """Names of the links, the root first; empty before the description is received."""
-        return tuple(self._lookups)
+        return () if self._links is None else tuple(self._links.nodes)
+
+    def link_nodes(self) -> dict[str, Any]:
+        """Transform node of each link, in its parent's frame; empty without a description."""
+        return {} if self._links is None else dict(self._links.nodes)
 
     def IsStale(self) -> bool:
         """True before the robot is built, and while any link has no valid pose."""
@@ -137,14 +153,9 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
 
     def GetProblem(self) -> str:
         """Problem of the description or the poses; empty if there is none."""
-        if not self._lookups:
+        if self._links is None:
             return "" if self._description is None else self._description.problem
-        stale = (
-            f"link {link!r} is {node.GetState()} {node.GetProblem()}".strip()
-            for link, node in self._lookups.items()
-            if node.IsStale()
-        )
-        return next(stale, "")
+        return self._links.problem()
 
     @classmethod
     def key(cls, owner: Owner, *names: str) -> tuple[str, ...]:
@@ -153,55 +164,50 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
 
     def status(self) -> str:
         """The problem, or the number of links."""
-        return self.GetProblem() or f"{len(self._lookups)} links"
+        return self.GetProblem() or f"{len(self.GetLinkNames())} links"
 
     def spin(self) -> None:
-        """Build the robot for a new description and update its colour.
+        """Build the robot for a new description, move its links and update its colour.
 
-        Rebuilds it also when a link was removed from the scene or its surface changed. Restores
-        the parent of a link that was moved in the hierarchy; the root's parent is free.
+        Rebuilds it also when a link was removed from the scene or its surface changed.
         """
         described = self._described.take(0.0)
-        is_lost = not (self._is_removed or self._is_whole())
+        is_lost = self._links is not None and not self._links.is_whole()
         robot = described or (self._robot if is_lost else None)
         if robot is not None:
-            self._is_removed = False
             self._clear()
             self._robot = None
-            try:
-                self._build(robot)
-            except Exception:
-                self._clear()  # no partial robot may be shown
-                raise
+            self._build(robot)
             self._robot = robot
-        if self._model is None:
+        if self._links is None:
             return
-        is_stale = any(node.IsStale() for node in self._lookups.values())
+        is_stale = self._links.spin()
         if is_stale != self._is_stale or robot is not None:
             self._is_stale = is_stale
-            self._model.set_known(not is_stale)
+            self._links.set_known(not is_stale)
             self.Modified()
 
+    def settings(self) -> dict[str, Any]:
+        """Source of the description and of the poses."""
+        return {"source": self._source, "joint_states": self._joint_states}
+
+    def apply_settings(self, settings: dict[str, Any]) -> None:
+        """Set the sources."""
+        self.SetDescriptionSource(settings["source"])
+        self.SetJointStatesTopic(str(settings["joint_states"]))
+
     def _start(
-        self,
-        owner: Owner,
-        name: str,
-        node: str,
-        parameter: str,
-        fixed_frame: str,
-        tf_prefix: str,
+        self, owner: Owner, name: str, node: str, parameter: str, fixed_frame: str, tf_prefix: str
     ) -> None:
-        if not node.strip("/"):
-            raise Ros2Error(f"robot {name!r}: parameter node name is empty; expected a node name")
         self._settings = RobotSettings(name, tf_prefix=tf_prefix, fixed_frame=fixed_frame)
-        self._is_removed = False
-        source = DescriptionSource(f"/{node.strip('/')}", parameter, topic="")
 
         def described(robot: Robot) -> None:
             self._described.put(robot)
             owner.wake()
 
-        self._description = DescriptionListener(owner.ros, self._settings, source, described)
+        self._description = description(
+            self._source, owner.ros, self._settings, node, parameter, described
+        )
         self.SetName(f"ros2:robot:{name}")
 
     def _stop(self) -> None:
@@ -213,76 +219,24 @@ class vtkMRMLROS2RobotNode(RobotKinematics, Member, vtkMRMLScriptedModuleNode):
         self._robot = None
 
     def _build(self, robot: Robot) -> None:
-        owner, settings = self._owner, self._settings
+        owner, settings, scene = self._owner, self._settings, self.GetScene()
         if owner is None or settings is None:
             return
-        root = robot.root_link
-        self._lookups[root] = self._lookup(settings.root_frame(robot), settings.frame(root))
-        for joint in robot.joints:
-            node = self._lookup(settings.frame(joint.parent), settings.frame(joint.child))
-            if node.GetState() == MISSING:
-                node.SetMatrixTransformToParent(vtk_matrix(joint.origin))
-            self._lookups[joint.child] = node
-        for joint in robot.joints:
-            parent = self._lookups[joint.parent]
-            self._lookups[joint.child].SetAndObserveTransformNodeID(parent.GetID())
-        self._model = RobotModel(self.GetScene(), robot, self._lookups[root], root)
-        for link, model in self._model.models.items():
-            model.SetAndObserveTransformNodeID(self._lookups[link].GetID())
-        # The lookups replace the model's own transforms.
-        for link in [link for link in self._model.transforms if link != root]:
-            self.GetScene().RemoveNode(self._model.transforms.pop(link))
-        for node in self._lookups.values():
-            node.spin()
-            self.AddNodeReferenceID("lookup", node.GetID())
-        for model in self._model.models.values():
-            self.AddNodeReferenceID("model", model.GetID())
-        kept = [node for link, node in self._lookups.items() if link != root]
-        self._integrity.record((*kept, *self._model.models.values()))
-
-    def _is_whole(self) -> bool:
-        models = () if self._model is None else self._model.models.values()
-        try:
-            self._integrity.restore((*self._lookups.values(), *models))
-        except SceneError:
-            return False
-        return True
-
-    def _lookup(self, parent: str, child: str) -> vtkMRMLROS2Tf2LookupNode:
-        """Lookup node of the edge; an existing one stays owned by its creator."""
-        if self._owner is None:
-            raise Ros2Error(f"{self.GetName()} is not on a ROS node")
-        there = self._owner.find(vtkMRMLROS2Tf2LookupNode, parent, child)
-        if there is not None:
-            if there.GetAttribute(ROBOT_ATTRIBUTE) == self.GetRobotName():  # of a loaded scene
-                self._own.append((parent, child))
-            return there
-        # As in SlicerROS2 the root's lookup alone invokes events without a new sample.
-        is_root = not self._lookups
-        made = self._owner.create(
-            vtkMRMLROS2Tf2LookupNode,
-            parent,
-            child,
-            prepare=lambda node: node.SetModifiedOnLookup(is_root),
+        self._links = (
+            JointLinks(scene, owner, settings, robot, self._joint_states)
+            if self._joint_states
+            else TfLinks(scene, owner, settings, robot)
         )
-        if made is None:
-            raise Ros2Error(f"{self.GetName()}: no lookup from {parent!r} to {child!r}")
-        made.SetAttribute(ROBOT_ATTRIBUTE, self.GetRobotName())
-        self._own.append((parent, child))
-        return made
+        if not self._joint_states:
+            for node in self._links.nodes.values():
+                self.AddNodeReferenceID("lookup", node.GetID())
+        for model in self._links.models:
+            self.AddNodeReferenceID("model", model.GetID())
 
     def _clear(self) -> None:
-        if self._model is not None:
-            self._model.remove()
-            self._model = None
-        if self._owner is not None:
-            for parent, child in self._own:
-                lookup = self._owner.find(vtkMRMLROS2Tf2LookupNode, parent, child)
-                if lookup is not None:
-                    self._owner.remove(lookup, lookup.GetName())
-        self._own.clear()
-        self._lookups.clear()
-        self._integrity.record(())
+        links, self._links = self._links, None
+        if links is not None:
+            links.remove()
         self._is_stale = True
         self.RemoveNodeReferenceIDs("lookup")
         self.RemoveNodeReferenceIDs("model")

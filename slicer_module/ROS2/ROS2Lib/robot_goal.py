@@ -23,24 +23,24 @@ def create_goal(robot: Any, source: Any) -> bool:
         return False
     if robot.GetNumberOfNodeReferences(MODEL_ROLE):
         return True
-    lookups = _references(source, "lookup")
-    if not lookups:
+    nodes = source.link_nodes()
+    if not nodes:
         logging.error(f"CreateGoalStateRobot: {source.GetName()} has no links yet")
         return False
     transforms = {}
-    for link, lookup in zip(source.GetLinkNames(), lookups, strict=True):
+    for link, node in nodes.items():
         made = vtkMRMLLinearTransformNode()
         made.SetName(f"{link}_goal_transform")
         scene.AddNode(made)
         matrix = vtkMatrix4x4()
-        lookup.GetMatrixTransformToParent(matrix)
+        node.GetMatrixTransformToParent(matrix)
         made.SetMatrixTransformToParent(matrix)
-        transforms[lookup.GetID()] = made
+        transforms[node.GetID()] = made
         robot.AddNodeReferenceID(TRANSFORM_ROLE, made.GetID())
-    for lookup in lookups:
-        parent = transforms.get(lookup.GetTransformNodeID() or "")
+    for node in nodes.values():
+        parent = transforms.get(node.GetTransformNodeID() or "")
         if parent is not None:
-            transforms[lookup.GetID()].SetAndObserveTransformNodeID(parent.GetID())
+            transforms[node.GetID()].SetAndObserveTransformNodeID(parent.GetID())
     for model in _references(source, "model"):
         _copy_model(robot, model, transforms[model.GetTransformNodeID()])
     return True

@@ -23,7 +23,7 @@ from ROS2Lib.classes import kind_class
 from ROS2Lib.host import RosHost
 from ROS2Lib.member import Member
 from ROS2Lib.node import vtkMRMLROS2NodeNode
-from ROS2Lib.robot import ROBOT_ATTRIBUTE
+from ROS2Lib.robot_links import ROBOT_ATTRIBUTE
 from ROS2Lib.saved_state import SavedState
 from ROS2Lib.saved_xml import LOOKUP_TAG, TAGS, saved_elements
 

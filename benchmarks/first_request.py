@@ -1,0 +1,157 @@
+"""Time of the first request of new service clients beside plain rclpy, and replies that are lost.
+
+    python -m benchmarks.first_request [PAIRS]
+
+The server is a process with rclpy alone. Each pair makes a new node and client in turn: of plain
+rclpy, of `app.bridge.calls.ServiceClient`, and of the module ROS2. The time is from the creation of
+the client to its reply, without that of the node; the node is new, so that discovery is included.
+"""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.ros_domain import reserved_domain
+
+SERVICE = "/first_request"
+TIMEOUT_S = 5.0
+POLL_S = 0.001
+MODULE = Path(__file__).resolve().parents[1] / "slicer_module" / "ROS2"
+
+
+def serve() -> None:
+    """Serve until the process is killed, with rclpy alone."""
+    import rclpy
+    from std_srvs.srv import SetBool
+
+    def answer(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        response.success = request.data
+        return response
+
+    rclpy.init()
+    node = rclpy.create_node("first_request_server")
+    node.create_service(SetBool, SERVICE, answer)
+    print("ready", flush=True)
+    rclpy.spin(node)
+
+
+def plain_rclpy() -> float | None:
+    """Seconds to the reply with rclpy alone; None without a reply."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from std_srvs.srv import SetBool
+
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("plain", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    threading.Thread(target=executor.spin, daemon=True).start()
+    done = threading.Event()
+    start = time.perf_counter()
+    client = node.create_client(SetBool, SERVICE)
+    while not client.service_is_ready():
+        time.sleep(POLL_S)
+    client.call_async(SetBool.Request(data=True)).add_done_callback(lambda _: done.set())
+    is_answered = done.wait(TIMEOUT_S)
+    taken_s = time.perf_counter() - start
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    return taken_s if is_answered else None
+
+
+def service_client() -> float | None:
+    """Seconds to the reply with the bridge's client; None without a reply."""
+    from app.bridge import RosNode
+    from app.bridge.calls import CallError, ServiceClient
+
+    with RosNode("bridge") as ros:
+        start = time.perf_counter()
+        client = ServiceClient(ros, "std_srvs/srv/SetBool", SERVICE)
+        try:
+            client.call({"data": True}, TIMEOUT_S)
+        except CallError:
+            return None
+        return time.perf_counter() - start
+
+
+@contextmanager
+def module_client() -> Iterator[Callable[[], float | None]]:
+    """A function that returns the seconds to the reply with the module ROS2."""
+    sys.path.insert(0, str(MODULE))
+    from slicer import vtkMRMLScene
+
+    from ROS2Lib.logic import Ros2Api  # type: ignore[import-not-found, unused-ignore]
+
+    api = Ros2Api(vtkMRMLScene())
+
+    def measure() -> float | None:
+        node = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
+        node.Create("module")
+        start = time.perf_counter()
+        client = node.CreateAndAddServiceClientNode("SetBool", SERVICE)
+        client.SendAsyncRequest({"data": True})
+        is_answered = api.WaitForServiceResponse(client, TIMEOUT_S)
+        taken_s = time.perf_counter() - start
+        node.Destroy()
+        return taken_s if is_answered else None
+
+    yield measure
+    api.Close()
+
+
+def report(name: str, times: list[float | None], plain: list[float | None]) -> str:
+    """One line: percentiles in ms, the median of the differences to plain rclpy, lost replies."""
+    taken_ms = 1e3 * np.array([each for each in times if each is not None])
+    pairs = [(a, b) for a, b in zip(times, plain, strict=True) if a is not None and b is not None]
+    more_ms = 1e3 * np.median([a - b for a, b in pairs])
+    return (
+        f"{name:14} p50 {np.median(taken_ms):7.2f} ms   p90 {np.percentile(taken_ms, 90):7.2f} ms"
+        f"   max {taken_ms.max():7.2f} ms   more than rclpy {more_ms:+6.2f} ms"
+        f"   lost {times.count(None)} of {len(times)}"
+    )
+
+
+def main() -> None:
+    """Measure pairs in turn and print one line for each client."""
+    from app.bridge import prepare_environment
+
+    pairs = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    with reserved_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        prepare_environment()
+        server = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.first_request", "serve"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            assert server.stdout is not None
+            server.stdout.readline()
+            with module_client() as module:
+                kinds = {"plain rclpy": plain_rclpy, "bridge": service_client, "module": module}
+                times: dict[str, list[float | None]] = {name: [] for name in kinds}
+                for number in range(pairs):
+                    for turn in range(len(kinds)):
+                        name = list(kinds)[(number + turn) % len(kinds)]
+                        times[name].append(kinds[name]())
+        finally:
+            server.kill()
+            server.wait()
+    load = Path("/proc/loadavg").read_text().split()[0]
+    print(f"{pairs} new clients of each kind, load {load}")
+    for name, taken in times.items():
+        print(report(name, taken, times["plain rclpy"]))
+
+
+if __name__ == "__main__":
+    serve() if sys.argv[1:] == ["serve"] else main()
