@@ -1,6 +1,6 @@
 """Fixtures and collection rules for all tests: their order, and which of them are slow."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -60,7 +60,7 @@ SLOW = {
         "tests/cli/test_main.py",
         "tests/cli/test_recorded_case.py",
         "tests/cli/test_replay.py",
-        "tests/cli/test_replay_real.py",
+        "tests/cli/test_phantom_case.py",
         "tests/cli/test_tumor.py",
         "tests/fixture/proximity/test_field_cache.py",
         "tests/fixture/test_jit.py",
@@ -225,6 +225,19 @@ def own_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 @pytest.fixture(scope="session")
 def project_root() -> Path:
     return PROJECT_ROOT
+
+
+@pytest.fixture(scope="session")
+def real_recording(request: pytest.FixtureRequest) -> Callable[[str], Path]:
+    """Path of a real recording by its name in PlusLibData; one of them is shipped as a case."""
+
+    def path_of(name: str) -> Path:
+        if name.startswith("EightLandmarkPoints"):
+            return PROJECT_ROOT / "data" / "phantom_case" / "tracking.igs.mha"
+        folder: Path = request.getfixturevalue("shared_data")
+        return folder / "plus" / f"{name.removesuffix('.igs.mha')}.igs.mha"
+
+    return path_of
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,9 @@ ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = {
     "data/recorded_case/case.yaml": "case",
     "data/live_example/live.yaml": "live",
+    "data/phantom_case/case.yaml": "case",
     "data/recorded_case/expected.yaml": "expected",
+    "data/phantom_case/expected.yaml": "expected",
 }
 POINTS = {
     "registration": {
@@ -97,7 +99,7 @@ BOX = {
 
 
 def shipped(document: str) -> dict[str, Any]:
-    (path,) = [path for path, name in SHIPPED.items() if name == document]
+    path = next(path for path, name in SHIPPED.items() if name == document)
     values: dict[str, Any] = yaml.safe_load((ROOT / path).read_text())
     return values
 

@@ -1,8 +1,9 @@
 """The page of a recorded case: all of it is stepped through first, then displayed."""
 
+import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -25,6 +26,8 @@ class ReplayParts:
     log: "ReplayLog"
     feed: "ReplayFeed"
     timeline: "ReplayTimeline"
+    _engine: threading.Lock = field(default_factory=threading.Lock)
+    """Held while the proximity engine is used, which is not thread-safe."""
 
     @property
     def content(self) -> "SessionContent":
@@ -36,7 +39,8 @@ class ReplayParts:
         from app import __version__
         from app.report import record_of, write_report
 
-        record = record_of(self.run, self.log)
+        with self._engine:
+            record = record_of(self.run, self.log)
         with ScenePainter() as painter, TemporaryDirectory() as folder:
             if self.log.deepest is not None:
                 painter.begin(self.content, self.log.deepest)

@@ -14,7 +14,9 @@ Same = Callable[..., None]
 
 
 @pytest.fixture
-def real_case(manifest: Manifest, write_case: WriteCase, shared_data: Path) -> Path:
+def real_case(
+    manifest: Manifest, write_case: WriteCase, real_recording: Callable[[str], Path]
+) -> Path:
     name = "EightLandmarkPointsTrackedForPhantomRegistration.igs.mha"
     manifest["recording"] = {"path": name}
     manifest["tool"]["frame"] = "stylus"
@@ -22,7 +24,7 @@ def real_case(manifest: Manifest, write_case: WriteCase, shared_data: Path) -> P
     folder = write_case(manifest)
     (folder / "tracking.mcap").unlink()
     (folder / "expected.yaml").write_text("frames: 1000\n")
-    (folder / name).write_bytes((shared_data / "plus" / name).read_bytes())
+    (folder / name).write_bytes(real_recording(name).read_bytes())
     return folder
 
 

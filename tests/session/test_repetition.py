@@ -218,8 +218,8 @@ def test_quantised_tracker_is_never_frozen_and_its_freezes_are_detected():
         ("SpinePhantomFreehand", 2),
     ],
 )
-def test_real_recording_is_never_frozen_and_its_freezes_are(shared_data, name, repeats):
-    recording = recorded(shared_data / "plus" / f"{name}.igs.mha")
+def test_real_recording_is_never_frozen_and_its_freezes_are(real_recording, name, repeats):
+    recording = recorded(real_recording(name))
     repeated, _, frozen, largest_mm = clean_run(recording)
     assert (repeated, frozen) == (repeats, 0)
     assert largest_mm < 5.0

@@ -62,9 +62,15 @@ def _save(result: CalibrationResult, path: Path) -> None:
     if result.transform is not None:
         write_transform(path, result.transform, note)
         return
-    # The form of the `clock` entry of a case.yaml.
+    # The form of the `clock` entry of a case.yaml; an offset of other clocks has no such entry.
     key = "offset_robot_to_tracker_ms"
-    text = yaml.safe_dump({"clock": {key: result.numbers[key]}})
+    numbers = result.numbers
+    values = (
+        {"clock": {key: numbers[key]}}
+        if key in numbers
+        else {name: value for name, value in numbers.items() if name.endswith("_ms")}
+    )
+    text = yaml.safe_dump(values)
     write_file(path, f"# {note}\n{text}".encode())
 
 

@@ -56,10 +56,16 @@ def _yaml_describer(path: Path) -> Describe:
     """A YAML file is a transform, points or a robot (ADF), by its first keys."""
     from app.cli.file_info import points, robot, transform
     from app.files.bounded_io import open_for_reading
+    from app.geometry import InputError
 
     with open_for_reading(path) as file:
         lines = file.read(_HEAD_BYTES).decode("utf-8", "replace").splitlines()
     keys = {line.partition(":")[0].strip() for line in lines if line[:1] not in ("", " ", "#")}
+    if "schema" in keys:
+        raise InputError(
+            f"{path} is a configuration of a case or a live session; expected the folder of a "
+            "case, or a file that it names"
+        )
     if "matrix" in keys:
         return transform.describe
     return points.describe if "landmarks" in keys else robot.describe

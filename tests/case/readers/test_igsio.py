@@ -1,4 +1,5 @@
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +37,9 @@ def frame(index: int, *fields: str) -> str:
     [("EightLandmarkPointsTrackedForPhantomRegistration", 1000), ("ReferenceToRASCalibration", 93)],
 )
 def test_real_recordings_agree_with_an_independent_parse(
-    shared_data: Path, name: str, count: int
+    real_recording: Callable[[str], Path], name: str, count: int
 ) -> None:
-    path = shared_data / "plus" / f"{name}.igs.mha"
+    path = real_recording(name)
     frames, notes = read(path)
     assert (len(frames), notes) == (count, [])
     for source in ("Stylus", "Reference"):

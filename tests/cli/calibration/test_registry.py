@@ -51,7 +51,7 @@ def add_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_every_module_of_the_package_is_a_method() -> None:
-    assert list(load_methods()) == ["hand-eye", "landmarks", "pivot", "spin", "time"]
+    assert list(load_methods()) == ["hand-eye", "lag", "landmarks", "pivot", "spin", "time"]
 
 
 def test_a_new_module_becomes_a_method_of_the_command(add_method, capsys) -> None:

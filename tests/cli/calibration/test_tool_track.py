@@ -49,3 +49,25 @@ def test_tip_may_come_from_a_plus_configuration(tmp_path: Path) -> None:
     np.testing.assert_array_equal(tip.translation_mm, TIP_MM)
     with pytest.raises(InputError, match="has no NeedleTipToNeedle; it has StylusTipToStylus"):
         read_tip(recorded(2), "needle", tip_from=path, plus=None)
+
+
+def test_tool_of_a_plus_configuration_is_the_one_with_a_tip(tmp_path: Path) -> None:
+    from app.files import read_plus_config
+
+    matrix = "1 0 0 0 0 1 0 0 0 0 1 120 0 0 0 1"
+    path = tmp_path / "device_set.xml"
+    for sources, tool in (
+        (("StylusTip",), "stylus"),
+        (("StylusTip", "ProbeTip"), None),
+        ((), None),
+    ):
+        entries = "".join(
+            f'<Transform From="{source}" To="{source[:-3]}" Matrix="{matrix}"/>'
+            for source in sources
+        )
+        path.write_text(
+            "<PlusConfiguration><CoordinateDefinitions>"
+            f'{entries}<Transform From="Image" To="Probe" Matrix="{matrix}"/>'
+            "</CoordinateDefinitions></PlusConfiguration>"
+        )
+        assert read_plus_config(path).tool == tool

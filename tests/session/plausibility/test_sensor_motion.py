@@ -46,10 +46,10 @@ def at_rest(rate_hz: float, seconds: float, *, sigma_mm: float = 0.15, seed: int
     return sensor, count / rate_hz
 
 
-def tracks(folder, name):
+def tracks(recording):
     """Times and poses of every edge of a recording."""
     found = {}
-    for frame in read_recording(folder / "plus" / name, lambda note: None):
+    for frame in read_recording(recording, lambda note: None):
         for sample in frame.poses:
             if sample.transform is not None:
                 edge = found.setdefault(sample.source, [])
@@ -90,8 +90,8 @@ def refused(track) -> list[str]:
 
 @pytest.mark.parametrize("name", RECORDINGS)
 @pytest.mark.parametrize("speed", [1.0, 2.0])
-def test_no_pose_of_a_real_recording_is_refused(shared_data, name, speed):
-    for track in tracks(shared_data, name).values():
+def test_no_pose_of_a_real_recording_is_refused(real_recording, name, speed):
+    for track in tracks(real_recording(name)).values():
         first_ns, _ = track[0]
         assert refused((round((at - first_ns) / speed), each) for at, each in track) == []
 
@@ -107,9 +107,11 @@ def test_no_pose_of_a_real_recording_is_refused(shared_data, name, speed):
         (1000, {}),
     ],
 )
-def test_real_hand_passes_at_other_rates_and_with_errors_of_a_tracker(shared_data, rate_hz, errors):
+def test_real_hand_passes_at_other_rates_and_with_errors_of_a_tracker(
+    real_recording, rate_hz, errors
+):
     random = np.random.default_rng(4)
-    stylus = tracks(shared_data, RECORDINGS[0])["stylus"]
+    stylus = tracks(real_recording(RECORDINGS[0]))["stylus"]
     assert refused(resampled(stylus, rate_hz, random, **errors)) == []
 
 
