@@ -24,9 +24,9 @@ _MATERIAL = re.compile(rb"^[ \t]*usemtl[ \t]+([^\r\n]*)", re.MULTILINE)
 
 def check_stl(content: bytes, path: Path, options: MeshOptions) -> None:
     """Refuse an STL that is neither binary nor complete text, and one of too many solids."""
-    count = int.from_bytes(content[80:84], "little")
-    if len(content) == _STL_HEADER_BYTES + _STL_TRIANGLE_BYTES * count:
+    if is_binary_stl(content):
         return
+    count = int.from_bytes(content[80:84], "little")
     text = content.rstrip().lower()
     if not text.lstrip().startswith(b"solid"):
         raise options.error(
@@ -37,6 +37,12 @@ def check_stl(content: bytes, path: Path, options: MeshOptions) -> None:
         raise options.error(f"mesh {path} does not end with 'endsolid': it is not complete")
     _check_text(content, path, options)
     _check_parts(text.count(b"endsolid"), "solids", path, options)
+
+
+def is_binary_stl(content: bytes) -> bool:
+    """True if the file has the length of a binary STL of as many triangles as its header says."""
+    count = int.from_bytes(content[80:84], "little")
+    return len(content) == _STL_HEADER_BYTES + _STL_TRIANGLE_BYTES * count
 
 
 def check_ply(content: bytes, path: Path, options: MeshOptions) -> None:

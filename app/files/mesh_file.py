@@ -15,15 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
-from trimesh.exchange.load import mesh_loaders
 
 from app.files.bounded_io import read_bounded
-from app.files.gltf import read_gltf
 from app.files.library_logs import silence
-from app.files.linked_files import MaterialFiles
-from app.files.mesh_checks import check_obj, check_ply, check_stl
+from app.files.mesh_checks import check_obj, check_ply, check_stl, is_binary_stl
 from app.files.mesh_options import MeshOptions as MeshOptions
 from app.files.mesh_part import MeshPart, placed
 from app.geometry import FloatArray, MarginGuardError, weld_vertices
@@ -31,6 +27,8 @@ from app.geometry import FloatArray, MarginGuardError, weld_vertices
 silence("trimesh")
 
 _COMMENT_BYTES = 1000
+_STL_HEAD_BYTES = 84
+_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _SPACE = re.compile(rb"SPACE=(\w+)")
 _SPACE_SIGNS = {"RAS": (1.0, 1.0, 1.0), "LPS": (-1.0, -1.0, 1.0)}
 _GREY = (0.7, 0.7, 0.7, 1.0)
@@ -81,14 +79,22 @@ def _read(
     """Parts of the file in its unit; the unit in metres for COLLADA, else 1; signs of the axes."""
     signs = np.ones(3)
     if ending == ".dae":
+        import trimesh
+
         from app.files.collada import read_collada  # slow to load
 
         keywords, unit = read_collada(path, options.error, options.max_bytes)
         return _parts(trimesh.load_scene(_unprocessed(keywords)), path, options), unit, signs
     content = read_bounded(path, options.max_bytes, options.error)
     if ending in (".glb", ".gltf"):
+        from app.files.gltf import read_gltf
+
         return read_gltf(content, path, options), 1.0, signs
     _CHECKS[ending](content, path, options)
+    if ending == ".stl" and is_binary_stl(content):
+        return _binary_stl(content, path, options), 1.0, _axis_signs(content, path, options)
+    import trimesh  # slow to load: not for the formats above
+
     scene = trimesh.load_scene(_unprocessed(_trimesh_keywords(content, path, options)))
     return _parts(scene, path, options), 1.0, _axis_signs(content, path, options)
 
@@ -96,8 +102,23 @@ def _read(
 _CHECKS = {".stl": check_stl, ".ply": check_ply, ".obj": check_obj}
 
 
+def _binary_stl(content: bytes, path: Path, options: MeshOptions) -> list[MeshPart]:
+    """The triangles of a binary STL, as trimesh reads them."""
+    corners = np.frombuffer(content, _STL_TRIANGLE, offset=_STL_HEAD_BYTES)["corners"]
+    if len(corners) > options.max_triangles:
+        raise options.error(f"mesh {path} has more than {options.max_triangles} triangles")
+    if not len(corners):
+        return []
+    vertices = corners.reshape(-1, 3).astype(np.float64)
+    return [(vertices, np.arange(len(vertices)).reshape(-1, 3), None)]
+
+
 def _trimesh_keywords(content: bytes, path: Path, options: MeshOptions) -> dict[str, Any]:
     """Keywords of `trimesh.load_scene` for the file."""
+    from trimesh.exchange.load import mesh_loaders
+
+    from app.files.linked_files import MaterialFiles
+
     kind = path.suffix.lower().removeprefix(".")
     load: Any = mesh_loaders[kind]
     resolver = MaterialFiles(path) if options.linked_files else None
@@ -128,6 +149,8 @@ def _unprocessed(keywords: dict[str, Any]) -> dict[str, Any]:
 
 def _parts(scene: Any, path: Path, options: MeshOptions) -> list[MeshPart]:
     """Vertices, faces and colours of each geometry at each of its places, in the scene's frame."""
+    import trimesh
+
     parts: list[MeshPart] = []
     count = 0
     for node in sorted(scene.graph.nodes_geometry):

@@ -8,9 +8,6 @@ negated on reading. A file without this comment is read as it is. Files written 
 from pathlib import Path
 
 import numpy as np
-import trimesh
-from trimesh.exchange.ply import export_ply
-from trimesh.exchange.stl import export_stl
 
 from app.files.atomic_io import check_output_path, write_file
 from app.files.mesh_file import MeshOptions, read_mesh_file
@@ -60,6 +57,10 @@ def write_mesh(path: Path, mesh: SurfaceMesh) -> None:
     Raises `InputError` for another ending and a path that cannot be written.
     """
     check_mesh_path(path)
+    import trimesh  # slow to load
+    from trimesh.exchange.ply import export_ply
+    from trimesh.exchange.stl import export_stl
+
     surface = trimesh.Trimesh(mesh.vertices_mm, mesh.faces, process=False)
     if path.suffix.lower() == ".stl":
         content = _STL_HEADER + export_stl(surface)[len(_STL_HEADER) :]

@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.case import Case, LiveCase, Playback, open_case, open_live
 from app.geometry import NS_PER_S, InputError
-from app.registration import RegistrationResult, TimeOffset
+from app.registration import RegistrationResult
 from app.runtime.content import SessionContent, content_of
 from app.session import (
     SessionSetup,
@@ -17,6 +18,9 @@ from app.session import (
     with_estimated_clock,
     with_repaired_tumor,
 )
+
+if TYPE_CHECKING:
+    from app.registration import TimeOffset  # imports scipy's splines, which is slow
 
 OnStage = Callable[[str], None]
 """Called with the name of each stage of opening when it is done, to show progress."""
@@ -38,7 +42,7 @@ class PreparedCase:
     case: Case
     setup: SessionSetup
     content: SessionContent
-    clock: TimeOffset | None
+    clock: "TimeOffset | None"
     tip_only: bool
 
     @cached_property
@@ -65,7 +69,7 @@ class RegisteredCase:
 
     case: Case
     registration: RegistrationResult
-    clock: TimeOffset | None
+    clock: "TimeOffset | None"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,7 +160,7 @@ def prepare_live(
     return PreparedLive(config, case, setup, content_of(case, setup, tip_only=tip_only))
 
 
-def _open(folder: Path, package_dirs: Sequence[Path]) -> tuple[Case, TimeOffset | None]:
+def _open(folder: Path, package_dirs: Sequence[Path]) -> "tuple[Case, TimeOffset | None]":
     """Open the case, repair its tumour and estimate the offset of its joints' clock."""
     opened = open_case(folder, package_dirs=package_dirs)
     return with_estimated_clock(with_repaired_tumor(opened))

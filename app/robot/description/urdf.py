@@ -1,22 +1,17 @@
-"""Reads a URDF: strict checks, then parsing by yourdfpy, without its mesh loading.
+"""Reads a URDF: strict checks, then its elements as values.
 
-yourdfpy uses the first of two roots, the last of two links of one name, and parts of malformed XML,
-and only logs it. So every ambiguity is refused here before.
+Other readers use the first of two roots, the last of two links of one name, and parts of malformed
+XML, and only log it. So every ambiguity is refused here before.
 """
 
-import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yourdfpy
 from lxml import etree
 
-from app.files.library_logs import silence
 from app.files.xml_guard import check_xml, parse_xml, read_xml
+from app.robot.description.urdf_elements import RobotElement, robot_element
 from app.robot.errors import UrdfError
-
-silence("yourdfpy", "trimesh")
 
 MAX_URDF_BYTES = 16 * 1024 * 1024
 GEOMETRIES = ("mesh", "box", "cylinder", "sphere")
@@ -29,19 +24,19 @@ _COUNTS = {
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
 }
-"""Count of numbers per attribute. yourdfpy repeats a single one and ignores a fourth."""
+"""Count of numbers per attribute. Some readers repeat a single one and ignore a fourth."""
 
 _ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")
 _XACRO = "http://www.ros.org/wiki/xacro"
 
 
-def read_urdf(path: Path) -> Any:
-    """Read the file at ``path`` as ``yourdfpy.Robot``: see `parse_urdf`."""
+def read_urdf(path: Path) -> RobotElement:
+    """Read the file at ``path``: see `parse_urdf`."""
     return _parse(read_xml(path, UrdfError, max_bytes=MAX_URDF_BYTES), path)
 
 
-def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES) -> Any:
-    """Parse the text of a URDF to ``yourdfpy.Robot``; ``name`` is for messages.
+def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES) -> RobotElement:
+    """Parse the text of a URDF; ``name`` is for messages.
 
     Every joint of the result has a type, a parent and a child; revolute and prismatic ones have
     limits (``lower`` and ``upper`` are 0 where the tag omits them, as in urdfdom). Raises
@@ -53,7 +48,7 @@ def parse_urdf(data: bytes, name: Path | str, *, max_bytes: int = MAX_URDF_BYTES
     return _parse(data, name)
 
 
-def _parse(data: bytes, path: Path | str) -> Any:
+def _parse(data: bytes, path: Path | str) -> RobotElement:
     root = parse_xml(data, path, UrdfError)
     _check_root(root, path)
     for kind in ("link", "joint"):
@@ -65,16 +60,10 @@ def _parse(data: bytes, path: Path | str) -> Any:
         _check_joint(joint, path)
     try:
         with np.errstate(all="ignore"):  # poses that are not finite are refused later
-            model = yourdfpy.URDF.load(
-                io.BytesIO(etree.tostring(root, encoding="utf-8")),
-                build_scene_graph=False,
-                load_meshes=False,
-            )
-    # Errors of its parser: malformed numbers, missing attributes.
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as problem:
+            return robot_element(root)
+    except (ValueError, KeyError) as problem:  # malformed numbers, missing attributes
         reason = " ".join(str(problem).split())
         raise UrdfError(f"{path} cannot be read as URDF: {reason}") from problem
-    return model.robot
 
 
 def _check_root(root: etree._Element, path: Path | str) -> None:
