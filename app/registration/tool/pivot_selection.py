@@ -46,9 +46,9 @@ def select_pivot_poses(
     if len(selected) < MIN_POSES:
         turn = max(pose.angle_to(poses[0]) for pose in poses)
         raise TooFewError(
-            f"{len(selected)} poses that differ by {math.degrees(SPACINGS_RAD[-1]):g} degrees, in "
-            f"{len(poses)} samples that turn by at most {math.degrees(turn):.3g} degrees from the "
-            f"first; expected at least {MIN_POSES} poses of a tool that is turned about its tip"
+            f"{len(selected)} poses for a pivot, of {len(poses)} samples that turn by at most "
+            f"{math.degrees(turn):.3g} degrees from the first; expected at least {MIN_POSES} that "
+            f"differ by {math.degrees(SPACINGS_RAD[-1]):g} degrees"
         )
     return selected
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from app.files import read_landmarks, read_plus_config, read_transform
 from app.files.hdf5_transforms import read_hdf5_matrices
 from app.files.shipped import shipped
+from app.files.signal_file import read_signal
 from app.files.yaml_file import load_yaml
 from benchmarks.fuzz.forked import start_forked_hdf5
 from benchmarks.fuzz.mutators.raw import RAW
@@ -59,6 +60,11 @@ _OLD_FIDUCIALS = """# Fiducial List file /tmp/F.fcsv
 # columns = label,x,y,z,sel,vis
 F-1,1.5,-2.0,30,1,1
 "F,2",4,5,6,1,1
+"""
+_SIGNAL = """time_s,line_px
+0.0,100.5
+0.033,101.25
+"0.066",-3e2
 """
 _PLUS = f"""<?xml version="1.0"?>
 <PlusConfiguration version="2.9"><CoordinateDefinitions>
@@ -135,6 +141,7 @@ PARSERS = (
         lambda: [_FIDUCIALS.encode(), _OLD_FIDUCIALS.encode()],
         TEXT,
     ),
+    FuzzedParser("signal", "line.csv", read_signal, lambda: [_SIGNAL.encode()], TEXT),
     FuzzedParser("transform_hdf5", "needle.h5", _read_hdf5, _hdf5_seeds, RAW),
     FuzzedParser(
         "plus_config",

@@ -104,7 +104,7 @@ def test_spin_requires_the_tip(tmp_path: Path, capsys):
             ["--from-s", "100"],
             "no frame between 100 and inf s; expected .* recording, which ends at 3.95 s",
         ),
-        (["--to-s", "0.2"], "5 poses for a pivot; expected at least 10"),
+        (["--to-s", "0.2"], "5 poses for a pivot, of 5 samples that turn by at most 10"),
         (["--save", "tip.h5"], r"tip.h5 is not a transform file; expected .yaml, .yml, .tfm, .txt"),
         (["--plot", "tip.pdf"], "tip.pdf: wrong file type for a plot; expected .png"),
     ],

@@ -147,8 +147,10 @@ class _Parser:
     def _class_of(self, node: dict[str, str]) -> str:
         """Class of the items of a sequence; Slicer 4.4 gives it in their IDs only."""
         known = self._pairs(node.get("attributes", "")).get("DataNodeClassName", "")
-        first = node.get("indexValues", "").partition(":")[0]
-        return known or _NODE_NUMBER.sub("", unquote(first))
+        first = unquote(node.get("indexValues", "").partition(":")[0])
+        if not known and first in self.transforms:
+            return _TRANSFORM_NODES[0]
+        return known or _NODE_NUMBER.sub("", first)
 
     def _entry(self, node: dict[str, str]) -> SequenceEntry | None:
         known = self._pairs(node.get("attributes", ""))
