@@ -48,8 +48,13 @@ def test_mesh_that_bounds_a_solid_and_one_that_does_not(tmp_path, capsys) -> Non
     box = trimesh.creation.box([10.0, 20.0, 30.0])
     box.export(tmp_path / "box.stl")
     found = info(tmp_path / "box.stl", capsys)
-    assert found["facts"]["bounds a solid"] == "yes, 6000 mm3 in mm"
-    assert found["uses"] == ["tool.mesh or tumor.mesh of a case.yaml"]
+    assert found["facts"]["bounds a solid"] == "yes, 6000 mm3"
+    assert found["uses"] == ["tool.mesh or tumor.mesh of a case.yaml, with units: mm"]
+    metres = box.copy()
+    metres.apply_scale(0.001)
+    metres.export(tmp_path / "metres.stl")
+    found = info(tmp_path / "metres.stl", capsys)
+    assert found["uses"] == ["tool.mesh or tumor.mesh of a case.yaml, with units: m"]
     box.update_faces(np.arange(12) > 0)
     box.export(tmp_path / "open.stl")
     found = info(tmp_path / "open.stl", capsys)

@@ -55,12 +55,17 @@ def describe_at_rate(path: Path, rate_hz: float | None) -> FileInfo:
         missing.insert(0, "no transform is valid in any frame")
     return FileInfo(
         str(path),
-        f"a recording of a tracker ({', '.join(recording_format.kinds)})",
+        f"a recording of a tracker ({_kind(path, recording_format.kinds)})",
         facts,
         tuple(uses),
         tuple(missing),
         tuple(notes),
     )
+
+
+def _kind(path: Path, kinds: tuple[str, ...]) -> str:
+    """The ending of ``path``, or the kind of folder."""
+    return next((kind for kind in kinds if path.name.lower().endswith(kind)), kinds[-1])
 
 
 def _rate(inventory: "RecordingInventory") -> str:

@@ -86,6 +86,7 @@ def read_header(
     """
     draft: _Draft | None = None
     count = skipped = 0
+    has_transform = False
     for line, key, value in _fields(file, path):
         match = _FRAME_FIELD.fullmatch(key)
         if match is None:
@@ -115,13 +116,14 @@ def read_header(
                 f"{draft.fields[match[2]][0]}"
             )
         draft.fields[match[2]] = (line, value)
+        has_transform = has_transform or match[2].endswith(_TRANSFORM_SUFFIX)
     if draft is not None:
         if frame := draft.finished(path, frames_of, note):
             count += 1
             yield frame
         else:
             skipped += 1
-    if not count and not skipped:
+    if not count and not has_transform:
         raise InputError(
             f"{path} is not a recording of a tracker: its header has no field like "
             "Seq_Frame0000_StylusToTrackerTransform"
