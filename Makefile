@@ -13,7 +13,7 @@ report  := out/demo
 
 # Files that determine what is installed. The Python files of the project are used in place (-e).
 declared   := pyproject.toml constraints.txt tools/install.py
-interfaces := $(shell find interfaces -type f -not -path '*/build/*' -not -path '*.egg-info/*' \
+interfaces := $(shell find interfaces interfaces_extra -type f -not -path '*/build/*' -not -path '*.egg-info/*' \
                 -not -path '*/__pycache__/*')
 
 # If the start-up hook of the ROS wheels of another environment set it, the hook of this one would not run.
@@ -89,7 +89,7 @@ doctor: $(run)
 	@$(venv)/bin/marginguard doctor
 
 clean:
-	@rm -rf $(venv) out build interfaces/build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	@rm -rf $(venv) out build interfaces/build interfaces_extra/build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	@find . -name __pycache__ -prune -exec rm -rf {} + -o -name '*.egg-info' -prune -exec rm -rf {} +
 
 $(python):
@@ -105,7 +105,7 @@ $(run): $(declared) $(interfaces) | $(python)
 	@touch $@
 
 $(test): $(run)
-	@$(python) tools/install.py -e '.[ros,scene,test,lint]'
+	@$(python) tools/install.py -e '.[ros,scene,test,lint]' ./interfaces_extra
 	@touch $@
 
 $(site): $(test)

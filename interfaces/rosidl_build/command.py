@@ -12,7 +12,7 @@ from rosidl_build.generate import GeneratedPackage, generate, ros_root, shared_f
 from rosidl_build.link import Linker
 from rosidl_build.package import InterfacePackage
 
-HERE = Path(__file__).resolve().parent.parent
+HERE = Path(__file__).absolute().parent.parent  # of the project that links to this folder
 
 
 class BuildInterfaces(build_ext):

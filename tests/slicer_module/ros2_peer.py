@@ -35,8 +35,8 @@ from tf2_msgs.msg import TFMessage
 
 DEADLINE_S = 20.0
 
-try:
-    from turtlesim.srv import Spawn
+try:  # by its name: it is not declared, as a desktop ROS has it
+    Spawn = import_module("turtlesim.srv").Spawn
 except ImportError:
     Spawn = None
 
@@ -47,6 +47,7 @@ changed = threading.Condition()
 publishers = {}
 received = {}
 turtles = []
+requests_of = {}
 tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
 
 for name, value in {
@@ -133,6 +134,15 @@ def take(topic, count=1):
     )
     messages, received[topic] = received[topic], []
     return messages
+
+
+def has_edge(child, x):
+    with changed:
+        edges = [edge for message in received["/tf"] for edge in message["transforms"]]
+    return any(
+        edge["child_frame_id"] == child and abs(edge["transform"]["translation"]["x"] - x) < 1e-9
+        for edge in edges
+    )
 
 
 def publish(topic, type, messages, best_effort=False):
@@ -244,6 +254,26 @@ def call_service(name, type, request):
     return plain(done.result())
 
 
+def serve(name, type, reply):
+    requests_of[name] = []
+
+    def answer(request, response):
+        requests_of[name].append(plain(request))
+        for field, value in reply.items():
+            setattr(response, field, value)
+        return response
+
+    node.create_service(type_of(type), name, answer)
+
+
+def requests(name):
+    return requests_of[name]
+
+
+def blank(type):
+    return plain(type_of(type).Request())
+
+
 cancelled = threading.Event()
 
 
@@ -276,8 +306,12 @@ COMMANDS = {
     each.__name__: each
     for each in (
         call_service,
+        serve,
+        requests,
+        blank,
         listen,
         take,
+        has_edge,
         publish,
         publish_latched,
         send_tf,

@@ -11,8 +11,6 @@ import pytest
 import slicer
 import vtk
 
-from app.bridge import topics
-
 TURN = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
 ROUNDED = ((0.707, -0.707, 0), (0.707, 0.707, 0), (0, 0, 1))
 ROUNDED_30 = ((0.866, -0.5, 0), (0.5, 0.866, 0), (0, 0, 1))
@@ -251,18 +249,18 @@ def test_14_broadcast_is_looked_up_with_an_event_per_spin(ros2_node, peer, spin_
 
     tag = lookup.AddObserver(slicer.vtkMRMLTransformNode.TransformModifiedEvent, moved)
     peer("listen", topic="/tf", type="tf2_msgs/msg/TFMessage")
-    assert ros2_node.ros.wait_for_subscribers(topics.TF, 2, 15.0)
+    zero = vtk.vtkMatrix4x4()
+    spin_until(lambda: broadcaster.Broadcast(zero) and peer("has_edge", child="Child", x=0.0))
+    seen.clear()  # both sides have discovered each other
     sent = vtk.vtkMatrix4x4()
     sent.SetElement(0, 3, 66)
-    broadcaster.Broadcast(sent)
-    spin_until(lambda: len(seen) > 1)
+    assert broadcaster.Broadcast(sent) is True
+    spin_until(lambda: seen.count(66) > 1)
     found = vtk.vtkMatrix4x4()
     lookup.GetMatrixTransformToParent(found)
     assert found.GetElement(0, 3) == sent.GetElement(0, 3)
     assert seen[-1] == sent.GetElement(0, 3)
-    edges = [edge for message in peer("take", topic="/tf") for edge in message["transforms"]]
-    (edge,) = [each for each in edges if each["child_frame_id"] == "Child"]
-    assert edge["transform"]["translation"]["x"] == pytest.approx(0.066)
+    spin_until(lambda: peer("has_edge", child="Child", x=0.066))
     lookup.RemoveObserver(tag)
     for remove in (
         ros2_node.RemoveAndDeleteTf2LookupNode,

@@ -37,6 +37,21 @@ from ROS2Lib.bool_string import BoolStringResponse, vtkBoolString
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.ros_message import RosMessage, message_class, message_of, value_of
 
+_OF_ROSBAG2 = (
+    "Burst",
+    "GetRate",
+    "IsPaused",
+    "Pause",
+    "PlayNext",
+    "Resume",
+    "Seek",
+    "SetRate",
+    "Snapshot",
+    "SplitBagfile",
+    "TogglePaused",
+)
+_OF_MOVEIT = ("GetCartesianPath", "GetPositionFK", "GetPositionIK")
+
 SERVICES = MappingProxyType(
     {
         "Empty": "std_srvs/srv/Empty",
@@ -44,9 +59,14 @@ SERVICES = MappingProxyType(
         "SetBoolString": "std_srvs/srv/SetBool",
         "Spawn": "turtlesim/srv/Spawn",
         "Trigger": "std_srvs/srv/Trigger",
+        **{name: f"rosbag2_interfaces/srv/{name}" for name in _OF_ROSBAG2},
+        **{name: f"moveit_msgs/srv/{name}" for name in _OF_MOVEIT},
     }
 )
-"""Short names of services; `SetBoolString` is SlicerROS2's name for `SetBool`."""
+"""Short names of services; `SetBoolString` is SlicerROS2's name for `SetBool`.
+
+The packages of turtlesim, rosbag2 and MoveIt may be missing; their kinds are then refused.
+"""
 
 TOPICS = tuple(SHORT_NAMES)
 
