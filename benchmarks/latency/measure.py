@@ -4,32 +4,35 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
-
 from app.runtime.latest_value import SWITCH_INTERVAL_S
-from benchmarks.latency.receivers import Kind, Receiver
-from benchmarks.latency.results import Run
+from benchmarks.faults.child import Child
+from benchmarks.faults.scene import write_scene
+from benchmarks.latency.kinds import SESSION_HZ, Kind
+from benchmarks.latency.receivers import Receiver
+from benchmarks.latency.results import Run, delays_ms, transports_ms
+from benchmarks.soak.__main__ import interpolate
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 WARM_UP_S = 1.5
+SESSION_WARM_UP_S = 3.0
+"""A session waits for its clock, its joints and a second driver."""
 
 
 class Sender:
     """The sending process. ``report`` is its last line, available once `ended`."""
 
-    def __init__(
-        self, kind: Kind, bodies: int, seconds: float, warm_up_s: float = WARM_UP_S
-    ) -> None:
-        numbers = (bodies, kind.rate_hz, warm_up_s, seconds)
+    def __init__(self, module: str, *arguments: object) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.latency.sender", kind.sends, *map(str, numbers)],
+            [sys.executable, "-m", f"benchmarks.latency.{module}", *map(str, arguments)],
             stdout=subprocess.PIPE,
             text=True,
             cwd=CHECKOUT,
@@ -44,8 +47,7 @@ class Sender:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """True once it has sent everything or has failed."""
         return self._ended.is_set()
 
@@ -70,33 +72,72 @@ class Sender:
         self._output.close()
 
 
-def measure(kind: Kind, seconds: float, bodies: int) -> Run:
-    """Run it for the warm-up and ``seconds``; frames sent during the warm-up do not count."""
-    rows: list[tuple[int, int]] = []
-    switch_interval_s = sys.getswitchinterval()
+@contextmanager
+def switching_fast() -> Iterator[None]:
+    """The interpreter's switch interval of the programs that display live data."""
+    interval_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
-        with ExitStack() as stack:
-            sender = stack.enter_context(Sender(kind, bodies, seconds))
-            receiver = stack.enter_context(closing(kind.open(bodies, seconds, sender.port)))
-            load = os.getloadavg()[0]
-            while not sender.ended:
-                _update(receiver, rows)
+        yield
     finally:
-        sys.setswitchinterval(switch_interval_s)
+        sys.setswitchinterval(interval_s)
+
+
+def measure(kind: Kind, seconds: float, bodies: int) -> Run:
+    """Run it for a warm-up and ``seconds``; frames sent during the warm-up do not count."""
+    if kind.sends == "session":
+        return _measure_session(kind, seconds, bodies)
+    with ExitStack() as stack:
+        stack.enter_context(switching_fast())
+        arguments = (kind.sends, bodies, kind.rate_hz, WARM_UP_S, seconds)
+        sender = stack.enter_context(Sender("sender", *arguments))
+        receiver = stack.enter_context(closing(kind.open(bodies, seconds, sender.port)))
+        load = os.getloadavg()[0]
+        receiver.run(sender.has_ended)
     if not sender.report:
         raise RuntimeError(f"the sender of {kind.name!r} has failed")
-    table = np.array(rows, dtype=np.int64).reshape(-1, 2)
-    counted_from_ns = sender.report["counted_from_ns"]
-    stamps_ns, shown_ns = table[table[:, 0] >= counted_from_ns].T
-    arrived = None
-    if receiver.arrivals_ns is not None:
-        arrived = int((np.array(receiver.arrivals_ns) >= counted_from_ns).sum())
-    return Run(kind, sender.report["sent"], arrived, stamps_ns, (shown_ns - stamps_ns) / 1e6, load)
+    return _run_of(kind, receiver, sender.report["sent"], sender.report["counted_from_ns"], load)
 
 
-def _update(receiver: Receiver, rows: list[tuple[int, int]]) -> None:
-    stamp_ns = receiver.update()
-    now_ns = time.time_ns()
-    if stamp_ns is not None and (not rows or stamp_ns != rows[-1][0]):
-        rows.append((stamp_ns, now_ns))
+def _run_of(kind: Kind, receiver: Receiver, sent: int, counted_from_ns: int, load: float) -> Run:
+    arrivals_ns = receiver.arrivals_ns
+    return Run(
+        kind,
+        sent,
+        None if arrivals_ns is None else sum(at_ns >= counted_from_ns for at_ns in arrivals_ns),
+        delays_ms(receiver.rows, counted_from_ns),
+        load,
+        transports_ms(receiver.rows, arrivals_ns, counted_from_ns),
+        delays_ms(receiver.pictures, counted_from_ns),
+    )
+
+
+def _measure_session(kind: Kind, seconds: float, bodies: int) -> Run:
+    """A tracker with three sensors and joints, stamped when they are due, and a session here."""
+    with ExitStack() as stack:
+        stack.enter_context(switching_fast())
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        scene = folder / "scene.json"
+        write_scene(scene, time.time_ns())
+        interpolate(scene, round(SESSION_HZ))
+        peer = str(CHECKOUT / "benchmarks" / "faults" / "tracker_peer.py")
+        tracker = Child("tracker", [peer, str(scene)], folder / "tracker.log")
+        stack.callback(tracker.end)
+        receiver = stack.enter_context(closing(kind.open(bodies, seconds, None)))
+        load = os.getloadavg()[0]
+        receiver.run(_after_rows(receiver.rows, SESSION_WARM_UP_S + seconds))
+    if not receiver.rows:
+        raise RuntimeError(f"{kind.name!r} has shown no frame: {tracker.tail()}")
+    first_ns, last_ns = receiver.rows[0][0], receiver.rows[-1][0]
+    counted_from_ns = first_ns + round(1e9 * SESSION_WARM_UP_S)
+    sent = max(0, round((last_ns - counted_from_ns) * SESSION_HZ / 1e9) + 1)
+    return _run_of(kind, receiver, sent, counted_from_ns, load)
+
+
+def _after_rows(rows: Sequence[tuple[int, int]], seconds: float) -> Callable[[], bool]:
+    """True ``seconds`` after the first row."""
+
+    def has_ended() -> bool:
+        return bool(rows) and time.time_ns() - rows[0][1] > 1e9 * seconds
+
+    return has_ended

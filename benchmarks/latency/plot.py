@@ -1,6 +1,6 @@
-"""Plots of the results: histogram of the delays, and delay by frame."""
+"""Plots of the results: the delays of each receiver, and the delays at the stops of a robot."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
 
@@ -10,61 +10,65 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from benchmarks.latency.results import Run
+from benchmarks.latency.stops import StopRun
 
+DELAYS, STOPS = "latency.png", "latency_stops.png"
 _INK = "#1c2733"
-_COLORS = ("#d55e00", "#0072b2", "#56b4e9", "#7a5195", "#009e73")
-_BINS = 80
+_COLORS = ("#0072b2", "#d55e00", "#009e73", "#7a5195", "#56b4e9", "#b07d00")
+_BINS = 120
 
 
-def write_plots(runs: Sequence[Run], folder: Path) -> None:
-    """Write ``latency_histogram.png`` and ``latency_frames.png``, one panel per receiver."""
+def write_plots(runs: Sequence[Run], stops: Sequence[StopRun], folder: Path) -> None:
+    """Write `DELAYS` and `STOPS` into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    # Up to the 99.5th percentile: one frame that is 40 ms late must not compress the rest.
-    end_ms = 1.1 * max(run.percentile_ms(99.5) for run in runs)
-    for name, label, draw in (
-        ("latency_histogram.png", "stamp to scene [ms]", _histogram),
-        ("latency_frames.png", "frame, in the order shown", _frames),
-    ):
-        figure = _figure(runs, end_ms, draw, label)
+    for name, figure in ((DELAYS, _delays(runs)), (STOPS, _stops(stops))):
         FigureCanvasAgg(figure).print_png(folder / name)
 
 
-def _figure(
-    runs: Sequence[Run],
-    end_ms: float,
-    draw: Callable[[Axes, Run, str, float], None],
-    label: str,
-) -> Figure:
-    figure = Figure(figsize=(9.0, 1.9 * len(runs) + 0.6), dpi=110, layout="constrained")
-    panels = figure.subplots(len(runs), 1, squeeze=False)[:, 0]
+def _delays(runs: Sequence[Run]) -> Figure:
+    """A histogram for each receiver, on one logarithmic axis."""
+    end_ms = 1.2 * max(run.percentile_ms(99.5) for run in runs)
+    begin_ms = 0.8 * min(float(run.delays_ms.min()) for run in runs)
+    bins = np.geomspace(max(begin_ms, 0.05), end_ms, _BINS + 1)
+    figure = Figure(figsize=(8.0, 0.62 * len(runs) + 0.7), dpi=100, layout="constrained")
+    panels = figure.subplots(len(runs), 1, sharex=True, squeeze=False)[:, 0]
     for panel, run, color in zip(panels, runs, cycle(_COLORS), strict=False):
-        draw(panel, run, color, end_ms)
-        beyond = int((run.delays_ms > end_ms).sum())
-        panel.set_title(
-            f"{run.kind.name}: mean {run.mean_ms:.2f} ms, p99 {run.percentile_ms(99):.2f} ms"
-            + (f", {beyond} beyond the picture" if beyond else ""),
-            loc="left",
-            color=_INK,
-            fontsize=10,
-            fontweight="bold",
-        )
-        panel.grid(axis="y", color=_INK, alpha=0.12, lw=0.6)
-        for side in ("top", "right"):
-            panel.spines[side].set_visible(False)
-    panels[-1].set_xlabel(label, color=_INK)
+        panel.hist(run.delays_ms, bins=bins, color=color)
+        panel.axvline(run.mean_ms, color=_INK, lw=1.0, ls="--")
+        panel.set_xscale("log")
+        panel.set_yticks([])
+        text = f"{run.kind.name}\nmean {run.mean_ms:.2f}, p99 {run.percentile_ms(99):.2f} ms"
+        panel.set_ylabel(text, rotation=0, ha="right", va="center", color=_INK, fontsize=8)
+        _open(panel)
+    panels[-1].set_xlabel("stamp to scene [ms]; dashed: the mean", color=_INK)
+    panels[-1].xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     return figure
 
 
-def _histogram(panel: Axes, run: Run, color: str, end_ms: float) -> None:
-    panel.hist(run.delays_ms, bins=np.linspace(0.0, end_ms, _BINS + 1), color=color)
-    panel.axvline(run.mean_ms, color=_INK, lw=1.2, ls="--")
-    panel.set_xlim(0.0, end_ms)
-    panel.set_ylabel("frames", color=_INK)
+def _stops(runs: Sequence[StopRun]) -> Figure:
+    """The delay at each stop, with mean and standard deviation."""
+    series = [(run.name, run.stops_ms) for run in runs]
+    series += [(f"{run.name}: picture", run.pictures_ms) for run in runs if len(run.pictures_ms)]
+    figure = Figure(figsize=(8.0, 0.42 * len(series) + 0.9), dpi=100, layout="constrained")
+    axes = figure.subplots()
+    for row, ((_, values), color) in enumerate(zip(series, cycle(_COLORS), strict=False)):
+        spread = np.linspace(-0.22, 0.22, len(values))
+        axes.plot(values, row + spread, "o", ms=3.5, color=color, alpha=0.75)
+        mean, deviation = float(values.mean()), float(values.std())
+        axes.errorbar(mean, row, xerr=deviation, color=_INK, capsize=3, lw=1.2, fmt="|", ms=12)
+    names = [
+        f"{name}\n{values.mean():.2f} \N{PLUS-MINUS SIGN} {values.std():.2f} ms"
+        for name, values in series
+    ]
+    axes.set_yticks(range(len(series)), names, fontsize=8, color=_INK)
+    axes.invert_yaxis()
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("delay at a stop [ms]; bar: mean and standard deviation", color=_INK)
+    axes.grid(axis="x", color=_INK, alpha=0.12, lw=0.6)
+    _open(axes)
+    return figure
 
 
-def _frames(panel: Axes, run: Run, color: str, end_ms: float) -> None:
-    panel.plot(run.delays_ms, ".", ms=2.0, color=color)
-    panel.axhline(run.mean_ms, color=_INK, lw=1.2, ls="--")
-    panel.set_xlim(0, max(1, run.shown - 1))
-    panel.set_ylim(0.0, end_ms)
-    panel.set_ylabel("ms", color=_INK)
+def _open(axes: Axes) -> None:
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)

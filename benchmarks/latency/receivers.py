@@ -1,56 +1,86 @@
-"""Receivers that bring poses into the scene: ours, timers as in other bridges, OpenIGTLink.
-
-The scene's thread calls `Receiver.update` repeatedly. Each call waits (for new data, or for the
-next tick of a timer) and moves the models. A frame is in the scene when all of its bodies are.
-"""
+"""Receivers of the bodies: the base of all, a plain rclpy listener, and OpenIGTLink's client."""
 
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from pyigtl import OpenIGTLinkClient
-from slicer import vtkMRMLScene
+from slicer import vtkMRMLScene, vtkMRMLTransformNode
 
-from app.bridge import RosNode
-from app.bridge.robots import FollowedRobot, RobotSettings
-from app.bridge.tf import TfError, TransformBuffer
-from app.bridge.tf.latest import LatestPoses
-from app.bridge.tf.listener import TfListener
 from app.geometry import NS_PER_S, FloatArray
-from app.robot import load_robot
-from app.runtime.latest_value import LatestValue
 from app.scene import PoseNodes
 from app.scene.nodes.models import add_model, smooth_surface
-from app.synthetic.touch_arm import TOUCH_URDF
 from benchmarks.fixture_shapes import lobed_tumor
-from benchmarks.latency.bodies import ROOT, body_frames
-
-_WAIT_S = 0.1
-"""Timeout of a receiver without a timer."""
+from benchmarks.latency.bodies import ROOT
 
 _TRIANGLES = 1280
+_PAUSE_S = 0.05
 
 
-class Models:
-    """A scene with one model per frame, each on a transform node of its own."""
+class Receiver(ABC):
+    """Receives until the sender has ended.
 
-    def __init__(self, frames: Sequence[str]) -> None:
-        self.scene = vtkMRMLScene()
-        self.poses = PoseNodes(self.scene, ROOT, frames)
-        surface = smooth_surface(lobed_tumor(_TRIANGLES))
-        self.models = {
-            frame: add_model(
-                self.scene,
-                f"{frame}_model",
-                surface,
-                (0.7, 0.7, 0.7),
-                parent=self.poses.nodes[frame],
-            )
-            for frame in frames
-        }
+    ``rows``: stamp of each frame that was complete, and when it was, in ns. ``arrivals_ns``: when
+    messages arrived in this process; None if that is not known. ``pictures``: as ``rows``, for
+    drawn pictures.
+    """
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[int, int]] = []
+        self.pictures: list[tuple[int, int]] = []
+        self.arrivals_ns: list[int] | None = None
+
+    @abstractmethod
+    def run(self, has_ended: Callable[[], bool]) -> None:
+        """Receive until ``has_ended()``."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Stop receiving."""
+
+    def add_row(self, stamp_ns: int | None, now_ns: int) -> None:
+        """Add a complete frame, if it is another one than the last."""
+        if stamp_ns is not None and (not self.rows or stamp_ns != self.rows[-1][0]):
+            self.rows.append((stamp_ns, now_ns))
+
+
+def add_bodies(
+    scene: vtkMRMLScene, frames: Sequence[str], parents: Sequence[vtkMRMLTransformNode]
+) -> None:
+    """Add a model of a body below each of ``parents``."""
+    surface = smooth_surface(lobed_tumor(_TRIANGLES))
+    for frame, parent in zip(frames, parents, strict=True):
+        add_model(scene, f"{frame}_model", surface, (0.7, 0.7, 0.7), parent=parent)
+
+
+class PlainListener(Receiver):
+    """rclpy alone, without a scene: from the stamp to the callback, with Python's own messages."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from tf2_msgs.msg import TFMessage
+
+        super().__init__()
+        rclpy.init()
+        self._rclpy = rclpy
+        self._node = rclpy.create_node("latency_listener")
+        self._node.create_subscription(TFMessage, "/tf", self._take, 100)
+
+    def run(self, has_ended: Callable[[], bool]) -> None:
+        """Spin the node."""
+        while not has_ended():
+            self._rclpy.spin_once(self._node, timeout_sec=_PAUSE_S)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_node()
+        self._rclpy.shutdown()
+
+    def _take(self, message: object) -> None:
+        stamp = message.transforms[0].header.stamp  # type: ignore[attr-defined]
+        self.add_row(stamp.sec * NS_PER_S + stamp.nanosec, time.time_ns())
 
 
 class Timer:
@@ -72,174 +102,38 @@ class Timer:
         time.sleep(max(0.0, self._due_ns - time.monotonic_ns()) / NS_PER_S)
 
 
-class Receiver(ABC):
-    """Base of the receivers; ``arrivals_ns``: times of arrival, None if they are not known."""
-
-    arrivals_ns: list[int] | None = None
-
-    @abstractmethod
-    def update(self) -> int | None:
-        """Update the scene; returns the first stamp of its newest complete frame, or None."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Stop receiving."""
-
-
-class RosReceiver(Receiver):
-    """Base of the ROS receivers: a node, and the times of arrival."""
-
-    def __init__(self) -> None:
-        self.ros = RosNode("latency_scene")
-        self._arrivals_ns: list[int] = []
-        self.arrivals_ns = self._arrivals_ns
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self.ros.close()
-
-    def record_arrival(self) -> None:
-        """Record the arrival of a message."""
-        self._arrivals_ns.append(time.time_ns())
-
-
-class EventDrivenTf(RosReceiver):
-    """Ours: the scene's thread sleeps until a message is received and takes the newest poses."""
-
-    def __init__(self, frames: Sequence[str]) -> None:
-        super().__init__()
-        self.models = Models(frames)
-        buffer = TransformBuffer()
-        self._latest = LatestPoses(buffer, ROOT, frames)
-        TfListener(self.ros, buffer, received=self._received)
-
-    def update(self) -> int | None:
-        """Wait for newer poses, then move the models."""
-        poses = self._latest.take(_WAIT_S)
-        if poses is None:
-            return None
-        self.models.poses.move(poses.matrices)
-        return poses.stamp_ns
-
-    def _received(self) -> None:
-        self.record_arrival()
-        self._latest.received()
-
-
-class PolledTf(RosReceiver):
-    """The same listener and buffer; looks up one body after the other at every tick."""
-
-    def __init__(self, frames: Sequence[str], timer: Timer) -> None:
-        super().__init__()
-        self.models = Models(frames)
-        self._frames = tuple(frames)
-        self._timer = timer
-        self._buffer = TransformBuffer()
-        TfListener(self.ros, self._buffer, received=self.record_arrival)
-
-    def update(self) -> int | None:
-        """Wait for the next tick, then move the models."""
-        self._timer.wait()
-        try:
-            found = [self._buffer.lookup(ROOT, frame) for frame in self._frames]
-        except TfError:
-            return None  # before the first message
-        self.models.poses.move(np.array([each.transform.matrix for each in found]))
-        return complete_frame_stamp([each.stamp_ns or 0 for each in found])
-
-
 class PolledIgtl(Receiver):
     """pyigtl's client, polled by a timer like Slicer's OpenIGTLink connector (200 Hz)."""
 
     # No arrivals: the client keeps only the last message of a device and does not count.
 
     def __init__(self, frames: Sequence[str], timer: Timer, port: int) -> None:
-        self.models = Models(frames)
+        super().__init__()
+        scene = vtkMRMLScene()
+        self.poses = PoseNodes(scene, ROOT, frames)
+        add_bodies(scene, frames, list(self.poses.nodes.values()))
         self._indices = {frame: index for index, frame in enumerate(frames)}
         self._timer = timer
         self._matrices: FloatArray = np.tile(np.eye(4), (len(frames), 1, 1))
         self._stamps_ns = [0] * len(frames)
         self._client = OpenIGTLinkClient("127.0.0.1", port)
 
-    def update(self) -> int | None:
-        """Wait for the next tick, then move the models."""
-        self._timer.wait()
-        for message in self._client.get_latest_messages():
-            index = self._indices[message.device_name]
-            self._matrices[index] = message.matrix
-            self._stamps_ns[index] = round(message.timestamp * NS_PER_S)
-        self.models.poses.move(self._matrices)
-        return complete_frame_stamp(self._stamps_ns) or None
+    def run(self, has_ended: Callable[[], bool]) -> None:
+        """Poll at every tick."""
+        while not has_ended():
+            self._timer.wait()
+            for message in self._client.get_latest_messages():
+                index = self._indices[message.device_name]
+                self._matrices[index] = message.matrix
+                self._stamps_ns[index] = round(message.timestamp * NS_PER_S)
+            self.poses.move(self._matrices)
+            self.add_row(complete_frame_stamp(self._stamps_ns) or None, time.time_ns())
 
     def close(self) -> None:
         """Disconnect."""
         self._client.stop()
 
 
-class EventDrivenJoints(RosReceiver):
-    """Ours for a robot with joint states: forward kinematics, then the links' nodes."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        robot = load_robot(TOUCH_URDF)
-        self.models = Models([link.name for link in robot.links])
-        self._changed = LatestValue[bool]()
-        self._robot = FollowedRobot(
-            self.ros,
-            RobotSettings(robot.name),
-            TransformBuffer(),
-            robot,
-            joint_states="joint_states",
-            received=self._received,
-        )
-
-    def update(self) -> int | None:
-        """Wait for newer joints, then move the models."""
-        if self._changed.take(_WAIT_S) is None:
-            return None
-        state = self._robot.state(time.time_ns())
-        if state.poses is None:
-            return None
-        self.models.poses.move(state.poses)
-        return state.stamp_ns
-
-    def _received(self) -> None:
-        self.record_arrival()
-        self._changed.put(True)
-
-
 def complete_frame_stamp(stamps_ns: Sequence[int]) -> int | None:
     """The first body's stamp; None if another body still belongs to an earlier frame."""
     return stamps_ns[0] if min(stamps_ns) >= stamps_ns[0] else None
-
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """A row of the table: content, rate and receiver."""
-
-    name: str
-    what: str
-    sends: str
-    rate_hz: float
-    poll_hz: float | None = None
-
-    def open(self, bodies: int, seconds: float, port: int | None) -> Receiver:
-        """The receiver; the phase of its timer drifts through a period in ``seconds``."""
-        frames = body_frames(bodies)
-        if self.sends == "joints":
-            return EventDrivenJoints()
-        if self.poll_hz is None:
-            return EventDrivenTf(frames)
-        timer = Timer(self.poll_hz, seconds)
-        return PolledTf(frames, timer) if port is None else PolledIgtl(frames, timer, port)
-
-
-OURS = "marginguard"
-POLLED = "timer 200 Hz"
-KINDS = (
-    Kind(OURS, "tf, woken by each message", "tf", 200.0),
-    Kind(POLLED, "tf, all looked up at every tick", "tf", 200.0, poll_hz=200.0),
-    Kind("timer 100 Hz", "tf, all looked up at every tick", "tf", 200.0, poll_hz=100.0),
-    Kind("OpenIGTLink", "pyigtl, asked at 200 Hz", "igtl", 200.0, poll_hz=200.0),
-    Kind("joints", "joint states at 100 Hz, 7 links", "joints", 100.0),
-)

@@ -1,6 +1,6 @@
 """Results of the receivers, and the requirements on ours."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from app.geometry import FloatArray
 from benchmarks.fixture.results import SpeedTarget
-from benchmarks.latency.receivers import OURS, POLLED, Kind
+from benchmarks.latency.kinds import OURS, POLLED, Kind
 
 MAX_MEAN_MS = 2.0
 MAX_P99_MS = 5.0
@@ -18,17 +18,20 @@ MAX_SHARE_OF_POLLED = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """Stamps (n,) and delays (n,) of the frames that one receiver has shown.
+    """Delays (n,) in ms of the frames that one receiver has shown.
 
-    ``arrived`` is None if it cannot be counted; ``load`` is the machine's load average before.
+    ``arrived``: number of frames that arrived, None if it cannot be counted. ``transport_ms``: the
+    part up to the arrival in the receiver's process, where it is known. ``picture_ms``: delays of
+    drawn pictures. ``load``: the machine's load average before.
     """
 
     kind: Kind
     sent: int
     arrived: int | None
-    stamps_ns: NDArray[np.int64]
     delays_ms: FloatArray
     load: float
+    transport_ms: FloatArray
+    picture_ms: FloatArray
 
     def concatenated(self, later: "Run") -> "Run":
         """Both runs as one."""
@@ -37,9 +40,10 @@ class Run:
             self.kind,
             self.sent + later.sent,
             (self.arrived or 0) + (later.arrived or 0) if known else None,
-            np.concatenate([self.stamps_ns, later.stamps_ns]),
             np.concatenate([self.delays_ms, later.delays_ms]),
             max(self.load, later.load),
+            np.concatenate([self.transport_ms, later.transport_ms]),
+            np.concatenate([self.picture_ms, later.picture_ms]),
         )
 
     @property
@@ -69,23 +73,45 @@ class Run:
         """
         return self.sent - self.shown - (self.lost or 0)
 
-    @property
-    def late(self) -> int:
-        """Number of frames that were shown after the next one was sent."""
-        return int((self.delays_ms > 1e3 / self.kind.rate_hz).sum())
-
     def document(self) -> dict[str, Any]:
         """Plain values for a JSON file; delays to a microsecond."""
         return {
-            "name": self.kind.name, "what": self.kind.what,
-            "rate_hz": self.kind.rate_hz, "poll_hz": self.kind.poll_hz,
+            "name": self.kind.name, "what": self.kind.what, "rate_hz": self.kind.rate_hz,
             "sent": self.sent, "shown": self.shown, "superseded": self.superseded,
-            "lost": self.lost, "late": self.late, "load": self.load,
+            "lost": self.lost, "load": self.load,
+            "transport_mean_ms": mean_or_none(self.transport_ms),
+            "picture_mean_ms": mean_or_none(self.picture_ms),
+            "pictures": len(self.picture_ms),
             "mean_ms": self.mean_ms, "sd_ms": float(self.delays_ms.std()),
             **{f"p{percent}_ms": self.percentile_ms(percent) for percent in (50, 95, 99)},
             "max_ms": self.percentile_ms(100),
             "delays_ms": [round(delay, 3) for delay in self.delays_ms.tolist()],
         }  # fmt: skip
+
+
+def mean_or_none(values: FloatArray) -> float | None:
+    """The mean; None without values."""
+    return float(values.mean()) if len(values) else None
+
+
+def delays_ms(rows: Sequence[tuple[int, int]], counted_from_ns: int) -> FloatArray:
+    """Delays of the frames with stamps from ``counted_from_ns`` on."""
+    table = np.array(rows, dtype=np.int64).reshape(-1, 2)
+    stamps_ns, shown_ns = table[table[:, 0] >= counted_from_ns].T
+    return np.asarray((shown_ns - stamps_ns) / 1e6)
+
+
+def transports_ms(
+    rows: Sequence[tuple[int, int]], arrivals_ns: Sequence[int] | None, counted_from_ns: int
+) -> FloatArray:
+    """Time from the stamp of each shown frame to the next arrival of a message."""
+    stamps: NDArray[np.int64] = np.array([s for s, _ in rows if s >= counted_from_ns], np.int64)
+    if arrivals_ns is None or not len(stamps):
+        return np.empty(0)
+    arrivals: NDArray[np.int64] = np.array(arrivals_ns, np.int64)
+    found = np.searchsorted(arrivals, stamps)
+    known = found < len(arrivals)
+    return np.asarray((arrivals[found[known]] - stamps[known]) / 1e6)
 
 
 def speed_targets(runs: Mapping[str, Run]) -> Iterator[SpeedTarget]:

@@ -1,6 +1,6 @@
-"""Process of `benchmarks.latency` that sends moving bodies or joints, stamped on creation.
+"""Process of `benchmarks.latency` that sends moving bodies, stamped on creation.
 
-    python -m benchmarks.latency.sender tf|igtl|joints BODIES RATE_HZ WARM_UP_S SECONDS
+    python -m benchmarks.latency.sender tf|igtl BODIES RATE_HZ WARM_UP_S SECONDS
 
 Prints its port (OpenIGTLink) on standard output, waits for its only receiver, sends at the given
 rate on an absolute clock, and prints the number of frames sent after the warm-up. A body's stamp is
@@ -8,25 +8,23 @@ the system's clock when the body is created.
 """
 
 import json
-import math
 import sys
 import time
 from contextlib import ExitStack
 from typing import Protocol
 
 from pyigtl import OpenIGTLinkServer, TransformMessage
-from sensor_msgs.msg import JointState
 
 from app.bridge import RosNode, prepare_environment, topics
 from app.bridge.qos import Topic
 from app.bridge.tf.pose import matrices
 from app.bridge.tf.wire import TfSample, write_tf_message
 from app.geometry import NS_PER_S
-from app.robot import load_robot
-from app.synthetic.touch_arm import TOUCH_URDF
-from benchmarks.latency.bodies import ROOT, TURN_RAD, body_frames, body_pose
+from benchmarks.latency.bodies import ROOT, body_frames, body_pose
 
 _CONNECT_TIMEOUT_S = 60.0
+_ROUNDING_NS = 10_000
+"""pyigtl's stamps are numbers of seconds in floating point; creating a frame takes longer."""
 _DRAIN_TIME_S = 0.3
 """pyigtl sends from a thread of its own and drops unsent messages when it is stopped."""
 
@@ -75,23 +73,6 @@ class TfOutput(RosOutput):
         return samples[0].stamp_ns
 
 
-class JointOutput(RosOutput):
-    """The joints of the project's arm on ``/joint_states``, all with the same angle."""
-
-    def __init__(self, bodies: int, stack: ExitStack) -> None:
-        super().__init__(topics.JOINT_STATES, stack)
-        self._names = list(load_robot(TOUCH_URDF).actuated_joint_names)
-
-    def send(self, frame: int) -> int:
-        """Send one message."""
-        stamp_ns = time.time_ns()
-        message = JointState(name=self._names)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
-        message.position = [0.3 * math.sin(TURN_RAD * frame)] * len(self._names)
-        self.publisher.publish(message)
-        return stamp_ns
-
-
 class IgtlOutput:
     """One TRANSFORM message per body, from pyigtl's server."""
 
@@ -129,10 +110,7 @@ def main() -> int:
     counted_from_ns = 0
     with ExitStack() as stack:
         output: Output
-        if kind == "igtl":
-            output = IgtlOutput(bodies, stack)
-        else:
-            output = (TfOutput if kind == "tf" else JointOutput)(bodies, stack)
+        output = (IgtlOutput if kind == "igtl" else TfOutput)(bodies, stack)
         print(json.dumps({"port": output.port}), flush=True)
         if not output.wait_for_receiver():
             raise RuntimeError(f"no receiver of {kind} within {_CONNECT_TIMEOUT_S:.0f} s")
@@ -143,8 +121,7 @@ def main() -> int:
                 time.sleep(ahead_ns / NS_PER_S)
             stamp_ns = output.send(frame)
             if frame == warm_up:
-                # Between the last frame and this one, so that rounding of stamps does not matter.
-                counted_from_ns = stamp_ns - period_ns // 2
+                counted_from_ns = stamp_ns - _ROUNDING_NS
         time.sleep(_DRAIN_TIME_S)
     print(json.dumps({"sent": counted, "counted_from_ns": counted_from_ns}), flush=True)
     return 0

@@ -1,0 +1,111 @@
+"""A joint that starts and stops, and two robots at once, in the module ROS2.
+
+The delay at a stop is the time from the stamp of the first pose of a rest to the end of the update
+of the scene that shows this pose, and to the end of the picture where one is drawn.
+"""
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.geometry import FloatArray
+from benchmarks.latency.measure import Sender, switching_fast
+from benchmarks.latency.module import RobotsInModule
+from benchmarks.latency.qt_loops import KEPT, RELEASED
+from benchmarks.latency.qt_receiver import Waking
+from benchmarks.latency.results import delays_ms
+
+STOPS = 15
+MOVE_S, REST_S = 0.6, 0.4
+WARM_UP_S = 3.0
+"""The receiver reads the description and builds the robots meanwhile."""
+
+RATE_HZ = 99.5
+"""As `benchmarks.latency.kinds.RATE_HZ`, for a robot that sends 100 times a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopKind:
+    """How the module is woken, and what it shows."""
+
+    name: str
+    waking: Waking
+    robots: tuple[str, ...] = ("left",)
+    draws: bool = False
+
+
+STOP_KINDS = (
+    StopKind("module ROS2", Waking(RELEASED)),
+    StopKind(f"module ROS2, {KEPT}", Waking(KEPT)),
+    StopKind("module ROS2, drawn", Waking(RELEASED), draws=True),
+    StopKind("timer 20 ms", Waking(RELEASED, 20)),
+    StopKind("two robots", Waking(RELEASED), robots=("left", "right")),
+    StopKind("two robots, timer 20 ms", Waking(RELEASED, 20), robots=("left", "right")),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopRun:
+    """Delays in ms of one robot: at its stops, of all frames, and of pictures drawn at stops."""
+
+    kind: StopKind
+    robot: str
+    stops_ms: FloatArray
+    frames_ms: FloatArray
+    pictures_ms: FloatArray
+    load: float
+
+    @property
+    def name(self) -> str:
+        """The kind, and the robot if there are several."""
+        return f"{self.kind.name}: {self.robot}" if len(self.kind.robots) > 1 else self.kind.name
+
+    def document(self) -> dict[str, object]:
+        """Plain values for a JSON file."""
+        return {
+            "name": self.name, "load": self.load, "stops": len(self.stops_ms),
+            "stop_mean_ms": float(self.stops_ms.mean()), "stop_sd_ms": float(self.stops_ms.std()),
+            "stop_max_ms": float(self.stops_ms.max()),
+            "frame_mean_ms": float(self.frames_ms.mean()),
+            "frame_p99_ms": float(np.percentile(self.frames_ms, 99)),
+            "picture_mean_ms": float(self.pictures_ms.mean()) if len(self.pictures_ms) else None,
+            "picture_sd_ms": float(self.pictures_ms.std()) if len(self.pictures_ms) else None,
+            "stops_ms": [round(delay, 3) for delay in self.stops_ms.tolist()],
+        }  # fmt: skip
+
+
+def measure_stops(kind: StopKind, stops: int = STOPS) -> list[StopRun]:
+    """Let each robot of ``kind`` stop ``stops`` times; one result for each robot."""
+    with ExitStack() as stack:
+        stack.enter_context(switching_fast())
+        numbers = (RATE_HZ, WARM_UP_S, stops, MOVE_S, REST_S)
+        senders = [
+            stack.enter_context(Sender("robot_sender", name, *numbers)) for name in kind.robots
+        ]
+        receiver = stack.enter_context(
+            closing(RobotsInModule(kind.robots, kind.waking, draws=kind.draws))
+        )
+        load = os.getloadavg()[0]
+        receiver.run(lambda: all(sender.has_ended() for sender in senders))
+    runs = []
+    for name, sender in zip(kind.robots, senders, strict=True):
+        if not sender.report:
+            raise RuntimeError(f"the sender of {name!r} has failed")
+        rows = receiver.rows_of[name]
+        rests_ns = sender.report["rests_ns"]
+        pictures = delays_at(rests_ns, receiver.pictures) if kind.draws else np.empty(0)
+        frames = delays_ms(rows, sender.report["counted_from_ns"])
+        runs.append(StopRun(kind, name, delays_at(rests_ns, rows), frames, pictures, load))
+    return runs
+
+
+def delays_at(stamps_ns: Sequence[int], rows: Sequence[tuple[int, int]]) -> FloatArray:
+    """Time in ms from each stamp until a row with this stamp or a later one."""
+    shown = np.array(rows, dtype=np.int64).reshape(-1, 2)
+    found = np.searchsorted(shown[:, 0], np.array(stamps_ns, dtype=np.int64))
+    if len(rows) == 0 or found.max(initial=0) >= len(shown):
+        raise RuntimeError("a stop was not shown; expected every stop in the scene")
+    return np.asarray((shown[found, 1] - np.array(stamps_ns)) / 1e6)
