@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from app.case import JointSample
 from app.geometry import FrameError, Stamp, TrackedTransform, Transform
+from app.robot import Robot
 from app.session.pose_tree import Edge, shortest_path
 from app.session.setup import SessionSetup
 
@@ -92,7 +94,12 @@ def known_edges(
         measured,
         links,
         None if joints is None else joints.stamp,
-        frozenset(link.name for link in robot.robot.links),
+        _link_names(robot.robot),
         robot.base_frame,
         robot.robot.root_link,
     )
+
+
+@lru_cache(maxsize=4)  # called in every step of a session, which has one robot
+def _link_names(robot: Robot) -> frozenset[str]:
+    return frozenset(link.name for link in robot.links)

@@ -120,6 +120,9 @@ class PoseTree:
     """By the frame in which a tracker measures its sensors."""
     _paths: dict[Edge, tuple[Edge, ...] | None] = field(default_factory=dict)
     _now: Stamp | None = None
+    _problems: dict[Edge, tuple[int, frozenset[Reason]]] = field(default_factory=dict)
+    """What `_verdict` has found at the present, with `_judged_by`."""
+    _judged_by: tuple[object, object] = (None, None)
 
     def insert(self, frame: TrackingFrame) -> frozenset[Reason]:
         """Store the samples of ``frame`` and make its stamp the present.
@@ -136,6 +139,7 @@ class PoseTree:
             for source in self._sources.values():
                 source.restart()
         self._now = frame.stamp
+        self._problems.clear()
         durations_ns: dict[str, list[int]] = {}
         for sample in frame.poses:
             state = self._insert_sample(sample, frame.stamp)
@@ -162,20 +166,20 @@ class PoseTree:
             samples.append(state.latest)
             if oldest is None or stamp.ns < oldest.ns:
                 oldest = stamp
-            edge_unchanged_ns = self._unchanged_ns(edge, state)
+            edge_unchanged_ns, edge_problems = self._verdict(edge, state)
             if edge_unchanged_ns > unchanged_ns:
                 unchanged_ns = edge_unchanged_ns
-            problems |= self._edge_problems(edge, state, edge_unchanged_ns)
+            if edge_problems:
+                problems |= edge_problems
         transform = None if problems else _along(target, samples)
         return MeasuredPose(transform, oldest, unchanged_ns, problems)
 
     def usable(self) -> dict[Edge, TrackedTransform | None]:
         """Latest sample of each edge; None for one that may not be used now."""
-        found: dict[Edge, TrackedTransform | None] = {}
-        for edge, state in self._edges.items():
-            unchanged_ns = self._unchanged_ns(edge, state)
-            found[edge] = None if self._edge_problems(edge, state, unchanged_ns) else state.latest
-        return found
+        return {
+            edge: None if self._verdict(edge, state)[1] else state.latest
+            for edge, state in self._edges.items()
+        }
 
     def never_changed(self) -> tuple[Edge, ...]:
         """Edges (target, source) that are treated as fixed transforms so far."""
@@ -205,6 +209,22 @@ class PoseTree:
         if state.update(sample, now, self.limits):
             self._changed.add(edge)
         return state
+
+    def _verdict(self, edge: Edge, state: _EdgeState) -> tuple[int, frozenset[Reason]]:
+        """`_unchanged_ns` and `_edge_problems` of ``edge``, computed once per frame.
+
+        Limits and moving frames may be replaced between two frames.
+        """
+        limits, moving = self._judged_by
+        if limits is not self.limits or moving is not self.moving_frames:
+            self._problems.clear()
+            self._judged_by = (self.limits, self.moving_frames)
+        found = self._problems.get(edge)
+        if found is None:
+            unchanged_ns = self._unchanged_ns(edge, state)
+            found = unchanged_ns, self._edge_problems(edge, state, unchanged_ns)
+            self._problems[edge] = found
+        return found
 
     def _unchanged_ns(self, edge: Edge, state: _EdgeState) -> int:
         sensor = state.repetition

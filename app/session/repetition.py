@@ -123,9 +123,10 @@ class SensorRepetition:
     moving: bool = False
     """True if the sensor was in motion at its last change."""
     _step_mm: float = math.inf
-    _last: deque[tuple[int, list[float], Transform]] = field(
+    _last: deque[tuple[int, list[float], Transform, float]] = field(
         default_factory=lambda: deque(maxlen=_POSITIONS)
     )
+    """Time, position and pose of the last changes, and the distance from the one before in mm."""
 
     def repeat(self, duration_ns: int) -> None:
         """Count a sample that repeats the pose of ``duration_ns`` ago."""
@@ -138,7 +139,7 @@ class SensorRepetition:
 
     def begin(self, pose: Transform, at_ns: int) -> None:
         """Note the first pose, which neither repeats nor changes one."""
-        self._last.append((at_ns, pose.translation_mm.tolist(), pose))
+        self._last.append((at_ns, pose.translation_mm.tolist(), pose, 0.0))
 
     def change(self, pose: Transform, at_ns: int, limits: FreshnessLimits) -> None:
         """Count a sample with another pose, which ends a run; a frozen run is not learned."""
@@ -148,12 +149,18 @@ class SensorRepetition:
         history.add_change()
         self.repeats = self.duration_ns = 0
         position = pose.translation_mm.tolist()
+        step_mm = 0.0
         if self._last:
-            step_mm = math.dist(position, self._last[-1][1])
+            step_mm = math.dist(self._last[-1][1], position)
             if 0.0 < step_mm < self._step_mm:
                 self._step_mm = step_mm
-        self._last.append((at_ns, position, pose))
-        self.moving = _is_moving([(ns, each) for ns, each, _ in self._last], self._step_mm)
+        self._last.append((at_ns, position, pose, step_mm))
+        self.moving = len(self._last) == _POSITIONS and _leads_on(
+            [each[0] for each in self._last],
+            sum([each[3] for each in self._last][1:]),
+            math.dist(self._last[0][1], position),
+            self._step_mm,
+        )
 
     def restart(self) -> None:
         """Forget the present run and motion, not the history: the clock has jumped."""
@@ -191,8 +198,12 @@ class SensorRepetition:
 
     def _is_turning(self) -> bool:
         """True if the orientation was in motion; computed when a run begins, which is rare."""
-        axes = [(ns, pose.rotation.ravel().tolist()) for ns, _, pose in self._last]
-        return _is_moving(axes, _STEP_OF_AXES)
+        if len(self._last) < _POSITIONS:
+            return False
+        axes = [pose.rotation.ravel().tolist() for _, _, pose, _ in self._last]
+        path = sum(math.dist(a, b) for a, b in pairwise(axes))
+        times = [each[0] for each in self._last]
+        return _leads_on(times, path, math.dist(axes[0], axes[-1]), _STEP_OF_AXES)
 
 
 @dataclass(slots=True)
@@ -249,13 +260,12 @@ class SourceRepetition:
         return share**self.repeats < STUCK
 
 
-def _is_moving(points: list[tuple[int, list[float]]], step: float) -> bool:
-    """True for a straight path whose next sample is at least two steps away at its mean speed."""
-    if len(points) < _POSITIONS:
-        return False
-    path = sum(math.dist(a, b) for (_, a), (_, b) in pairwise(points))
-    net = math.dist(points[0][1], points[-1][1])
-    elapsed_ns = points[-1][0] - points[0][0]
+def _leads_on(times_ns: list[int], path: float, net: float, step: float) -> bool:
+    """True for a straight path whose next sample is at least two steps away at its mean speed.
+
+    ``path`` is the length through all points, ``net`` that from the first to the last of them.
+    """
+    elapsed_ns = times_ns[-1] - times_ns[0]
     if elapsed_ns <= 0 or net < _STRAIGHT * path:
         return False
-    return net * (points[-1][0] - points[-2][0]) >= _MIN_STEPS * step * elapsed_ns
+    return net * (times_ns[-1] - times_ns[-2]) >= _MIN_STEPS * step * elapsed_ns

@@ -45,11 +45,12 @@ class MotionCheck:
 
     def refused(self, edges: AbstractSet[Edge]) -> dict[str, str]:
         """The sensors of ``edges`` that are not believed now: one line each, by name."""
-        return {
-            f"{target} -> {source}": f"{target} -> {source} {sensor.jump.text}"
-            for (target, source), sensor in self._sensors.items()
-            if sensor.jump is not None and (target, source) in edges
-        }
+        found = {}
+        for edge, sensor in self._sensors.items():
+            if sensor.jump is not None and edge in edges:
+                name = f"{edge[0]} -> {edge[1]}"
+                found[name] = f"{name} {sensor.jump.text}"
+        return found
 
     def _is_usable(self, sample: TrackedTransform, now: Stamp) -> bool:
         edge = (sample.target, sample.source)

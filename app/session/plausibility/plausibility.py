@@ -1,6 +1,7 @@
 """All checks of a session that find a wrong pose by its motion or by another measurement."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from app.case import PlausibilityEntry, TrackingFrame
 from app.fixture import Reason
@@ -23,6 +24,8 @@ _BEGINNINGS = {
     Reason.REDUNDANCY_LOST: "nothing checks the tracker",
 }
 
+_NO_FAULTS: Mapping[Reason, str] = MappingProxyType({})
+
 
 class Plausibility:
     """Motion of the sensors, joints against tracker, and the configured relations.
@@ -33,6 +36,8 @@ class Plausibility:
     def __init__(self, setup: SessionSetup) -> None:
         self._motion = MotionCheck(_limits(setup.plausibility))
         self._found: dict[Reason, Problems] = {reason: {} for reason in _BEGINNINGS}
+        self._has_found = False
+        """True if the last `faults` were any."""
         self._edges: tuple[Edge, ...] = ()
         self._used: frozenset[Edge] = frozenset()
         self._relations = Relations(setup.plausibility, setup.tool_from_tip)
@@ -79,12 +84,16 @@ class Plausibility:
         if self._relations:
             failed, unknown = self._relations.check(lambda *ends: self._pose(poses, *ends), now)
             silent |= unknown
+        refused, drifts = self._motion.refused(self._used), self._joints.drifts()
+        if not (refused or drifts or failed or silent or self._has_found):
+            return _NO_FAULTS
         found = {
-            Reason.IMPLAUSIBLE: self._motion.refused(self._used),
-            Reason.REGISTRATION_DRIFT: self._joints.drifts(),
+            Reason.IMPLAUSIBLE: refused,
+            Reason.REGISTRATION_DRIFT: drifts,
             Reason.CONTRADICTION: failed,
             Reason.REDUNDANCY_LOST: silent,
         }
+        self._has_found = any(found.values())
         for reason, problems in found.items():
             if problems.keys() != self._found[reason].keys():
                 self._found[reason] = problems

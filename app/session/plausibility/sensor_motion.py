@@ -161,10 +161,15 @@ class SensorMotion:
         """The jump by ``moved`` and ``turn`` from the last pose, None if it is plausible."""
         first, last = self._known[0], self._known[-1]
         limits = self.limits
-        silent_ns = max(ns - self._last_ns, 0)
+        # Comparisons instead of `min` and `max`, which take a tenth of the time of a check.
+        silent_ns = ns - self._last_ns if ns > self._last_ns else 0
+        since_ns = ns - last.ns if ns > last.ns else 0
         # A pose that a driver repeats belongs to the first of its repetitions.
-        since_ns = min(max(ns - last.ns, 0), silent_ns + MAX_REPEAT_NS)
-        gap_ns = min(since_ns, silent_ns + self._repeat_ns)
+        if since_ns > silent_ns + MAX_REPEAT_NS:
+            since_ns = silent_ns + MAX_REPEAT_NS
+        gap_ns = silent_ns + self._repeat_ns
+        if gap_ns > since_ns:
+            gap_ns = since_ns
         gap_s, since_s = gap_ns / NS_PER_S, since_ns / NS_PER_S
         window_s = (last.ns - first.ns) / NS_PER_S
         if window_s > 0.0:
