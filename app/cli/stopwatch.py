@@ -12,9 +12,9 @@ class Stopwatch:
         self._last_s = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        """Record the time since the last lap as ``name``."""
+        """Add the time since the last lap to ``name``."""
         now_s = time.perf_counter()
-        self._laps[name] = now_s - self._last_s
+        self._laps[name] = self._laps.get(name, 0.0) + now_s - self._last_s
         self._last_s = now_s
 
     def print_laps(self) -> None:

@@ -21,3 +21,12 @@ def test_fastest_run_counts_and_inside_excludes_loading() -> None:
     assert found["times_real_time_inside"] == pytest.approx(48.0)
     assert found["ms_per_frame"] == pytest.approx(0.5)
     assert found["times_real_time_of_frames"] == pytest.approx(60.0)
+
+
+def test_waiting_for_the_picture_is_stated_apart() -> None:
+    waited = a_run(5.0)
+    waited["phases_s"]["wait for scene.png"] = 1.0
+    found = summary([waited], duration_s=60.0, frames=2000)
+    assert found["without_picture_s"] == pytest.approx(4.0)
+    assert found["times_real_time"] == pytest.approx(15.0)
+    assert found["inside_s"] == pytest.approx(3.25)
