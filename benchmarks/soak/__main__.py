@@ -6,8 +6,8 @@ Real processes: `marginguard live` with the shipped live.yaml sends its constrai
 the poses of three sensors and the joints 200 times a second; `marginguard record` records both. A
 receiver measures the gaps between constraints, beside those of a bare sender at 1 kHz on the same
 machine. The resident memory is read every 5 s. Its slope is that of Theil and Sen (median of the
-slopes of all pairs) after a warm-up of a fifth of the time. With --page the session has a web page
-(`marginguard view --live`), which a headless Chromium shows.
+slopes of all pairs) after a warm-up of a fifth of the time. With --page, `marginguard view` plays
+the shipped case beside them on a page that a headless Chromium shows.
 
 Exit status 1 when a process ends, when the memory of the session grows by 1 MB an hour or more
 (runs of at least 30 minutes), when the 99.99th percentile of the gaps is above 1.2 times the bare
@@ -41,6 +41,7 @@ MIN_SLOPE_MINUTES = 30.0
 MAX_GAP_MS = 10.0
 MAX_P9999_RATIO, MAX_GAP_RATIO = 1.2, 2.0
 GUARD, BARE = "/marginguard/constraint", "/bare/constraint"
+CASE = Path("data/recorded_case")
 LIVE_YAML = Path("data/live_example/live.yaml")
 
 
@@ -90,10 +91,10 @@ def soak(folder: Path, seconds: float, path: Path | None, *, page: bool) -> dict
         start("tracker", str(root / "benchmarks/faults/tracker_peer.py"), str(scene))
         receiver = start("receiver", "-m", "benchmarks.soak.receiver")
         receiver.expect("ready")
-        command = ("view", "--live") if page else ("live",)
-        live = start("live", "-m", "app.cli", *command, "--config", str(root / LIVE_YAML))
+        live = start("live", "-m", "app.cli", "live", "--config", str(root / LIVE_YAML))
         if page:
-            start("browser", "-m", "benchmarks.soak.browser", wait_for_url(live)).expect("ready")
+            view = start("view", "-m", "app.cli", "view", str(root / CASE))
+            start("browser", "-m", "benchmarks.soak.browser", wait_for_url(view)).expect("ready")
         case = str(folder / "case")
         start("record", "-m", "app.cli", "record", "-o", case)
         start("bare", "-m", "benchmarks.soak.sender", str(seconds + 600.0))
@@ -136,14 +137,14 @@ def wait_for_constraints(receiver: Child, live: Child) -> None:
         time.sleep(0.5)
 
 
-def wait_for_url(live: Child) -> str:
+def wait_for_url(view: Child) -> str:
     """Wait for the URL that opens the page with its controls."""
     while True:
-        for line in list(live.lines):
+        for line in list(view.lines):
             if line.startswith("http://"):
                 return line
-        if not live.running:
-            raise RuntimeError(f"the session has ended: {live.tail()}")
+        if not view.running:
+            raise RuntimeError(f"the page has ended: {view.tail()}")
         time.sleep(0.1)
 
 
