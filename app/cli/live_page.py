@@ -40,6 +40,7 @@ def live_page(
         from app.runtime import SWITCH_INTERVAL_S, prepare_live
         from app.viewer import (
             LiveFeed,
+            LiveOperator,
             LiveOutput,
             LiveTimeline,
             SceneView,
@@ -60,13 +61,20 @@ def live_page(
         builder = ViewStateBuilder(setup, content, surface)
         feed = LiveFeed(builder, setup.margins.stale_after_ns, time.monotonic_ns)
         title = Title(content.name, live=True)
+        operator_thread = ThreadPoolExecutor(max_workers=1)
+        operator = LiveOperator(operator_thread)
         viewer = Viewer(
-            SceneView(content), feed, LiveTimeline(), title, scheduler=scheduler or RenderLoop
+            SceneView(content),
+            feed,
+            LiveTimeline(),
+            title,
+            operator=operator,
+            scheduler=scheduler or RenderLoop,
         )
         feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-    with ThreadPoolExecutor(max_workers=1) as workers:
-        output = LiveOutput(feed, content, surface, workers)
+    with operator_thread, ThreadPoolExecutor(max_workers=1) as workers:
+        output = LiveOutput(feed, content, surface, workers, operator)
         with live_node(
             prepared,
             namespace=options.namespace,
@@ -75,6 +83,7 @@ def live_page(
             audit=options.audit,
         ) as node:
             node.commands.requests.listen(feed.list_request)
+            operator.connect(node.commands)
             thread = threading.Thread(target=_run, args=(node, feed), name="session")
             thread.start()
             try:

@@ -5,6 +5,7 @@ from .errors import ViewerError
 from .readout.timeline import LiveTimeline, ReplayTimeline
 from .server import Title, Viewer
 from .steps.feeds import LiveFeed, ReplayFeed
+from .steps.live_operator import LiveOperator
 from .steps.live_output import LiveOutput
 from .steps.margin_surface import stop_surface
 from .steps.view_state import ViewState, ViewStateBuilder
@@ -12,6 +13,7 @@ from .steps.view_state import ViewState, ViewStateBuilder
 __all__ = [
     "Address",
     "LiveFeed",
+    "LiveOperator",
     "LiveOutput",
     "LiveTimeline",
     "ReplayFeed",

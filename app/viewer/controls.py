@@ -4,16 +4,22 @@ from collections.abc import Callable
 
 from trame_server.state import State
 
+from app.runtime import SeenHold
 from app.viewer.drawing.cameras import CameraController, CameraPreset
 from app.viewer.drawing.scene_view import Part, SceneView
-from app.viewer.messages.checks import boolean, integer, number, one_of
+from app.viewer.messages.checks import boolean, integer, number, one_of, text
 from app.viewer.messages.commands import Commands
+from app.viewer.messages.errors import RefusedError
+from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.replay import RATES, ReplayControl
 
 Changed = Callable[[], None]
 """Called after each command, to draw again."""
 _MAX_STEP = 1000
 """Frames of one step."""
+_MAX_SEQ = 2**53 - 1
+"""Largest integer that JavaScript represents."""
+_MAX_NONCE = 2**64 - 1
 
 
 class SceneControls:
@@ -97,3 +103,16 @@ class ReplayControls:
     def _rate(self, rate: float) -> None:
         self._control.set_rate(rate)
         self._changed()
+
+
+class LiveControls:
+    """Re-arms a live session: ends the hold whose causes the page shows."""
+
+    def __init__(self, commands: Commands, operator: LiveOperator) -> None:
+        self._operator = operator
+        commands.add("rearm", self._rearm, integer(0, _MAX_SEQ), text(len(str(_MAX_NONCE))))
+
+    def _rearm(self, seq: int, nonce: str) -> None:
+        if not (nonce.isascii() and nonce.isdecimal()) or not 0 < int(nonce) <= _MAX_NONCE:
+            raise RefusedError("nonce: not that of a hold; expected the decimal number of one")
+        self._operator.rearm(SeenHold(seq, int(nonce)))

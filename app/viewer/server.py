@@ -14,7 +14,7 @@ from trame_server import Server
 from trame_slicer.views import ThreeDView
 
 from app.viewer.address import Address
-from app.viewer.controls import ReplayControls, SceneControls
+from app.viewer.controls import LiveControls, ReplayControls, SceneControls
 from app.viewer.downloads import Downloads
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.pictures import MakeScheduler, RenderLoop, RenderScheduler
@@ -28,6 +28,7 @@ from app.viewer.page import Page
 from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
+from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.web_app import Content, WebServer
 
@@ -49,8 +50,8 @@ class Title:
 class Viewer:
     """A page that shows ``feed`` in ``view``. Create and run it in one thread.
 
-    ``control`` is that of a replay, None for a live session. ``area`` and ``scheduler`` draw the
-    picture; benchmarks replace them.
+    ``control`` is that of a replay, ``operator`` that of a live session. ``area`` and ``scheduler``
+    draw the picture; benchmarks replace them.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Viewer:
         title: Title,
         control: ReplayControl | None = None,
         *,
+        operator: LiveOperator | None = None,
         area: Callable[[ThreeDView], PictureArea] = PictureArea,
         scheduler: MakeScheduler = RenderLoop,
     ) -> None:
@@ -77,6 +79,8 @@ class Viewer:
         SceneControls(state, self._commands, view, self._page.camera, self.redraw)
         if control is not None:
             ReplayControls(state, self._commands, control, self.redraw)
+        if operator is not None:
+            LiveControls(self._commands, operator)
 
     def redraw(self) -> None:
         """Draw as soon as possible, in the page's thread."""

@@ -131,6 +131,15 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     expect(word).to_have_text("UNKNOWN")
     expect(page.locator("#distance")).to_have_text("\N{EN DASH}")
     expect(page.locator(".lamps [data-light=valid]")).to_have_count(0)
+    expect(page.locator("#rearm")).to_have_count(0)
+    start(str(SENDER), str(frames_file), "tracked", "again")
+    expect(word).to_have_text("IN TUMOUR", timeout=30_000)
+    expect(page.locator(".hold")).to_have_count(1)
+    page.locator("#rearm summary").click()
+    page.locator("#rearm-confirm").click()
+    expect(page.locator("#request")).to_contain_text("rearm from the page accepted")
+    expect(page.locator(".hold")).to_have_count(0)
+    expect(page.locator("#rearm")).to_have_count(0)
     assert watched.external_requests() == []
     assert watched.errors == []
     live_server.process.send_signal(signal.SIGINT)

@@ -4,7 +4,7 @@ from typing import Any
 
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
-from app.runtime import OperatorRequest, SessionContent
+from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.scene.frames.watchdog import TransformHealth
 from app.session import SINGLE_SOURCE, StepResult
 from app.viewer.readout.reason_text import distance_text, reason_text
@@ -25,6 +25,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         distance=distance_text(shown.distance_mm),
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
+        rearm=_rearm(shown.seen, decision.state),
         breaches=shown.breaches,
         **_margins(decision, shown.content),
         registration=_registration(shown.content),
@@ -51,6 +52,7 @@ def _values(
     distance: str = distance_text(None),
     trend: str = "",
     hold: bool = False,
+    rearm: dict[str, int | str] | None = None,
     breaches: int = 0,
     stop: str = "",
     warn: str = "",
@@ -70,6 +72,7 @@ def _values(
         "distance": distance,
         "trend": trend,
         "hold": hold,
+        "rearm": rearm,
         "breaches": breaches,
         "stop": stop,
         "warn": warn,
@@ -81,6 +84,13 @@ def _values(
         "causes": causes or [],
         "request": request,
     }
+
+
+def _rearm(seen: SeenHold | None, state: MarginState) -> dict[str, int | str] | None:
+    """Arguments of the command that ends the displayed hold; None if it would be refused."""
+    if seen is None or seen.nonce == 0 or state is MarginState.UNKNOWN:
+        return None
+    return {"seq": seen.seq, "nonce": str(seen.nonce)}  # JavaScript's numbers have 53 bits
 
 
 def _request(request: OperatorRequest | None) -> dict[str, str | bool] | None:

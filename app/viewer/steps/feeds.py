@@ -15,7 +15,7 @@ from app.geometry import (
     freshness_of,
     stale_in_ns,
 )
-from app.runtime import OperatorRequest, SessionContent
+from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.session import StepResult
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.steps.view_state import ViewState, ViewStateBuilder
@@ -71,11 +71,18 @@ class LiveFeed:
         self._callback = callback
 
     def put(
-        self, step: StepResult, content: SessionContent, margin_surface: SurfaceMesh | None
+        self,
+        step: StepResult,
+        content: SessionContent,
+        margin_surface: SurfaceMesh | None,
+        seen: SeenHold | None = None,
     ) -> None:
-        """Store the next step, taken with ``content``; `now` returns the newest one."""
+        """Store the next step, taken with ``content``; `now` returns the newest one.
+
+        ``seen`` identifies the hold of the constraint that was published with it.
+        """
         self._builder.use(content, margin_surface)
-        shown = self._builder.observe(step)
+        shown = replace(self._builder.observe(step), seen=seen)
         with self._lock:
             self._newest, self._came_ns = shown, self._clock_ns()
         self._notify()

@@ -7,6 +7,7 @@ from app.geometry import MarginGuardError, SurfaceMesh
 from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
 from app.session import StepResult
 from app.viewer.steps.feeds import LiveFeed
+from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.margin_surface import stop_surface
 
 
@@ -14,7 +15,7 @@ class LiveOutput(PassiveOutput):
     """`Output` that puts every step into ``feed``.
 
     The margin surface of a new content takes a second to compute in ``workers``; until then there
-    is none, never that of the content before.
+    is none, never that of the content before. ``operator`` identifies the hold of each step.
     """
 
     def __init__(
@@ -23,11 +24,13 @@ class LiveOutput(PassiveOutput):
         content: SessionContent,
         margin_surface: SurfaceMesh | None,
         workers: Executor,
+        operator: LiveOperator,
     ) -> None:
         self._feed = feed
         self._content = content
         self._margin_surface = margin_surface
         self._workers = workers
+        self._operator = operator
         self._computing: Future[SurfaceMesh | None] | None = None
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
@@ -35,7 +38,7 @@ class LiveOutput(PassiveOutput):
         if self._computing is not None and self._computing.done():
             self._margin_surface = _result(self._computing)
             self._computing = None
-        self._feed.put(step, self._content, self._margin_surface)
+        self._feed.put(step, self._content, self._margin_surface, self._operator.seen())
         return True
 
     def prepare(self, content: SessionContent) -> SwitchContent:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, Freshness, SurfaceMesh, Transform
-from app.runtime import OperatorRequest, SessionContent
+from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
 from app.session import REFERENCE, SessionSetup, StepResult
 from app.viewer.steps.trend import Trend, TrendMeter
@@ -22,6 +22,7 @@ class ViewState:
     page that skips steps misses none. ``marks``: positions of the tool inside the tumour, in the
     tumour's frame, the first ``marked`` of them up to this step. ``silent``: why the step is
     outdated, empty while it is not. ``request``: the last request to change a live session.
+    ``seen``: identifies the hold of a live session that an operator may end; None without one.
     """
 
     step: StepResult
@@ -35,6 +36,7 @@ class ViewState:
     marked: int
     silent: str = ""
     request: OperatorRequest | None = None
+    seen: SeenHold | None = None
 
     @property
     def distance_mm(self) -> float | None:
@@ -51,7 +53,7 @@ class ViewState:
             constraint_is_current=False,
         )
         step = replace(self.step, decision=decision, links={})
-        return replace(self, step=step, trend=Trend.NONE, silent=why)
+        return replace(self, step=step, trend=Trend.NONE, silent=why, seen=None)
 
 
 def known_distance_mm(step: StepResult) -> float | None:

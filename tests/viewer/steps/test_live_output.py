@@ -10,8 +10,8 @@ import trimesh
 
 from app.geometry import MeshError, SurfaceMesh
 from app.registration import register_points
-from app.runtime import SessionContent, StepTiming
-from app.viewer import LiveOutput
+from app.runtime import SeenHold, SessionContent, StepTiming
+from app.viewer import LiveOperator, LiveOutput
 from tests.session_content import one_link_content, registered
 
 
@@ -26,9 +26,10 @@ class Feed:
     def __init__(self) -> None:
         self.content: SessionContent | None = None
         self.margin_surface: SurfaceMesh | None = None
+        self.seen: SeenHold | None = None
 
-    def put(self, step, content, margin_surface) -> None:
-        self.content, self.margin_surface = content, margin_surface
+    def put(self, step, content, margin_surface, seen) -> None:
+        self.content, self.margin_surface, self.seen = content, margin_surface, seen
 
 
 @pytest.fixture
@@ -58,14 +59,14 @@ class FailingWorkers:
 
 def test_without_a_change_content_and_surface_stay_the_same_objects(feed, content, workers):
     surface = ball(11.0)
-    LiveOutput(feed, content, surface, workers).publish("step", StepTiming())
+    LiveOutput(feed, content, surface, workers, LiveOperator(workers)).publish("step", StepTiming())
     assert feed.content is content
     assert feed.margin_surface is surface
 
 
 def test_another_tumour_has_its_own_margin_surface_and_never_the_one_before(feed, content, workers):
     before = ball(11.0)
-    output = LiveOutput(feed, content, before, workers)
+    output = LiveOutput(feed, content, before, workers, LiveOperator(workers))
     other = replace(content, tumor=ball(5.0))
     output.prepare(other)(other)
     output.publish("step", StepTiming())
@@ -79,7 +80,7 @@ def test_another_tumour_has_its_own_margin_surface_and_never_the_one_before(feed
 
 
 def test_another_registration_is_in_the_content_of_the_next_step(feed, content, workers):
-    output = LiveOutput(feed, content, None, workers)
+    output = LiveOutput(feed, content, None, workers, LiveOperator(workers))
     corners = 50.0 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     off = corners + np.diag([0.1, 0.2, 0.1, 0.0])[:, :3]
     found = register_points(corners, off, fixed_frame="reference", moving_frame="robot_base")
@@ -91,7 +92,7 @@ def test_another_registration_is_in_the_content_of_the_next_step(feed, content, 
 
 
 def test_session_continues_without_margin_surface(feed, content, capsys):
-    output = LiveOutput(feed, content, ball(11.0), FailingWorkers())
+    output = LiveOutput(feed, content, ball(11.0), FailingWorkers(), LiveOperator(FailingWorkers()))
     other = replace(content, tumor=ball(5.0))
     output.prepare(other)(other)
     output.publish("step", StepTiming())
@@ -99,3 +100,19 @@ def test_session_continues_without_margin_surface(feed, content, capsys):
     assert feed.content is other
     error = capsys.readouterr().err
     assert error == "no margin surface is shown: the margin surface is not closed\n"
+
+
+def test_each_step_is_shown_with_the_hold_that_was_published_with_it(feed, content, workers):
+    class Commands:
+        """Test double of a session's commands."""
+
+        def seen(self) -> SeenHold:
+            return SeenHold(7, 99)
+
+    operator = LiveOperator(workers)
+    output = LiveOutput(feed, content, None, workers, operator)
+    output.publish("step", StepTiming())
+    assert feed.seen is None
+    operator.connect(Commands())
+    output.publish("step", StepTiming())
+    assert feed.seen == SeenHold(7, 99)
