@@ -68,7 +68,7 @@ class Oracle:
             _part_points(tool),
             tool.vertices_mm[tool.faces],
             (_Solid(tumor), _Solid(tool)),
-            (_collision_object(tumor), _collision_object(tool)),
+            (collision_object(tumor), collision_object(tool)),
         )
 
     def touches(self, tumor_from_tool: Transform) -> bool:
@@ -76,8 +76,7 @@ class Oracle:
         self._objects[1].setTransform(
             fcl.Transform(tumor_from_tool.rotation, tumor_from_tool.translation_mm)
         )
-        request, result = fcl.CollisionRequest(num_max_contacts=1), fcl.CollisionResult()
-        return bool(fcl.collide(*self._objects, request, result))
+        return touches(*self._objects)
 
     def relation(self, tumor_from_tool: Transform) -> Relation:
         """Whether the surfaces intersect, a part of one is inside the other, or neither."""
@@ -148,7 +147,14 @@ def _part_points(mesh: SurfaceMesh) -> FloatArray:
     return mesh.vertices_mm[mesh.faces[first, 0]]
 
 
-def _collision_object(mesh: SurfaceMesh) -> fcl.CollisionObject:
+def touches(first: fcl.CollisionObject, second: fcl.CollisionObject) -> bool:
+    """True if two surfaces intersect, by FCL."""
+    request, result = fcl.CollisionRequest(num_max_contacts=1), fcl.CollisionResult()
+    return bool(fcl.collide(first, second, request, result))
+
+
+def collision_object(mesh: SurfaceMesh) -> fcl.CollisionObject:
+    """FCL's model of a mesh, at the identity."""
     model = fcl.BVHModel()
     model.beginModel(len(mesh.vertices_mm), len(mesh.faces))
     model.addSubModel(np.array(mesh.vertices_mm), np.array(mesh.faces))

@@ -18,10 +18,10 @@ from app.session import ProximityModel, Session, SessionSetup, margin_changes, t
 BetweenSteps = Callable[[], AbstractContextManager[Session]]
 """Gives exclusive access to the session between two steps, as `LiveSession.between_steps` does."""
 
-MAX_LIVE_TRIANGLES = 25_000
-"""Triangles of a tumour that replaces another one in a live session. FCL builds its tree without
-releasing the interpreter, during which no constraint is sent: 55 ms for 20 000 triangles, 2 s for
-330 000."""
+MAX_LIVE_TRIANGLES = 400_000
+"""Triangles of a tumour that replaces another one in a live session. They are prepared in seconds,
+in compiled code and NumPy, which release the interpreter, so that the constraint is sent
+meanwhile."""
 
 THIS_PROCESS = "this process"
 
@@ -141,7 +141,9 @@ class OperatorCommands:
             self._check_size(tumor)
             proximity = self._model(setup, tumor)
             change = self._tumor_change(shown, frame_from_tumor, tumor)
-            switches = self._prepare(replace(self._content, tumor=tumor))
+            content = replace(self._content, tumor=tumor)
+            switches = self._prepare(content)
+            _ = content.model_id  # computed now, before the session waits for it
             with self._between_steps() as session:
                 if shown is not self._acknowledged:
                     raise InputError(
@@ -235,6 +237,8 @@ class OperatorCommands:
                 "tumour: cannot be replaced, because the tool's surface is unknown; expected a "
                 "session with a tool mesh"
             )
+        if isinstance(setup.proximity, ProximityEngine):
+            return setup.proximity.with_tumor(tumor)
         return ProximityEngine(tumor, self._content.tool)
 
     def _edges(self, changed: Transform) -> tuple[Transform, ...]:

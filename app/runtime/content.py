@@ -3,7 +3,12 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from app.case import Case
 from app.fixture import MarginParameters
@@ -64,13 +69,13 @@ class SessionContent:
     @property
     def model_id(self) -> str:
         """Digest of the tumour's surface: changes with any of its numbers."""
-        return _digest(self.tumor.vertices_mm.tobytes() + self.tumor.faces.tobytes())
+        return _surface_digest(self.tumor)
 
     @property
     def registration_id(self) -> str:
         """Digest of the registration, empty without one."""
         registration = self.registration
-        return "" if registration is None else _digest(registration.transform.matrix.tobytes())
+        return "" if registration is None else _digest(registration.transform.matrix)
 
     def robot_description(self) -> str | None:
         """Read the robot's URDF; None without a robot. Raises `UrdfError` for a broken file."""
@@ -98,5 +103,14 @@ def content_of(case: Case, setup: SessionSetup, *, tip_only: bool) -> SessionCon
     )
 
 
-def _digest(data: bytes) -> str:
-    return f"sha256:{hashlib.sha256(data).hexdigest()[:16]}"
+@lru_cache(maxsize=2)  # a large surface takes milliseconds, and each constraint has its digest
+def _surface_digest(surface: SurfaceMesh) -> str:
+    return _digest(surface.vertices_mm, surface.faces)
+
+
+def _digest(*arrays: NDArray[Any]) -> str:
+    """Digest of the bytes of ``arrays``; releases the GIL for large ones."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).data)
+    return f"sha256:{digest.hexdigest()[:16]}"

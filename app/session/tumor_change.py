@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.fixture.surfaces.surface import build_bvh
+from app.fixture.surfaces.bvh import indexed_bvh
 from app.fixture.surfaces.winding_number import dipoles_of, winding_numbers
-from app.geometry import FloatArray, FrameError, SurfaceMesh
+from app.geometry import FloatArray, FrameError, SurfaceMesh, weld_vertices
 
 MAX_VOLUME_FACTOR = 2.0
 """A volume that differs by more than this factor is named. Repeated segmentations of one lesion
@@ -91,7 +91,8 @@ def _overlap(smaller: SurfaceMesh, larger: SurfaceMesh) -> float:
 
 
 def _are_inside(mesh: SurfaceMesh, points_mm: FloatArray) -> NDArray[np.bool_]:
-    return np.asarray(winding_numbers(dipoles_of(build_bvh(mesh)), points_mm) > 0)
+    vertices, faces, _ = weld_vertices(mesh.vertices_mm, mesh.faces)
+    return np.asarray(winding_numbers(dipoles_of(indexed_bvh(vertices, faces)), points_mm) > 0)
 
 
 def _spread_points(count: int) -> FloatArray:

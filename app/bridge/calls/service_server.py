@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -10,6 +11,7 @@ from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
 from app.bridge.calls.errors import CallError
+from app.bridge.calls.unlocked_service import create_unlocked_service
 from app.bridge.convert.types import service_type
 from app.bridge.errors import reason_of
 from app.bridge.message_definitions import foreign_clients
@@ -26,7 +28,9 @@ class ServiceServer:
     request takes no thread. While a client with another definition of one of our types is known,
     every request is refused, because a request does not name its sender; not with
     ``any_definition``. Up to ``max_waiting`` requests wait for the node's thread, 10 unless
-    it is given.
+    it is given. ``received_as`` is a type with the type support of the request but another
+    conversion to Python, whose result ``check`` and ``handle`` then get; the request is received
+    without the GIL.
     rclpy sends no reply when a handler raises. This class then replies with a new response:
     ``success`` is false and ``message`` is the reason, if the type has these fields. A
     `MarginGuardError` is counted in `refused`; other exceptions are counted in `failures` and
@@ -44,6 +48,7 @@ class ServiceServer:
         check: Callable[[Any], None] | None = None,
         max_waiting: int | None = None,
         any_definition: bool = False,
+        received_as: type | None = None,
     ) -> None:
         self.type = service_type(service)
         self.refused = 0
@@ -54,7 +59,10 @@ class ServiceServer:
         self._any_definition = any_definition
         self._busy = False  # used in the node's thread only
         try:
-            self._service = ros.node.create_service(
+            create = ros.node.create_service
+            if received_as is not None:
+                create = partial(create_unlocked_service, ros.node, received_as=received_as)
+            self._service = create(
                 self.type,
                 name,
                 self._reply_from_thread if in_thread else self._reply,

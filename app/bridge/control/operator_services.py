@@ -10,6 +10,7 @@ from app.bridge import messages
 from app.bridge.calls.service_server import ServiceServer
 from app.bridge.control.margin_parameters import OVER_ROS
 from app.bridge.control.operator_requests import OperatorRequests
+from app.bridge.control.tumor_request import ArrayRequest, TumorRequest
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.geometry import FloatArray, Stamp, SurfaceMesh, Transform
@@ -34,32 +35,32 @@ class OperatorServices:
     ) -> None:
         self._commands = commands
         self._requests = requests
-        for service, name, handle, kind in (
-            (SetTumor, "~/set_tumor", self._set_tumor, RequestKind.TUMOR),
-            (Register, "~/register", self._register, RequestKind.REGISTRATION),
+        for service, name, handle, kind, received_as in (
+            (SetTumor, "~/set_tumor", self._set_tumor, RequestKind.TUMOR, ArrayRequest),
+            (Register, "~/register", self._register, RequestKind.REGISTRATION, None),
         ):
             check = partial(self._check, kind, name)
-            ServiceServer(ros, service, name, handle, in_thread=True, check=check)
+            ServiceServer(
+                ros, service, name, handle, in_thread=True, check=check, received_as=received_as
+            )
 
     def _check(self, kind: RequestKind, name: str, request: object) -> None:
         with self._requests.refusals(kind):
             self._requests.check(kind, name)
 
-    def _set_tumor(self, request: SetTumor.Request, response: SetTumor.Response) -> None:
+    def _set_tumor(self, request: TumorRequest, response: SetTumor.Response) -> None:
         with self._requests.refusals(RequestKind.TUMOR):
             frame_from_tumor, tumor = self._tumor(request)
         response.model_id = self._commands.set_tumor(frame_from_tumor, tumor, origin=OVER_ROS)
         response.success = True
 
-    def _tumor(self, request: SetTumor.Request) -> tuple[Transform, SurfaceMesh]:
+    def _tumor(self, request: TumorRequest) -> tuple[Transform, SurfaceMesh]:
         frame = self._commands.setup.frame_from_tumor.source
         tumor = _surface(request, frame)
-        pose = request.pose
-        position, rotation = pose.position, pose.orientation
         frame_from_tumor = Transform.from_quaternion(
-            (rotation.x, rotation.y, rotation.z, rotation.w),
-            messages.MM_PER_M * np.array([position.x, position.y, position.z]),
-            target=request.header.frame_id,
+            tuple(request.quaternion.tolist()),
+            messages.MM_PER_M * request.position_m,
+            target=request.frame_id,
             source=frame,
         )
         return frame_from_tumor, tumor
@@ -91,16 +92,15 @@ def _registration(request: Register.Request) -> RegistrationResult:
     )
 
 
-def _surface(request: SetTumor.Request, frame: str) -> SurfaceMesh:
-    triangles, vertices = request.mesh.triangles, request.mesh.vertices
-    # Before the points are converted, which takes longer than their count.
+def _surface(request: TumorRequest, frame: str) -> SurfaceMesh:
+    triangles, vertices = request.triangles, request.vertices_m
+    # Before they are copied and checked, which takes longer than their count.
     if not 0 < len(triangles) <= MAX_LIVE_TRIANGLES or len(vertices) > 3 * MAX_LIVE_TRIANGLES:
         raise BridgeError(
             f"the surface has {len(triangles)} triangles and {len(vertices)} vertices; "
             f"expected 1 to {MAX_LIVE_TRIANGLES} triangles in a live session: reduce its resolution"
         )
-    faces = np.array([triangle.vertex_indices for triangle in triangles])
-    return SurfaceMesh(frame, _points_mm(vertices), faces)
+    return SurfaceMesh(frame, messages.MM_PER_M * vertices, triangles.astype(np.int64))
 
 
 def _points_mm(points: list[Point]) -> FloatArray:

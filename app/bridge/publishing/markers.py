@@ -6,16 +6,14 @@ text, at every step. Late subscribers get both. All markers have stamp 0 and are
 frame, so that a viewer draws them at the latest pose.
 """
 
-from collections.abc import Iterable
-
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion
+from geometry_msgs.msg import Pose, Quaternion
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from app.bridge.messages import color_message, metres, point_message
+from app.bridge.publishing.marker_points import corners_m, placeholder, serialized
 from app.fixture import FixtureDecision, MarginState
-from app.geometry import SurfaceMesh
 from app.runtime import SessionContent
 
 TUMOR_ALPHA = 0.4
@@ -25,34 +23,31 @@ TEXT_ABOVE_TUMOR_MM = 10.0
 
 
 class Markers:
-    """Creates the markers of a session. The triangles are converted once for all colours."""
+    """Creates the markers of a session. The triangles are converted once for all colours.
+
+    A surface of more than `MAX_TRIANGLES` triangles is simplified for its marker.
+    """
 
     def __init__(self, content: SessionContent) -> None:
         self._tumor_frame = content.tumor.frame
-        self._tumor_points = _triangle_points(content.tumor)
+        self._points_m = [corners_m(content.tumor)]
         self._tool_frame = None if content.tool is None else content.tool.frame
-        self._tool_points = [] if content.tool is None else _triangle_points(content.tool)
+        if content.tool is not None:
+            self._points_m.append(corners_m(content.tool))
         lowest, highest = content.tumor.bounds_mm
         self._text_at_mm = (lowest + highest) / 2.0
         self._text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
 
-    def surfaces(self, state: MarginState) -> MarkerArray:
-        """Markers of the tumour, in the colour of ``state``, and of the tool (TRIANGLE_LIST)."""
-        markers = [
-            _marker(
-                "tumor",
-                self._tumor_frame,
-                Marker.TRIANGLE_LIST,
-                color_message(state.color, TUMOR_ALPHA),
-                self._tumor_points,
-            )
-        ]
+    def surfaces(self, state: MarginState) -> bytes:
+        """Serialised `MarkerArray` of the tumour, in the colour of ``state``, and of the tool.
+
+        Both are a TRIANGLE_LIST.
+        """
+        color = color_message(state.color, TUMOR_ALPHA)
+        markers = [_surface("tumor", self._tumor_frame, color, 0)]
         if self._tool_frame is not None:
-            color = color_message(TOOL_RGB)
-            markers.append(
-                _marker("tool", self._tool_frame, Marker.TRIANGLE_LIST, color, self._tool_points)
-            )
-        return MarkerArray(markers=markers)
+            markers.append(_surface("tool", self._tool_frame, color_message(TOOL_RGB), 1))
+        return serialized(MarkerArray(markers=markers), self._points_m)
 
     def text(self, decision: FixtureDecision) -> MarkerArray:
         """Marker with the text of the margin, above the tumour, in the colour of the state."""
@@ -72,9 +67,13 @@ def margin_text(decision: FixtureDecision) -> str:
     return f"{decision.state.display.label} {decision.proximity.signed_distance_mm:+.1f} mm"
 
 
-def _marker(
-    name: str, frame: str, kind: int, color: ColorRGBA, points: Iterable[Point] = ()
-) -> Marker:
+def _surface(name: str, frame: str, color: ColorRGBA, number: int) -> Marker:
+    marker = _marker(name, frame, Marker.TRIANGLE_LIST, color)
+    marker.points = [placeholder(number)]
+    return marker
+
+
+def _marker(name: str, frame: str, kind: int, color: ColorRGBA) -> Marker:
     marker = Marker(
         header=Header(frame_id=frame, stamp=Time()),
         ns=name,
@@ -83,13 +82,6 @@ def _marker(
         pose=Pose(orientation=Quaternion(w=1.0)),
         color=color,
         frame_locked=True,
-        points=list(points),
     )
     marker.scale.x = marker.scale.y = marker.scale.z = 1.0
     return marker
-
-
-def _triangle_points(mesh: SurfaceMesh) -> list[Point]:
-    """Corners of the faces in sequence, in m; faces share the `Point` objects of vertices."""
-    vertices = [Point(x=x, y=y, z=z) for x, y, z in metres(mesh.vertices_mm).tolist()]
-    return [vertices[index] for index in mesh.faces.reshape(-1).tolist()]

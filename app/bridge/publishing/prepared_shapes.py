@@ -1,6 +1,5 @@
 """Surface markers of a session, serialised in advance because that takes long."""
 
-from rclpy.serialization import serialize_message
 from visualization_msgs.msg import MarkerArray
 
 from app.bridge.publishing.markers import Markers
@@ -11,16 +10,13 @@ from app.runtime import SessionContent
 class PreparedShapes:
     """Surface markers of ``content``, serialised once for each margin state.
 
-    A tumour with 80k triangles takes about 0.7 s. Create them in another thread while the session
-    continues.
+    Create them in another thread while the session continues.
     """
 
     def __init__(self, content: SessionContent) -> None:
         self._tumor, self._tool = content.tumor, content.tool
         self._markers = Markers(content)
-        self._surfaces = {
-            state: serialize_message(self._markers.surfaces(state)) for state in MarginState
-        }
+        self._surfaces = {state: self._markers.surfaces(state) for state in MarginState}
 
     def match(self, content: SessionContent) -> bool:
         """True if they were created from the tumour and the tool of ``content``."""

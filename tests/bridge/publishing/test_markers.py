@@ -2,15 +2,26 @@
 
 from dataclasses import replace
 
+import igl
 import numpy as np
 import pytest
+from geometry_msgs.msg import Point
+from rclpy.serialization import deserialize_message, serialize_message
+from visualization_msgs.msg import Marker, MarkerArray
 
+from app.bridge.errors import BridgeError
+from app.bridge.publishing.marker_points import MAX_TRIANGLES, corners_m, serialized, simplified
 from app.bridge.publishing.markers import Markers, margin_text
 from app.fixture import MarginState
+from benchmarks.fixture_shapes import lobed_tumor
+
+
+def surfaces(content, state=MarginState.NEGATIVE):
+    return deserialize_message(Markers(content).surfaces(state), MarkerArray)
 
 
 def test_marker_triangles_are_those_of_the_mesh_in_metres(content):
-    tumor, tool = Markers(content).surfaces(MarginState.NEGATIVE).markers
+    tumor, tool = surfaces(content).markers
     assert tumor.type == tumor.TRIANGLE_LIST
     assert (tumor.header.frame_id, tool.header.frame_id) == ("tumor", "cautery_tip")
     corners = np.array([[point.x, point.y, point.z] for point in tumor.points])
@@ -30,19 +41,20 @@ def test_marker_triangles_are_those_of_the_mesh_in_metres(content):
     ],
 )
 def test_tumor_marker_has_the_color_of_the_state(content, state, rgb):
-    color = Markers(content).surfaces(state).markers[0].color
-    assert (color.r, color.g, color.b) == rgb == state.color
+    color = surfaces(content, state).markers[0].color
+    assert rgb == state.color
+    assert (color.r, color.g, color.b) == pytest.approx(rgb, abs=1e-7)
     assert 0.0 < color.a < 1.0
 
 
 def test_marker_is_locked_to_its_frame(content):
-    for marker in Markers(content).surfaces(MarginState.NEGATIVE).markers:
+    for marker in surfaces(content).markers:
         assert marker.frame_locked
         assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (0, 0)
 
 
 def test_without_tool_mesh_only_the_tumour_is_published(content):
-    markers = Markers(replace(content, tool=None)).surfaces(MarginState.NEGATIVE).markers
+    markers = surfaces(replace(content, tool=None)).markers
     assert [marker.ns for marker in markers] == ["tumor"]
 
 
@@ -60,3 +72,33 @@ def test_text_of_breach_and_unknown(make_step):
     deep = replace(breach, proximity=proximity)
     assert margin_text(deep) == "IN TUMOUR -1.4 mm"
     assert margin_text(make_step(0, lost=True).decision) == "UNKNOWN: invalid, latched"
+
+
+def test_points_written_as_bytes_are_those_that_rclpy_serialises(content):
+    found = Markers(content).surfaces(MarginState.WARNING)
+    expected = deserialize_message(found, MarkerArray)
+    for marker, mesh in zip(expected.markers, (content.tumor, content.tool), strict=True):
+        marker.points = [Point(x=x, y=y, z=z) for x, y, z in corners_m(mesh).tolist()]
+    # Not as bytes: padding is not initialised.
+    assert len(found) == len(serialize_message(expected))
+    assert deserialize_message(found, MarkerArray) == expected
+
+
+def test_message_with_points_elsewhere_is_refused():
+    with pytest.raises(BridgeError, match="marker 0: its points are not where"):
+        serialized(MarkerArray(markers=[Marker()]), [np.zeros((3, 3))])
+
+
+def test_large_surface_is_simplified_and_stays_close(content):
+    ball = lobed_tumor(80_000)
+    marker = surfaces(replace(content, tumor=ball)).markers[0]
+    assert 5_000 < len(marker.points) // 3 <= MAX_TRIANGLES
+    vertices, faces = simplified(ball.vertices_mm, ball.faces, 1000)
+    assert 200 < len(faces) <= 1000
+    squared, _, _ = igl.point_mesh_squared_distance(
+        vertices, np.array(ball.vertices_mm), ball.faces.astype(np.int64)
+    )
+    assert np.sqrt(squared).max() < 1.0
+    again = simplified(ball.vertices_mm, ball.faces, 1000)
+    assert np.array_equal(again[0], vertices)
+    assert np.array_equal(again[1], faces)

@@ -1,0 +1,45 @@
+"""A tumour request as arrays equals rclpy's own conversion of the same bytes."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point
+from marginguard_msgs.srv import SetTumor
+from rclpy.serialization import deserialize_message, serialize_message
+from shape_msgs.msg import MeshTriangle
+
+from app.bridge.control.tumor_request import ArrayRequest, TumorRequest
+
+
+@pytest.mark.parametrize(
+    ("frame", "triangles", "vertices"), [("", 0, 0), ("needle", 1, 0), ("näh\n", 500, 251)]
+)
+def test_arrays_equal_the_conversion_of_rclpy(frame: str, triangles: int, vertices: int) -> None:
+    rng = np.random.default_rng(triangles)
+    request = SetTumor.Request()
+    request.header.frame_id = frame
+    request.header.stamp.nanosec = 2**32 - 1
+    position, rotation = request.pose.position, request.pose.orientation
+    position.x, position.y, position.z = rng.normal(size=3).tolist()
+    rotation.x, rotation.y, rotation.z, rotation.w = rng.normal(size=4).tolist()
+    request.mesh.triangles = [
+        MeshTriangle(vertex_indices=row)
+        for row in rng.integers(2**32, size=(triangles, 3), dtype=np.uint32)
+    ]
+    request.mesh.vertices = [
+        Point(x=x, y=y, z=z) for x, y, z in rng.normal(size=(vertices, 3)).tolist()
+    ]
+    data = serialize_message(request)
+    expected = deserialize_message(data, SetTumor.Request)
+    found = deserialize_message(data, ArrayRequest)
+    assert type(found) is TumorRequest
+    assert found.frame_id == expected.header.frame_id
+    at, turn = expected.pose.position, expected.pose.orientation
+    assert found.position_m.tolist() == [at.x, at.y, at.z]
+    assert found.quaternion.tolist() == [turn.x, turn.y, turn.z, turn.w]
+    assert found.triangles.shape == (triangles, 3)
+    assert found.triangles.tolist() == [
+        triangle.vertex_indices.tolist() for triangle in expected.mesh.triangles
+    ]
+    assert found.vertices_m.shape == (vertices, 3)
+    assert found.vertices_m.tolist() == [[p.x, p.y, p.z] for p in expected.mesh.vertices]
+    assert type(deserialize_message(data, SetTumor.Request)) is SetTumor.Request
