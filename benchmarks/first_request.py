@@ -2,9 +2,9 @@
 
     python -m benchmarks.first_request [PAIRS]
 
-The server is a process with rclpy alone. Each pair makes a new node and client in turn: of plain
-rclpy, of `app.bridge.calls.ServiceClient`, and of the module ROS2. The time is from the creation of
-the client to its reply, without that of the node; the node is new, so that discovery is included.
+The server is a process with rclpy alone. Clients of plain rclpy, of `app.bridge.calls` and of the
+module ROS2 are made in turn, first each of a new node, then all of a kind of one node. The time is
+from the creation of the client to its reply: with a new node it contains the discovery of the node.
 """
 
 import os
@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,10 @@ from benchmarks.ros_domain import reserved_domain
 SERVICE = "/first_request"
 TIMEOUT_S = 5.0
 POLL_S = 0.001
+
+Measure = Callable[[], float | None]
+"""Seconds to the reply to a new client; None without a reply."""
+
 MODULE = Path(__file__).resolve().parents[1] / "slicer_module" / "ROS2"
 
 
@@ -42,8 +46,9 @@ def serve() -> None:
     rclpy.spin(node)
 
 
-def plain_rclpy() -> float | None:
-    """Seconds to the reply with rclpy alone; None without a reply."""
+@contextmanager
+def plain_rclpy() -> Iterator[Measure]:
+    """Clients with rclpy alone."""
     import rclpy
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
@@ -55,58 +60,93 @@ def plain_rclpy() -> float | None:
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     threading.Thread(target=executor.spin, daemon=True).start()
-    done = threading.Event()
-    start = time.perf_counter()
-    client = node.create_client(SetBool, SERVICE)
-    while not client.service_is_ready():
-        time.sleep(POLL_S)
-    client.call_async(SetBool.Request(data=True)).add_done_callback(lambda _: done.set())
-    is_answered = done.wait(TIMEOUT_S)
-    taken_s = time.perf_counter() - start
+
+    def measure() -> float | None:
+        done = threading.Event()
+        start = time.perf_counter()
+        client = node.create_client(SetBool, SERVICE)
+        while not client.service_is_ready():
+            time.sleep(POLL_S)
+        client.call_async(SetBool.Request(data=True)).add_done_callback(lambda _: done.set())
+        is_answered = done.wait(TIMEOUT_S)
+        taken_s = time.perf_counter() - start
+        executor.create_task(lambda: node.destroy_client(client))
+        return taken_s if is_answered else None
+
+    yield measure
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown(context=context)
-    return taken_s if is_answered else None
 
 
-def service_client() -> float | None:
-    """Seconds to the reply with the bridge's client; None without a reply."""
+@contextmanager
+def bridge() -> Iterator[Measure]:
+    """Clients of `app.bridge.calls`."""
     from app.bridge import RosNode
     from app.bridge.calls import CallError, ServiceClient
 
     with RosNode("bridge") as ros:
-        start = time.perf_counter()
-        client = ServiceClient(ros, "std_srvs/srv/SetBool", SERVICE)
-        try:
-            client.call({"data": True}, TIMEOUT_S)
-        except CallError:
-            return None
-        return time.perf_counter() - start
+
+        def measure() -> float | None:
+            start = time.perf_counter()
+            client = ServiceClient(ros, "std_srvs/srv/SetBool", SERVICE)
+            try:
+                client.call({"data": True}, TIMEOUT_S)
+                return time.perf_counter() - start
+            except CallError:
+                return None
+            finally:
+                ros.call(client.close)
+
+        yield measure
 
 
 @contextmanager
-def module_client() -> Iterator[Callable[[], float | None]]:
-    """A function that returns the seconds to the reply with the module ROS2."""
+def module() -> Iterator[Measure]:
+    """Clients of the module ROS2, spun by `WaitForServiceResponse`."""
     sys.path.insert(0, str(MODULE))
     from slicer import vtkMRMLScene
 
     from ROS2Lib.logic import Ros2Api  # type: ignore[import-not-found, unused-ignore]
 
     api = Ros2Api(vtkMRMLScene())
+    node = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
+    node.Create("module")
 
     def measure() -> float | None:
-        node = api.AddNewNodeByClass("vtkMRMLROS2NodeNode")
-        node.Create("module")
         start = time.perf_counter()
         client = node.CreateAndAddServiceClientNode("SetBool", SERVICE)
         client.SendAsyncRequest({"data": True})
         is_answered = api.WaitForServiceResponse(client, TIMEOUT_S)
         taken_s = time.perf_counter() - start
-        node.Destroy()
+        node.RemoveAndDeleteServiceClientNode(SERVICE)
         return taken_s if is_answered else None
 
     yield measure
     api.Close()
+
+
+KINDS = {"plain rclpy": plain_rclpy, "bridge": bridge, "module": module}
+
+
+def measure_pairs(pairs: int, *, new_nodes: bool) -> dict[str, list[float | None]]:
+    """Times by kind, measured in turn; each client has a new node, or all of a kind have one."""
+    times: dict[str, list[float | None]] = {name: [] for name in KINDS}
+    with ExitStack() as stack:
+        kept = {}
+        if not new_nodes:
+            kept = {name: stack.enter_context(kind()) for name, kind in KINDS.items()}
+            for measure in kept.values():
+                measure()  # the nodes discover each other
+        for number in range(pairs):
+            for turn in range(len(KINDS)):
+                name = list(KINDS)[(number + turn) % len(KINDS)]
+                if new_nodes:
+                    with KINDS[name]() as measure:
+                        times[name].append(measure())
+                else:
+                    times[name].append(kept[name]())
+    return times
 
 
 def report(name: str, times: list[float | None], plain: list[float | None]) -> str:
@@ -137,20 +177,16 @@ def main() -> None:
         try:
             assert server.stdout is not None
             server.stdout.readline()
-            with module_client() as module:
-                kinds = {"plain rclpy": plain_rclpy, "bridge": service_client, "module": module}
-                times: dict[str, list[float | None]] = {name: [] for name in kinds}
-                for number in range(pairs):
-                    for turn in range(len(kinds)):
-                        name = list(kinds)[(number + turn) % len(kinds)]
-                        times[name].append(kinds[name]())
+            for new_nodes in (True, False):
+                times = measure_pairs(pairs, new_nodes=new_nodes)
+                load = Path("/proc/loadavg").read_text().split()[0]
+                whose = "new nodes" if new_nodes else "one node of each kind"
+                print(f"{pairs} new clients of {whose}, load {load}")
+                for name, taken in times.items():
+                    print(report(name, taken, times["plain rclpy"]), flush=True)
         finally:
             server.kill()
             server.wait()
-    load = Path("/proc/loadavg").read_text().split()[0]
-    print(f"{pairs} new clients of each kind, load {load}")
-    for name, taken in times.items():
-        print(report(name, taken, times["plain rclpy"]))
 
 
 if __name__ == "__main__":
