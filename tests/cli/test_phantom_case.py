@@ -64,6 +64,7 @@ def test_breach_is_found_at_the_times_of_the_recording(folder, steps, manifest):
     expected = yaml.safe_load((folder / "expected.yaml").read_text())
     (interval,) = expected["breaches"]["intervals"]
     assert len(steps) == expected["frames"]
+    assert all(step.decision.state is not mg.MarginState.UNKNOWN for step in steps)
     times = np.array(igsio_times_s(folder / "tracking.igs.mha"))
     assert breach.start_s == pytest.approx(interval["start_s"], abs=1e-4)
     assert breach.end_s == pytest.approx(times[breach.last] - times[0], abs=1e-4)

@@ -1,4 +1,4 @@
-"""Selection of the poses of a pivot by what they tell about the tip.
+"""Selection of the poses of a pivot by their information about the tip.
 
 Two poses determine the tip by their relative rotation alone: subtracting their equations leaves
 ``(R_i - R_j) tip = t_j - t_i``. How far the sensor moved does not count, so a sensor close to the

@@ -5,10 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from scipy.spatial.transform import Rotation
 
 from app.cli.main import main
 from app.files import read_transform
 from app.geometry import Transform
+from tests.cli.calibration.recordings import TIP_MM, frames, write_igsio
 from tests.cli.real_case import CONFIGURATION, PUBLISHED, RECORDING, plus_transform
 
 
@@ -100,3 +103,35 @@ def test_missing_landmarks_and_tips_are_errors(plus: Path, tmp_path: Path, capsy
     published = str(plus / PUBLISHED)
     assert main(arguments(plus, "--plus-config", published, "--tool", "reference")) == 2
     assert "no ReferenceTipToReference" in capsys.readouterr().err
+
+
+def test_generated_dwells_give_the_phantom_and_a_still_shaft_is_named(tmp_path: Path, capsys):
+    """The twin of the tests above on data of the project: dwells with and without rotation."""
+    landmarks = {"A": [0, 0, 0], "B": [80.0, 0, 0], "C": [0, 55.0, 0], "D": [20, 30, 40]}
+    phantom = Transform.from_rotation_vector(
+        [0.2, -0.4, 0.1], [15.0, -30.0, 60.0], target="reference", source="phantom"
+    )
+    tip, points = tmp_path / "tip.txt", tmp_path / "landmarks.yaml"
+    tip_pose = np.eye(4)
+    tip_pose[:3, 3] = TIP_MM
+    np.savetxt(tip, tip_pose)
+    entries = [{"name": name, "position_mm": at} for name, at in landmarks.items()]
+    points.write_text(yaml.safe_dump({"landmarks": entries}))
+    options = ["--tip-from", str(tip), "--landmarks", str(points), "--json"]
+
+    def recorded(name: str, turn_rad: float) -> Path:
+        poses = []
+        for at in landmarks.values():
+            for angle in np.linspace(0.0, turn_rad, 40):
+                turn = Rotation.from_rotvec([angle, 0.3, 0.0])
+                origin = phantom.apply(at) - turn.apply(TIP_MM)
+                poses.append(Transform("reference", "stylus", turn.as_matrix(), origin))
+        return write_igsio(tmp_path / name, frames(poses, {}))
+
+    assert main(["calibrate", "landmarks", str(recorded("turned.igs.mha", 0.5)), *options]) == 0
+    found = np.reshape(json.loads(capsys.readouterr().out)["transform"]["matrix"], (4, 4))
+    np.testing.assert_allclose(found, phantom.matrix, atol=1e-3)
+    assert main(["calibrate", "landmarks", str(recorded("still.igs.mha", 0.02)), *options]) == 2
+    error = capsys.readouterr().err
+    assert "0 dwells in 160 samples (the tip rested at 4 more places" in error
+    assert "the shaft turned by at most 1.08 degrees; a dwell needs 17.2" in error

@@ -1,4 +1,4 @@
-"""Poses of a pivot are selected by what they tell about the tip."""
+"""Poses of a pivot are selected by their information about the tip."""
 
 import numpy as np
 import pytest
