@@ -80,6 +80,7 @@ SLOW = {
         "tests/fixture/control/test_guidance.py",
         "tests/fixture/control/test_monitor_machine.py",
         "tests/fixture/control/test_push.py",
+        "tests/fixture/meshes/test_generated_meshes.py",
         "tests/fixture/meshes/test_margin_surface.py",
         "tests/fixture/meshes/test_mesh_checks.py",
         "tests/fixture/meshes/test_self_intersection.py",
@@ -130,6 +131,7 @@ LONG = {
 
 EXHAUSTIVE = {
     "stops a live session 100 times from outside": ("tests/benchmarks/test_stops.py",),
+    "repairs 400 generated meshes": ("tests/fixture/meshes/test_all_generated_meshes.py",),
     "kills twenty recorders": ("tests/benchmarks/test_long_recorder.py",),
 }
 """Reason -> files that `make test-exhaustive` runs (``--exhaustive``), on an idle machine."""

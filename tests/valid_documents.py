@@ -113,7 +113,10 @@ def complete(document: str) -> list[dict[str, Any]]:
     full = values | {"margins": values["margins"] | optional}
     tumor, known = values["tumor"], {"offset_robot_to_tracker_ms": 3, "estimate": False}
     contour = {"frame": tumor["frame"], "pose": tumor["pose"], "contour": {"path": "t.fcsv"}}
-    mesh = {"tumor": tumor | {"mesh": {"path": "t.stl", "units": "cm", "repair": True}}}
+    mesh: dict[str, Any] = {
+        "tumor": tumor | {"mesh": {"path": "t.stl", "units": "cm", "repair": True}},
+        "tool": values["tool"] | {"mesh": {"path": "tool.ply", "units": "mm", "repair": True}},
+    }
     segment = {"tumor": tumor | {"mesh": {"path": "t.nrrd", "segment": "T"}}}
     if document == "live":
         igtl = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}

@@ -1,4 +1,4 @@
-from .case import Case, open_case
+from .case import Case, MeshOwner, open_case
 from .convert import convert_case
 from .copying import recover_recording
 from .frames.assembly import agreed_sample
@@ -100,6 +100,7 @@ __all__ = [
     "LiveSourceEntry",
     "MarginEntry",
     "MeshEntry",
+    "MeshOwner",
     "MotionEntry",
     "PlausibilityEntry",
     "Playback",

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from app.case.frames.read_ahead import read_ahead
 from app.case.frames.samples import TrackingFrame
@@ -29,6 +30,8 @@ from app.files.meshes import load_mesh
 from app.files.packages import PACKAGE_SCHEME
 from app.files.paths import resolve_file, resolve_inside, resolve_package_folder, sha256_of
 from app.geometry import InputError, MeshError, SurfaceMesh
+
+MeshOwner = Literal["tumor", "tool"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,31 +135,43 @@ class Case:
             self._mesh_notes.extend(built.notes)
         return self._meshes[tumor.shape_key]
 
-    def faulty_tumor_mesh(self) -> SurfaceMesh:
-        """The tumour's surface as in its file, to be repaired and passed to `with_tumor_mesh`."""
-        tumor = self.manifest.tumor
-        if not (isinstance(tumor.shape, MeshEntry) and tumor.shape.repair):
+    def faulty_mesh(self, of: MeshOwner) -> SurfaceMesh:
+        """The surface as in its file, to be repaired and passed to `with_repaired_mesh`."""
+        entry, frame, key = self._repairable(of)
+        if not entry.repair:
             raise InputError(
-                f"{self.manifest.file}: tumor.mesh.repair is not true: its mesh is used unrepaired"
+                f"{self.manifest.file}: {key}.repair is not true: its mesh is used unrepaired"
             )
-        path = self._file(tumor.shape.path, f"{tumor.shape_key}.path")
-        return load_mesh(path, units=tumor.shape.units, frame=TUMOR_MESH_FRAME)
+        path = self._file(entry.path, f"{key}.path")
+        return load_mesh(path, units=entry.units, frame=frame)
 
-    def with_tumor_mesh(self, mesh: SurfaceMesh, notes: Sequence[str]) -> "Case":
-        """A copy of the case with the repaired mesh of its tumour; ``notes`` list the repairs."""
-        tumor = self.manifest.tumor
-        if not isinstance(tumor.shape, MeshEntry):
-            raise InputError(
-                f"{self.manifest.file}: tumor.mesh is not a mesh file: nothing to repair"
-            )
-        repaired = replace(tumor, shape=replace(tumor.shape, repair=False))
+    def with_repaired_mesh(self, of: MeshOwner, mesh: SurfaceMesh, notes: Sequence[str]) -> "Case":
+        """A copy of the case with this mesh of its tumour or tool; ``notes`` list the repairs."""
+        entry, _, key = self._repairable(of)
+        repaired, manifest = replace(entry, repair=False), self.manifest
+        if of == "tumor":
+            manifest = replace(manifest, tumor=replace(manifest.tumor, shape=repaired))
+        else:
+            manifest = replace(manifest, tool=replace(manifest.tool, mesh=repaired))
         return replace(
             self,
-            manifest=replace(self.manifest, tumor=repaired),
+            manifest=manifest,
             _notes=[],
-            _meshes={**self._meshes, tumor.shape_key: mesh},
-            _mesh_notes=list(notes),
+            _meshes={**self._meshes, key: mesh},
+            _mesh_notes=[*self._mesh_notes, *notes],
         )
+
+    def _repairable(self, of: MeshOwner) -> tuple[MeshEntry, str, str]:
+        """Entry, frame and key of a mesh file."""
+        tumor, tool = self.manifest.tumor, self.manifest.tool
+        entry = tumor.shape if of == "tumor" else tool.mesh
+        if not isinstance(entry, MeshEntry):
+            raise InputError(
+                f"{self.manifest.file}: {of}.mesh is not a mesh file: nothing to repair"
+            )
+        if of == "tumor":
+            return entry, TUMOR_MESH_FRAME, tumor.shape_key
+        return entry, tool.tip_frame, "tool.mesh"
 
     def with_own_packages(self) -> "Case":
         """A copy of the case that finds packages in the manifest's ``package_dirs``, too.
@@ -219,7 +234,7 @@ class Case:
             if entry.repair:
                 raise InputError(
                     f"{self.manifest.file}: {key}.repair is true: repair the mesh before its use "
-                    "(Case.with_tumor_mesh)"
+                    "(Case.with_repaired_mesh)"
                 )
             path = self._file(entry.path, f"{key}.path")
             mesh = load_mesh(path, units=entry.units, frame=frame)

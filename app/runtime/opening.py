@@ -16,7 +16,7 @@ from app.session import (
     setup_from_case,
     tumor_motion_parameters,
     with_estimated_clock,
-    with_repaired_tumor,
+    with_repaired_meshes,
 )
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def prepare_live(
 ) -> PreparedLive:
     """Open a ``live.yaml`` and set up its session. Raises as `prepare_case` does."""
     config = open_live(config_file, package_dirs=package_dirs)
-    case = with_repaired_tumor(config.case)
+    case = with_repaired_meshes(config.case)
     setup = setup_from_case(case, tip_only=tip_only)
     setup = replace(setup, tumor_motion=tumor_motion_parameters(config))
     return PreparedLive(config, case, setup, content_of(case, setup, tip_only=tip_only))
@@ -163,4 +163,4 @@ def prepare_live(
 def _open(folder: Path, package_dirs: Sequence[Path]) -> "tuple[Case, TimeOffset | None]":
     """Open the case, repair its tumour and estimate the offset of its joints' clock."""
     opened = open_case(folder, package_dirs=package_dirs)
-    return with_estimated_clock(with_repaired_tumor(opened))
+    return with_estimated_clock(with_repaired_meshes(opened))

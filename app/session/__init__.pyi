@@ -10,6 +10,7 @@ from .live_control import (
     tumor_motion_parameters,
 )
 from .loosening import loosened_margins, margin_changes, tightest_margins
+from .mesh_repair import with_repaired_meshes
 from .path_depth import PathDepth, PathPoint, deepest_on_path
 from .plausibility.plausibility import SINGLE_SOURCE
 from .playback_rule import PlaybackRule
@@ -20,7 +21,6 @@ from .session import Session
 from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
 from .step_result import StepResult
 from .tumor_change import TumorChange, tumor_change
-from .tumor_repair import with_repaired_tumor
 
 __all__ = [
     "LEASE_NS",
@@ -61,5 +61,5 @@ __all__ = [
     "tumor_change",
     "tumor_motion_parameters",
     "with_estimated_clock",
-    "with_repaired_tumor",
+    "with_repaired_meshes",
 ]

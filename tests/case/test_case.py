@@ -298,14 +298,14 @@ def test_tumor_mesh_needs_its_repair_before_use(manifest: Manifest, write_case: 
         InputError, match=r"tumor.mesh.repair is true: repair the mesh before its use"
     ):
         case.tumor_mesh()
-    faulty = case.faulty_tumor_mesh()
+    faulty = case.faulty_mesh("tumor")
     assert faulty.open_edges() == 3
-    done = case.with_tumor_mesh(faulty, ["what was done"])
+    done = case.with_repaired_mesh("tumor", faulty, ["what was done"])
     assert done.tumor_mesh() is faulty
     assert len(list(done.frames())) == 50
     assert done.notes() == ("what was done",)
     with pytest.raises(InputError, match=r"tumor.mesh.repair is not true"):
-        done.faulty_tumor_mesh()
+        done.faulty_mesh("tumor")
 
 
 def test_repair_of_the_tool_is_refused(manifest: Manifest, write_case: WriteCase) -> None:

@@ -32,8 +32,12 @@ from tests.valid_documents import (
     ROOT,
     SHIPPED,
     VALID,
+    XACRO,
     shipped,
 )
+
+FREE_NAMES = ("robot.xacro_args.", "package_dirs.")
+"""Mappings with names of the user's choice."""
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
@@ -122,7 +126,7 @@ def _paths(values: object, place: str = "") -> Iterator[str]:
     if isinstance(values, list):
         for value in values:
             yield from _paths(value, place)
-    if isinstance(values, dict):
+    if isinstance(values, dict) and place not in FREE_NAMES:
         for key, value in values.items():
             yield f"{place}{key}"
             yield from _paths(value, f"{place}{key}.")
@@ -178,6 +182,10 @@ EXAMPLES: dict[str, tuple[str, Edit]] = {
     "every value of max_mm is more than that of min_mm": (
         "case",
         _set("plausibility", {"workspace": {**SOME_BOX, "max_mm": [1.0, 0.0, 1.0]}}),
+    ),
+    "xacro_args are given for a .xacro only": (
+        "case",
+        _set("robot", {**XACRO["robot"], "urdf": "arm.urdf"}),
     ),
     "end_s is start_s or later": ("expected", _set("dropouts.0.end_s", 1)),
 }

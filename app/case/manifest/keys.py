@@ -99,6 +99,10 @@ _TOOL = Block(
             {
                 "path": Text(MESH_PATH),
                 "units": Choice("unit of the file's coordinates", tuple(UNITS_MM)),
+                "repair": Boolean(
+                    "repair faults of the mesh where that is safe, unite overlapping parts",
+                    default=False,
+                ),
             },
             optional=True,
         ),

@@ -70,9 +70,13 @@ def read_tool(document: Section) -> ToolEntry:
     frame = block.frame("frame")
     return ToolEntry(
         frame,
-        _mesh(block.section("mesh")) if "mesh" in block else None,
+        _tool_mesh(block.section("mesh")) if "mesh" in block else None,
         _pose(block, "tip_from", target=frame, source=f"{frame}_tip"),
     )
+
+
+def _tool_mesh(block: Section) -> MeshEntry:
+    return _mesh(block, repair=block.boolean("repair"))
 
 
 def read_tumor(document: Section, tool: ToolEntry) -> TumorEntry:

@@ -33,9 +33,9 @@ def run(options: argparse.Namespace) -> int:
     if not _is_case(options.path):
         return _describe_file(options)
     from app.case import open_case
-    from app.session import with_repaired_tumor
+    from app.session import with_repaired_meshes
 
-    case = with_repaired_tumor(open_case(options.path, package_dirs=options.package_dirs))
+    case = with_repaired_meshes(open_case(options.path, package_dirs=options.package_dirs))
     found = describe(case)
     print(json.dumps(found, indent=2) if options.json else as_text(found))
     return 0

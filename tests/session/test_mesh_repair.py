@@ -1,4 +1,4 @@
-"""Repair of a case's tumour: on request only, and reported."""
+"""Repair of a case's meshes: on request only, and reported."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ import yaml
 from app.case import Case, open_case
 from app.cli.main import main
 from app.geometry import MeshError
-from app.session import with_repaired_tumor
+from app.session import with_repaired_meshes
 from tests.cli.small_case import write_small_case
 
 OpenCase = Callable[..., Case]
@@ -44,7 +44,7 @@ def broken(project_root: Path, tmp_path: Path) -> OpenCase:
 @pytest.mark.parametrize("repair", [None, False])
 def test_mesh_is_repaired_only_on_request(broken: OpenCase, repair: bool | None) -> None:
     case = broken(repair=repair)
-    assert with_repaired_tumor(case) is case
+    assert with_repaired_meshes(case) is case
     with pytest.raises(MeshError, match="is not closed"):
         case.tumor_mesh()
 
@@ -52,7 +52,7 @@ def test_mesh_is_repaired_only_on_request(broken: OpenCase, repair: bool | None)
 def test_repaired_tumour_equals_that_of_the_sound_case(
     broken: OpenCase, project_root: Path
 ) -> None:
-    case = with_repaired_tumor(broken(repair=True))
+    case = with_repaired_meshes(broken(repair=True))
     sound = open_case(project_root / "data" / "recorded_case").tumor_mesh()
     assert case.tumor_mesh().signed_volume_mm3 == pytest.approx(sound.signed_volume_mm3, rel=1e-4)
     turned, closed = case.notes()
@@ -60,9 +60,31 @@ def test_repaired_tumour_equals_that_of_the_sound_case(
     assert "1 holes closed with planar patches" in closed
 
 
+def test_tool_of_overlapping_parts_is_united_on_request(tmp_path: Path) -> None:
+    def with_parts(manifest: dict[str, Any]) -> None:
+        manifest["tool"]["mesh"]["repair"] = True
+
+    folder = write_small_case(tmp_path / "case", with_parts)
+    manifest = yaml.safe_load((folder / "case.yaml").read_text())
+    shaft = trimesh.creation.cylinder(radius=1.0, height=20.0, sections=16)
+    ball = trimesh.creation.icosphere(2, radius=1.5)
+    ball.apply_translation([0.0, 0.0, 10.0])
+    path = folder / manifest["tool"]["mesh"]["path"]
+    trimesh.util.concatenate([shaft, ball]).export(path)
+    case = with_repaired_meshes(open_case(folder))
+    volume = case.tool_mesh().signed_volume_mm3
+    assert max(shaft.volume, ball.volume) < volume < shaft.volume + ball.volume
+    assert "the tool's mesh" in case.notes()[-1]
+    assert "2 parts united" in case.notes()[-1]
+    manifest["tool"]["mesh"]["repair"] = False
+    (folder / "case.yaml").write_text(yaml.safe_dump(manifest))
+    case = open_case(folder)
+    assert with_repaired_meshes(case) is case
+
+
 def test_mesh_without_safe_repair_is_rejected(broken: OpenCase) -> None:
     with pytest.raises(MeshError, match=r"the tumour's mesh tumor.stl: holes touch at"):
-        with_repaired_tumor(broken(repair=True, missing=2000))
+        with_repaired_meshes(broken(repair=True, missing=2000))
 
 
 @pytest.mark.parametrize("command", ["info", "replay"])
