@@ -16,12 +16,15 @@ def weld_vertices(
     """
     # `np.lexsort` is several times faster than `np.unique` with an axis.
     order = np.lexsort(vertices.T[::-1])
-    ordered = vertices[order]
+    # `take` and `compress` release the GIL, indexing by an array does not.
+    ordered = np.take(vertices, order, axis=0)
     is_new = np.ones(len(ordered), dtype=np.bool_)
     is_new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
     index = np.empty(len(ordered), dtype=np.int64)
     index[order] = np.cumsum(is_new) - 1
-    merged = index[faces]
+    merged = np.take(index, faces)
     first, second, third = merged.T
     kept = (first != second) & (second != third) & (third != first)
-    return ordered[is_new], merged[kept], kept
+    if not kept.all():
+        merged = np.compress(kept, merged, axis=0)
+    return np.compress(is_new, ordered, axis=0), merged, kept

@@ -61,7 +61,8 @@ def simplified(
     Vertices in one cell of a grid are replaced by their mean, and faces that degenerate are
     dropped (Rossignac and Borrel 1993): no vertex moves by more than the diagonal of a cell.
     """
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    # `take` and `compress` release the GIL, indexing by an array does not.
+    a, b, c = (np.take(vertices, faces[:, k], axis=0) for k in range(3))
     area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
     cell = max(np.sqrt(2.0 * area / max_faces), 1e-9)
     low = vertices.min(axis=0)
@@ -70,9 +71,10 @@ def simplified(
         size = cells.max(axis=0) + 1
         key = (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
         _, index, count = np.unique(key, return_inverse=True, return_counts=True)
-        merged = index[faces]
+        merged = np.take(index, faces)
         first, second, third = merged.T
-        kept = merged[(first != second) & (second != third) & (third != first)]
+        distinct = (first != second) & (second != third) & (third != first)
+        kept = np.compress(distinct, merged, axis=0)
         if len(kept) <= max_faces:
             sums = [np.bincount(index, weights=vertices[:, axis]) for axis in range(3)]
             return np.stack(sums, axis=1) / count[:, None], kept
