@@ -100,6 +100,11 @@ def _urdf_seeds() -> Sequence[bytes]:
     return [_URDF.encode(), touch.encode()]
 
 
+def _adf_seeds() -> Sequence[bytes]:
+    loops = shipped("data", "robots", "parallelogram", "parallelogram.yaml")
+    return [_ADF.encode(), loops.read_bytes()]
+
+
 def _read_received_urdf(path: Path) -> None:
     robot_from_text(path.read_bytes().decode("utf-8", "replace"), allowed_dirs=[path.parent])
 
@@ -136,7 +141,7 @@ PARSERS = (
         XACRO,
         {"part.xacro": _PART, "limits.yaml": b"max: 90.0\nnames: [a, b]\n"},
     ),
-    FuzzedParser("adf", "arm.yaml", load_robot, lambda: [_ADF.encode()], YAML, _PART_FILE),
+    FuzzedParser("adf", "arm.yaml", load_robot, _adf_seeds, YAML, _PART_FILE),
     FuzzedParser(
         "mesh_map",
         "map.txt",
