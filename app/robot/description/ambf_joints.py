@@ -108,7 +108,7 @@ def read_joint(
             f"{place} has the type {section.text('type')!r}; expected one of "
             f"{', '.join((*REVOLUTE_TYPES, *PRISMATIC_TYPES, *BALL_TYPES))} or fixed"
         )
-    by_location = np.linalg.solve(parent[1], child[1])
+    by_location = np.asarray(np.linalg.solve(parent[1], child[1]), dtype=np.float64)
     by_location[:3, 3] *= MM_PER_M
     has_frames = "parent axis" in section and "parent pivot" in section
     pivot_mm, axis = np.zeros(3), _Z
