@@ -106,6 +106,7 @@ def main() -> None:
         CLOCK.pack_into(clock, 0, progress.next, 0, 0)
         for number, data in _inputs(parser, job):
             path.write_bytes(data)
+            _reset_own_peak()
             wait_ns, start_ns = _all_waited_ns(), time.monotonic_ns()
             CLOCK.pack_into(clock, 0, number, start_ns, scheduler_wait_ns("self"))
             outcome = observe(parser.parse, path, names_file=parser.names_file)
@@ -123,7 +124,7 @@ def main() -> None:
             if now_ns - sent_ns > _REPORT_NS:
                 _send(reports, progress=asdict(progress))
                 sent_ns = now_ns
-            # The peak of a process never falls, so a new process takes over.
+            # What a parser has filled may stay in use, so a new process takes over.
             if outcome.kind == MEMORY or now_ns > end_ns:
                 break
     _send(reports, progress=asdict(progress), done=True)
@@ -140,6 +141,11 @@ def _inputs(parser: FuzzedParser, job: Job) -> Iterator[tuple[int, bytes]]:
     seeds = parser.seeds()
     for number in range(job.first, job.last):
         yield number, make_input(parser, seeds, job.seed, number)
+
+
+def _reset_own_peak() -> None:
+    """Begin to measure `_own_peak` anew: a mutation may need more memory than the parser."""
+    Path("/proc/self/clear_refs").write_text("5")
 
 
 def _own_peak() -> int:

@@ -63,6 +63,11 @@ def _raising(data: bytes, _: Random) -> bytes:
     raise UnicodeDecodeError("utf-8", data, 0, 1, "invalid")
 
 
+def _filling(data: bytes, _: Random) -> bytes:
+    bytearray(b"x") * (5 << 28)
+    return data
+
+
 def _parser(name, parse) -> FuzzedParser:  # type: ignore[no-untyped-def]
     return FuzzedParser(name, "file.bin", parse, lambda: [b"seed"], RAW)
 
@@ -79,5 +84,6 @@ PARSERS = (
     _parser("unnamed", _unnamed),
     _parser("dies_at_first", _die_at_first),
     FuzzedParser("has_no_seeds", "file.bin", _accept, _no_seeds, RAW),
+    FuzzedParser("mutator_fills", "file.bin", _accept, lambda: [b"seed"], (_filling,)),
     FuzzedParser("mutator_raises", "file.bin", _accept, lambda: [b"seed"], (_raising,)),
 )

@@ -37,6 +37,12 @@ def test_fault_is_a_finding(name, kind):
     assert done.progress.next == 1
 
 
+def test_memory_of_a_mutation_is_not_that_of_the_parser():
+    done = run("mutator_fills", last=2)
+    assert (done.findings, done.progress.values) == ([], 2)
+    assert done.progress.peak_bytes < 1 << 30
+
+
 @pytest.mark.parametrize("name", ["spins", "blocks"])
 def test_input_that_does_not_return_is_ended(name):
     done = run(name, last=3, max_input_s=0.3)
