@@ -24,7 +24,6 @@ SLOW = {
         "tests/cli/test_rearm.py",
         "tests/cli/test_record.py",
         "tests/cli/test_serve.py",
-        "tests/docs/test_start_pages.py",
         "tests/cli/test_signals.py",
         "tests/igtl/test_igtl_command.py",
         "tests/marginguard/test_constraints.py",
@@ -107,6 +106,7 @@ LONG = {
     ),
     "starts a process for each parser": ("tests/fuzz/test_parsers.py",),
     "attacks a live session with many malformed messages": ("tests/bridge/faults/test_live.py",),
+    "runs every block of three pages": ("tests/docs/test_start_pages.py",),
     "plays a recording to sessions that refuse it": (
         "tests/bridge/playback/test_refused_playback.py",
     ),
@@ -153,7 +153,6 @@ EARLY = (
     "tests/cli/test_serve.py",
     "tests/slicer_module/test_marginguard_replay.py",
     "tests/viewer/test_page.py",
-    "tests/docs/test_start_pages.py",
 )
 """Folders and files that run first, in this order; the others follow in the collected order."""
 

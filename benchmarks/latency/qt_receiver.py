@@ -8,7 +8,7 @@ from typing import Any
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from PySide6 import QtCore
+from PySide6 import QtCore, QtWidgets
 
 from app.runtime import QtSpinner
 from benchmarks.latency.qt_loops import LOOPS, quit_loop
@@ -34,7 +34,8 @@ class QtReceiver(Receiver):
 
     def __init__(self, waking: Waking) -> None:
         super().__init__()
-        self._application = QtCore.QCoreApplication.instance() or QtCore.QCoreApplication([])
+        # A process has one application, and a module's widgets need this class.
+        self._application = QtWidgets.QApplication.instance() or QtWidgets.QApplication([])
         self._run_loop, keeps_lock = LOOPS[waking.loop]
         self._driver: Any
         if waking.timer_ms is None:

@@ -191,8 +191,7 @@ def test_unknown_recording_format_is_refused(manifest: Manifest, write_case: Wri
     manifest["recording"]["path"] = "tumor.stl"
     with pytest.raises(
         InputError,
-        match=r"'tumor\.stl'; expected one of \.igs\.mha, \.igs\.nrrd, "
-        r"\.mrb, \.mrml, \.mcap, a rosbag2 folder",
+        match=r"'tumor\.stl'; expected one of \.igs\.mha, .*\.mcap, a rosbag2 folder$",
     ):
         open_case(write_case(manifest))
 
@@ -308,14 +307,11 @@ def test_tumor_mesh_needs_its_repair_before_use(manifest: Manifest, write_case: 
         done.faulty_mesh("tumor")
 
 
-def test_repair_of_the_tool_is_refused(manifest: Manifest, write_case: WriteCase) -> None:
-    manifest["tool"]["mesh"]["repair"] = True
-    with pytest.raises(InputError, match=r"tool.mesh.*repair"):
-        open_case(write_case(manifest))
-
-
+@pytest.mark.parametrize("part", ["tumor", "tool"])
 @pytest.mark.parametrize("wrong", ["yes please", 1])
-def test_repair_must_be_boolean(manifest: Manifest, write_case: WriteCase, wrong: object) -> None:
-    manifest["tumor"]["mesh"]["repair"] = wrong
-    with pytest.raises(InputError, match=r"tumor.mesh.repair"):
+def test_repair_must_be_boolean(
+    manifest: Manifest, write_case: WriteCase, part: str, wrong: object
+) -> None:
+    manifest[part]["mesh"]["repair"] = wrong
+    with pytest.raises(InputError, match=rf"{part}.mesh.repair"):
         open_case(write_case(manifest))

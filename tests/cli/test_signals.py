@@ -63,18 +63,24 @@ import signal
 import sys
 
 class Interrupt:
-    # Ctrl-C while trimesh looks for a package that it can do without: what is raised is dropped.
+    # Ctrl-C while a library looks for a package that it can do without: what is raised is dropped.
+
+    came = False
 
     def find_spec(self, name, path=None, target=None):
-        if name == "lxml":
+        if name == "numpy.linalg":
             sys.meta_path.remove(self)
-            os.kill(os.getpid(), signal.SIGINT)
+            Interrupt.came = True
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+            except BaseException:
+                pass
 
 from app.cli.main import main
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's "&" has it ignored
 sys.meta_path.insert(0, Interrupt())
 status = main(sys.argv[1:])
-print("trimesh" in sys.modules)
+print(Interrupt.came)
 sys.exit(status)
 """
 

@@ -59,7 +59,6 @@ def test_frames_that_come_late_or_alternate_are_found(recorded):
     [
         (["NeedleToTracker"] * 3, {}, r"tool\.frame is 'rod': .* expected one of needle, tracker$"),
         (["RodToTracker"] * 3, {}, r"tumor\.frame is 'needle': .* expected one of rod, tracker$"),
-        ([""], {}, r"tool\.frame is 'rod' and tumor\.frame is 'needle': .* expected one of none$"),
         (
             ["NeedleToTracker RodToCamera"],
             {},
@@ -80,6 +79,11 @@ def test_frame_that_the_recording_does_not_connect_is_named(recorded, frames, bl
     case = recorded(*frames, **blocks)
     with pytest.raises(FrameError, match=rf"^case\.yaml: .*{message}"):
         setup_from_case(case, tip_only=True)
+
+
+def test_recording_without_transforms_is_named(recorded):
+    with pytest.raises(InputError, match=r"tracking\.igs\.mha holds 1 images without tracking"):
+        setup_from_case(recorded(""), tip_only=True)
 
 
 @pytest.mark.parametrize("late", ["RobotBaseToTracker", "TrackerToRobotBase", "RobotBaseToRodTip"])

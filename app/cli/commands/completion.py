@@ -9,11 +9,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from app.cli.options import existing_folder, folder_path, input_argument, output_path
+from app.cli.options import (
+    existing_folder,
+    folder_path,
+    input_argument,
+    output_path,
+    package_folder,
+)
 
 SUMMARY = "print the completion script of a shell"
 SHELLS = ("bash", "zsh", "tcsh")
-_FOLDERS = (folder_path, existing_folder)
+_FOLDERS = (folder_path, existing_folder, package_folder)
 _FILES = (Path, input_argument, output_path)
 
 
