@@ -91,12 +91,33 @@ def session_logic() -> Iterator[Any]:
     made.Close()
 
 
+MEMBERS = (
+    "robot",
+    "publisher",
+    "subscriber",
+    "service_client",
+    "parameter",
+    "broadcaster",
+    "lookup",
+)
+"""Roles of the members of a ROS2 node."""
+
+
 @pytest.fixture
-def logic(session_logic: Any, ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Logic of the module; its nodes are in the ROS domain of `peer`."""
+def logic(session_logic: Any, ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Logic of the module; its nodes are in the ROS domain of `peer`. Members do not stay."""
     for name, value in environment_of(ros_domain).items():
         monkeypatch.setenv(name, value)
-    return session_logic
+    yield session_logic
+    node = session_logic.GetDefaultROS2Node()
+    members = [
+        node.GetNthNodeReference(role, index)
+        for role in MEMBERS
+        for index in range(node.GetNumberOfNodeReferences(role))
+    ]
+    for member in members:
+        if member.GetScene() is not None:
+            session_logic.scene.RemoveNode(member)
 
 
 @pytest.fixture

@@ -179,8 +179,10 @@ def test_answers_and_parameters_are_in_the_scene_without_a_timer(make_panel, pee
 def test_silent_source_becomes_stale_in_the_scene_without_a_message(make_panel, peer):
     from benchmarks.latency.qt_loops import quit_loop, run_releasing
 
+    publishers, others = peer("endpoints", topic="/tf")
     panel = make_panel()
     pose = panel.logic.GetDefaultROS2Node().CreateAndAddTf2LookupNode("once_parent", "once_child")
+    peer("wait_until", call={"do": "endpoints", "topic": "/tf"}, value=[publishers, others + 1])
     states = []
 
     def note(*_):
