@@ -5,6 +5,7 @@ import pytest
 import vtk
 from slicer import vtkMRMLTransformNode
 
+from app.bridge import topics
 from app.geometry import MarginGuardError
 
 
@@ -41,6 +42,8 @@ def test_66_mm_are_broadcast_and_looked_up_as_66_mm(node, peer, spin_until):
     events = Events(lookup)
     first = broadcaster.Broadcast(shifted(1.0))
     peer("listen", topic="/tf", type="tf2_msgs/msg/TFMessage")
+    _, subscribers = peer("endpoints", topic="/tf")
+    assert node.ros.wait_for_subscribers(topics.TF, subscribers, 15.0)
     before_ns = node.now_ns()
 
     def arrived():

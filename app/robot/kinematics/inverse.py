@@ -36,7 +36,7 @@ class IkOptions:
     tolerance_mm: float = 1e-7
     tolerance_rad: float = 1e-9
     max_iterations: int = 200
-    restarts: int = 50
+    restarts: int = 200
 
     def __post_init__(self) -> None:
         if not (self.tolerance_mm > 0.0 and self.tolerance_rad > 0.0):

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.files import read_landmarks, read_plus_config, read_transform
+from app.files.bounded_io import read_bounded
 from app.files.hdf5_transforms import read_hdf5_matrices
 from app.files.shipped import shipped
 from app.files.signal_file import read_signal
@@ -14,7 +15,7 @@ from benchmarks.fuzz.mutators.raw import RAW
 from benchmarks.fuzz.mutators.text import TEXT
 from benchmarks.fuzz.mutators.tree import mutate_json, mutate_xml
 from benchmarks.fuzz.mutators.yaml_text import YAML
-from benchmarks.fuzz.parser import FuzzedParser
+from benchmarks.fuzz.parser import MAX_INPUT_BYTES, FuzzedParser
 
 _MATRIX = "1 0 0 10 0 0 -1 20 0 1 0 30 0 0 0 1"
 _ITK = """#Insight Transform File V1.0
@@ -100,7 +101,8 @@ def _hdf5_seeds() -> Sequence[bytes]:
 
 
 def _read_hdf5(path: Path) -> None:
-    read_hdf5_matrices([path.read_bytes()], [str(path)], start=start_forked_hdf5)
+    content = read_bounded(path, MAX_INPUT_BYTES)
+    read_hdf5_matrices([content], [str(path)], start=start_forked_hdf5)
 
 
 def _read_plus(path: Path) -> None:
