@@ -5,7 +5,6 @@ import pytest
 import vtk
 from slicer import vtkMRMLTransformNode
 
-from app.bridge import topics
 from app.geometry import MarginGuardError
 
 
@@ -42,13 +41,12 @@ def test_66_mm_are_broadcast_and_looked_up_as_66_mm(node, peer, spin_until):
     events = Events(lookup)
     first = broadcaster.Broadcast(shifted(1.0))
     peer("listen", topic="/tf", type="tf2_msgs/msg/TFMessage")
-    _, subscribers = peer("endpoints", topic="/tf")
-    assert node.ros.wait_for_subscribers(topics.TF, subscribers, 15.0)
     before_ns = node.now_ns()
 
     def arrived():
         assert broadcaster.Broadcast(shifted(66.0))
-        return events.x_mm and events.x_mm[-1] == 66.0
+        at_peer = peer("has_edge", child="Child", x=0.066)
+        return at_peer and events.x_mm and events.x_mm[-1] == 66.0
 
     spin_until(arrived)
     assert first is True
