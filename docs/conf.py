@@ -61,7 +61,7 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|pandas|matplotlib|os|pathlib|collections|typing|app)\..*"),
     (
         r"py:.*",
-        r"NDArray|ArrayLike|float64|int32|int64|DataFrame|Figure|ConstraintReader|FixtureConstraint",
+        r"NDArray|ArrayLike|float64|int32|int64|DataFrame|Figure|ConstraintReader|FixtureConstraint|TimeOffset",
     ),
 ]
 
