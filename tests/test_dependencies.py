@@ -25,6 +25,7 @@ BROUGHT_BY = {
     "msgpack": "trame-slicer",
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
+    "manifold3d": "manifold3d",  # its wheel does not name the module
 }
 """Module -> declared distribution that installs it in the matching version."""
 OUR_FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
