@@ -141,8 +141,8 @@ def test_controller_keeps_planes_stops_without_guard_and_holds_for_a_new_one(
     spin_until(executor, client.service_is_ready)
     reply = client.call_async(Trigger.Request())
     spin_until(executor, reply.done)
-    # The new guard keeps the hold of the killed one until its operator re-arms, too.
-    spin_until(executor, lambda: "hold" in reasons(controller)[rearmed:])
+    # The new guard keeps the hold of the killed one until its operator re-arms, and trusts no pose.
+    spin_until(executor, lambda: {"hold", "other_pose"} & {*reasons(controller)[rearmed:]})
     assert "allowed" not in reasons(controller)[rearmed:]
     operator = start("-m", "app.cli", "rearm", "--yes")
     spin_until(executor, lambda: operator.process.poll() is not None)
