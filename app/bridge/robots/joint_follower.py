@@ -29,8 +29,9 @@ class _Sample:
 class JointFollower:
     """Computes link poses from joint states. `take` and `state` may run in different threads.
 
-    ``buffer`` locates the robot's root in a fixed frame other than the root; without it, such a
-    frame is reported as a problem. Invalid messages are ignored, counted in `refused` and listed
+    ``buffer`` locates the robot's root in a fixed frame other than the root: at the time of the
+    positions, or at the newest transform if that is older, which the state's stamp then is. Without
+    a buffer, such a frame is reported as a problem. Invalid messages are ignored, counted in `refused` and listed
     in the state's problems: duplicate names, different numbers of names and positions, a stamp of
     0. Names of unknown joints are listed as a problem. The state is stale while a joint has no
     position, a position that is not finite, too old, or from the future.
@@ -77,16 +78,14 @@ class JointFollower:
         stamp_ns = min((sample.stamp_ns for sample in samples.values()), default=None)
         if not problems:
             try:
-                poses = self._poses(samples, stamp_ns)
-                self._last = (poses, stamp_ns)
+                self._last = self._poses(samples, stamp_ns)
             except (JointError, TfError) as error:
                 problems.append(str(error))
         poses_now, stamp_now = self._last or (None, None)
         limits = self._settings.freshness_limits
         old = age_problem(stamp_now, now_ns, limits)
         if old:
-            oldest = min(samples, key=lambda name: samples[name].stamp_ns, default="")
-            problems.append(f"{old} (joint {oldest!r})" if oldest else old)
+            problems.append(f"{old}{self._oldest(samples, stamp_now)}")
         else:  # only the oldest sample has been checked so far
             future = [
                 name
@@ -98,6 +97,16 @@ class JointFollower:
         return RobotState(
             self._root, self._links, poses_now, stamp_now, bool(problems), (*problems, *notes)
         )
+
+    def _oldest(self, samples: dict[str, _Sample], stamp_ns: int | None) -> str:
+        """What the pose of ``stamp_ns`` is as old as, in parentheses; empty without samples."""
+        if not samples:
+            return ""
+        oldest = min(samples, key=lambda name: samples[name].stamp_ns)
+        if stamp_ns is not None and stamp_ns < samples[oldest].stamp_ns:
+            root_frame = self._settings.frame(self._robot.root_link)
+            return f" (transform of {root_frame!r} in {self._root!r})"
+        return f" (joint {oldest!r})"
 
     def _insert(self, name: str, position: float, stamp_ns: int) -> None:
         last = self._samples.get(name)
@@ -129,7 +138,10 @@ class JointFollower:
             problems.append(f"joints whose position is not finite: {_some(list(self._not_finite))}")
         return problems
 
-    def _poses(self, samples: dict[str, _Sample], stamp_ns: int | None) -> FloatArray:
+    def _poses(
+        self, samples: dict[str, _Sample], stamp_ns: int | None
+    ) -> tuple[FloatArray, int | None]:
+        """Link poses, and the stamp of the older of joints and root."""
         links = self._robot.forward_kinematics(
             {name: sample.position for name, sample in samples.items()}
         )
@@ -141,12 +153,16 @@ class JointFollower:
                     f"the pose of {root_frame!r} in {self._root!r} is unknown; "
                     "expected a tf buffer that provides it"
                 )
-            # A static transform has no stamp and is valid at any time.
+            # A static transform has no stamp and is valid at any time. A joint state often arrives
+            # before the transform of the same time: then the newest transform is used.
             newest_ns = self._buffer.latest_common_ns(self._root, root_frame)
-            at_ns = stamp_ns if newest_ns is not None else None
+            if newest_ns is None:
+                at_ns = None
+            else:
+                at_ns = stamp_ns = newest_ns if stamp_ns is None else min(stamp_ns, newest_ns)
             poses = self._buffer.lookup(self._root, root_frame, at_ns).transform.matrix @ poses
         poses.flags.writeable = False
-        return poses
+        return poses, stamp_ns
 
 
 def _refusal_of(names: Sequence[str], positions: Sequence[float], stamp_ns: int) -> str:

@@ -178,6 +178,23 @@ def test_missing_tf_is_reported_and_the_last_poses_are_kept(robot):
     assert follower.state(NOW_NS).poses is not None
 
 
+def test_newest_transform_of_the_root_is_used_for_newer_joints(robot):
+    buffer = TransformBuffer()
+    settings = RobotSettings("r", fixed_frame="room")
+    raised = Transform.from_rotation_vector([0, 0, 0], [0, 0, 7], target="room", source="base")
+    insert(buffer, raised, NOW_NS)
+    follower = JointFollower(robot, settings, buffer)
+    limit_ns = settings.stale_after_ns
+    for joints_ns, now_ns in ((NOW_NS + 1, NOW_NS + 1), (NOW_NS + limit_ns, NOW_NS + limit_ns)):
+        follower.take(["turn", "push"], [0.0, 0.0], joints_ns)
+        state = follower.state(now_ns)
+        assert (state.is_stale, state.stamp_ns) == (False, NOW_NS)
+        assert state.poses[state.links.index("base")][2, 3] == 7.0
+    state = follower.state(NOW_NS + limit_ns + 1)
+    assert state.is_stale
+    assert state.problems[0].endswith("(transform of 'base' in 'room')")
+
+
 @pytest.mark.parametrize(
     "wrong", [{"name": " "}, {"stale_after_ns": 0}, {"tf_prefix": "a b"}, {"namespace": "a//b"}]
 )
