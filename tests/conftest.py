@@ -124,6 +124,7 @@ LONG = {
         "tests/examples/test_long_scripts.py",
         "tests/examples/test_notebooks.py",
         "tests/examples/test_ros_scripts.py",
+        "tests/examples/test_twist_filter.py",
     ),
 }
 """Reason -> files that `make test-long` runs (``--long``), and `make test` does not."""
@@ -131,9 +132,6 @@ LONG = {
 EXHAUSTIVE = {
     "stops a live session 100 times from outside": ("tests/benchmarks/test_stops.py",),
     "repairs 400 generated meshes": ("tests/fixture/meshes/test_all_generated_meshes.py",),
-    "not seen passing since a restarted guard trusts no pose before its re-arm": (
-        "tests/examples/test_twist_filter.py",
-    ),
     "kills twenty recorders": ("tests/benchmarks/test_long_recorder.py",),
 }
 """Reason -> files that `make test-exhaustive` runs (``--exhaustive``), on an idle machine."""

@@ -141,9 +141,16 @@ def test_controller_keeps_planes_stops_without_guard_and_holds_for_a_new_one(
     spin_until(executor, client.service_is_ready)
     reply = client.call_async(Trigger.Request())
     spin_until(executor, reply.done)
-    # The new guard keeps the hold of the killed one until its operator re-arms, and trusts no pose.
-    spin_until(executor, lambda: {"hold", "other_pose"} & {*reasons(controller)[rearmed:]})
-    assert "allowed" not in reasons(controller)[rearmed:]
+    # The new guard keeps the hold of the killed one. Until its operator re-arms it, it trusts no
+    # pose: its constraints have planes but no stamp, so they are never valid.
+    spin_until(executor, lambda: "expired" in reasons(controller)[rearmed:])
+    for reason, twist, _, message, _ in controller.steps[rearmed:]:
+        assert not twist.any()
+        if reason != "no_message":
+            assert message.hold
+            assert message.instance_id != first
+        if reason == "expired":
+            assert message.valid_until_ns == 0
     operator = start("-m", "app.cli", "rearm", "--yes")
     spin_until(executor, lambda: operator.process.poll() is not None)
     assert operator.process.returncode == 0
