@@ -37,6 +37,7 @@ from app.geometry.transform import (
     mean_transform,
     rotation_angle,
     rotation_of_quaternion,
+    rotations_of_quaternions,
 )
 from app.geometry.welding import weld_vertices
 
@@ -67,6 +68,7 @@ __all__ = [
     "mean_transform",
     "rotation_angle",
     "rotation_of_quaternion",
+    "rotations_of_quaternions",
     "slot_setters",
     "snake_case",
     "split_transform_name",

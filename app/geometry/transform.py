@@ -264,6 +264,25 @@ def rotation_of_quaternion(
     return np.ndarray((3, 3), np.float64, numbers)
 
 
+def rotations_of_quaternions(quaternions: FloatArray) -> FloatArray:
+    """Return rotations (n, 3, 3) of unit quaternions (n, 4), xyzw, by the Euler-Rodrigues formula.
+
+    The same operations as in `rotation_of_quaternion`, on arrays; norms are not checked.
+    """
+    x, y, z, w = quaternions.T
+    found = np.empty((len(quaternions), 3, 3))
+    found[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    found[:, 0, 1] = 2.0 * (x * y - z * w)
+    found[:, 0, 2] = 2.0 * (x * z + y * w)
+    found[:, 1, 0] = 2.0 * (x * y + z * w)
+    found[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    found[:, 1, 2] = 2.0 * (y * z - x * w)
+    found[:, 2, 0] = 2.0 * (x * z - y * w)
+    found[:, 2, 1] = 2.0 * (y * z + x * w)
+    found[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return found
+
+
 def rotation_angle(rotation: FloatArray) -> float:
     """Angle in rad of a rotation (3, 3), accurate near 0 and near pi."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
@@ -323,12 +342,7 @@ def _unchecked(
     """
     rotation.setflags(False)  # type: ignore[call-arg]
     translation_mm.setflags(False)  # type: ignore[call-arg]
-    transform = object.__new__(Transform)
-    _set_target(transform, target)
-    _set_source(transform, source)
-    _set_rotation(transform, rotation)
-    _set_translation(transform, translation_mm)
-    return transform
+    return Transform.of_read_only(target, source, rotation, translation_mm)
 
 
 _set_target, _set_source, _set_rotation, _set_translation = slot_setters(Transform)

@@ -1,5 +1,6 @@
 import hashlib
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -191,7 +192,11 @@ def test_unknown_recording_format_is_refused(manifest: Manifest, write_case: Wri
     manifest["recording"]["path"] = "tumor.stl"
     with pytest.raises(
         InputError,
-        match=r"'tumor\.stl'; expected one of \.igs\.mha, .*\.mcap, a rosbag2 folder$",
+        match=re.escape(
+            "'tumor.stl'; expected one of .igs.mha, .igs.mhd, .igs.nrrd, .igs.nhdr, .seq.mha, "
+            ".seq.mhd, .seq.nrrd, .mrb, .mrml, .xml of PerkTutor, .mcap, a rosbag2 folder"
+        )
+        + "$",
     ):
         open_case(write_case(manifest))
 

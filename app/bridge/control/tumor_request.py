@@ -31,11 +31,7 @@ class TumorRequest:
     vertices_m: FloatArray
 
 
-class _String(ctypes.Structure):
-    _fields_ = [("data", ctypes.c_void_p), ("size", ctypes.c_size_t), ("room", ctypes.c_size_t)]
-
-
-class _Sequence(ctypes.Structure):
+class _Array(ctypes.Structure):  # a string or a sequence
     _fields_ = [("data", ctypes.c_void_p), ("size", ctypes.c_size_t), ("room", ctypes.c_size_t)]
 
 
@@ -43,10 +39,10 @@ class _Request(ctypes.Structure):
     _fields_ = [
         ("sec", ctypes.c_int32),
         ("nanosec", ctypes.c_uint32),
-        ("frame_id", _String),
+        ("frame_id", _Array),
         ("pose", ctypes.c_double * 7),
-        ("triangles", _Sequence),  # of uint32[3]
-        ("vertices", _Sequence),  # of double[3]
+        ("triangles", _Array),  # of uint32[3]
+        ("vertices", _Array),  # of double[3]
     ]
 
 
@@ -63,7 +59,7 @@ def _convert(address: int) -> TumorRequest:
     )
 
 
-def _rows(sequence: _Sequence, dtype: Any) -> NDArray[Any]:
+def _rows(sequence: _Array, dtype: Any) -> NDArray[Any]:
     rows = np.empty((sequence.size, 3), dtype=dtype)
     ctypes.memmove(rows.ctypes.data, sequence.data, rows.nbytes)  # releases the GIL
     return rows

@@ -31,10 +31,12 @@ class JointFollower:
 
     ``buffer`` locates the robot's root in a fixed frame other than the root: at the time of the
     positions, or at the newest transform if that is older, which the state's stamp then is. Without
-    a buffer, such a frame is reported as a problem. Invalid messages are ignored, counted in `refused` and listed
-    in the state's problems: duplicate names, different numbers of names and positions, a stamp of
-    0. Names of unknown joints are listed as a problem. The state is stale while a joint has no
-    position, a position that is not finite, too old, or from the future.
+    a buffer, such a frame is reported as a problem.
+
+    Invalid messages are ignored, counted in `refused` and listed in the state's problems: duplicate
+    names, different numbers of names and positions, a stamp of 0. Names of unknown joints are
+    listed as a problem. The state is stale while a joint has no position, a position that is not
+    finite, too old, or from the future.
     """
 
     def __init__(

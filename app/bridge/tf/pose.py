@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from app.geometry import FloatArray
+from app.geometry import FloatArray, rotations_of_quaternions
 
 Pose: TypeAlias = tuple[float, float, float, float, float, float, float]
 
@@ -89,17 +89,9 @@ def interpolate(first: Pose, second: Pose, fraction: float) -> Pose:
 def matrices(poses: Sequence[Pose]) -> FloatArray:
     """Homogeneous matrices (n, 4, 4) in mm, by the Euler-Rodrigues formula."""
     values = np.array(poses, dtype=np.float64).reshape(-1, 7)
-    x, y, z, w = values[:, 3:].T / np.linalg.norm(values[:, 3:], axis=1)
+    norms = np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
     result = np.zeros((len(values), 4, 4))
-    result[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    result[:, 0, 1] = 2.0 * (x * y - z * w)
-    result[:, 0, 2] = 2.0 * (x * z + y * w)
-    result[:, 1, 0] = 2.0 * (x * y + z * w)
-    result[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    result[:, 1, 2] = 2.0 * (y * z - x * w)
-    result[:, 2, 0] = 2.0 * (x * z - y * w)
-    result[:, 2, 1] = 2.0 * (y * z + x * w)
-    result[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    result[:, :3, :3] = rotations_of_quaternions(values[:, 3:] / norms)
     result[:, :3, 3] = values[:, :3]
     result[:, 3, 3] = 1.0
     return result

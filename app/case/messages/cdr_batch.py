@@ -27,6 +27,7 @@ from app.geometry import (
     TrackingStatus,
     Transform,
     check_frame,
+    rotations_of_quaternions,
 )
 
 Batch = Callable[[MessageColumns, str, Known], list[Any]]
@@ -105,7 +106,7 @@ def _poses(
         translations: FloatArray = MM_PER_M * values[:, :3].astype(np.float64)
         quaternions = values[:, 3:].astype(np.float64)
         norms = np.array(list(map(math.hypot, *quaternions.T.tolist())))
-        rotations = _rotations(quaternions / norms[:, None])
+        rotations = rotations_of_quaternions(quaternions / norms[:, None])
         good = is_ok & (np.abs(norms - 1.0) <= ROTATION_TOLERANCE)
         good &= np.isfinite(translations).all(axis=1) & np.isfinite(quaternions).all(axis=1)
     translations.setflags(write=False)
@@ -153,19 +154,3 @@ def _stamps_ns(messages: MessageColumns, seconds: Column, nanoseconds: Column) -
     whole = messages.numbers(seconds)[:, 0].astype(np.int64) * NS_PER_S
     stamps: list[int] = (whole + messages.numbers(nanoseconds)[:, 0]).tolist()
     return stamps
-
-
-def _rotations(quaternions: FloatArray) -> FloatArray:
-    """Rotations (n, 3, 3) of quaternions (n, 4) by the formula of `rotation_of_quaternion`."""
-    x, y, z, w = quaternions.T
-    found = np.empty((len(quaternions), 3, 3))
-    found[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    found[:, 0, 1] = 2.0 * (x * y - z * w)
-    found[:, 0, 2] = 2.0 * (x * z + y * w)
-    found[:, 1, 0] = 2.0 * (x * y + z * w)
-    found[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    found[:, 1, 2] = 2.0 * (y * z - x * w)
-    found[:, 2, 0] = 2.0 * (x * z - y * w)
-    found[:, 2, 1] = 2.0 * (y * z + x * w)
-    found[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    return found

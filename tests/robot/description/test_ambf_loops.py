@@ -86,8 +86,8 @@ def test_shaft_passes_through_the_remote_centre(folder):
 
 def test_inverse_kinematics_keeps_the_loops_closed(folder):
     robot, _ = read(folder / "parallelogram.yaml")
-    wanted = {"base-yaw": -0.3, "yaw-back": 0.5, "end-insertion": 0.05, "roll-wrist": 0.2}
-    goal = robot.forward_kinematics(wanted)["wrist"]
+    given = {"base-yaw": -0.3, "yaw-back": 0.5, "end-insertion": 0.05, "roll-wrist": 0.2}
+    goal = robot.forward_kinematics(given)["wrist"]
     found = robot.inverse_kinematics("wrist", goal, seed={})
     assert not set(found) & set(DEPENDENT)
     reached = robot.forward_kinematics(found)["wrist"]
