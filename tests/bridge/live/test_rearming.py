@@ -21,6 +21,7 @@ from app.runtime import OperatorCommands
 from tests.bridge.conftest import DEADLINE_S
 
 CALLER = Path(__file__).resolve().parents[1] / "caller.py"
+FLOOD = Path(__file__).with_name("rearm_flood.py")
 REARM = "/marginguard/rearm:marginguard_msgs/srv/Rearm"
 REASONS = ["latched"]
 KNOWN = FixtureConstraint(state=FixtureConstraint.WARNING, hold=True, reasons=REASONS)
@@ -150,6 +151,20 @@ def test_invalid_request_takes_no_thread_and_does_not_wait_for_a_step(world, sta
         assert "not that of the present hold" in json.loads(caller.line())["message"]
     assert not world.requested.is_set()
     assert not world.commands.requests.last.accepted
+
+
+def test_first_valid_request_counts_in_a_flood_of_invalid_ones(world, start):
+    world.stream.publish(KNOWN)
+    flood = start(str(FLOOD), "300")
+    flood.line()
+    seq, nonce = world.stream.seq - 1, world.stream.rearm_nonce
+    before = world.commands.requests.last
+    caller = start(str(CALLER), f'{REARM}:{{"seq": {seq}, "nonce": {nonce}}}')
+    caller.line()
+    assert json.loads(caller.line())["success"]
+    assert world.session.rearmed == 1
+    assert not before.accepted  # of the flood
+    assert flood.process.poll() is None
 
 
 def test_latched_change_is_published_at_once_with_another_nonce():
