@@ -19,7 +19,8 @@ class BuildInterfaces(build_ext):
     """Generate, compile and install every package that has an extension.
 
     An extension is named ``<package>.<package>_s__<type support>``; the package's interface files
-    are in the folder of the same name beside ``pyproject.toml``.
+    are in the folder of the same name beside ``pyproject.toml``. A package may refer to those whose
+    extensions are listed before its own.
     """
 
     def build_extensions(self) -> None:
@@ -38,7 +39,7 @@ class BuildInterfaces(build_ext):
         self.distribution.data_files = shared = []
         for name in dict.fromkeys(extension.name.split(".")[0] for extension in self.extensions):
             package = InterfacePackage.read(HERE / name)
-            generated = generate(package, work / name / "generated", linker.root)
+            generated = generate(package, work / name / "generated", linker.root, linker.siblings)
             output = Path(self.build_lib).resolve() / name
             shutil.rmtree(output, ignore_errors=True)
             _copy_python(generated, output)
@@ -47,6 +48,7 @@ class BuildInterfaces(build_ext):
                 if extension.name.startswith(f"{name}."):
                     self._build_module(linker, generated, extension.name)
             shared.extend(shared_files(generated).items())
+            linker = linker.with_sibling(generated, output)
 
     def _build_module(self, linker: Linker, generated: GeneratedPackage, name: str) -> None:
         type_support = name.split("_s__")[1]

@@ -1,6 +1,7 @@
 """Generate C, C++ and Python sources from interface files with the official rosidl generators."""
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,14 +63,22 @@ class GeneratedPackage:
         return [str(path) for path in sorted(self.folder.iterdir()) if path.is_dir()]
 
 
-def generate(package: InterfacePackage, folder: Path, root: Path) -> GeneratedPackage:
+def generate(
+    package: InterfacePackage,
+    folder: Path,
+    root: Path,
+    siblings: Iterable[GeneratedPackage] = (),
+) -> GeneratedPackage:
     """Run all generators on ``package``; they write below ``folder``, which must be empty.
 
-    ``root`` contains the interface packages that this one refers to (see `ros_root`).
+    ``root`` contains the installed interface packages that this one may refer to (see `ros_root`);
+    ``siblings`` are those of the same build, and have precedence.
     """
     # The generators find their templates and each other below this path.
     os.environ["AMENT_PREFIX_PATH"] = str(root)
-    include_paths = [str(root / "share" / name) for name in package.others_in(root)]
+    built = {each.package.name: str(each.of("rosidl_adapter")) for each in siblings}
+    installed = {name: str(root / "share" / name) for name in package.others_in(root)}
+    include_paths = list((installed | built).values())
     generated = GeneratedPackage(package, folder)
 
     definitions = generated.of("rosidl_adapter")

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rosidl_build.generate import GeneratedPackage
+from rosidl_build.package import InterfacePackage
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,8 @@ LIBRARIES = (
 class Linker:
     """Compiles and links the output of the generators with a setuptools ``compiler``.
 
-    ``root`` is the prefix of the ROS wheels; object files go below ``objects``.
+    ``root`` is the prefix of the ROS wheels; object files go below ``objects``. ``built`` has the
+    folder of the libraries of each package of this build that later packages may refer to.
     """
 
     compiler: Any
@@ -73,6 +75,16 @@ class Linker:
     objects: Path
     include_dirs: tuple[str, ...]
     jobs: int
+    built: tuple[tuple[GeneratedPackage, Path], ...] = ()
+
+    @property
+    def siblings(self) -> tuple[GeneratedPackage, ...]:
+        """Packages of this build that later packages may refer to."""
+        return tuple(generated for generated, _ in self.built)
+
+    def with_sibling(self, generated: GeneratedPackage, output: Path) -> "Linker":
+        """The same linker for packages that may refer to one whose libraries are in ``output``."""
+        return replace(self, built=(*self.built, (generated, output)))
 
     def compile(self, sources: Iterable[str], generated: GeneratedPackage) -> list[str]:
         """Compile ``sources`` in parallel; return the object files in the same order."""
@@ -80,7 +92,7 @@ class Linker:
             self.root / "include"
         )  # most packages have their headers one level deeper, fastcdr has not
         includes = [
-            *generated.include_dirs,
+            *(path for each in (generated, *self.siblings) for path in each.include_dirs),
             str(headers),
             *(str(path) for path in sorted(headers.iterdir()) if path.is_dir()),
             *self.include_dirs,
@@ -103,7 +115,7 @@ class Linker:
             dependencies = [
                 f"{other}__{generator}"
                 for generator in dict.fromkeys((library.generator, "rosidl_generator_c"))
-                for other in package.others_in(self.root)
+                for other in self._others(package)
             ]
             self._link(
                 objects,
@@ -114,6 +126,11 @@ class Linker:
                 extra=[f"-Wl,-soname,lib{name}.so"]
                 + ([] if library.python else ["-Wl,--no-undefined"]),
             )
+
+    def _others(self, package: InterfacePackage) -> list[str]:
+        """Names of the packages that ``package`` may refer to."""
+        names = {*package.others_in(self.root), *(each.package.name for each in self.siblings)}
+        return sorted(names - {package.name})
 
     def link_module(self, generated: GeneratedPackage, type_support: str, output: Path) -> None:
         """Build the extension module of one type support as the file ``output``.
@@ -141,6 +158,7 @@ class Linker:
         extra: list[str],
     ) -> None:
         output.parent.mkdir(parents=True, exist_ok=True)
+        folders = [folder for _, folder in self.built]
         self.compiler.link_shared_object(
             objects,
             str(output),
@@ -148,8 +166,10 @@ class Linker:
             extra_postargs=[
                 *extra,
                 "-Wl,-rpath,$ORIGIN",
+                *(f"-Wl,-rpath,$ORIGIN/../{folder.name}" for folder in folders),
                 f"-Wl,-rpath-link,{self.root / 'lib'}",
                 f"-L{output.parent}",
+                *(f"-L{folder}" for folder in folders),
                 f"-L{self.root / 'lib'}",
                 "-Wl,--no-as-needed",
                 *(f"-l{name}" for name in own),

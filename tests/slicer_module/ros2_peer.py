@@ -257,11 +257,9 @@ def call_service(name, type, request):
 def serve(name, type, reply):
     requests_of[name] = []
 
-    def answer(request, response):
+    def answer(request, _):
         requests_of[name].append(plain(request))
-        for field, value in reply.items():
-            setattr(response, field, value)
-        return response
+        return filled(type_of(type).Response, reply)
 
     node.create_service(type_of(type), name, answer)
 

@@ -122,9 +122,9 @@ def test_service_client_is_unique_per_service_and_removable(node, caplog):
     assert node.GetServiceClientNodeByService("z") is client
     assert node.CreateAndAddServiceClientNode("Trigger", "z") is None
     assert node.CreateAndAddServiceClientNode("Nothing", "/w") is None
-    # A type of SlicerROS2 that is not installed here is logged and gives None.
-    assert node.CreateAndAddServiceClientNode("GetPositionFK", "/compute_fk") is None
-    assert "moveit_msgs" in caplog.text
+    # A type that is not installed is logged and gives None.
+    assert node.CreateAndAddServiceClientNode("absent_msgs/srv/GetPositionFK", "/fk") is None
+    assert "absent_msgs" in caplog.text
     assert node.RemoveAndDeleteServiceClientNode("/z") is True
     assert node.RemoveAndDeleteServiceClientNode("/z") is False
     assert node.RemoveAndDeleteServiceClientNode("/never") is False

@@ -558,9 +558,10 @@ def test_lists_of_kinds_name_creatable_classes(logic, node):
         ("Publisher", node.RegisteredROS2PublisherNodes()),
         ("Subscriber", node.RegisteredROS2SubscriberNodes()),
     ):
-        names = registered.split("\n")
-        assert {f"vtkMRMLROS2{role}{kind}Node" for kind in KINDS} == set(names)
-        for name in names:
+        of_moveit = f"vtkMRMLROS2{role}CollisionObjectNode"  # its package may be missing
+        names = set(registered.split("\n"))
+        assert {*(f"vtkMRMLROS2{role}{kind}Node" for kind in KINDS), of_moveit} == names
+        for name in names - {of_moveit}:
             made = logic.AddNewNodeByClass(name)
             assert made.GetClassName() == name
             logic.scene.RemoveNode(made)

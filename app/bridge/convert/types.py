@@ -30,9 +30,10 @@ SHORT_NAMES = MappingProxyType(
         "Image": "sensor_msgs/msg/Image",
         "PointCloud": "sensor_msgs/msg/PointCloud",
         "PolyData": "sensor_msgs/msg/PointCloud2",
+        "CollisionObject": "moveit_msgs/msg/CollisionObject",
     }
 )
-"""Short names of SlicerROS2."""
+"""Short names of SlicerROS2. The package of `CollisionObject` may be missing."""
 
 _PART = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _CLASS_MARKS = {"msg": "SLOT_TYPES", "srv": "Request", "action": "Goal"}

@@ -73,6 +73,13 @@ SCALES: Mapping[str, Mapping[str, Scale]] = MappingProxyType(
             "position": _UNSCALED,
             "points": _UNSCALED,
         },
+        "moveit_msgs/msg/PositionConstraint": {"target_point_offset": MM_PER_M},
+        "moveit_msgs/msg/VisibilityConstraint": {"target_radius": MM_PER_M},
+        "moveit_msgs/srv/GetCartesianPath_Request": {
+            "max_step": MM_PER_M,
+            "prismatic_jump_threshold": MM_PER_M,
+            "max_cartesian_speed": MM_PER_M,
+        },
         "marginguard_msgs/msg/HalfSpace": {"offset": MM_PER_M, "tumor_velocity": MM_PER_M},
         "marginguard_msgs/msg/FixtureConstraint": {
             "signed_distance": MM_PER_M,

@@ -34,6 +34,7 @@ from app.bridge.convert.types import SHORT_NAMES
 from app.geometry import Stamp
 from ROS2Lib import vtk_values
 from ROS2Lib.bool_string import BoolStringResponse, vtkBoolString
+from ROS2Lib.collision_model import message_of_model
 from ROS2Lib.errors import Ros2Error
 from ROS2Lib.ros_message import RosMessage, message_class, message_of, value_of
 
@@ -207,6 +208,10 @@ def _write_cloud(_: Any, value: Any) -> Any:
     return cloud_message(vtk_values.positions_mm(value), "", Stamp(0))
 
 
+def _blank(name: str) -> Any:
+    return value_of(message_type(name)())
+
+
 _SPECIAL: dict[str, tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Callable[[], Any]]] = {
     "Empty": (lambda _: "", lambda kind, _: kind(), str),
     "String": (_data, _with_data, str),
@@ -229,5 +234,6 @@ _SPECIAL: dict[str, tuple[Callable[[Any], Any], Callable[[Any, Any], Any], Calla
     "Image": (_read_image, _write_image, vtkImageData),
     "PointCloud": (_read_points, _write_points, vtkPoints),
     "PolyData": (_read_cloud, _write_cloud, vtkPolyData),
+    "CollisionObject": (value_of, message_of_model, lambda: _blank("CollisionObject")),
 }
 """Conversions of short names with a Slicer value of their own: read, write, blank value."""

@@ -1,7 +1,8 @@
 """ROS node in the scene with the calls of SlicerROS2's scripts."""
 
 from ROS2Lib.action_client import vtkMRMLROS2ActionClientNode
-from ROS2Lib.classes import kind_class, kind_class_name
+from ROS2Lib.classes import kind_class, kind_class_name, special_class
+from ROS2Lib.collision_publisher import vtkMRMLROS2PublisherCollisionObjectNode
 from ROS2Lib.host import RosHost
 from ROS2Lib.kinds import SERVICES, TOPICS
 from ROS2Lib.parameter import vtkMRMLROS2ParameterNode
@@ -13,6 +14,12 @@ from ROS2Lib.service_server import Handler, vtkMRMLROS2ServiceServerNode
 from ROS2Lib.subscriber import vtkMRMLROS2SubscriberNode
 from ROS2Lib.tf2_broadcaster import vtkMRMLROS2Tf2BroadcasterNode
 from ROS2Lib.tf2_lookup import vtkMRMLROS2Tf2LookupNode
+
+special_class(
+    vtkMRMLROS2PublisherNode,
+    "moveit_msgs/msg/CollisionObject",
+    vtkMRMLROS2PublisherCollisionObjectNode,
+)
 
 
 class vtkMRMLROS2NodeNode(RosHost):

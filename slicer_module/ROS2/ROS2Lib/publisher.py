@@ -1,5 +1,6 @@
 """Publishers: Slicer values to a topic."""
 
+from collections.abc import Callable
 from typing import Any
 
 from app.bridge.convert import TopicPublisher
@@ -33,10 +34,14 @@ class vtkMRMLROS2PublisherNode(TopicNode):
 
         Raises `MarginGuardError` and publishes nothing for a value of another kind.
         """
+        return self.publish_message(lambda: self.kind.write(value))
+
+    def publish_message(self, make: Callable[[], Any]) -> int:
+        """Publish the ROS message that ``make`` returns, as `Publish`."""
         self._calls += 1
         if self._publisher is None or self._owner is None:
             raise Ros2Error(f"{self.GetName()}: the publisher is not on a ROS node")
-        message = self.kind.write(value)
+        message = make()
         self._owner.stamp(message, self._frame_id)
         return self._publisher.publish(message)
 

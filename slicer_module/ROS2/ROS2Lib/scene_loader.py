@@ -130,6 +130,9 @@ class SceneLoader:
         target = saved.node.GetNodeReferenceID("target")
         if target is not None:
             made.SetTargetNodeID(target)
+        source = saved.node.GetNodeReferenceID("source")
+        if source is not None and hasattr(made, "SetSourceNodeID"):
+            made.SetSourceNodeID(source)
         _replace(scene, saved.node, made)
 
 

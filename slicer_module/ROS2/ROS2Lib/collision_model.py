@@ -1,0 +1,75 @@
+"""Collision objects of MoveIt from model nodes of the scene."""
+
+from typing import Any
+
+import numpy as np
+from slicer import vtkMRMLModelNode
+from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+
+from app.bridge.convert import collision_object, removed_object
+from app.geometry import Transform, TransformError
+from app.scene.nodes.convert import numpy_array, world_matrix
+from ROS2Lib.errors import Ros2Error
+from ROS2Lib.ros_message import message_of
+
+_WORLD, _MODEL = "world", "model"
+
+
+def message_of_model(kind: Any, value: Any) -> Any:
+    """`CollisionObject` that adds a model, or the message of a filled-in blank message."""
+    return _added(value) if isinstance(value, vtkMRMLModelNode) else message_of(value, kind)
+
+
+def removal_of_model(model: Any) -> Any:
+    """`CollisionObject` that removes a model; raises `Ros2Error` for another value."""
+    return removed_object(_identifier(_checked(model)))
+
+
+def _added(model: vtkMRMLModelNode) -> Any:
+    """The model's triangles at its pose in the scene's world (RAS).
+
+    A transform that is not rigid is applied to the vertices. Raises `Ros2Error` for a model without
+    a surface or below a transform that is not linear.
+    """
+    parent = model.GetParentTransformNode()
+    if parent is not None and not parent.IsTransformToWorldLinear():
+        raise Ros2Error(
+            f"{model.GetName()} is below the non-linear transform {parent.GetName()}; "
+            "expected linear ones (harden it)"
+        )
+    vertices, triangles = _triangles(model)
+    matrix = world_matrix(parent)
+    try:
+        pose = Transform.from_matrix(matrix, target=_WORLD, source=_MODEL)
+    except TransformError:
+        vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        if np.linalg.det(matrix[:3, :3]) < 0.0:  # a mirrored surface would be inside out
+            triangles = triangles[:, ::-1]
+        pose = Transform.identity(target=_WORLD, source=_MODEL)
+    return collision_object(_identifier(model), vertices, triangles, pose)
+
+
+def _triangles(model: vtkMRMLModelNode) -> tuple[Any, Any]:
+    """Vertices (n, 3) in mm and triangles (m, 3) of a model's polygons and strips."""
+    surface = model.GetPolyData()
+    if surface is None or surface.GetNumberOfPolys() + surface.GetNumberOfStrips() == 0:
+        raise Ros2Error(f"{model.GetName()} has no surface; expected a model with polygons")
+    split = vtkTriangleFilter()
+    split.SetInputData(surface)
+    split.PassVertsOff()
+    split.PassLinesOff()
+    split.Update()
+    found = split.GetOutput()
+    corners = numpy_array(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).copy()
+    return numpy_array(found.GetPoints().GetData()).astype(np.float64), corners
+
+
+def _checked(model: Any) -> vtkMRMLModelNode:
+    if not isinstance(model, vtkMRMLModelNode):
+        raise Ros2Error(f"value is a {type(model).__name__}; expected a vtkMRMLModelNode")
+    return model
+
+
+def _identifier(model: vtkMRMLModelNode) -> str:
+    """The name that MoveIt shows; the MRML ID for a model without one."""
+    return model.GetName() or model.GetID() or ""
