@@ -53,6 +53,12 @@ class ClosedTree(KinematicTree):
                 if link not in self.link_rows:
                     raise UrdfError(f"link {link!r} of joint {closure.name!r} is not a link")
         self._columns = [joint for joint in self.joints if joint.moves]
+        self._rows_of_columns = [self.link_rows[joint.child] for joint in self._columns]
+        self._column_axes = np.array([joint.axis for joint in self._columns]).reshape(-1, 3)
+        self._column_pivots_mm = np.array([joint.pivot_mm for joint in self._columns]).reshape(
+            -1, 3
+        )
+        self._column_slides = np.array([joint.slides for joint in self._columns], dtype=np.bool_)
         self._signs = np.array([list(self._signs_of(closure)) for closure in closures])
         self._signs = self._signs.reshape(len(closures), len(self._columns))
         self._limit = (ROUNDED_MM, ROUNDED_RAD)
@@ -155,20 +161,14 @@ class ClosedTree(KinematicTree):
     def _jacobian(self, matrices: FloatArray) -> FloatArray:
         """Derivative (k, n) of the residual by the moving joints, per rad or m."""
         rows, blocks = self.link_rows, []
-        frames = [matrices[rows[joint.child]] for joint in self._columns]
-        axes = [frame[:3, :3] @ j.axis for j, frame in zip(self._columns, frames, strict=True)]
-        pivots = [
-            frame[:3, :3] @ j.pivot_mm + frame[:3, 3]
-            for j, frame in zip(self._columns, frames, strict=True)
-        ]
+        frames = matrices[self._rows_of_columns]
+        axes = np.einsum("nij,nj->ni", frames[:, :3, :3], self._column_axes)
+        pivots = (
+            np.einsum("nij,nj->ni", frames[:, :3, :3], self._column_pivots_mm) + frames[:, :3, 3]
+        )
         for closure, signs in zip(self._closures, self._signs, strict=True):
             parent, child = matrices[rows[closure.parent]], matrices[rows[closure.child]]
-            block = np.zeros((len(closure.residual(parent, child)), len(self._columns)))
-            for k in np.flatnonzero(signs).tolist():
-                slides = self._columns[k].slides
-                column = closure.column(parent, child, axes[k], pivots[k], slides=slides)
-                block[:, k] = signs[k] * column
-            blocks.append(block)
+            blocks.append(signs * closure.columns(parent, child, axes, pivots, self._column_slides))
         return np.concatenate(blocks)
 
     def _choose_dependent(self, matrices: FloatArray, share: float) -> np.ndarray:

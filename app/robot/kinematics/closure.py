@@ -6,6 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from app.geometry import FloatArray
 from app.robot.errors import UrdfError
@@ -63,36 +64,33 @@ class LoopClosure:
         kept = error_mm[:2] if self.type is ClosureType.PRISMATIC else error_mm
         return np.concatenate([kept, turn])
 
-    def column(
+    def columns(
         self,
         root_from_parent: FloatArray,
         root_from_child: FloatArray,
-        axis: FloatArray,
-        pivot_mm: FloatArray,
-        *,
-        slides: bool,
+        axes: FloatArray,
+        pivots_mm: FloatArray,
+        slides: NDArray[np.bool_],
     ) -> FloatArray:
-        """Return the derivative (k,) of the residual by a joint that moves ``child`` alone.
+        """Return the derivative (k, n) of the residual by joints that each move ``child`` alone.
 
-        ``axis`` and ``pivot_mm`` (3,) are those of the moving joint in the root frame; per rad, or
-        per m where the joint ``slides``. For a joint that moves ``parent`` alone it is the
+        ``axes`` and ``pivots_mm`` (n, 3) are those of the moving joints in the root frame; per rad,
+        or per m where a joint ``slides`` (n,). For a joint that moves ``parent`` alone it is the
         negative. Exact where the residual is 0.
         """
         frame = (root_from_parent @ self.parent_from_joint)[:3, :3]
         child = root_from_child @ self.child_from_joint
-        if slides:
-            speed, turn = MM_PER_M * (frame.T @ axis), np.zeros(3)
-        else:
-            speed = frame.T @ np.cross(axis, child[:3, 3] - pivot_mm)
-            turn = frame.T @ axis
+        of_sliding = slides[:, None]
+        speed = np.where(of_sliding, MM_PER_M * axes, np.cross(axes, child[:3, 3] - pivots_mm))
+        speed, turn = speed @ frame, np.where(of_sliding, 0.0, axes) @ frame
         match self.type:
             case ClosureType.BALL:
-                return speed
+                return speed.T
             case ClosureType.REVOLUTE:
                 swing = np.cross(turn, frame.T @ child[:3, 2])
-                return np.concatenate([speed, MM_PER_RAD * swing[:2]])
-        kept = speed[:2] if self.type is ClosureType.PRISMATIC else speed
-        return np.concatenate([kept, MM_PER_RAD * turn])
+                return np.concatenate([speed.T, MM_PER_RAD * swing[:, :2].T])
+        kept = speed[:, :2] if self.type is ClosureType.PRISMATIC else speed
+        return np.concatenate([kept.T, MM_PER_RAD * turn.T])
 
     def gap(self, root_from_parent: FloatArray, root_from_child: FloatArray) -> tuple[float, float]:
         """Return how far the two frames are apart: mm, and rad (0 to pi)."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from app.robot import AdfError, JointError, UnreachableError, load_adf
+from app.robot import AdfError, IkOptions, JointError, UnreachableError, load_adf
 from tests.oracles.ambf_mechanism import link_poses, loop_gaps
 
 DEPENDENT = {"back-bottom": -1.0, "bottom-end": 1.0, "back-top": -1.0, "yaw-front": 1.0}
