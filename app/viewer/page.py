@@ -51,6 +51,7 @@ class Page:
         if now is not None and drawn != self._drawn:
             self.view.show(now)
         self.camera.update()
+        self.view.sort()
         return drawn != self._drawn
 
     def screenshot(self) -> bytes:

@@ -2,7 +2,7 @@
 
 from app.geometry import NS_PER_S
 
-_MAX_LOAD = 0.7
+_MAX_LOAD = 0.85
 """Share of the time that drawing may take; above it a backlog builds up."""
 _MAX_HZ, _MIN_HZ = 30.0, 2.0
 _SMOOTHING = 0.8
@@ -10,7 +10,7 @@ _SMOOTHING = 0.8
 
 
 class FrameRate:
-    """Computes the period of pictures from their cost: drawing takes at most 0.7 of the time."""
+    """Computes the period of pictures from their cost: drawing takes at most 0.85 of the time."""
 
     def __init__(self) -> None:
         self._cost_ns = 0.0

@@ -2,10 +2,11 @@
 
 from enum import Enum
 
-from slicer import vtkMRMLDisplayNode, vtkMRMLScene
+from slicer import vtkMRMLDisplayNode, vtkMRMLModelNode, vtkMRMLScene
 from trame_slicer.views import ThreeDView
 from trame_slicer.views.render_scheduler import NoScheduleRendering
 
+from app.geometry import SurfaceMesh
 from app.runtime import SessionContent
 from app.scene import (
     MarginGuardScene,
@@ -13,6 +14,8 @@ from app.scene import (
     ScenePresenter,
     use_offscreen_rendering,
 )
+from app.viewer.drawing.closed_surfaces import closed_models
+from app.viewer.drawing.translucency import TranslucentOrder
 from app.viewer.errors import ViewerError
 from app.viewer.steps.view_state import ViewState
 
@@ -52,6 +55,9 @@ class SceneView:
         self._along_tool = False
         self._own_opacities: dict[Part, dict[vtkMRMLDisplayNode, float]] = {}
         self._styled_scene: MarginGuardScene | None = None
+        self.order = TranslucentOrder(self.view)
+        self._closed: set[vtkMRMLModelNode] = set()
+        self._margin_surface: SurfaceMesh | None = None
 
     @property
     def content(self) -> SessionContent:
@@ -84,6 +90,7 @@ class SceneView:
     def show(self, shown: ViewState) -> None:
         """Bring the scene to the step of ``shown``."""
         self._presenter.set_content(shown.content)
+        self._margin_surface = shown.margin_surface
         self._presenter.set_margin_surface(shown.margin_surface)
         if self.scene is None and shown.step.tumor_from_tip is None:
             return  # The cameras frame tool and tumour: both are needed.
@@ -93,6 +100,10 @@ class SceneView:
             breach_points_mm=shown.marks[: shown.marked],
         )
         self._style_new_nodes()
+
+    def sort(self) -> None:
+        """Sort what is translucent by its depth. Call it before each picture."""
+        self.order.update(self.scene, self._closed)
 
     def set_visible(self, part: Part, visible: bool) -> None:
         """Show or hide a part."""
@@ -126,14 +137,18 @@ class SceneView:
             self._own_opacities = {part: {} for part in Part}
             _color_line(scene)
             self._show_label()
+        has_changed = False
         for part in Part:
             known = self._own_opacities[part]
             displays = _displays(scene, part)
             if displays != list(known):
+                has_changed = True
                 self._own_opacities[part] = {
                     each: known.get(each, each.GetOpacity()) for each in displays
                 }
                 self._style(part)
+        if has_changed:
+            self._closed = closed_models(scene, self.content, self._margin_surface)
 
     def _style(self, part: Part) -> None:
         if self.scene is None or self.scene is not self._styled_scene:
