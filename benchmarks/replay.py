@@ -50,7 +50,8 @@ MAX_MINUTES = 600.0
 def run(case: Path, report: Path, *, domain: int | None = None) -> dict[str, Any]:
     """Run one replay; returns ``wall_s``, ``cpu_s`` of all its processes, and ``phases_s``.
 
-    Publishes in the ROS ``domain``; None runs without ROS.
+    Publishes in the ROS ``domain``; None runs without ROS. Python keeps compiled modules, as in an
+    installation, even if this process does not.
     """
     command = [
         sys.executable,
@@ -62,7 +63,9 @@ def run(case: Path, report: Path, *, domain: int | None = None) -> dict[str, Any
         str(report),
     ]
     cpu_s, start_s = _children_cpu_s(), time.perf_counter()
-    environment = os.environ if domain is None else {**os.environ, DOMAIN: str(domain)}
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    if domain is not None:
+        environment[DOMAIN] = str(domain)
     without_ros = ["--no-ros"] if domain is None else []
     done = subprocess.run(
         [*command, *without_ros, "--timing"],
@@ -126,7 +129,7 @@ def main() -> None:
         )
     with tempfile.TemporaryDirectory() as folder:
         case, report = options.case, Path(folder) / "report"
-        run(case, report)  # fills the compilation cache
+        run(case, report)  # fills the caches of kernels and compiled modules
         if options.minutes is not None:
             case = Path(folder) / "case"
             write_long_case(case, options.case, 60.0 * options.minutes)

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imsave
 from matplotlib.patches import Patch
 
 from app.fixture import MarginParameters, MarginState
@@ -36,9 +37,14 @@ def margin_png(
 ) -> bytes:
     """Draw the plot; return it as PNG, 1560 x 720 pixels."""
     figure = margin_figure(rows, breaches, margins, title)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # `Figure.savefig` would draw everything twice, the first time for the layout
     picture = BytesIO()
     # Without the version of matplotlib equal rows give equal bytes on one machine.
-    figure.savefig(picture, format="png", metadata={"Software": None})
+    imsave(
+        picture, canvas.buffer_rgba(), format="png", origin="upper", dpi=_DPI,
+        metadata={"Software": None},
+    )  # fmt: skip
     return picture.getvalue()
 
 
