@@ -11,7 +11,7 @@ A 6x6 covariance is the covariance of these six numbers, so the covariance of a 
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # loads `scipy.spatial` lazily, which takes 0.2 s
 
 from app.geometry import FloatArray, Transform
 
@@ -46,7 +46,7 @@ def move_origin(covariance: FloatArray, to_mm: FloatArray) -> FloatArray:
 
 def apply_motion(estimate: Transform, motion: FloatArray, about_mm: FloatArray) -> Transform:
     """Rotate ``estimate`` by ``motion[:3]`` about ``about_mm``, then shift by ``motion[3:]``."""
-    rotation = Rotation.from_rotvec(motion[:3]).as_matrix()
+    rotation = scipy.spatial.transform.Rotation.from_rotvec(motion[:3]).as_matrix()
     translation = rotation @ (estimate.translation_mm - about_mm) + about_mm + motion[3:]
     return Transform(estimate.target, estimate.source, rotation @ estimate.rotation, translation)
 
@@ -59,4 +59,5 @@ def motion_between(truth: Transform, estimate: Transform) -> FloatArray:
     """
     rotation = truth.rotation @ estimate.rotation.T
     shift = truth.translation_mm - rotation @ estimate.translation_mm
-    return np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), shift])
+    turn = scipy.spatial.transform.Rotation.from_matrix(rotation).as_rotvec()
+    return np.concatenate([turn, shift])

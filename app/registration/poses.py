@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # loads `scipy.spatial` lazily, which takes 0.2 s
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, FrameError, TrackedTransform, TrackingStatus, Transform
 from app.registration.errors import (
@@ -70,7 +70,7 @@ class PoseStack:
         first, second = np.triu_indices(len(compared), k=1)
         rotations = self.rotations[compared]
         relative = np.swapaxes(rotations[first], 1, 2) @ rotations[second]
-        return np.asarray(Rotation.from_matrix(relative).as_rotvec())
+        return np.asarray(scipy.spatial.transform.Rotation.from_matrix(relative).as_rotvec())
 
 
 def usable_poses(samples: Sequence[TrackedTransform]) -> tuple[Transform, ...]:

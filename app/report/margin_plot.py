@@ -6,6 +6,7 @@ Uses matplotlib's objects on an Agg canvas instead of pyplot, which would change
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,14 +38,12 @@ def margin_png(
 ) -> bytes:
     """Draw the plot; return it as PNG, 1560 x 720 pixels."""
     figure = margin_figure(rows, breaches, margins, title)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)  # without annotations
     canvas.draw()  # `Figure.savefig` would draw everything twice, the first time for the layout
     picture = BytesIO()
     # Without the version of matplotlib equal rows give equal bytes on one machine.
-    imsave(
-        picture, canvas.buffer_rgba(), format="png", origin="upper", dpi=_DPI,
-        metadata={"Software": None},
-    )  # fmt: skip
+    metadata: Any = {"Software": None}
+    imsave(picture, canvas.buffer_rgba(), format="png", dpi=_DPI, metadata=metadata)
     return picture.getvalue()
 
 

@@ -1,7 +1,6 @@
 """Repair of the meshes of a case, tumour and tool, where its manifest requests it."""
 
 from app.case import Case, MeshEntry, MeshOwner
-from app.fixture import repair_mesh
 
 
 def with_repaired_meshes(case: Case) -> Case:
@@ -19,5 +18,7 @@ def with_repaired_meshes(case: Case) -> Case:
 
 
 def _repaired(case: Case, of: MeshOwner, what: str) -> Case:
+    from app.fixture import repair_mesh  # imports scipy's sparse matrices, which is slow
+
     mesh, notes = repair_mesh(case.faulty_mesh(of), what)
     return case.with_repaired_mesh(of, mesh, notes)

@@ -72,6 +72,28 @@ def test_quaternion_rotation_agrees_with_scipy(numbers):
     np.testing.assert_allclose(built.rotation.T @ built.rotation, np.eye(3), atol=1e-14)
 
 
+AXES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 2), (0, 0, -1), (3, -4, 12)]
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, 2.5, np.pi - 1e-7, np.pi])
+@pytest.mark.parametrize("axis", AXES)
+def test_quaternion_and_interpolation_agree_with_scipy(axis, angle):
+    vector = angle * np.array(axis) / np.linalg.norm(axis)
+    turn = Transform("a", "b", Rotation.from_rotvec(vector).as_matrix(), np.zeros(3))
+    expected = Rotation.from_matrix(turn.rotation)
+    quaternion = expected.as_quat(canonical=True)
+    if quaternion[3] < 1e-12:  # half a turn: rounding decides the sign
+        quaternion *= np.sign(quaternion @ turn.quaternion_xyzw)
+    np.testing.assert_allclose(turn.quaternion_xyzw, quaternion, atol=1e-14)
+    start = Transform.from_rotation_vector([0.3, -0.2, 0.5], [0, 0, 0], target="c", source="a")
+    found = (start @ Transform.identity("a", "b")).interpolate(start @ turn, 0.25).rotation
+    part = Rotation.from_rotvec(0.25 * expected.as_rotvec()).as_matrix()
+    back = Rotation.from_rotvec(-0.25 * expected.as_rotvec()).as_matrix()
+    nearest = part if np.abs(start.rotation @ part - found).max() < 1e-7 else back
+    assert nearest is part or angle == np.pi  # of half a turn both ways are shortest
+    np.testing.assert_allclose(found, start.rotation @ nearest, atol=1e-13)
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi - 1e-7, np.pi])
 def test_rotation_angle_is_accurate_near_zero_and_near_pi(angle):
     rotation = Rotation.from_rotvec([0.0, angle, 0.0]).as_matrix()
@@ -175,6 +197,15 @@ def test_mean_of_opposite_motions_of_a_pose_is_the_pose(pose, turn, move):
     backward = Transform.from_rotation_vector(-turn, -move, target="b", source="b")
     found = mean_transform([pose @ forward, pose @ backward])
     np.testing.assert_allclose(found.matrix, pose.matrix, atol=1e-7)
+
+
+@given(st.lists(transforms("a", "b"), min_size=2, max_size=6))
+def test_mean_rotation_is_that_of_scipy(poses):
+    rotations = np.stack([pose.rotation for pose in poses])
+    _, second, third = np.linalg.svd(rotations.mean(axis=0), compute_uv=False)
+    assume(second - third > 1e-3)  # otherwise the mean may not be unique
+    expected = Rotation.from_matrix(rotations).mean().as_matrix()
+    np.testing.assert_allclose(mean_transform(poses).rotation, expected, atol=1e-9)
 
 
 def test_mean_of_no_transforms_or_of_different_frames_is_rejected():

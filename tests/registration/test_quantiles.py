@@ -12,7 +12,7 @@ from app.registration.quantiles import chi_square_quantile, f_quantile, student_
 @pytest.mark.parametrize("freedom", [1, 3, 17, 4000])
 def test_quantiles_agree_with_scipy_stats(probability: float, freedom: int) -> None:
     chi_square = chi_square_quantile(probability, freedom)
-    assert chi_square == pytest.approx(chi2.ppf(probability, freedom), rel=1e-12)
+    assert chi_square == pytest.approx(chi2.ppf(probability, freedom), rel=1e-10)
     assert student_quantile(probability, freedom) == pytest.approx(
         student.ppf(probability, freedom), rel=1e-9, abs=1e-12
     )

@@ -6,7 +6,7 @@ Solves ``Y A_i X = B_i``: A are the robot's poses, B the sensor's, Y is the base
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # loads `scipy.spatial` lazily, which takes 0.2 s
 
 from app.geometry import FloatArray, Transform
 from app.registration.errors import ConvergenceError
@@ -56,7 +56,8 @@ def residuals_of(state: RobotWorld, robot: PoseStack, sensor: PoseStack) -> Floa
     base, mount = state.reference_from_base, state.tip_from_sensor
     tips = robot.rotations @ mount.translation_mm + robot.translations_mm
     rotations = base.rotation @ robot.rotations @ mount.rotation
-    vectors = Rotation.from_matrix(sensor.rotations @ np.swapaxes(rotations, 1, 2)).as_rotvec()
+    turns = sensor.rotations @ np.swapaxes(rotations, 1, 2)
+    vectors = scipy.spatial.transform.Rotation.from_matrix(turns).as_rotvec()
     return np.hstack([vectors, sensor.translations_mm - base.apply(tips)])
 
 

@@ -14,7 +14,7 @@ from app.case import (
     PlausibilityEntry,
     SphereEntry,
 )
-from app.geometry import NS_PER_S, Stamp, Transform
+from app.geometry import NS_PER_S, Stamp, Transform, closest_rotation
 
 LEARN_NS = 5 * NS_PER_S
 """Time over which the centre of an envelope is averaged: more than one breath of 4 s."""
@@ -119,10 +119,8 @@ class _Envelope:
         self._count += 1
         if now.ns - self._since.ns >= LEARN_NS:
             mean = self._sum / self._count
-            left, _, right = np.linalg.svd(mean[:, :3])  # the nearest rotation to the mean
-            if np.linalg.det(left @ right) < 0.0:  # that would be a reflection: it turned about
-                left[:, 2] = -left[:, 2]
-            self._middle = Transform(pose.target, pose.source, left @ right, mean[:, 3])
+            rotation = closest_rotation(mean[:, :3])
+            self._middle = Transform(pose.target, pose.source, rotation, mean[:, 3])
 
 
 class _Distance:
