@@ -29,6 +29,9 @@ _STEP_RAD, _STEP_M = 0.2, 0.05
 _MAX_STEPS = 400
 _CONTRADICTION_RAD, _CONTRADICTION_M = math.radians(3.0), 0.005
 _DEPENDENT_SHARE, _ROUNDED_SHARE = 1e-6, 0.05
+_ROUNDED_LEVER = 2.0
+"""Least part of a column of rounded numbers, in mm per rad or m, that is more than rounding: an
+axis that misses a point by 0.1 mm does not move it."""
 
 
 class ClosedTree(KinematicTree):
@@ -66,7 +69,7 @@ class ClosedTree(KinematicTree):
         at_zero = self.link_matrices(zeros)
         is_exact = all(max(self._gap(each, at_zero)) <= CLOSED for each in closures)
         is_dependent = self._choose_dependent(
-            at_zero, _DEPENDENT_SHARE if is_exact else _ROUNDED_SHARE
+            at_zero, *((_DEPENDENT_SHARE, 0.0) if is_exact else (_ROUNDED_SHARE, _ROUNDED_LEVER))
         )
         self._dependent = np.flatnonzero(is_dependent)
         self._independent = np.flatnonzero(~is_dependent)
@@ -77,6 +80,7 @@ class ClosedTree(KinematicTree):
             self._zero = self._closed(self._zero)
         except JointError as problem:
             raise UrdfError(str(problem)) from problem
+        self._require_assembled()
         matrices = self.link_matrices(self._named(self._zero))
         self.gaps = tuple(self._gap(closure, matrices) for closure in closures)
         if all(max(gap) <= CLOSED for gap in self.gaps):
@@ -171,8 +175,23 @@ class ClosedTree(KinematicTree):
             blocks.append(signs * closure.columns(parent, child, axes, pivots, self._column_slides))
         return np.concatenate(blocks)
 
-    def _choose_dependent(self, matrices: FloatArray, share: float) -> np.ndarray:
-        """Mark the joints (n,), taken from the leaves, whose columns are linearly independent."""
+    def _require_assembled(self) -> None:
+        """Raise `UrdfError` if the loops close only far from position 0 of a dependent joint."""
+        for k in self._dependent.tolist():
+            joint, moved = self._columns[k], float(self._zero[k])
+            limit = _CONTRADICTION_M if joint.slides else _CONTRADICTION_RAD
+            if abs(moved) > limit:
+                raise UrdfError(
+                    f"joint {joint.name!r} is at {moved:.3g} where its loop closes with the other "
+                    f"joints at position 0; expected at most {limit:.3g} from its own position 0"
+                )
+
+    def _choose_dependent(self, matrices: FloatArray, share: float, lever: float) -> np.ndarray:
+        """Mark the joints (n,), taken from the leaves, whose columns are linearly independent.
+
+        What is left of a column beside those marked before must be more than ``share`` of it and
+        more than ``lever``, in mm per rad or m.
+        """
         jacobian = self._jacobian(matrices)
         basis: list[FloatArray] = []
         is_dependent = np.zeros(len(self._columns), dtype=np.bool_)
@@ -186,7 +205,7 @@ class ClosedTree(KinematicTree):
                 for each in basis:
                     rest = rest - (each @ rest) * each
             left = float(np.linalg.norm(rest))
-            if left > share:
+            if left > share and left * length > lever:
                 basis.append(rest / left)
                 is_dependent[k] = True
         return is_dependent

@@ -134,6 +134,32 @@ def test_rounded_numbers_close_up_to_their_rounding_with_a_warning(folder, tmp_p
     assert max(gap_mm for name, gap_mm, _ in gaps if name.startswith("left")) < 2.0
 
 
+def test_rounded_axis_through_a_closed_point_stays_independent(folder, tmp_path):
+    """The remote centre is held by the base: the yaw axis misses it by 0.1 mm and moves nothing."""
+    document = yaml.safe_load((folder / "parallelogram.yaml").read_text())
+    held = document["JOINT yaw-end"]
+    held |= {"parent": "BODY base", "parent pivot": {"x": 0.5, "y": 0.0, "z": 0.0001}}
+    document["JOINT top-end"]["child pivot"]["y"] += 0.0002
+    path = tmp_path / "held.yaml"
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    robot, document = read(path)
+    assert set(robot.dependent_joint_names) == set(DEPENDENT)
+    exact, _ = read(folder / "parallelogram.yaml")
+    for given in ({}, {"base-yaw": 0.8, "yaw-back": -0.5, "end-insertion": 0.1}):
+        poses = by_body(document, robot.forward_kinematics(given))
+        for body, peer in by_body(document, exact.forward_kinematics(given)).items():
+            assert np.linalg.norm(poses[body][:3, 3] - peer[:3, 3]) < 1.0, (given, body)
+
+
+def test_loop_that_closes_only_far_from_position_0_is_refused(folder, tmp_path):
+    document = yaml.safe_load((folder / "parallelogram.yaml").read_text())
+    document["JOINT yaw-back"]["joint offset"] += 0.3
+    path = tmp_path / "twisted.yaml"
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    with pytest.raises(AdfError, match=r"is at .* where its loop closes.*expected at most 0.0524"):
+        load_adf(path)
+
+
 def test_loop_that_does_not_close_is_refused(folder, tmp_path):
     document = yaml.safe_load((folder / "parallelogram.yaml").read_text())
     document["JOINT front-bottom"]["parent pivot"]["x"] = 0.4
