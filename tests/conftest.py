@@ -70,6 +70,7 @@ SLOW = {
         "tests/runtime/persistence/test_killed.py",
         "tests/session/test_benchmark.py",
         "tests/session/test_following.py",
+        "tests/synthetic/test_recording.py",
         "tests/synthetic/test_simulation.py",
         "tests/synthetic/test_writing.py",
         "tests/tools/test_wheel.py",
@@ -121,6 +122,7 @@ LONG = {
         "tests/interfaces/test_other_definitions.py",
     ),
     "checks types in a new cache": ("tests/marginguard/test_typing.py",),
+    "simulates and replays a case for each tracker": ("tests/synthetic/test_cases_of_trackers.py",),
     "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
     "runs examples on whole cases, or beside a replay in real time": (
         "tests/examples/test_guard_bond.py",

@@ -1,10 +1,15 @@
 """A simulated lumpectomy with ground truth, which the demo replays."""
 
+from app.synthetic.case_errors import CaseErrors
+from app.synthetic.case_options import CaseOptions
 from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
 from app.synthetic.clearance import Clearance
 from app.synthetic.motion import ArmKinematics
+from app.synthetic.recording import Recording
+from app.synthetic.simulated_tracker import SimulatedTracker
 from app.synthetic.simulation import BASE_FRAME, Simulation, simulate
 from app.synthetic.tracker import Jitter
+from app.synthetic.tracker_model import TrackerModel
 from app.synthetic.truth import TrueBreach, find_breaches
 from app.synthetic.tumour import TUMOR_FRAME, Tumour
 from app.synthetic.writing import simulate_case
@@ -14,9 +19,14 @@ __all__ = [
     "CAUTERY_TIP_FRAME",
     "TUMOR_FRAME",
     "ArmKinematics",
+    "CaseErrors",
+    "CaseOptions",
     "Clearance",
     "Jitter",
+    "Recording",
+    "SimulatedTracker",
     "Simulation",
+    "TrackerModel",
     "TrueBreach",
     "Tumour",
     "cautery_mesh",

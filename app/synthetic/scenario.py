@@ -13,15 +13,13 @@ from scipy.spatial.transform import Rotation
 from app.geometry import FloatArray, Transform
 from app.synthetic.cautery import CAUTERY_TIP_FRAME
 from app.synthetic.clearance import Clearance
+from app.synthetic.error_budget import CROSSING_SPEED_MM_S, Depths
 from app.synthetic.motion import Path
 from app.synthetic.script import Script
-from app.synthetic.tracker import Dropout
+from app.synthetic.tracker import Dropout, DropoutKind
 from app.synthetic.tumour import Tumour
 
 WORK_FRAME = "work"
-
-CROSSING_SPEED_MM_S = 45.0
-"""Fast enough that jitter moves a detected crossing by a frame or two at most; below v_max."""
 
 LANDMARKS_MM = (
     (-40.0, -44.0, -12.0),
@@ -35,6 +33,10 @@ LANDMARKS_MM = (
 )
 """Corners of a box around the tumour, in an order in which every move follows an edge of the box.
 Their heights differ, so that no four of them are coplanar."""
+PASSES_S = 41.0
+"""Strokes around the tumour, without approaches and breaches."""
+_REST_OF_CASE_S = 34.0
+WORK_STROKE_S = 12.0
 DWELL_S = 1.3
 DWELL_EDGE_S = 0.05
 """Removed from both ends of a rest, so that a dwell in the manifest holds samples at rest only."""
@@ -51,11 +53,30 @@ class Scenario:
     dwells_s: tuple[tuple[float, float], ...]
     breath_held_until_s: float
     dropouts: tuple[Dropout, ...]
+    crossing_speed_mm_s: float
+    """The smallest speed along the normal at which the tool crosses the surface."""
 
 
-def plan_scenario(tumour: Tumour, clearance: Clearance, tumor_from_work: Transform) -> Scenario:
-    """Plan landmarks in a breath-hold, then passes around the tumour with three breaches."""
+def plan_scenario(
+    tumour: Tumour,
+    clearance: Clearance,
+    tumor_from_work: Transform,
+    depths: Depths,
+    duration_s: float | None,
+    random: np.random.Generator,
+) -> Scenario:
+    """Plan landmarks in a breath-hold, then passes around the tumour with three breaches.
+
+    Without ``duration_s`` the passes take `PASSES_S`. A shorter case has faster passes, a longer
+    one ``random`` work around the tumour between them; a rest fills up the duration.
+    """
     plan = _Plan(tumour, tumor_from_work)
+    # Through a small tumour, a line along the normal may not be deep enough anywhere.
+    small = depths.deep_mm < Depths().deep_mm
+    pace, extra_s = 1.0, 0.0
+    if duration_s is not None:
+        pace = min(1.0, (duration_s - _REST_OF_CASE_S) / PASSES_S)
+        extra_s = max(0.0, duration_s - _REST_OF_CASE_S - PASSES_S)
     landmarks = [plan.landmark(index) for index in range(len(LANDMARKS_MM))]
     script = Script(landmarks[0], clearance.distance_mm)
     dwells = []
@@ -66,52 +87,71 @@ def plan_scenario(tumour: Tumour, clearance: Clearance, tumor_from_work: Transfo
         dwells.append((start_s + DWELL_EDGE_S, end_s - DWELL_EDGE_S))
     held_until_s = script.end_s + 0.5
 
+    def work(azimuth_deg: float) -> None:
+        """Strokes around the tumour and back, near its surface, for a third of the extra time."""
+        count = int(np.ceil(extra_s / 3.0 / WORK_STROKE_S))
+        for _ in range(count):
+            span = random.choice([-1.0, 1.0]) * random.uniform(60.0, 180.0)
+            colatitude = random.uniform(38.0, 64.0)
+            distance = depths.nearest_mm + random.uniform(0.5, 5.0)
+            there = plan.ring(azimuth_deg, azimuth_deg + span, colatitude, distance)
+            script.stroke([*there, *there[::-1][1:]], extra_s / 3.0 / count)
+
     script.move_to(plan.beside(-100.0, 30.0, 30.0), 2.5)
     first_pass_s = script.end_s
-    script.stroke(plan.ring(-90.0, 250.0, 32.0, 8.0), 11.0)
+    script.stroke(plan.ring(-90.0, 250.0, 32.0, 8.0), 11.0 * pace)
+    work(250.0)
 
     second_pass_s = script.end_s
-    script.stroke(plan.ring(240.0, -80.0, 50.0, 5.0), 13.0)
+    script.stroke(plan.ring(240.0, -80.0, 50.0, max(5.0, depths.nearest_mm)), 13.0 * pace)
+    work(-80.0)
     script.plunge(
         plan.beside(-85.0, 42.0, 1.0),
-        -plan.normal(-85.0, 42.0),
-        depth_mm=5.0,
+        -plan.outward_at(-85.0, 42.0, small),
+        depth_mm=depths.deep_mm,
         hold_s=0.6,
         speed_mm_s=CROSSING_SPEED_MM_S,
     )
 
     third_pass_s = script.end_s
-    script.stroke(plan.ring(-70.0, 150.0, 66.0, 3.5), 12.0)
+    script.stroke(plan.ring(-70.0, 150.0, 66.0, depths.nearest_mm), 12.0 * pace)
+    work(150.0)
     script.plunge(
         plan.beside(165.0, 60.0, 1.0),
-        -plan.normal(165.0, 60.0),
-        depth_mm=1.8,
+        -plan.outward_at(165.0, 60.0, small),
+        depth_mm=depths.brief_mm,
         hold_s=0.12,
         speed_mm_s=CROSSING_SPEED_MM_S,
     )
 
     fourth_pass_s = script.end_s
-    script.stroke(plan.ring(160.0, 80.0, 66.0, 6.0), 5.0)
+    script.stroke(plan.ring(160.0, 80.0, 66.0, max(6.0, depths.nearest_mm)), 5.0 * pace)
     script.move_to(plan.along_the_side(90.0, 30.0), 2.0)
     script.plunge(
-        plan.along_the_side(90.0, 14.0),
+        plan.along_the_side(90.0, min(14.0, 1.2 * tumour.max_radius_mm)),
         -plan.outward(90.0),
-        depth_mm=2.8,
+        depth_mm=depths.shaft_mm,
         hold_s=0.5,
         speed_mm_s=CROSSING_SPEED_MM_S,
     )
     script.move_to(plan.beside(90.0, 30.0, 45.0), 3.0)
-    script.rest(1.0)
+    script.rest(1.0 if duration_s is None else max(duration_s - script.end_s, 0.2))
+
+    def lost(frames: tuple[str, ...], kind: DropoutKind, start_s: float, for_s: float) -> Dropout:
+        return Dropout(frames, kind, start_s, start_s + for_s)
 
     all_frames = ("reference", "needle", "cautery")
     dropouts = (
-        Dropout(("cautery",), "invalid", first_pass_s + 2.0, first_pass_s + 2.8),
-        Dropout(all_frames, "missing", first_pass_s + 6.0, first_pass_s + 6.6),
-        Dropout(("needle",), "missing", second_pass_s + 5.0, second_pass_s + 5.7),
-        Dropout(("cautery",), "missing", third_pass_s + 5.0, third_pass_s + 6.0),
-        Dropout(("reference",), "invalid", fourth_pass_s + 2.5, fourth_pass_s + 3.0),
+        lost(("cautery",), "invalid", first_pass_s + 2.0 * pace, 0.8),
+        lost(all_frames, "missing", first_pass_s + 6.0 * pace, 0.6),
+        lost(("needle",), "missing", second_pass_s + 5.0 * pace, 0.7),
+        lost(("cautery",), "missing", third_pass_s + 5.0 * pace, 1.0),
+        lost(("reference",), "invalid", fourth_pass_s + 2.5 * pace, 0.5),
     )
-    return Scenario(script.path, tuple(dwells), held_until_s, dropouts)
+    share = (
+        min(plan.crossing_share(-85.0, 42.0), plan.crossing_share(165.0, 60.0)) if small else 1.0
+    )
+    return Scenario(script.path, tuple(dwells), held_until_s, dropouts, share * CROSSING_SPEED_MM_S)
 
 
 class _Plan:
@@ -148,9 +188,18 @@ class _Plan:
         position = aside_mm * self._outward(azimuth_deg) + np.array([0.0, 0.0, -19.0])
         return self._pose(position, self._outward(azimuth_deg), 0.0)
 
-    def normal(self, azimuth_deg: float, colatitude_deg: float) -> FloatArray:
-        """The outward normal (3,) of the tumour, in the tumour's frame."""
-        return self._tumor_from_work.rotate(self._surface(azimuth_deg, colatitude_deg)[1])
+    def outward_at(
+        self, azimuth_deg: float, colatitude_deg: float, from_centre: bool
+    ) -> FloatArray:
+        """The outward normal (3,) of the tumour, or the ray from its centre, in its frame."""
+        surface, normal = self._surface(azimuth_deg, colatitude_deg)
+        direction = surface / np.linalg.norm(surface) if from_centre else normal
+        return self._tumor_from_work.rotate(direction)
+
+    def crossing_share(self, azimuth_deg: float, colatitude_deg: float) -> float:
+        """The cosine between the normal and the ray from the centre."""
+        surface, normal = self._surface(azimuth_deg, colatitude_deg)
+        return float(surface @ normal / np.linalg.norm(surface))
 
     def outward(self, azimuth_deg: float) -> FloatArray:
         """The horizontal direction (3,) away from the tumour's centre, in the tumour's frame."""

@@ -5,13 +5,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.optimize import brentq
 
-from app.geometry import FloatArray, Transform
+from app.geometry import FloatArray, InputError, Transform
 from app.synthetic.motion import Path, Waypoint
 
 _AT_REST = np.zeros(3)
 
 PLUNGE_FROM_MM = 7.0
 """Distance from the tumour at which a plunge starts and ends."""
+
+_RANGE_MM = (-20.0, 12.0)
+_SCAN_MM = 0.5
+"""Range and step in which the surface is searched, from the pose near it."""
 
 
 class Script:
@@ -86,7 +90,7 @@ class Script:
             def residual(along_mm: float) -> float:
                 return self._distance_mm(shifted(along_mm)) - distance_mm
 
-            return float(brentq(residual, -20.0, 12.0, xtol=1e-6))
+            return float(brentq(residual, *_bracket(residual), xtol=1e-6))
 
         before, surface = offset_at(PLUNGE_FROM_MM), offset_at(0.0)
         deepest = offset_at(-depth_mm)
@@ -103,3 +107,21 @@ class Script:
 
     def _add(self, duration_s: float, pose: Transform, velocity: FloatArray = _AT_REST) -> None:
         self._waypoints.append(Waypoint(self.end_s + duration_s, pose, velocity))
+
+
+def _bracket(residual: Callable[[float], float]) -> tuple[float, float]:
+    """Where a plunge crosses a distance for the first time: a positive and a negative residual.
+
+    At the end of the range the tool may have passed through a small tumour, where its surface is
+    nearer to the tumour's than its tip was on the way.
+    """
+    start, end = _RANGE_MM
+    if residual(end) < 0.0:
+        return start, end
+    for along_mm in np.arange(start + _SCAN_MM, end, _SCAN_MM).tolist():
+        if residual(along_mm) < 0.0:
+            return along_mm - _SCAN_MM, along_mm
+    raise InputError(
+        "the tool cannot be as deep in the tumour as planned; expected a larger tumour or "
+        "smaller errors of the case"
+    )

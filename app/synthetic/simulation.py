@@ -1,4 +1,4 @@
-"""The simulated operating room: true poses at any time, and the samples of the tracker.
+"""The simulated operating room: true poses at any time.
 
 Assumptions:
 
@@ -8,33 +8,38 @@ Assumptions:
   The base's pose in the reference at end expiration is the truth of the registration; at full
   inspiration it is off by the motion of the reference.
 - The needle's sensor is rigidly attached to the tumour, and the tool does not deform the tumour.
-- The arm's encoders are exact and have their own clock. The tracker has white jitter and dropouts
-  but no field distortion.
+- The arm has its own clock. What is measured of all this, and with which errors, is the matter of
+  `app.synthetic.recording`.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from app.case.frames.samples import JointSample, TrackingFrame
-from app.geometry import NS_PER_S, FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
+from app.geometry import NS_PER_S, FloatArray, Transform
+from app.synthetic.case_errors import contoured
+from app.synthetic.case_options import CaseOptions
 from app.synthetic.cautery import CAUTERY_TIP_FRAME, cautery_mesh
 from app.synthetic.clearance import Clearance
+from app.synthetic.error_budget import margin_bound_mm, plan_depths
 from app.synthetic.motion import ArmKinematics, JointMotion
 from app.synthetic.physiology import Breathing, BreathingBody
 from app.synthetic.scenario import WORK_FRAME, Scenario, plan_scenario
-from app.synthetic.tracker import Jitter, reported
+from app.synthetic.simulated_tracker import Metal
 from app.synthetic.tumour import TUMOR_FRAME, Tumour
 
 TRACKED_FRAMES = ("reference", "needle", "cautery")
 BASE_FRAME = "robot_base"
 
 FIRST_STAMP_NS = 1000 * NS_PER_S
-TRACKER_PERIOD_NS = 20_000_000
+KNOT_PERIOD_NS = 20_000_000
+"""The arm's set points; a case lasts a whole number of these periods."""
 JOINT_PERIOD_NS = 5_000_000
 ROBOT_TO_TRACKER_OFFSET_NS = 37_400_000
 """tracker = robot + offset."""
+
+HANDLE_END_MM = 130.0
+"""Where the arm holds the tool, behind its tip."""
 
 WORK_IN_BASE_MM = (185.0, 0.0, 90.0)
 """The tumour's centre. An arm with links of 133 mm reaches every pose of the scenario there, with
@@ -58,9 +63,15 @@ NEEDLE_FROM_TUMOR = Transform.from_rotation_vector(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """A simulated case: true poses and noisy frames; times are in s from the first frame."""
+    """A simulated case: true poses; times are in s from the first acquisition.
+
+    ``contour`` is the tumour as the case knows it. ``margin_bound_mm`` bounds the error of a
+    measured margin.
+    """
 
     tumour: Tumour
+    contour: Tumour
+    margin_bound_mm: float
     clearance: Clearance
     scenario: Scenario
     breathing: Breathing
@@ -71,8 +82,8 @@ class Simulation:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first to the last tracker frame: a multiple of the period."""
-        period_s = TRACKER_PERIOD_NS / NS_PER_S
+        """From the first to the last acquisition: a multiple of 20 ms."""
+        period_s = KNOT_PERIOD_NS / NS_PER_S
         return int(self.scenario.path.end_s / period_s) * period_s
 
     @property
@@ -97,56 +108,40 @@ class Simulation:
         tracker_from_tumor = self.tracker_from("needle", time_s) @ NEEDLE_FROM_TUMOR
         return tracker_from_tumor.inverse() @ self.tracker_from_base @ self.base_from_tip(time_s)
 
-    def frames(self, jitter: Jitter, random: np.random.Generator) -> Iterator[TrackingFrame]:
-        """Yield the recorded frames: at 50 Hz, each with the joints read since the last.
+    def landmarks_in_base_mm(self) -> FloatArray:
+        """The true places (n, 3) of the tip in the dwells of the registration."""
+        middles = [0.5 * (start_s + end_s) for start_s, end_s in self.scenario.dwells_s]
+        return np.array([self.base_from_tip(time_s).translation_mm for time_s in middles])
 
-        A frame without any sample is left out, and its joints come with the next one.
-        """
-        joints: list[JointSample] = []
-        joint_ns = self._first_joint_ns()
-        for index in range(round(self.duration_s * NS_PER_S / TRACKER_PERIOD_NS) + 1):
-            stamp = Stamp(FIRST_STAMP_NS + index * TRACKER_PERIOD_NS)
-            while joint_ns + ROBOT_TO_TRACKER_OFFSET_NS <= stamp.ns:
-                joints.append(self._joint_sample(joint_ns))
-                joint_ns += JOINT_PERIOD_NS
-            poses = self._measure(stamp, jitter, random)
-            if poses:
-                yield TrackingFrame(stamp, poses, tuple(joints))
-                joints = []
-
-    def _measure(
-        self, stamp: Stamp, jitter: Jitter, random: np.random.Generator
-    ) -> tuple[TrackedTransform, ...]:
-        time_s = (stamp.ns - FIRST_STAMP_NS) / NS_PER_S
-        arrived = []
-        for frame in TRACKED_FRAMES:
-            measured = jitter.measured(self.tracker_from(frame, time_s), random)
-            sample = TrackedTransform(measured, stamp, TrackingStatus.OK)
-            received = reported(sample, self.scenario.dropouts, time_s)
-            if received is not None:
-                arrived.append(received)
-        return tuple(arrived)
-
-    def _joint_sample(self, robot_ns: int) -> JointSample:
-        time_s = (robot_ns + ROBOT_TO_TRACKER_OFFSET_NS - FIRST_STAMP_NS) / NS_PER_S
-        return JointSample(
-            self.arm_motion.joint_names,
-            tuple(self.arm_motion.positions(time_s).tolist()),
-            Stamp(robot_ns, "robot"),
-        )
-
-    def _first_joint_ns(self) -> int:
-        """Stamp of the last joint sample before the first tracker frame, on the robot's clock."""
-        first_ns = FIRST_STAMP_NS - ROBOT_TO_TRACKER_OFFSET_NS
-        return first_ns // JOINT_PERIOD_NS * JOINT_PERIOD_NS
+    def metal(self, time_s: float) -> Metal:
+        """The arm from its base to the end of the tool's handle, in the tracker's frame."""
+        handle = self.base_from_tip(time_s).apply(np.array([0.0, 0.0, -HANDLE_END_MM]))
+        ends = self.tracker_from_base.apply(np.stack([np.zeros(3), handle]))
+        return Metal(ends[0], ends[1])
 
 
-def simulate(arm: ArmKinematics, random: np.random.Generator) -> Simulation:
+def simulate(
+    arm: ArmKinematics,
+    random: np.random.Generator,
+    options: CaseOptions | None = None,
+    *,
+    contour_random: np.random.Generator | None = None,
+) -> Simulation:
     """Simulate a case with a random tumour, tracker and chest reference.
 
-    Raises the arm's error for a pose that it cannot reach.
+    ``contour_random`` draws the error of the contour, and the motion beyond the usual duration.
+    Raises the arm's error for a pose that it cannot reach, and `InputError` for errors in
+    ``options`` that hide a breach.
     """
+    options = CaseOptions() if options is None else options
+    more_random = np.random.default_rng(0) if contour_random is None else contour_random
     tumour = Tumour.generate(random)
+    if options.tumor_mm is not None:
+        tumour = tumour.with_diameter(options.tumor_mm)
+    contour, contour_mm = contoured(tumour, options.errors.contour_mm, more_random)
+    needle_lever_mm = float(np.linalg.norm(NEEDLE_FROM_TUMOR.translation_mm))
+    bound_mm = margin_bound_mm(options, contour_mm, needle_lever_mm + tumour.max_radius_mm)
+    depths = plan_depths(bound_mm, tumour.min_radius_mm)
     clearance = Clearance(tumour, cautery_mesh())
     turn = random.normal(size=3)
     turn *= random.uniform(0.3, 1.2) / np.linalg.norm(turn)
@@ -174,7 +169,9 @@ def simulate(arm: ArmKinematics, random: np.random.Generator) -> Simulation:
         tracker_from_base.rotate(CHEST_SHIFT_MM),
         np.array(CHEST_TURN_RAD),
     )
-    scenario = plan_scenario(tumour, clearance, tumor_from_work)
+    scenario = plan_scenario(
+        tumour, clearance, tumor_from_work, depths, options.duration_s, more_random
+    )
     breathing = Breathing(scenario.breath_held_until_s)
 
     base_from_tracker = tracker_from_base.inverse()
@@ -184,11 +181,13 @@ def simulate(arm: ArmKinematics, random: np.random.Generator) -> Simulation:
         tumor_from_tip = scenario.path.at(time_s)
         return base_from_tracker @ tracker_from_needle @ NEEDLE_FROM_TUMOR @ tumor_from_tip
 
-    period_s = TRACKER_PERIOD_NS / NS_PER_S
+    period_s = KNOT_PERIOD_NS / NS_PER_S
     count = int(np.ceil(scenario.path.end_s / period_s)) + 1
     knots: FloatArray = period_s * np.arange(count, dtype=np.float64)
     return Simulation(
         tumour,
+        contour,
+        bound_mm,
         clearance,
         scenario,
         breathing,

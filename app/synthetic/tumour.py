@@ -1,6 +1,6 @@
 """An irregular tumour with an exact inside test: a radius for every direction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ LOBE_HEIGHT = (-0.18, 0.38)
 LOBE_SHARPNESS = (6.0, 26.0)
 
 _GRADIENT_STEP_MM = 1e-4
+_EXTENT_SUBDIVISIONS = 4
+"""2562 directions, about 4 degrees apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +49,22 @@ class Tumour:
             random.uniform(*LOBE_HEIGHT, size=LOBE_COUNT),
             random.uniform(*LOBE_SHARPNESS, size=LOBE_COUNT),
         )
+
+    def with_diameter(self, diameter_mm: float) -> "Tumour":
+        """The same shape, with this largest diameter through the origin."""
+        directions, _ = icosphere(_EXTENT_SUBDIVISIONS)
+        extents = self.radius_mm(directions) + self.radius_mm(-directions)
+        return replace(self, semi_axes_mm=self.semi_axes_mm * (diameter_mm / extents.max()))
+
+    @property
+    def min_radius_mm(self) -> float:
+        """The smallest radius of the surface."""
+        return float(self.radius_mm(icosphere(_EXTENT_SUBDIVISIONS)[0]).min())
+
+    @property
+    def max_radius_mm(self) -> float:
+        """The largest radius of the surface."""
+        return float(self.radius_mm(icosphere(_EXTENT_SUBDIVISIONS)[0]).max())
 
     def radius_mm(self, directions: FloatArray) -> FloatArray:
         """Radius (n,) of the surface along unit ``directions`` (n, 3)."""

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from app.geometry import NS_PER_S, TrackingStatus
-from app.synthetic import Jitter, cautery_mesh, find_breaches
+from app.synthetic import Recording, SimulatedTracker, cautery_mesh, find_breaches
 from app.synthetic.clearance import dense_surface
+from app.synthetic.presets import WHITE
 from app.synthetic.simulation import CAUTERY_FROM_TIP, TRACKED_FRAMES
 from tests.oracles.winding_number import any_point_inside
 
@@ -17,7 +18,7 @@ def breaches(simulation):
 
 @pytest.fixture(scope="module")
 def frames(simulation):
-    return list(simulation.frames(Jitter(), np.random.default_rng(2)))
+    return list(Recording(simulation, SimulatedTracker(WHITE, [2])).frames())
 
 
 @pytest.fixture(scope="module")

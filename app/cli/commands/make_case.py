@@ -5,6 +5,7 @@ from pathlib import Path
 
 from app.cli.options import folder_path
 from app.cli.progress import progress_with_total
+from app.cli.simulated_case_options import add_simulated_case, simulated_case_options
 
 SUMMARY = "write a simulated case with ground truth"
 DEFAULT_SEED = 1
@@ -20,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="seed of all random values, 0 or more (%(default)s)",
     )
+    add_simulated_case(parser)
 
 
 def _seed(text: str) -> int:
@@ -37,8 +39,11 @@ def run(options: argparse.Namespace) -> int:
     if options.folder.is_dir() and options.folder.samefile(Path.cwd()):
         # An empty folder is replaced at the end: a shell in it would stay in the deleted one.
         raise InputError(f"{options.folder} is the current folder; expected another one")
+    case_options = simulated_case_options(options)
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
     with progress_with_total("simulating frame") as report:
-        simulate_case(options.folder, seed=options.seed, arm=arm, on_frame=report)
+        simulate_case(
+            options.folder, seed=options.seed, arm=arm, options=case_options, on_frame=report
+        )
     print(f"wrote {options.folder}")
     return 0

@@ -1,0 +1,127 @@
+"""Options of commands that simulate a case: tracker, errors, duration, size of the tumour."""
+
+import argparse
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from app.synthetic import CaseOptions
+
+TRACKERS = ("white", "aurora", "trakstar", "polaris")
+
+_DEG = math.pi / 180.0
+
+
+class _Value(NamedTuple):
+    """An option, the value of `CaseOptions` that it sets, the factor to its unit."""
+
+    name: str
+    field: str
+    factor: float
+    unit: str
+    text: str
+
+
+_CASE = (
+    _Value("duration", "duration_s", 1.0, "S", "length, 50 to 5400 s (default: about 75 s)"),
+    _Value(
+        "tumor-mm",
+        "tumor_mm",
+        1.0,
+        "MM",
+        "largest diameter of the tumour, 8 to 40 mm (default: 25 to 35 mm)",
+    ),
+)
+_TRACKER = (
+    _Value("rate", "tracker.rate_hz", 1.0, "HZ", "rate, 20 to 250 Hz"),
+    _Value("white-mm", "tracker.white.position_rms_mm", 1.0, "MM", "white jitter, RMS"),
+    _Value("white-deg", "tracker.white.angle_rms_rad", _DEG, "DEG", "the same of rotations"),
+    _Value("slow-mm", "tracker.slow.position_rms_mm", 1.0, "MM", "correlated jitter, RMS"),
+    _Value("slow-deg", "tracker.slow.angle_rms_rad", _DEG, "DEG", "the same of rotations"),
+    _Value("correlation-s", "tracker.correlation_s", 1.0, "S", "its correlation time"),
+    _Value(
+        "latency-ms",
+        "tracker.latency_s",
+        1e-3,
+        "MS",
+        "stamps are this late; the calibrated offset of the clocks includes it",
+    ),
+    _Value("interval-ms", "tracker.period_sd_s", 1e-3, "MS", "spread of the sample interval"),
+    _Value("stamp-ms", "tracker.stamp_sd_s", 1e-3, "MS", "spread of the stamps"),
+    _Value("quantum-mm", "tracker.position_quantum_mm", 1.0, "MM", "step of positions"),
+    _Value("repeated", "tracker.repeated", 1.0, "SHARE", "frames that repeat the one before"),
+    _Value("skipped", "tracker.skipped", 1.0, "SHARE", "frames that never arrive"),
+    _Value("lost", "tracker.lost", 1.0, "SHARE", "samples that are marked INVALID"),
+    _Value(
+        "distortion-mm",
+        "tracker.distortion.shift_mm",
+        1.0,
+        "MM",
+        "distortion of positions at the arm; half of it 60 mm away",
+    ),
+    _Value("distortion-deg", "tracker.distortion.turn_rad", _DEG, "DEG", "the same of rotations"),
+)
+_ERRORS = (
+    _Value("contour-mm", "errors.contour_mm", 1.0, "MM", "error of the tumour's contour, RMS"),
+    _Value("tip-mm", "errors.tip_mm", 1.0, "MM", "error of the tip's calibration"),
+    _Value("tip-deg", "errors.tip_rad", _DEG, "DEG", "error of the tool's calibrated direction"),
+    _Value("needle-mm", "errors.needle_mm", 1.0, "MM", "error of the tumour's place"),
+    _Value("encoder-step-deg", "errors.encoder_step_rad", _DEG, "DEG", "resolution of the joints"),
+    _Value(
+        "encoder-offset-deg",
+        "errors.encoder_offset_rad",
+        _DEG,
+        "DEG",
+        "constant error of each joint",
+    ),
+    _Value("clock-ms", "errors.clock_s", 1e-3, "MS", "error of the calibrated clock offset"),
+)
+
+
+def add_simulated_case(parser: argparse.ArgumentParser) -> None:
+    """Add the options; `simulated_case_options` reads them."""
+    _add(parser, _CASE)
+    parser.add_argument(
+        "--tracker",
+        choices=TRACKERS,
+        default=TRACKERS[0],
+        help="preset: white noise at regular times and no other error (%(default)s), "
+        "electromagnetic (aurora, trakstar) or optical (polaris) with typical errors of the case",
+    )
+    _add(parser.add_argument_group("tracker", "Each changes one value of the preset."), _TRACKER)
+    _add(
+        parser.add_argument_group(
+            "errors of the case", "Zero with the tracker white, typical ones otherwise."
+        ),
+        _ERRORS,
+    )
+
+
+def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
+    """What the command line asks for; raises `InputError` for a value that is out of range."""
+    from app.synthetic import CaseOptions
+
+    values = {
+        value.field: value.factor * given
+        for value in (*_CASE, *_TRACKER, *_ERRORS)
+        if (given := getattr(parsed, value.name.replace("-", "_"))) is not None
+    }
+    return CaseOptions.of_tracker(parsed.tracker, parsed.tumor_mm).with_values(values)
+
+
+def _add(parser: argparse._ActionsContainer, values: tuple[_Value, ...]) -> None:
+    for value in values:
+        parser.add_argument(f"--{value.name}", type=_number, metavar=value.unit, help=value.text)
+
+
+def _number(text: str) -> float:
+    from app.files.numbers import parse_numbers
+    from app.geometry import InputError
+
+    try:
+        (number,) = parse_numbers(text, 1, repr(text))
+    except InputError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number; expected a decimal number")
+    return number

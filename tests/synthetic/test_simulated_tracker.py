@@ -1,0 +1,168 @@
+"""The errors of a simulated tracker have the sizes and the correlation of its model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.geometry import InputError, Transform
+from app.synthetic.presets import AURORA, POLARIS, PRESETS, TRAKSTAR, WHITE, tracker_preset
+from app.synthetic.simulated_tracker import Metal, SimulatedTracker
+from app.synthetic.tracker import Jitter
+from app.synthetic.tracker_model import NO_JITTER, Distortion, TrackerModel
+
+TRUTH = Transform.from_rotation_vector(
+    (0.4, -0.8, 0.3), (100.0, -50.0, 220.0), target="tracker", source="needle"
+)
+PERIOD_S = 0.02
+SLOW = TrackerModel("slow", 50.0, NO_JITTER, slow=Jitter(0.3, 0.005), correlation_s=0.1)
+
+
+def errors(model, times_s, frame="needle", seed=7):
+    tracker = SimulatedTracker(model, [seed])
+    poses = [tracker.measure(frame, TRUTH, t) for t in times_s]
+    shifts = [pose.translation_mm - TRUTH.translation_mm for pose in poses]
+    turns = [(TRUTH.inverse() @ p.renamed(source="measured")).rotation_vector for p in poses]
+    return np.array(shifts), np.array(turns)
+
+
+@pytest.fixture(scope="module")
+def slow_errors():
+    return errors(SLOW, PERIOD_S * np.arange(8000))
+
+
+def test_correlated_jitter_has_the_stated_rms(slow_errors):
+    shifts, turns = slow_errors
+    # 160 s hold some 800 independent values of each axis: a standard error of 1.5 % of the RMS.
+    assert np.sqrt((shifts**2).sum(axis=1).mean()) == pytest.approx(0.3, rel=0.07)
+    assert np.sqrt((turns**2).sum(axis=1).mean()) == pytest.approx(0.005, rel=0.07)
+
+
+@pytest.mark.parametrize("lag", [1, 3, 5, 10])
+def test_autocorrelation_falls_exponentially(slow_errors, lag):
+    for values in slow_errors:
+        found = (values[:-lag] * values[lag:]).mean() / (values**2).mean()
+        assert found == pytest.approx(np.exp(-lag * PERIOD_S / 0.1), abs=0.06)
+
+
+def test_correlation_depends_on_time_and_not_on_samples():
+    times = np.cumsum(np.random.default_rng(1).choice([0.01, 0.09], size=6000))
+    shifts, _ = errors(SLOW, times)
+    gaps = np.diff(times)
+    for gap in (0.01, 0.09):
+        at = np.flatnonzero(np.isclose(gaps, gap))
+        found = (shifts[at] * shifts[at + 1]).mean() / (shifts**2).mean()
+        assert found == pytest.approx(np.exp(-gap / 0.1), abs=0.06)
+
+
+def test_sensors_have_noise_of_their_own():
+    tracker = SimulatedTracker(SLOW, [3])
+    pairs = np.array(
+        [
+            [tracker.measure(frame, TRUTH, t).translation_mm for frame in ("needle", "cautery")]
+            for t in PERIOD_S * np.arange(2000)
+        ]
+    )
+    one, other = (pairs[:, i] - TRUTH.translation_mm for i in range(2))
+    assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 0.15
+
+
+def test_same_seed_gives_same_samples_and_times():
+    def run(seed):
+        tracker = SimulatedTracker(AURORA, [seed])
+        readings = list(tracker.readings(5.0))
+        poses = [tracker.measure("needle", TRUTH, r.acquired_ns / 1e9).matrix for r in readings]
+        return readings, np.array(poses), [tracker.loses() for _ in range(5000)]
+
+    one, same, other = run(1), run(1), run(2)
+    assert one[0] == same[0] and (one[1] == same[1]).all() and one[2] == same[2]
+    assert one[0] != other[0] and (one[1][0] != other[1][0]).any() and one[2] != other[2]
+
+
+@pytest.mark.parametrize("model", [AURORA, POLARIS, TRAKSTAR])
+def test_digits_are_those_of_the_device(model):
+    tracker = SimulatedTracker(model, [5])
+    for t in np.arange(200) / model.rate_hz:
+        pose = tracker.measure("needle", TRUTH, t)
+        steps = pose.translation_mm / model.position_quantum_mm
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+        assert TRUTH.distance_mm_to(pose) < 1.5
+
+
+def test_positions_repeat_when_jitter_is_below_the_step():
+    still = replace(
+        WHITE, white=Jitter(0.05, 0.0), position_quantum_mm=0.5, rotation_digits="euler"
+    )
+    shifts, _ = errors(replace(still, rotation_quantum=1e-3), PERIOD_S * np.arange(500))
+    assert (np.diff(shifts, axis=0) == 0.0).all(axis=1).mean() > 0.5
+
+
+def test_intervals_and_stamps_have_the_stated_spread():
+    model = replace(WHITE, period_sd_s=0.001, stamp_sd_s=0.002, latency_s=0.03, skipped=0.02)
+    readings = list(SimulatedTracker(model, [9]).readings(100.0))
+    acquired = np.array([r.acquired_ns for r in readings]) / 1e9
+    stamps = np.array([r.stamp_ns for r in readings]) / 1e9
+    assert np.diff(acquired).mean() == pytest.approx(0.02, rel=0.01)
+    assert np.diff(acquired).std() == pytest.approx(0.001, rel=0.1)
+    assert (stamps - acquired).mean() == pytest.approx(0.03, abs=0.0002)
+    assert (stamps - acquired).std() == pytest.approx(0.002, rel=0.1)
+    assert np.mean([r.skipped for r in readings]) == pytest.approx(0.02, abs=0.006)
+    assert not readings[0].skipped
+
+
+def test_stamps_rise_even_with_the_largest_spread():
+    model = replace(WHITE, rate_hz=250.0, period_sd_s=0.02, stamp_sd_s=0.02)
+    stamps = [r.stamp_ns for r in SimulatedTracker(model, [2]).readings(20.0)]
+    assert np.diff(stamps).min() > 0
+
+
+def test_distortion_grows_with_nearness_of_metal_and_is_smooth():
+    model = TrackerModel("bent", 50.0, NO_JITTER, distortion=Distortion(2.0, 0.01, 60.0))
+    tracker = SimulatedTracker(model, [1])
+
+    def error(distance_mm):
+        metal = Metal(np.array([-300.0, 0.0, 0.0]), np.array([300.0, 0.0, 0.0]))
+        truth = Transform("tracker", "needle", np.eye(3), np.array([10.0, 0.0, distance_mm]))
+        bent = tracker.measure("needle", truth, 0.0, metal)
+        return truth.distance_mm_to(bent), truth.angle_to(bent)
+
+    shifts, turns = np.array([error(d) for d in np.arange(20.0, 200.0, 1.0)]).T
+    assert (np.diff(shifts) < 0.0).all() and (np.diff(turns) < 0.0).all()
+    assert np.abs(np.diff(shifts, n=2)).max() < 0.005
+    assert error(60.0) == pytest.approx((1.0, 0.005), rel=1e-3)
+    assert error(1000.0)[0] < 1e-3
+
+
+def test_tracker_without_distortion_ignores_metal():
+    metal = Metal(np.zeros(3), np.array([100.0, -50.0, 200.0]))
+    near, far = (SimulatedTracker(POLARIS, [4]) for _ in range(2))
+    assert (
+        near.measure("needle", TRUTH, 0.0, metal).matrix == far.measure("needle", TRUTH, 0.0).matrix
+    ).all()
+
+
+def test_presets_have_jitter_below_the_published_control_limits():
+    for name, limit_mm in (("aurora", 0.33), ("polaris", 0.10)):
+        model = tracker_preset(name)
+        total = np.hypot(model.white.position_rms_mm, model.slow.position_rms_mm)
+        assert limit_mm / 3.0 < total < limit_mm
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rate_hz": 0.0}, r"rate_hz is 0; expected 1 to 250"),
+        ({"lost": 0.5}, r"lost is 0.5; expected 0 to 0.02"),
+        ({"correlation_s": float("nan")}, r"correlation_s is nan"),
+        ({"white": Jitter(-1.0)}, r"white.position_rms_mm is -1; expected 0 to 5"),
+    ],
+)
+def test_values_out_of_range_are_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        replace(AURORA, **change)
+
+
+def test_unknown_preset_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="expected white, aurora, trakstar, polaris"):
+        tracker_preset("kinect")
+    assert list(PRESETS) == ["white", "aurora", "trakstar", "polaris"]
