@@ -101,11 +101,11 @@ $(python):
 
 # The interfaces are installed together with the ROS wheels, which they load.
 $(run): $(declared) $(interfaces) | $(python)
-	@$(python) tools/install.py -e '.[ros,scene,notebook,hdf5]' ./interfaces
+	@$(python) tools/install.py -e '.[ros,scene,simulation,notebook,hdf5]' ./interfaces
 	@touch $@
 
 $(test): $(run)
-	@$(python) tools/install.py -e '.[ros,scene,test,lint]' ./interfaces_extra
+	@$(python) tools/install.py -e '.[ros,scene,simulation,test,lint]' ./interfaces_extra
 	@touch $@
 
 $(site): $(test)

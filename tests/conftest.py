@@ -99,6 +99,10 @@ SLOW = {
         "tests/report/test_margin_plot.py",
         "tests/session/test_from_case.py",
         "tests/session/test_recent_samples.py",
+        "tests/simulation/test_dynamics.py",
+        "tests/simulation/test_kinematics.py",
+        "tests/simulation/test_loops.py",
+        "tests/simulation/test_world.py",
         "tests/synthetic/test_clearance.py",
     ),
 }
@@ -109,6 +113,10 @@ LONG = {
         "tests/bridge/live/test_second_senders.py",
     ),
     "starts a process for each parser": ("tests/fuzz/test_parsers.py",),
+    "decomposes surfaces, and presses a tool for seconds": (
+        "tests/simulation/test_contact.py",
+        "tests/simulation/test_shipped_world.py",
+    ),
     "attacks a live session with many malformed messages": ("tests/bridge/faults/test_live.py",),
     "runs every block of three pages": ("tests/docs/test_start_pages.py",),
     "plays a recording to sessions that refuse it": (

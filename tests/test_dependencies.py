@@ -25,6 +25,7 @@ BROUGHT_BY = {
     "msgpack": "trame-slicer",
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
+    "pinocchio": "pin",  # its wheel does not name the module
     "manifold3d": "manifold3d",  # its wheel does not name the module
 }
 """Module -> declared distribution that installs it in the matching version."""
@@ -71,10 +72,10 @@ def imported(folder: str) -> dict[str, Path]:
 @pytest.mark.parametrize(
     ("folder", "declared"),
     [
-        ("app", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["hdf5"]),
+        ("app", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["hdf5"] | EXTRAS["simulation"]),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),
-        ("tests", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["test"]),
+        ("tests", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["simulation"] | EXTRAS["test"]),
     ],
 )
 def test_every_import_is_declared(folder: str, declared: set[str]) -> None:

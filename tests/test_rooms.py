@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "session": {"geometry", "files", "registration", "robot", "case", "fixture"},
     "runtime": {"geometry", "files", "registration", "robot", "case", "fixture", "session"},
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
+    "simulation": {"geometry", "files", "synthetic", "robot", "fixture"},
     "igtl": {"geometry"},
     "bridge": {
         "geometry",
@@ -116,6 +117,8 @@ ONLY_IN = {
     "msgpack": {"viewer"},
     "trame_slicer": {"scene", "viewer"},
     "fcl": {"fixture"},
+    "mujoco": {"simulation"},
+    "coacd": {"simulation"},
     "yourdfpy": {"robot"},
     "rosbags": {"case"},
     "matplotlib": {"report"},

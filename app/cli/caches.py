@@ -1,4 +1,4 @@
-"""Files that MarginGuard keeps on disk between runs: compiled kernels and distance fields.
+"""Files that MarginGuard keeps on disk between runs: kernels, distance fields, convex parts.
 
 Only files with the names that MarginGuard writes count, and only regular ones: symbolic links are
 neither followed nor removed, and other files stay.
@@ -13,9 +13,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-KERNELS, FIELDS = "compiled kernels", "distance fields"
+KERNELS, FIELDS, PARTS = "compiled kernels", "distance fields", "convex parts"
 _KERNEL_FILES = ("*.nbi", "*.nbc")
 _FIELD_FILES = ("*.field", "*.part")
+_PARTS_FILES = ("*.parts",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +46,13 @@ def cache_folders() -> list[CacheFolder]:
     and in the user's cache where the installation is read-only.
     """
     from app.fixture.proximity.field_cache import cache_folder
+    from app.simulation.convex_parts import PARTS_FOLDER
 
-    found = [*_kernel_folders(), CacheFolder(FIELDS, cache_folder(), _FIELD_FILES, True)]
+    found = [
+        *_kernel_folders(),
+        CacheFolder(PARTS, cache_folder() / PARTS_FOLDER, _PARTS_FILES, True),
+        CacheFolder(FIELDS, cache_folder(), _FIELD_FILES, True),
+    ]
     return [folder for folder in found if os.path.lexists(folder.path)]
 
 

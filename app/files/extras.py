@@ -16,6 +16,7 @@ _MODULES = {
     "hdf5": re.compile(r"h5py"),
     "notebook": re.compile(r"pandas|ipykernel"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),
+    "simulation": re.compile(r"mujoco|coacd"),
     "scene": re.compile(r"slicer(_core)?|vtk(modules)?|trame(_\w+)?|wslink|aiohttp|msgpack"),
 }
 

@@ -12,6 +12,9 @@ from typing import Any
 
 _UNITS = {
     "_n_s_m": "N s/m",
+    "_kg_m3": "kg/m3",
+    "_kg_m2": "kg m2",
+    "_kg": "kg",
     "_n_s": "N/s",
     "_mm_s2": "mm/s2",
     "_deg_s2": "degrees/s2",

@@ -1,6 +1,7 @@
 from .description.ambf import bodies_from_mesh_map, load_adf, parse_mesh_map
 from .description.loading import load_robot, robot_from_text, urdf_text
 from .description.xacro_file import parse_xacro_args
+from .dynamics import JointDynamics, LinkInertia
 from .errors import (
     AdfError,
     JointError,
@@ -9,6 +10,7 @@ from .errors import (
     UnreachableError,
     UrdfError,
 )
+from .kinematics.closure import ClosureType, LoopClosure
 from .kinematics.inverse import IkOptions
 from .kinematics.joint import Joint, JointType, Mimic
 from .robot import Robot
@@ -16,11 +18,15 @@ from .shapes import Link, Rgba, Shape
 
 __all__ = [
     "AdfError",
+    "ClosureType",
     "IkOptions",
     "Joint",
+    "JointDynamics",
     "JointError",
     "JointType",
     "Link",
+    "LinkInertia",
+    "LoopClosure",
     "Mimic",
     "Rgba",
     "Robot",

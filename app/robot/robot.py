@@ -79,6 +79,10 @@ class Robot:
         matrices = self._tree.link_matrices(self._tree.complete_positions(positions))
         return LinkPoses(self.root_link, self._tree.link_rows, matrices)
 
+    def complete_positions(self, positions: Mapping[str, float]) -> dict[str, float]:
+        """Return the position of every moving joint, as `forward_kinematics` completes them."""
+        return self._tree.complete_positions(positions)
+
     def measured_kinematics(self, link: str, positions: Mapping[str, float]) -> LinkPoses:
         """Run `forward_kinematics` with measured ``positions`` that must determine ``link``.
 

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 
 from app.geometry import FloatArray, SurfaceMesh
+from app.robot.dynamics import LinkInertia
 
 Rgba = tuple[float, float, float, float]
 
@@ -39,8 +40,12 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
-    """A rigid body of the robot, with the shapes for display and those for collision."""
+    """A rigid body of the robot, with the shapes for display and those for collision.
+
+    ``inertia`` is None where the file gives no mass.
+    """
 
     name: str
     visuals: tuple[Shape, ...] = ()
     collisions: tuple[Shape, ...] = ()
+    inertia: LinkInertia | None = None

@@ -1,8 +1,8 @@
 """List the caches that MarginGuard keeps on disk, and remove them with --yes.
 
-These are compiled kernels and distance fields. The next command that needs them makes them again,
-the kernels in a minute or two. Symbolic links are not followed. Exit status: 0; 1 when something
-could not be read or removed.
+These are compiled kernels, distance fields and convex parts. The next command that needs them
+makes them again, the kernels in a minute or two. Symbolic links are not followed. Exit status: 0; 1
+when something could not be read or removed.
 """
 
 import argparse

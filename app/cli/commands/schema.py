@@ -1,4 +1,4 @@
-"""Print the JSON Schema of case.yaml, live.yaml or expected.yaml.
+"""Print the JSON Schema of case.yaml, live.yaml, expected.yaml or world.yaml.
 
 An editor with a YAML language server completes keys with it, shows their descriptions and marks
 errors. The schema is generated from the declarations that the reader of the file uses. A few rules
@@ -9,8 +9,8 @@ import argparse
 
 from app.cli.options import file_path
 
-SUMMARY = "print the JSON Schema of case.yaml, live.yaml or expected.yaml"
-NAMES = ("case", "live", "expected")
+SUMMARY = "print the JSON Schema of case.yaml, live.yaml, expected.yaml or world.yaml"
+NAMES = ("case", "live", "expected", "world")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,8 +29,10 @@ def run(options: argparse.Namespace) -> int:
     """Print the schema, or write it to a file."""
     from app.case import schema_text
     from app.files import write_file
+    from app.simulation import world_schema_text
 
-    text = schema_text(options.document)
+    is_world = options.document == "world"
+    text = world_schema_text() if is_world else schema_text(options.document)
     if options.output is None:
         print(text, end="")
         return 0

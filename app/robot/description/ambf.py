@@ -24,6 +24,7 @@ from app.robot.description.ambf_joints import (
 )
 from app.robot.description.ambf_shapes import BodyShapes
 from app.robot.description.mesh_locator import MeshLocator
+from app.robot.dynamics import LinkInertia
 from app.robot.errors import AdfError, RobotMeshError, UrdfError
 from app.robot.kinematics.closed_tree import CLOSED
 from app.robot.kinematics.joint import MM_PER_M, Joint, JointType
@@ -58,7 +59,13 @@ def load_adf(
         # Numbers that overflow become infinite and are refused by the values that hold them.
         with np.errstate(all="ignore"):
             mechanism = _Mechanism(document, names)
-            bodies = {name: shapes.link(name, document.bodies[key]) for key, name in names.items()}
+            bodies = {
+                name: replace(
+                    shapes.link(name, document.bodies[key]),
+                    inertia=_inertia(name, document.bodies[key]),
+                )
+                for key, name in names.items()
+            }
             links = (bodies.pop(WORLD, Link(WORLD)), *bodies.values(), *mechanism.more_links)
             warnings = dict.fromkeys((*shapes.warnings, *mechanism.warnings))
             robot = Robot(
@@ -222,6 +229,19 @@ def _body_names(document: AdfDocument, path: Path) -> dict[str, str]:
                 raise AdfError(f"{path} has the bodies {WORLD!r} and {WORLD_BODY!r}; expected one")
             names[keys[WORLD]] = WORLD_BODY
     return names
+
+
+def _inertia(name: str, body: AdfSection) -> LinkInertia | None:
+    """The mass of a body; None for a mass of 0, which holds the body in place in the simulator."""
+    mass = body.number("mass", 0.0)
+    if mass == 0.0:
+        return None
+    matrix = body.pose("inertial offset")
+    matrix[:3, 3] *= MM_PER_M
+    tensor = None
+    if "inertia" in body:
+        tensor = np.diag(body.inside("inertia").numbers(("ix", "iy", "iz")))
+    return LinkInertia(mass, Transform.from_matrix(matrix, target=name, source=name), tensor)
 
 
 def _fixed_in_world(name: str, world_from_body: FloatArray) -> Joint:

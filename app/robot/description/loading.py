@@ -12,6 +12,7 @@ from app.files.xml_guard import read_xml
 from app.geometry import FloatArray, FrameError, MeshError, SurfaceMesh, Transform, TransformError
 from app.robot.description.mesh_locator import MeshLocator
 from app.robot.description.urdf import MAX_URDF_BYTES, parse_urdf, read_urdf
+from app.robot.dynamics import JointDynamics, LinkInertia
 from app.robot.errors import RobotMeshError, UrdfError
 from app.robot.kinematics.joint import MM_PER_M, Joint, JointType, Mimic
 from app.robot.meshes import primitives
@@ -133,6 +134,7 @@ def _assembled(model: Any, locator: MeshLocator, require_meshes: bool) -> Robot:
             link.name,
             tuple(shape for each in link.visuals if (shape := shapes.visual(link.name, each))),
             shapes.collisions(link.name, link.collisions),
+            _inertia(link),
         )
         for link in model.links
     )
@@ -277,4 +279,23 @@ def _joint(joint: Any) -> Joint:
     if joint.mimic is not None and kind is not JointType.FIXED:
         mimic = Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
     origin = _transform(joint.origin, joint.parent, joint.child)
-    return Joint(joint.name, kind, origin, joint.axis, lower, upper, mimic)
+    dynamics = _dynamics(joint)
+    return Joint(joint.name, kind, origin, joint.axis, lower, upper, mimic, dynamics=dynamics)
+
+
+def _dynamics(joint: Any) -> JointDynamics:
+    limit, losses = joint.limit, joint.dynamics
+    return JointDynamics(
+        effort=None if limit is None else limit.effort,
+        velocity=None if limit is None else limit.velocity,
+        damping=0.0 if losses is None else losses.damping or 0.0,
+        friction=0.0 if losses is None else losses.friction or 0.0,
+    )
+
+
+def _inertia(link: Any) -> LinkInertia | None:
+    found = link.inertial
+    if found is None:
+        return None
+    link_from_inertial = _transform(found.origin, link.name, link.name)
+    return LinkInertia(found.mass or 0.0, link_from_inertial, found.inertia)

@@ -16,10 +16,8 @@ from app.geometry import FloatArray
 
 _Value = TypeVar("_Value")
 
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _UNUSED_NUMBERS = {
-    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-    "mass": ("value",),
-    "limit": ("effort", "velocity"),
     "calibration": ("rising", "falling"),
     "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
 }
@@ -98,12 +96,25 @@ class Collision:
 
 
 @dataclass
+class Inertial:
+    """Mass in kg, and the inertia (3, 3) in kg m2 about ``origin`` (4, 4); None where not given.
+
+    A moment that the tag omits is NaN.
+    """
+
+    mass: float | None
+    inertia: FloatArray | None
+    origin: FloatArray | None
+
+
+@dataclass
 class LinkElement:
-    """A link and its shapes."""
+    """A link, its shapes and its mass."""
 
     name: str
     visuals: list[Visual]
     collisions: list[Collision]
+    inertial: Inertial | None
 
 
 @dataclass
@@ -112,6 +123,16 @@ class Limit:
 
     lower: float | None
     upper: float | None
+    effort: float | None
+    velocity: float | None
+
+
+@dataclass
+class Dynamics:
+    """Losses of a joint; None where the tag omits them."""
+
+    damping: float | None
+    friction: float | None
 
 
 @dataclass
@@ -135,6 +156,7 @@ class JointElement:
     axis: FloatArray
     limit: Limit | None
     mimic: MimicElement | None
+    dynamics: Dynamics | None
 
 
 @dataclass
@@ -158,10 +180,6 @@ def robot_element(root: etree._Element) -> RobotElement:
 
 
 def _link(element: etree._Element) -> LinkElement:
-    inertial = element.find("inertial")
-    if inertial is not None:
-        _origin(inertial)
-        _check_unused(inertial)
     return LinkElement(
         element.attrib["name"],
         [
@@ -169,12 +187,25 @@ def _link(element: etree._Element) -> LinkElement:
             for each in element.findall("visual")
         ],
         [Collision(_geometry(each), _origin(each)) for each in element.findall("collision")],
+        _inertial(element.find("inertial")),
     )
+
+
+def _inertial(element: etree._Element | None) -> Inertial | None:
+    if element is None:
+        return None
+    mass, inertia = element.find("mass"), element.find("inertia")
+    tensor = None
+    if inertia is not None:
+        xx, xy, xz, yy, yz, zz = (float(inertia.get(name, "nan")) for name in _INERTIA)
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Inertial(None if mass is None else _number(mass, "value"), tensor, _origin(element))
 
 
 def _joint(element: etree._Element) -> JointElement:
     _check_unused(element)
     axis, limit, mimic = (element.find(tag) for tag in ("axis", "limit", "mimic"))
+    dynamics = element.find("dynamics")
     return JointElement(
         element.attrib["name"],
         element.attrib["type"],
@@ -182,7 +213,9 @@ def _joint(element: etree._Element) -> JointElement:
         _required(element.find("child")).attrib["link"],
         _origin(element),
         np.array([1.0, 0.0, 0.0]) if axis is None else _numbers(axis, "xyz", "1 0 0"),
-        None if limit is None else Limit(_number(limit, "lower"), _number(limit, "upper")),
+        None
+        if limit is None
+        else Limit(*(_number(limit, name) for name in ("lower", "upper", "effort", "velocity"))),
         None
         if mimic is None
         else MimicElement(
@@ -190,6 +223,9 @@ def _joint(element: etree._Element) -> JointElement:
             float(mimic.get("multiplier", "1")),
             float(mimic.get("offset", "0")),
         ),
+        None
+        if dynamics is None
+        else Dynamics(_number(dynamics, "damping"), _number(dynamics, "friction")),
     )
 
 

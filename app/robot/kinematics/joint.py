@@ -7,6 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from app.geometry import FloatArray, Transform
+from app.robot.dynamics import JointDynamics
 from app.robot.errors import UrdfError
 
 MM_PER_M = 1000.0
@@ -60,6 +61,7 @@ class Joint:
     upper: float = math.inf
     mimic: Mimic | None = None
     pivot_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
+    dynamics: JointDynamics = field(default_factory=JointDynamics)
 
     def __post_init__(self) -> None:
         axis = np.array(self.axis, dtype=np.float64)

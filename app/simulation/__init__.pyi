@@ -1,0 +1,50 @@
+from .commands import COMMAND_LIFETIME_NS, ArmStatus, JointVelocityCommand
+from .errors import CommandError, SimulationError, UnstableError, WorldError
+from .hand import ScriptedHand
+from .state import ArmState, Contact, WorldState, Wrench
+from .tracker import SimulatedTracker
+from .world import World
+from .world_entries import (
+    BodyEntry,
+    BreathingEntry,
+    HandEntry,
+    Push,
+    RobotEntry,
+    TissueEntry,
+    TissueShift,
+    ToolEntry,
+    TrackerEntry,
+    WorldDescription,
+)
+from .world_file import open_world
+from .world_keys import WORLD, world_schema_text
+
+__all__ = [
+    "COMMAND_LIFETIME_NS",
+    "WORLD",
+    "ArmState",
+    "ArmStatus",
+    "BodyEntry",
+    "BreathingEntry",
+    "CommandError",
+    "Contact",
+    "HandEntry",
+    "JointVelocityCommand",
+    "Push",
+    "RobotEntry",
+    "ScriptedHand",
+    "SimulatedTracker",
+    "SimulationError",
+    "TissueEntry",
+    "TissueShift",
+    "ToolEntry",
+    "TrackerEntry",
+    "UnstableError",
+    "World",
+    "WorldDescription",
+    "WorldError",
+    "WorldState",
+    "Wrench",
+    "open_world",
+    "world_schema_text",
+]

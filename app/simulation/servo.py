@@ -1,0 +1,101 @@
+"""Drives of an arm that follow joint velocities within their limits.
+
+Computed torque: weight, Coriolis forces and inertia come from the model, everything else, such as a
+hand or a contact, from a disturbance observer of one step (Ohnishi, Shibata and Murakami, Motion
+Control for Advanced Mechatronics, 1996). A blocked arm so presses with up to its effort limits.
+"""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from app.geometry import FloatArray
+from app.simulation.robot_model import RobotModel
+
+BANDWIDTH_HZ = 300.0
+"""Rate in 1/s at which an error of the velocity decays."""
+
+LIMIT_S = 0.02
+"""Time constant with which the velocity falls to 0 towards a joint limit."""
+
+
+class VelocityServo:
+    """The drives of one robot. Evaluate between `mujoco.mj_step1` and `mujoco.mj_step2`."""
+
+    def __init__(self, model: Any, robot: RobotModel) -> None:
+        name = robot.entry.name
+
+        def address(joint: str, of: Any) -> int:
+            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{name}/{joint}")
+            return int(of[number])
+
+        drives = robot.drives
+        self.joints = tuple(drive.name for drive in drives)
+        self.dofs = np.array([address(each, model.jnt_dofadr) for each in self.joints], np.int64)
+        self.positions = np.array(
+            [address(each, model.jnt_qposadr) for each in self.joints], np.int64
+        )
+        self._all = np.array([address(each, model.jnt_dofadr) for each in robot.joints], np.int64)
+        self._driven = np.flatnonzero(np.isin(self._all, self.dofs))
+        order = [int(np.flatnonzero(self._all == dof)[0]) for dof in self.dofs.tolist()]
+        self._order = np.array(order, np.int64)
+        self._following = np.setdiff1d(np.arange(len(self._all)), self._order)
+        self.actuators = np.array(
+            [
+                mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{name}/{each}")
+                for each in self.joints
+            ],
+            np.int64,
+        )
+        self._effort = np.array([drive.effort for drive in drives])
+        self._velocity = np.array([drive.velocity for drive in drives])
+        self._lower = np.array([drive.lower for drive in drives])
+        self._upper = np.array([drive.upper for drive in drives])
+        self._timestep = float(model.opt.timestep)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the disturbance."""
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self.torques: FloatArray = np.zeros(len(self.joints))
+
+    def limited(self, velocities: FloatArray, positions: FloatArray) -> FloatArray:
+        """``velocities`` (n,) scaled to the speed limits and slowed towards the joint limits."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.nanmax(np.abs(velocities) / self._velocity, initial=0.0)
+        scaled = velocities / max(1.0, float(ratio))
+        upper = np.maximum((self._upper - positions) / LIMIT_S, 0.0)
+        lower = np.minimum((self._lower - positions) / LIMIT_S, 0.0)
+        return np.asarray(np.clip(scaled, lower, upper))
+
+    def apply(self, data: Any, inertia: FloatArray, wanted: FloatArray) -> None:
+        """Set the efforts for joint velocities ``wanted`` (n,); ``inertia`` is (nv, nv)."""
+        share = self._share(data)
+        own = inertia[np.ix_(self._all, self._all)]
+        mass = share.T @ own @ share
+        bias = share.T @ (data.qfrc_bias - data.qfrc_passive)[self._all]
+        velocity = data.qvel[self.dofs]
+        disturbance: FloatArray = np.zeros(len(self.joints))
+        if self._last is not None:
+            last_mass, last_bias, last_velocity = self._last
+            acceleration = (velocity - last_velocity) / self._timestep
+            disturbance = last_mass @ acceleration + last_bias - self.torques
+        target = self.limited(wanted, data.qpos[self.positions])
+        torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + bias - disturbance
+        self.torques = np.clip(torques, -self._effort, self._effort)
+        self._last = mass, bias, velocity.copy()
+        data.ctrl[self.actuators] = self.torques
+
+    def _share(self, data: Any) -> FloatArray:
+        """Velocities of the robot's joints (m, n) per velocity of each driven one."""
+        share = np.zeros((len(self._all), len(self.joints)))
+        share[self._order, np.arange(len(self.joints))] = 1.0
+        if len(self._following):
+            count = data.ne
+            jacobian = data.efc_J.reshape(-1, len(data.qvel))[:count, self._all]
+            following, *_ = np.linalg.lstsq(
+                jacobian[:, self._following], -jacobian[:, self._order], rcond=None
+            )
+            share[self._following] = following
+        return share

@@ -1,0 +1,222 @@
+"""A simulated world that is stepped by its caller; it has no clock of its own."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from app.geometry import FloatArray
+from app.robot.kinematics.link_poses import LinkPoses
+from app.simulation.body_model import quaternion_wxyz
+from app.simulation.build import NS_TO_S, build_world
+from app.simulation.commands import CommandGate, JointVelocityCommand
+from app.simulation.errors import CommandError, UnstableError, WorldError
+from app.simulation.inertia import M_PER_MM
+from app.simulation.servo import VelocityServo
+from app.simulation.state import ArmState, Contact, WorldState, Wrench
+from app.simulation.tissue import TissueMotion
+from app.simulation.world_entries import WORLD_FRAME, WorldDescription
+
+MAX_SPEED = 1e4
+"""Largest generalized velocity (rad/s, m/s) of a state that has not diverged."""
+
+_WARNINGS = (
+    mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+)
+
+
+class World:
+    """The physics of a world. The same description and calls give the same states, bit by bit.
+
+    Raises `WorldError` for a description that cannot be simulated. Not thread-safe.
+    """
+
+    def __init__(self, description: WorldDescription) -> None:
+        self.description = description
+        built = build_world(description)
+        self._model: Any = built.model
+        self._data: Any = mujoco.MjData(built.model)
+        self._robots = built.robots
+        self._servos = {each.entry.name: VelocityServo(built.model, each) for each in built.robots}
+        self._gates = {
+            name: CommandGate(name, servo.joints) for name, servo in self._servos.items()
+        }
+        self._tissues = [
+            (int(self._model.body_mocapid[self._body(each.name)]),
+             TissueMotion(each, description.breathing))
+            for each in description.tissues
+        ]  # fmt: skip
+        self._body_rows = {name: self._body(name) for name in built.bodies}
+        self._link_rows = {
+            each.entry.name: {link: self._body(f"{each.entry.name}/{link}") for link in each.links}
+            for each in built.robots
+        }
+        self._inertia = np.zeros((self._model.nv, self._model.nv))
+        self._steps = 0
+        self.reset()
+
+    @property
+    def model(self) -> Any:
+        """The MuJoCo model, for judges of the physics; read only."""
+        return self._model
+
+    @property
+    def data(self) -> Any:
+        """The MuJoCo data, for judges of the physics; read only."""
+        return self._data
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time since the start or the last reset."""
+        return self._steps * self.description.timestep_ns
+
+    def reset(self, positions: Mapping[str, Mapping[str, float]] | None = None) -> WorldState:
+        """Return to time 0; ``positions`` by arm and joint replace those of the description.
+
+        Raises `WorldError` for an unknown arm, and the robot's error for joint positions.
+        """
+        mujoco.mj_resetData(self._model, self._data)
+        self._steps = 0
+        for name in positions or {}:
+            self._require_arm(name)
+        for robot in self._robots:
+            name = robot.entry.name
+            given = {**robot.entry.positions, **(positions or {}).get(name, {})}
+            for joint, position in robot.entry.robot.complete_positions(given).items():
+                self._data.qpos[self._model.jnt_qposadr[self._joint(f"{name}/{joint}")]] = position
+            self._servos[name].reset()
+            self._gates[name].enable()
+        self._move_tissues()
+        mujoco.mj_step1(self._model, self._data)
+        return self.state()
+
+    def enable(self, arm: str) -> None:
+        """Let ``arm`` leave FAULT."""
+        self._require_arm(arm)
+        self._gates[arm].enable()
+
+    def fail(self, arm: str, reason: str) -> None:
+        """Stop ``arm`` and put it into FAULT."""
+        self._require_arm(arm)
+        self._gates[arm].fail(reason)
+
+    def step(
+        self,
+        commands: Mapping[str, JointVelocityCommand] | None = None,
+        wrenches: Mapping[str, Wrench] | None = None,
+    ) -> WorldState:
+        """Advance by one time step with new ``commands`` by arm and ``wrenches`` by body.
+
+        A command holds until it is older than `COMMAND_LIFETIME_NS`, a wrench for this step. Raises
+        `CommandError` for a command that is refused, after its arm has been put into FAULT and
+        without a step, `WorldError` for an unknown body, and `UnstableError`.
+        """
+        now_ns, data = self.time_ns, self._data
+        refused: CommandError | None = None
+        for arm, command in (commands or {}).items():
+            self._require_arm(arm)
+            try:
+                self._gates[arm].accept(command, now_ns)
+            except CommandError as error:
+                refused = refused or error
+        if refused is not None:
+            raise refused
+        self._apply_wrenches(wrenches or {})
+        if self._servos:
+            mujoco.mj_fullM(self._model, data, self._inertia)
+        for arm, servo in self._servos.items():
+            _, velocities = self._gates[arm].velocities(now_ns)
+            servo.apply(data, self._inertia, np.array(velocities))
+        mujoco.mj_step2(self._model, data)
+        self._check_stable()
+        self._steps += 1
+        self._move_tissues()
+        mujoco.mj_step1(self._model, data)
+        self._check_stable()
+        return self.state()
+
+    def state(self) -> WorldState:
+        """The true state now."""
+        data = self._data
+        matrices = np.zeros((self._model.nbody, 4, 4))
+        matrices[:, :3, :3] = data.xmat.reshape(-1, 3, 3)
+        matrices[:, :3, 3] = data.xpos / M_PER_MM
+        matrices[:, 3, 3] = 1.0
+        arms = {}
+        for arm, servo in self._servos.items():
+            gate = self._gates[arm]
+            arms[arm] = ArmState(
+                servo.joints,
+                data.qpos[servo.positions],
+                data.qvel[servo.dofs],
+                servo.torques,
+                gate.velocities(self.time_ns)[0],
+                gate.fault,
+                LinkPoses(WORLD_FRAME, self._link_rows[arm], matrices),
+            )
+        return WorldState(self.time_ns, arms, LinkPoses(WORLD_FRAME, self._body_rows, matrices))
+
+    def contacts(self) -> tuple[Contact, ...]:
+        """Contacts now; bodies have the names of the model, ``robot/link`` for links."""
+        found = []
+        for contact in self._data.contact:
+            names = [self._model.body(self._model.geom_bodyid[geom]).name for geom in contact.geom]
+            found.append(
+                Contact((names[0], names[1]), -contact.dist / M_PER_MM, contact.pos / M_PER_MM)
+            )
+        return tuple(found)
+
+    def _apply_wrenches(self, wrenches: Mapping[str, Wrench]) -> None:
+        data = self._data
+        data.qfrc_applied[:] = 0.0
+        for name, wrench in wrenches.items():
+            if name not in self._body_rows:
+                raise WorldError(
+                    f"wrench on {name!r}: no such body; "
+                    f"expected one of {', '.join(self._body_rows) or 'none'}"
+                )
+            force: FloatArray = np.asarray(wrench.force_n, dtype=np.float64)
+            torque: FloatArray = np.asarray(wrench.torque_n_m, dtype=np.float64)
+            if not (np.isfinite(force).all() and np.isfinite(torque).all()):
+                raise WorldError(
+                    f"wrench on {name!r} is {force.tolist()}, {torque.tolist()}; "
+                    "expected finite numbers"
+                )
+            row = self._body_rows[name]
+            mujoco.mj_applyFT(
+                self._model, data, force, torque, data.xpos[row], row, data.qfrc_applied
+            )
+
+    def _move_tissues(self) -> None:
+        time_s = NS_TO_S * self.time_ns
+        for number, motion in self._tissues:
+            pose = motion.at(time_s)
+            self._data.mocap_pos[number] = M_PER_MM * pose.translation_mm
+            self._data.mocap_quat[number] = quaternion_wxyz(pose.rotation)
+
+    def _check_stable(self) -> None:
+        """Raise `UnstableError` where the state is not finite or too fast."""
+        data = self._data
+        warned = any(data.warning[int(number)].number for number in _WARNINGS)
+        speed = float(np.abs(data.qvel).max(initial=0.0))
+        if warned or not speed <= MAX_SPEED:
+            raise UnstableError(
+                f"physics of world {self.description.name!r} has diverged at "
+                f"{NS_TO_S * self.time_ns:.3f} s; expected a shorter time step than "
+                f"{1e-6 * self.description.timestep_ns:g} ms, or stiffer or heavier bodies"
+            )
+
+    def _require_arm(self, name: str) -> None:
+        if name not in self._servos:
+            raise WorldError(
+                f"arm {name!r}: no such robot; expected one of {', '.join(self._servos) or 'none'}"
+            )
+
+    def _body(self, name: str) -> int:
+        return int(mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_BODY, name))
+
+    def _joint(self, name: str) -> int:
+        return int(mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_JOINT, name))

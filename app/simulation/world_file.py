@@ -1,0 +1,249 @@
+"""Reads ``world.yaml`` and loads the robots and meshes that it names."""
+
+import math
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from app.files.bounded_io import is_file, is_folder
+from app.files.document import Section
+from app.files.meshes import load_mesh
+from app.files.paths import resolve_file
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    FloatArray,
+    MarginGuardError,
+    SurfaceMesh,
+    Transform,
+)
+from app.robot import load_robot
+from app.simulation.errors import WorldError
+from app.simulation.world_entries import (
+    WORLD_FRAME,
+    BodyEntry,
+    BreathingEntry,
+    Collision,
+    HandEntry,
+    Push,
+    RobotEntry,
+    TissueEntry,
+    TissueShift,
+    ToolEntry,
+    TrackerEntry,
+    WorldDescription,
+)
+from app.simulation.world_keys import WORLD
+
+WORLD_FILE = "world.yaml"
+
+
+def open_world(path: Path) -> WorldDescription:
+    """Read the world file at ``path``, or ``world.yaml`` in that folder, with all its files.
+
+    Raises `WorldError`, or the error of the robot or mesh, for the first fault.
+    """
+    file = path / WORLD_FILE if is_folder(path) else path
+    if not is_file(file):
+        raise WorldError(f"{path} is not a world: no file {file.name}")
+    try:
+        return read_world(Section.load(file, WORLD), file.parent)
+    except WorldError:
+        raise
+    except MarginGuardError as error:
+        raise WorldError(str(error)) from error
+
+
+def read_world(document: Section, folder: Path) -> WorldDescription:
+    """Read a document with the keys of `WORLD`; relative names of files are in ``folder``."""
+    document.integer("schema")
+    timestep_ms, gravity_mm_s2 = 1.0, 9806.65
+    if "physics" in document:
+        physics = document.section("physics")
+        timestep_ms = physics.number("timestep_ms")
+        gravity_mm_s2 = physics.number("gravity_mm_s2")
+    world = WorldDescription(
+        document.text("name"),
+        document.integer("seed"),
+        max(1, round(timestep_ms * NS_PER_MS)),
+        gravity_mm_s2 / 1000.0,
+        tuple(_robot(each, folder) for each in _entries(document, "robots")),
+        tuple(_body(each, folder) for each in _entries(document, "bodies")),
+        tuple(_tissue(each, folder) for each in _entries(document, "tissues")),
+        _breathing(document),
+        _tracker(document.section("tracker")) if "tracker" in document else None,
+        _hand(document.section("hand")) if "hand" in document else None,
+    )
+    _check_names(document, world)
+    return world
+
+
+def _entries(document: Section, key: str) -> tuple[Section, ...]:
+    return document.sections(key) if key in document else ()
+
+
+def _robot(block: Section, folder: Path) -> RobotEntry:
+    name = block.frame("name")
+    file = resolve_file(folder, block.text("file"), block.place("file"))
+    args = block.texts_by_name("xacro_args") if "xacro_args" in block else None
+    robot = load_robot(file, xacro_args=args)
+    positions: dict[str, float] = {}
+    for each in _entries(block, "positions"):
+        joint = each.text("joint")
+        if joint in positions or joint not in robot.actuated_joint_names:
+            problem = "given twice" if joint in positions else "no actuated joint"
+            raise WorldError(
+                f"{each.place('joint')} is {joint!r}: {problem}; expected one of "
+                f"{', '.join(robot.actuated_joint_names)}"
+            )
+        positions[joint] = each.number("position")
+    tool = _tool(block.section("tool"), folder) if "tool" in block else None
+    if tool is not None and tool.link not in {link.name for link in robot.links}:
+        raise WorldError(
+            f"{block.place('tool')}.link is {tool.link!r}; expected one of "
+            f"{', '.join(link.name for link in robot.links)}"
+        )
+    return RobotEntry(
+        name,
+        robot,
+        _pose(block, WORLD_FRAME, robot.root_link),
+        positions,
+        density_kg_m3=block.number("density_kg_m3") if "density_kg_m3" in block else None,
+        max_effort=block.number("max_effort") if "max_effort" in block else None,
+        armature_kg_m2=block.number("armature_kg_m2"),
+        friction=block.number("friction"),
+        collision=_collision(block),
+        self_collision=block.boolean("self_collision"),
+        tool=tool,
+        file=file,
+    )
+
+
+def _tool(block: Section, folder: Path) -> ToolEntry:
+    name, link = block.frame("name"), block.text("link")
+    return ToolEntry(
+        name,
+        link,
+        _mesh(block, folder, name),
+        _pose(block, link, name),
+        block.number("mass_kg"),
+        block.number("friction"),
+        _collision(block),
+    )
+
+
+def _body(block: Section, folder: Path) -> BodyEntry:
+    name, is_free = block.frame("name"), block.choice("motion") == "free"
+    if is_free != ("mass_kg" in block):
+        problem = "missing for a free body" if is_free else "given for a fixed body"
+        raise WorldError(f"{block.place('mass_kg')} is {problem}; expected it for free bodies only")
+    return BodyEntry(
+        name,
+        _mesh(block, folder, name),
+        _pose(block, WORLD_FRAME, name),
+        block.number("mass_kg") if is_free else None,
+        block.number("friction"),
+        _collision(block),
+    )
+
+
+def _tissue(block: Section, folder: Path) -> TissueEntry:
+    name = block.frame("name")
+    shift, turn = np.zeros(3), np.zeros(3)
+    if "breathing" in block:
+        breathing = block.section("breathing")
+        shift = np.array(breathing.numbers("shift_mm"))
+        turn = np.radians(breathing.numbers("turn_deg"))
+    return TissueEntry(
+        name,
+        _mesh(block, folder, name),
+        _pose(block, WORLD_FRAME, name),
+        shift,
+        turn,
+        tuple(
+            TissueShift(*_interval(each), np.array(each.numbers("shift_mm")))
+            for each in _entries(block, "shifts")
+        ),
+    )
+
+
+def _breathing(document: Section) -> BreathingEntry:
+    if "breathing" not in document:
+        return BreathingEntry()
+    block = document.section("breathing")
+    return BreathingEntry(block.number("frequency_hz"), block.number("held_until_s"))
+
+
+def _tracker(block: Section) -> TrackerEntry:
+    return TrackerEntry(
+        block.texts("tracked"),
+        round(NS_PER_S / block.number("rate_hz")),
+        round(block.number("latency_ms") * NS_PER_MS),
+        block.number("position_rms_mm"),
+        math.radians(block.number("angle_rms_deg")),
+    )
+
+
+def _hand(block: Section) -> HandEntry:
+    return HandEntry(
+        block.text("robot"),
+        block.number("force_n"),
+        block.number("free_speed_mm_s"),
+        tuple(
+            Push(*_interval(each), each.text("towards"), each.boolean("retreat"))
+            for each in block.sections("pushes")
+        ),
+    )
+
+
+def _interval(block: Section) -> tuple[float, float]:
+    start_s, end_s = block.number("start_s"), block.number("end_s")
+    if end_s <= start_s:
+        raise WorldError(
+            f"{block.place('end_s')} is {end_s:g}; expected a time after start_s ({start_s:g})"
+        )
+    return start_s, end_s
+
+
+def _collision(block: Section) -> Collision:
+    return cast(Collision, block.choice("collision"))
+
+
+def _mesh(block: Section, folder: Path, frame: str) -> SurfaceMesh:
+    mesh = block.section("mesh")
+    path = resolve_file(folder, mesh.text("path"), mesh.place("path"))
+    return load_mesh(path, units=mesh.choice("units"), frame=frame)
+
+
+def _pose(block: Section, target: str, source: str) -> Transform:
+    position: FloatArray = np.zeros(3)
+    if "position_mm" in block:
+        position = np.array(block.numbers("position_mm"))
+    turn = block.numbers("rotation_deg") if "rotation_deg" in block else (0.0, 0.0, 0.0)
+    return Transform.from_rotation_vector(np.radians(turn), position, target=target, source=source)
+
+
+def _check_names(document: Section, world: WorldDescription) -> None:
+    tools = [entry.tool.name for entry in world.robots if entry.tool is not None]
+    movable = [*tools, *(e.name for e in world.bodies), *(e.name for e in world.tissues)]
+    names = [*(entry.name for entry in world.robots), *movable, WORLD_FRAME]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise WorldError(f"{document.place('name')} {twice!r} is used twice; expected unique names")
+    if world.hand is not None:
+        of = next((entry for entry in world.robots if entry.name == world.hand.robot), None)
+        if of is None or of.tool is None:
+            raise WorldError(
+                f"{document.place('hand')}.robot is {world.hand.robot!r}; "
+                "expected the name of a robot with a tool"
+            )
+    pushed_at = [push.towards for push in world.hand.pushes] if world.hand else []
+    tracked = list(world.tracker.tracked) if world.tracker else []
+    for place, named in (("hand.pushes", pushed_at), ("tracker.tracked", tracked)):
+        unknown = next((name for name in named if name not in movable), None)
+        if unknown is not None:
+            raise WorldError(
+                f"{document.place(place)} names {unknown!r}; expected one of "
+                f"{', '.join(movable) or 'none'}"
+            )

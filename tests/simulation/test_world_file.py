@@ -1,0 +1,207 @@
+"""world.yaml: what it may hold, and one clear line for everything else."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+
+from app.cli.main import main
+from app.geometry import InputError
+from app.simulation import WORLD, World, WorldError, open_world, world_schema_text
+from tests.case.test_schemas import _paths
+from tests.simulation.conftest import LUMPECTOMY, ROOT
+
+Edit = Callable[[dict[str, Any]], object]
+CHECK = jsonschema.Draft202012Validator(json.loads(world_schema_text()))
+
+
+def shipped() -> dict[str, Any]:
+    values: dict[str, Any] = yaml.safe_load((LUMPECTOMY / "world.yaml").read_text())
+    return values
+
+
+def write(folder: Path, values: dict[str, Any]) -> Path:
+    (folder / "chest_wall.stl").write_bytes((LUMPECTOMY / "chest_wall.stl").read_bytes())
+    path = folder / "world.yaml"
+    path.write_text(yaml.safe_dump(values))
+    return path
+
+
+def test_shipped_world_is_read() -> None:
+    world = open_world(LUMPECTOMY)
+    assert (world.name, world.seed, world.timestep_ns) == ("lumpectomy", 20, 1_000_000)
+    (arm,), (wall,), (tumor,) = world.robots, world.bodies, world.tissues
+    assert arm.robot.name == "touch" and arm.positions["shoulder"] == 1.0
+    assert arm.tool is not None and arm.tool.link_from_tool.translation_mm.tolist() == [0, 0, 70]
+    assert wall.mass_kg is None and wall.collision == "parts"
+    assert np.degrees(tumor.breath_turn_rad) == pytest.approx([0.86, 0.34, 0])
+    assert world.tracker is not None and world.tracker.period_ns == 20_000_000
+    assert world.tracker.latency_ns == 20_000_000
+    assert world.hand is not None and world.hand.pushes[1].retreat
+    CHECK.validate(shipped())
+
+
+def test_committed_mesh_is_that_of_its_script(tmp_path: Path) -> None:
+    import runpy
+    import sys
+
+    before = sys.argv
+    try:
+        sys.argv = ["make_meshes.py", str(tmp_path)]
+        runpy.run_path(str(LUMPECTOMY / "make_meshes.py"), run_name="__main__")
+    finally:
+        sys.argv = before
+    assert (tmp_path / "chest_wall.stl").read_bytes() == (
+        LUMPECTOMY / "chest_wall.stl"
+    ).read_bytes()
+
+
+def test_committed_schema_is_the_generated_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema", "world"]) == 0
+    assert capsys.readouterr().out == world_schema_text()
+    committed = ROOT / "docs" / "schemas" / "world.schema.json"
+    assert committed.read_text() == world_schema_text(), (
+        "run: marginguard schema world -o docs/schemas/world.schema.json"
+    )
+
+
+def _set(path: str, value: object) -> Edit:
+    *places, key = path.split(".")
+
+    def edit(values: Any) -> None:
+        for place in places:
+            values = values[int(place) if isinstance(values, list) else place]
+        values[key] = value
+
+    return edit
+
+
+def _remove(path: str) -> Edit:
+    *places, key = path.split(".")
+
+    def edit(values: Any) -> None:
+        for place in places:
+            values = values[int(place) if isinstance(values, list) else place]
+        del values[key]
+
+    return edit
+
+
+STATED: dict[str, tuple[Edit, str]] = {
+    "unknown key": (_set("robots.0.colour", 1), r"robots\[0\]\.colour is unknown; expected one of"),
+    "mass 0": (_set("robots.0.tool.mass_kg", 0), r"mass_kg is 0; expected more than 0"),
+    "mass of a text": (_set("robots.0.tool.mass_kg", "1e3"), r"mass_kg is '1e3'; expected a numb"),
+    "long time step": (_set("physics", {"timestep_ms": 20.0}), r"timestep_ms is 20; expected more"),
+    "time step 0": (_set("physics", {"timestep_ms": 0.0}), r"timestep_ms is 0; expected more than"),
+    "no seed": (_remove("seed"), r"seed is missing"),
+    "other schema": (_set("schema", 2), r"schema is 2; expected 1"),
+    "collision": (_set("bodies.0.collision", "mesh"), r"collision is 'mesh'; expected one of hull"),
+    "position": (_set("bodies.0.position_mm", [1, 2]), r"position_mm is 2 values; expected a list"),
+    "no pushes": (_set("hand.pushes", []), r"hand\.pushes is empty; expected pushes"),
+    "rate": (_set("tracker.rate_hz", 0), r"rate_hz is 0; expected more than 0"),
+}
+"""Faults that the schema states, too."""
+
+UNSTATED: dict[str, tuple[Edit, str]] = {
+    "missing mesh": (
+        _set("bodies.0.mesh.path", "skull.stl"),
+        r"bodies\[0\]\.mesh\.path is 'skull\.stl': no such file in",
+    ),
+    "missing robot": (_set("robots.0.file", "arm.urdf"), r"file is 'arm\.urdf': no such file"),
+    "joint": (
+        _set("robots.0.positions.0.joint", "hip"),
+        r"joint is 'hip': no actuated joint; expected one of waist, shoulder",
+    ),
+    "joint twice": (
+        _set("robots.0.positions.1.joint", "shoulder"),
+        r"joint is 'shoulder': given twice; expected one of",
+    ),
+    "link": (_set("robots.0.tool.link", "hand"), r"tool\.link is 'hand'; expected one of touch_b"),
+    "fixed mass": (_set("bodies.0.mass_kg", 1.0), r"mass_kg is given for a fixed body; expected"),
+    "free mass": (_set("bodies.0.motion", "free"), r"mass_kg is missing for a free body; expected"),
+    "same name": (_set("bodies.0.name", "tumor"), r"name 'tumor' is used twice; expected unique"),
+    "interval": (
+        _set("hand.pushes.0.end_s", 0.5),
+        r"end_s is 0\.5; expected a time after start_s \(1\)",
+    ),
+    "push": (
+        _set("hand.pushes.0.towards", "liver"),
+        r"hand\.pushes names 'liver'; expected one of",
+    ),
+    "hand": (_set("hand.robot", "leg"), r"hand\.robot is 'leg'; expected the name of a robot with"),
+    "tracked": (_set("tracker.tracked", ["leg"]), r"tracker\.tracked names 'leg'; expected one of"),
+}
+"""Faults that only the reader finds."""
+
+
+@pytest.mark.parametrize("fault", [*STATED, *UNSTATED])
+def test_fault_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
+    edit, message = (STATED | UNSTATED)[fault]
+    values = shipped()
+    edit(values)
+    assert CHECK.is_valid(values) == (fault in UNSTATED)
+    with pytest.raises(WorldError, match=message) as refused:
+        open_world(write(tmp_path, values))
+    assert "\n" not in str(refused.value)
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is not a world: no file world\.yaml"):
+        open_world(tmp_path)
+
+
+def test_every_key_is_used_by_the_worlds_of_the_tests() -> None:
+    complete = shipped()
+    complete["physics"] = {"timestep_ms": 0.5, "gravity_mm_s2": 9810.0}
+    complete["robots"][0] |= {
+        "xacro_args": {"side": "left"}, "max_effort": 5.0, "collision": "hull", "friction": 0.2,
+        "self_collision": True, "position_mm": [0, 0, 0], "rotation_deg": [0, 0, 90],
+    }  # fmt: skip
+    complete["robots"][0]["tool"] |= {"friction": 0.1, "collision": "none", "rotation_deg": [0] * 3}
+    complete["bodies"][0] |= {"mass_kg": 1.0, "friction": 0.5, "rotation_deg": [1, 2, 3]}
+    complete["tissues"][0] |= {"rotation_deg": [1, 2, 3]}
+    CHECK.validate(complete)
+    used = {path for path in _paths(complete) if not path.startswith("robots.xacro_args.")}
+    assert used == set(_declared(WORLD))
+
+
+def _declared(block: Any, place: str = "") -> Any:
+    for name, key in block.keys.items():
+        yield f"{place}{name}"
+        inner = getattr(key, "items", key)
+        if hasattr(inner, "keys"):
+            yield from _declared(inner, f"{place}{name}.")
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (
+            _remove("robots.0.density_kg_m3"),
+            r"link 'torso' of robot 'arm' has no mass; expected one in the robot's file, or dens",
+        ),
+        (
+            _set("bodies.0.mesh.path", "flat.stl"),
+            r"its surface encloses no volume; expected a body of three dimensions",
+        ),
+    ],
+)
+def test_world_that_cannot_be_simulated_is_refused(
+    tmp_path: Path, edit: Edit, message: str
+) -> None:
+    from app.files.meshes import write_mesh
+    from app.geometry import SurfaceMesh
+
+    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0]])
+    flat = SurfaceMesh("flat", corners, [[0, 1, 2], [1, 3, 2]])
+    write_mesh(tmp_path / "flat.stl", flat)
+    values = shipped()
+    values["bodies"][0]["collision"] = "hull"
+    edit(values)
+    with pytest.raises(WorldError, match=message):
+        World(open_world(write(tmp_path, values)))
