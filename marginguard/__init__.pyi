@@ -10,6 +10,7 @@ from .cases import (
 from .constraints import (
     Constraint,
     FixtureRule,
+    JointLimits,
     LimiterParameters,
     PlainConstraint,
     ReceivedConstraint,
@@ -47,6 +48,7 @@ __all__ = [
     "Constraint",
     "FixtureRule",
     "InputError",
+    "JointLimits",
     "LimiterParameters",
     "MarginGuardError",
     "MarginParameters",

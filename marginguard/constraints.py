@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from app.fixture import (
     Constraint,
     FixtureRule,
+    JointLimits,
     LimiterParameters,
     PlainConstraint,
     RulePermission,
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Constraint",
     "FixtureRule",
+    "JointLimits",
     "LimiterParameters",
     "PlainConstraint",
     "ReceivedConstraint",
