@@ -33,6 +33,7 @@ MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_MEMORY_BYTES = 512 * 1024 * 1024
 """Limit for the memory that an expansion adds to that of the interpreter."""
 
+_UNDEFINED = re.compile(r"Undefined substitution argument (\S+)")
 _PYTHON_CLASS = re.compile(r"<class '[\w.]+'>:? ?")
 
 
@@ -91,10 +92,14 @@ def _expand(path: Path, arguments: dict[str, str], reader: "_Reader", max_bytes:
             if isinstance(cause, MemoryError):
                 raise cause from problem
             reason = cause if isinstance(cause, UrdfError) else problem
-            raise UrdfError(f"{path} cannot be expanded: {_one_line(reason)}") from problem
+            raise UrdfError(
+                f"{path} cannot be expanded: {_one_line(reason)}{values.advice(reason)}"
+            ) from problem
         except Exception as problem:  # expressions of the file raise exceptions of any type
             kind = type(problem).__name__
-            raise UrdfError(f"{path} cannot be expanded: {kind}: {_one_line(problem)}") from problem
+            raise UrdfError(
+                f"{path} cannot be expanded: {kind}: {_one_line(problem)}{values.advice(problem)}"
+            ) from problem
     values.require_used(path)
     if len(text) > max_bytes:
         raise UrdfError(f"{path} expands to {len(text)} bytes; expected at most {max_bytes}")
@@ -120,6 +125,17 @@ class _Arguments(dict[str, str]):
     def __getitem__(self, name: str) -> str:
         self._used.add(name)
         return super().__getitem__(name)
+
+    def advice(self, problem: BaseException) -> str:
+        """What to do about a failed expansion: a missing argument, or one that may be misspelt."""
+        missing = _UNDEFINED.search(str(problem))
+        if missing is not None:
+            return f"; expected it in xacro_args, as {missing.group(1)}: VALUE"
+        for name in self._given:
+            suggestion = "" if name in self._used else did_you_mean(name, sorted(self._used))
+            if suggestion:
+                return f"; the xacro argument {name!r} was not read{suggestion}"
+        return ""
 
     def require_used(self, path: Path) -> None:
         """Raise `UrdfError` for given arguments that the file neither declares nor reads."""

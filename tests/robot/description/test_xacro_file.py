@@ -116,6 +116,22 @@ def test_argument_that_no_file_declares_is_refused_by_name(write):
         load_robot(write("b.xacro", '<link name="l"/>'), xacro_args={"dof": "6", "wrist": "a"})
 
 
+def test_failed_expansion_names_the_argument_that_it_needs(write):
+    """As in Universal Robots' description: the name has no default, the default type no files."""
+    path = write(
+        "arm.xacro",
+        '<xacro:arg name="ur_type" default="none"/>'
+        "<link name=\"${xacro.load_yaml('$(arg ur_type).yaml')['name']}$(arg side)\"/>",
+    )
+    write("ur5e.yaml", "name: base")
+    given = {"ur_type": "ur5e", "side": "_left"}
+    assert load_robot(path, xacro_args=given).root_link == "base_left"
+    with pytest.raises(UrdfError, match="argument side; expected it in xacro_args, as side: VALUE"):
+        load_robot(path, xacro_args={"ur_type": "ur5e"})
+    with pytest.raises(UrdfError, match="none.yaml.*'ur_typ' was not read; did you mean 'ur_type'"):
+        load_robot(path, xacro_args={"ur_typ": "ur5e", "side": "_left"})
+
+
 def test_argument_that_is_read_but_not_declared_is_accepted(write):
     path = write("a.xacro", '<link name="$(arg first)"/>')
     assert load_robot(path, xacro_args={"first": "l"}).root_link == "l"
