@@ -36,6 +36,49 @@ def test_recorded_configuration_is_read(shared_data: Path) -> None:
         found.transform("probe", "probe_tip")
 
 
+def test_configuration_in_the_layout_of_plus_is_read(tmp_path: Path) -> None:
+    """Among devices, with attributes of their own, and matrices over several lines."""
+    path = tmp_path / "PlusDeviceSet_Server.xml"
+    path.write_text(
+        """<?xml version="1.0"?>
+<PlusConfiguration version="2.3">
+  <DataCollection StartupDelaySec="1.0">
+    <DeviceSet Name="PlusServer: a tracker" Description="Simulated" />
+    <Device Id="TrackerDevice" Type="FakeTracker" AcquisitionRate="20" />
+  </DataCollection>
+  <CoordinateDefinitions>
+    <Transform From="Image" To="Probe" Matrix="0.2 0 0 1  0 0.2 0 2  0 0 0.2 3  0 0 0 1"
+      Error="0.1" Date="092310_110233" />
+    <Transform From="StylusTip" To="Stylus"
+      Matrix="
+        0 -1 0 210.5
+        1  0 0 -0.25
+        0  0 1 1e-005
+        0  0 0 1" />
+  </CoordinateDefinitions>
+  <PhantomDefinition>
+    <Description Name="fCAL" Type="Multi-N" Version="2.0" />
+    <Geometry>
+      <Pattern Type="NWire"><Wire Name="1" EndPointFront="0 0 0" EndPointBack="0 40 0" /></Pattern>
+      <Landmarks>
+        <Landmark Name="#1" Position="-10.5  0.0  35" />
+        <Landmark Name="#2" Position="104.3 -5 0" />
+      </Landmarks>
+    </Geometry>
+  </PhantomDefinition>
+</PlusConfiguration>
+"""
+    )
+    found = read_plus_config(path)
+    tip = found.transform("stylus", "stylus_tip")
+    np.testing.assert_allclose(tip.matrix, plus_transform(path, "StylusTip"), atol=1e-12)
+    np.testing.assert_allclose(tip.translation_mm, [210.5, -0.25, 1e-5])
+    assert list(found.landmarks_mm) == ["#1", "#2"]
+    np.testing.assert_array_equal(found.landmarks_mm["#2"], [104.3, -5.0, 0.0])
+    with pytest.raises(InputError, match="no ProbeTipToProbe; it has ImageToProbe, StylusTip"):
+        found.transform("probe", "probe_tip")
+
+
 def test_scaled_transform_does_not_affect_the_others(tmp_path: Path) -> None:
     scaled = "<Transform From='Image' To='Probe' Matrix='.1 0 0 0 0 .1 0 0 0 0 .1 0 0 0 0 1'/>"
     rigid = "<Transform From='StylusTip' To='Stylus' Matrix='1 0 0 5 0 1 0 6 0 0 1 7 0 0 0 1'/>"

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import yaml
 from lxml import etree
 
 from app.geometry import FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
@@ -23,6 +24,20 @@ def recorded_tips(folder: Path) -> tuple[list[TrackedTransform], dict[str, Float
         for entry in configuration.findall(".//Landmark")
     }
     recording = folder / "EightLandmarkPointsTrackedForPhantomRegistration.igs.mha"
+    return tips_in(recording, stylus_from_tip), landmarks
+
+
+def shipped_tips(case: Path) -> tuple[list[TrackedTransform], FloatArray]:
+    """``reference_from_stylus_tip`` of the shipped recording, and a landmark (3,) in reference."""
+    values = yaml.safe_load((case / "case.yaml").read_text())
+    tip = np.array(values["tool"]["tip_from"]["matrix"])
+    stylus_from_tip = Transform.from_matrix(tip, target="stylus", source="stylus_tip")
+    landmark = np.array(values["tumor"]["pose"]["matrix"]).reshape(4, 4)[:3, 3]
+    return tips_in(case / "tracking.igs.mha", stylus_from_tip), landmark
+
+
+def tips_in(recording: Path, stylus_from_tip: Transform) -> list[TrackedTransform]:
+    """``reference_from_stylus_tip`` of the header of a recording."""
     text = recording.read_text("latin-1")
 
     def field(name: str) -> list[str]:
@@ -43,4 +58,4 @@ def recorded_tips(folder: Path) -> tuple[list[TrackedTransform], dict[str, Float
         )
         pose = tracker_from_reference.inverse() @ tracker_from_stylus @ stylus_from_tip
         samples.append(TrackedTransform(pose, Stamp.from_seconds(time), TrackingStatus.OK))
-    return samples, landmarks
+    return samples

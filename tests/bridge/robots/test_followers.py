@@ -215,14 +215,21 @@ def test_namespace_and_prefix_of_a_robot():
     assert RobotSettings("r").frame("base") == "base"
 
 
-def test_ambf_bodies_have_the_poses_of_their_file(shared_data):
+@pytest.mark.parametrize("ours", [True, False], ids=["an arm of our own", "KUKA"])
+def test_ambf_bodies_have_the_poses_of_their_file(ours, project_root, request):
     """The robot comes from the parameter string; yaml and scipy read the expected poses here."""
-    folder = shared_data / "ambf_kuka"
-    values = yaml.safe_load((folder / "blender-kuka.yaml").read_text())
-    bodies = {values[key]["name"]: values[key]["location"] for key in values["bodies"]}
-    meshes = folder / "meshes" / "low_res"
+    if ours:
+        description = project_root / "data" / "robots" / "parallelogram" / "parallelogram.yaml"
+        meshes = project_root / "data" / "robots" / "touch" / "meshes"
+    else:
+        folder = request.getfixturevalue("shared_data") / "ambf_kuka"
+        description, meshes = folder / "blender-kuka.yaml", folder / "meshes" / "low_res"
+    values = yaml.safe_load(description.read_text())
+    bodies = {values[key]["name"]: values[key]["location"] for key in values["bodies"][:8]}
+    files = sorted(meshes.glob("*.[sS][tT][lL]"))
     robot = bodies_from_mesh_map(
-        ";".join(f"{name}:{meshes / name}.STL" for name in bodies), allowed_dirs=[meshes]
+        ";".join(f"{name}:{file}" for name, file in zip(bodies, files, strict=False)),
+        allowed_dirs=[meshes],
     )
     buffer, expected = TransformBuffer(), {"world": np.eye(4)}
     for name, location in bodies.items():

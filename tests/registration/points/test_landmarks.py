@@ -15,12 +15,13 @@ from app.registration import (
     NoValidSamplesError,
     ShapeError,
     TooFewError,
+    detect_dwells,
     detect_landmarks,
     match_landmarks,
     register_points,
 )
 from tests.registration.helpers import random_transform
-from tests.registration.plus_recording import numbers, recorded_tips
+from tests.registration.plus_recording import numbers, recorded_tips, shipped_tips
 
 NAMES = ("A", "B", "C", "D", "E", "F", "G", "H")
 
@@ -146,9 +147,8 @@ def test_real_recording_of_eight_landmarks_agrees_with_the_published_registratio
     assert registration.residuals_mm.mean() < 0.21
 
 
-def test_real_recording_is_matched_in_another_order_with_lost_samples(shared_data: Path) -> None:
-    """The halves are swapped, and samples of 1 s in a dwell are INVALID."""
-    samples, landmarks = recorded_tips(shared_data / "plus")
+def swapped(samples: list[TrackedTransform]) -> list[TrackedTransform]:
+    """The second half before the first, with samples of 1 s in a dwell that are INVALID."""
     half, offset = 500, samples[-1].stamp.ns + 10**9 - samples[0].stamp.ns
     later = [
         TrackedTransform(s.transform, s.stamp.shifted(offset, s.stamp.clock), s.status)
@@ -159,7 +159,27 @@ def test_real_recording_is_matched_in_another_order_with_lost_samples(shared_dat
         TrackedTransform.lost(s.target, s.source, s.stamp, TrackingStatus.INVALID)
         for s in mixed[100:115]
     ]
-    result = detect_landmarks(mixed, landmarks)
+    return mixed
+
+
+def test_shipped_recording_has_eight_dwells_also_in_another_order(project_root: Path) -> None:
+    """The case has one of the landmarks of the phantom: the centre of its sphere."""
+    samples, landmark = shipped_tips(project_root / "data" / "phantom_case")
+    dwells = np.stack([dwell.position_mm for dwell in detect_dwells(samples)])
+    assert len(dwells) == 8
+    assert np.sort(np.linalg.norm(dwells - landmark, axis=1))[0] < 0.7
+    pose = random_transform(np.random.default_rng(7))
+    landmarks = {f"#{n}": pose.apply(at) for n, at in enumerate(dwells, start=1)}
+    result = detect_landmarks(swapped(samples), landmarks)
+    assert result.accepted, result.reason
+    names = [name for _, name in result.match.pairs]
+    assert names == ["#5", "#6", "#7", "#8", "#1", "#2", "#3", "#4"]
+
+
+def test_real_recording_is_matched_in_another_order_with_lost_samples(shared_data: Path) -> None:
+    """The halves are swapped, and samples of 1 s in a dwell are INVALID."""
+    samples, landmarks = recorded_tips(shared_data / "plus")
+    result = detect_landmarks(swapped(samples), landmarks)
     assert result.accepted, result.reason
     names = [name for _, name in result.match.pairs]
     assert names == ["#5", "#6", "#7", "#8", "#1", "#2", "#3", "#4"]

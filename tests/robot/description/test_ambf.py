@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 from scipy.spatial.transform import Rotation
 
@@ -17,21 +18,26 @@ from app.robot import (
     parse_mesh_map,
 )
 from tests.oracles.ambf_poses import world_from_body
+from tests.robot.description.own_arm import write_arm
+
+
+@pytest.fixture(scope="module", params=["an arm of our own", "KUKA"])
+def arm_file(request, tmp_path_factory):
+    """Our own arm, and the KUKA of AMBF's repository on development machines."""
+    if request.param == "KUKA":
+        folder = request.getfixturevalue("shared_data")
+        return folder / "ambf_kuka" / "blender-kuka.yaml"
+    return write_arm(tmp_path_factory.mktemp("adf"))
 
 
 @pytest.fixture(scope="module")
-def kuka_file(shared_data):
-    return shared_data / "ambf_kuka" / "blender-kuka.yaml"
+def arm(arm_file):
+    return load_robot(arm_file)
 
 
-@pytest.fixture(scope="module")
-def kuka(kuka_file):
-    return load_robot(kuka_file)
-
-
-def test_bodies_of_the_kuka_are_at_their_locations(kuka, kuka_file):
-    document = yaml.safe_load(kuka_file.read_text())
-    links = kuka.forward_kinematics({})
+def test_bodies_of_an_arm_are_at_their_locations(arm, arm_file):
+    document = yaml.safe_load(arm_file.read_text())
+    links = arm.forward_kinematics({})
     assert set(links) == {"world", *(document[key]["name"] for key in document["bodies"])}
     for key in document["bodies"]:
         pose = links[document[key]["name"]].matrix
@@ -40,15 +46,15 @@ def test_bodies_of_the_kuka_are_at_their_locations(kuka, kuka_file):
         )
 
 
-def test_joints_of_the_kuka_rotate_about_axis_and_pivot_of_the_parent(kuka, kuka_file):
+def test_joints_of_an_arm_rotate_about_axis_and_pivot_of_the_parent(arm, arm_file):
     """The loader uses axis and pivot of the child; those of the parent are the same line."""
-    document = yaml.safe_load(kuka_file.read_text())
+    document = yaml.safe_load(arm_file.read_text())
     angle = 0.7
-    at_zero = kuka.forward_kinematics({})
+    at_zero = arm.forward_kinematics({})
     for key in document["joints"]:
         joint = document[key]
         parent, child = document[joint["parent"]]["name"], document[joint["child"]]["name"]
-        moved = kuka.forward_kinematics({joint["name"]: angle})
+        moved = arm.forward_kinematics({joint["name"]: angle})
         turned = (moved[parent].inverse() @ moved[child]).matrix @ np.linalg.inv(
             (at_zero[parent].inverse() @ at_zero[child]).matrix
         )
@@ -61,14 +67,12 @@ def test_joints_of_the_kuka_rotate_about_axis_and_pivot_of_the_parent(kuka, kuka
         np.testing.assert_allclose(turned[:3, :3] @ pivot + turned[:3, 3], pivot, atol=0.1)
 
 
-def test_kuka_has_limits_colours_and_meshes(kuka, kuka_file):
-    import trimesh
-
-    document = yaml.safe_load(kuka_file.read_text())
-    joint = kuka.joints[-1]
+def test_arm_has_limits_colours_and_meshes(arm, arm_file):
+    document = yaml.safe_load(arm_file.read_text())
+    joint = arm.joints[-1]
     assert (joint.type, joint.lower, joint.upper) == (JointType.REVOLUTE, -3.054, 3.054)
-    for link in kuka.links[1:]:
-        peer = trimesh.load_mesh(kuka_file.parent / "meshes" / "low_res" / f"{link.name}.STL")
+    for link in arm.links[1:]:
+        peer = trimesh.load_mesh(arm_file.parent / "meshes" / "low_res" / f"{link.name}.STL")
         (visual,), (collision,) = link.visuals, link.collisions
         diffuse = document[f"BODY {link.name}"]["color components"]["diffuse"]
         assert visual.color == (diffuse["r"], diffuse["g"], diffuse["b"], 1.0)
@@ -76,20 +80,22 @@ def test_kuka_has_limits_colours_and_meshes(kuka, kuka_file):
             np.testing.assert_allclose(shape.mesh.bounds_mm, 1000.0 * peer.bounds, atol=1e-3)
 
 
-def test_mesh_found_elsewhere_is_a_warning(kuka):
-    about_link7 = [warning for warning in kuka.warnings if "link7" in warning]
-    for warning, resolution in zip(about_link7, ("high", "low"), strict=True):
-        assert f"kuka_lwr/{resolution}_res/link7.STL' of body 'link7' not found" in warning
-        assert warning.endswith("ambf_kuka/meshes/low_res/link7.STL' used instead")
+def test_mesh_found_elsewhere_is_a_warning(arm, arm_file):
+    name = arm.links[-1].name
+    about_last = [warning for warning in arm.warnings if f"{name}.STL" in warning]
+    for warning, resolution in zip(about_last, ("high", "low"), strict=True):
+        assert f"/{resolution}_res/{name}.STL' of body '{name}' not found" in warning
+        used = arm_file.parent / "meshes" / "low_res" / f"{name}.STL"
+        assert warning.endswith(f"{str(used)!r} used instead")
 
 
-def test_mesh_map_gives_the_bodies_of_the_kuka(kuka, kuka_file):
-    folder = kuka_file.parent / "meshes" / "low_res"
-    names = [link.name for link in kuka.links[1:]]
+def test_mesh_map_gives_the_bodies_of_an_arm(arm, arm_file):
+    folder = arm_file.parent / "meshes" / "low_res"
+    names = [link.name for link in arm.links[1:]]
     text = "".join(f"{name}:{folder / name}.STL;" for name in names)
     robot = bodies_from_mesh_map(text, allowed_dirs=[folder])
     assert [link.name for link in robot.links] == ["world", *names]
-    for link, peer in zip(robot.links[1:], kuka.links[1:], strict=True):
+    for link, peer in zip(robot.links[1:], arm.links[1:], strict=True):
         mesh, other = link.visuals[0].mesh, peer.visuals[0].mesh
         np.testing.assert_array_equal(mesh.vertices_mm, other.vertices_mm)
     with pytest.raises(RobotMeshError, match="outside the allowed mesh folders"):

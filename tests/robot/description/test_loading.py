@@ -176,6 +176,21 @@ def test_colour_of_the_urdf_overrides_that_of_the_file(tmp_path, write_urdf):
     assert colors == [(0, 1, 0, 1), (1, 0, 0, 0.5), (0, 0, 1, 1), None]
 
 
+def test_package_of_a_robot_is_found_beside_it(tmp_path, write_urdf):
+    """``package://arm`` in a folder of another name, by the name in its package.xml."""
+    folder = tmp_path / "checkout"
+    (folder / "meshes").mkdir(parents=True)
+    (folder / "package.xml").write_text("<package><name>arm</name></package>")
+    trimesh.creation.box(extents=(0.1, 0.2, 0.3)).export(folder / "meshes" / "box.stl")
+    urdf = folder / "urdf" / "arm.urdf"
+    urdf.parent.mkdir()
+    text = write_urdf(link(shape(mesh("package://arm/meshes/box.stl")))).read_text()
+    urdf.write_text(text)
+    given, found = load_robot(urdf, package_dirs=[folder]), load_robot(urdf)
+    for robot in (given, found):
+        np.testing.assert_allclose(robot.links[0].visuals[0].mesh.bounds_mm[1], [50, 100, 150])
+
+
 def test_omni_loads_with_and_without_its_package_folder(shared_data):
     urdf = shared_data / "omni" / "urdf" / "omni.urdf"
     given = load_robot(urdf, package_dirs=[shared_data / "omni"])
