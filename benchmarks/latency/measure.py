@@ -109,6 +109,7 @@ def _run_of(kind: Kind, receiver: Receiver, sent: int, counted_from_ns: int, loa
         load,
         transports_ms(receiver.rows, arrivals_ns, counted_from_ns),
         delays_ms(receiver.pictures, counted_from_ns),
+        delays_ms(receiver.steps, counted_from_ns),
     )
 
 

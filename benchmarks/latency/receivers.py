@@ -24,12 +24,13 @@ class Receiver(ABC):
 
     ``rows``: stamp of each frame that was complete, and when it was, in ns. ``arrivals_ns``: when
     messages arrived in this process; None if that is not known. ``pictures``: as ``rows``, for
-    drawn pictures.
+    drawn pictures. ``steps``: as ``rows``, when the session had taken its step.
     """
 
     def __init__(self) -> None:
         self.rows: list[tuple[int, int]] = []
         self.pictures: list[tuple[int, int]] = []
+        self.steps: list[tuple[int, int]] = []
         self.arrivals_ns: list[int] | None = None
 
     @abstractmethod

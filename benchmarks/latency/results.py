@@ -22,7 +22,8 @@ class Run:
 
     ``arrived``: number of frames that arrived, None if it cannot be counted. ``transport_ms``: the
     part up to the arrival in the receiver's process, where it is known. ``picture_ms``: delays of
-    drawn pictures. ``load``: the machine's load average before.
+    drawn pictures. ``step_ms``: the part up to the end of the session's step, where there is one.
+    ``load``: the machine's load average before.
     """
 
     kind: Kind
@@ -32,6 +33,7 @@ class Run:
     load: float
     transport_ms: FloatArray
     picture_ms: FloatArray
+    step_ms: FloatArray
 
     def concatenated(self, later: "Run") -> "Run":
         """Both runs as one."""
@@ -44,6 +46,7 @@ class Run:
             max(self.load, later.load),
             np.concatenate([self.transport_ms, later.transport_ms]),
             np.concatenate([self.picture_ms, later.picture_ms]),
+            np.concatenate([self.step_ms, later.step_ms]),
         )
 
     @property
@@ -80,6 +83,7 @@ class Run:
             "sent": self.sent, "shown": self.shown, "superseded": self.superseded,
             "lost": self.lost, "load": self.load,
             "transport_mean_ms": mean_or_none(self.transport_ms),
+            "step_mean_ms": mean_or_none(self.step_ms),
             "picture_mean_ms": mean_or_none(self.picture_ms),
             "pictures": len(self.picture_ms),
             "mean_ms": self.mean_ms, "sd_ms": float(self.delays_ms.std()),

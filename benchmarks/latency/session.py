@@ -44,16 +44,23 @@ class PanelReceiver(QtReceiver):
         from MarginGuardLib.logic import PanelLogic
 
         application = SceneApplication(vtkMRMLScene())
-        self.panel = PanelLogic(application.scene, application.logic, changed=self.wake)
+        # Steps are ready on the clock of the stamps.
+        self.panel = PanelLogic(
+            application.scene, application.logic, clock_ns=time.time_ns, changed=self.wake
+        )
         self.panel.connect(Path(CONFIG))
 
     def spin(self) -> None:
         """Spin the panel's logic."""
         self.panel.spin()
         now_ns = time.time_ns()
-        step = self.panel.session.shown_step
-        if step is not None:
-            self.add_row(complete_stamp(step), now_ns)
+        step, ready_ns = self.panel.session.shown_step, self.panel.session.ready_ns
+        if step is None or ready_ns is None:
+            return
+        count, stamp_ns = len(self.rows), complete_stamp(step)
+        self.add_row(stamp_ns, now_ns)
+        if stamp_ns is not None and len(self.rows) > count:
+            self.steps.append((stamp_ns, ready_ns))
 
     def close(self) -> None:
         """End the session."""

@@ -11,9 +11,10 @@ from benchmarks.latency.stops import StopRun
 
 NOTES = """\
 Time from the stamp of a frame, made in another process, to the end of the update of the MRML scene
-and of all observers. Transport: the part up to the callback in this process. Picture: to the end of
-drawing. Superseded: replaced by a newer frame before it was shown, which is intended. Lock kept:
-Qt's loop keeps Python's lock while it waits, as PythonQt in desktop Slicer does; a double of it.
+and of all observers. Transport: the part up to the callback in this process. Step: the part up to
+the end of the session's step, with a late sender and transport. Picture: to the end of drawing.
+Superseded: replaced by a newer frame before it was shown, which is intended. Lock kept: Qt's loop
+keeps Python's lock while it waits, as PythonQt in desktop Slicer does; a double of it.
 Clock: the machine's own, shared by all processes.
 """
 
@@ -23,7 +24,7 @@ def runs_table(runs: Iterable[Run], title: str) -> Table:
     table = Table(title=title, title_justify="left")
     table.add_column("receiver", no_wrap=True)
     table.add_column("what")
-    for heading in ("mean", "sd", "p50", "p95", "p99", "max", "transport", "picture"):
+    for heading in ("mean", "sd", "p50", "p95", "p99", "max", "transport", "step", "picture"):
         table.add_column(heading, justify="right", no_wrap=True)
     for heading in ("sent", "shown", "superseded", "lost", "load"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -35,6 +36,7 @@ def runs_table(runs: Iterable[Run], title: str) -> Table:
             run.kind.what,
             *(f"{value:.2f}" for value in (*times, *percentiles)),
             _mean_text(run.transport_ms),
+            _mean_text(run.step_ms),
             _mean_text(run.picture_ms),
             str(run.sent),
             str(run.shown),

@@ -117,8 +117,8 @@ def test_delay_at_a_stop_is_that_of_the_first_row_not_before_it():
 
 
 def run_of(kind, delays_ms, *, sent=None, arrived=None):
-    delays = np.array(delays_ms)
-    return Run(kind, sent or len(delays), arrived, delays, 0.5, np.empty(0), np.empty(0))
+    delays, none = np.array(delays_ms), np.empty(0)
+    return Run(kind, sent or len(delays), arrived, delays, 0.5, none, none, none)
 
 
 def test_each_requirement_can_fail():

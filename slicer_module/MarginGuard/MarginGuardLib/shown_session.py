@@ -165,6 +165,11 @@ class ShownSession:
         return None if self._last is None else self._last.step
 
     @property
+    def ready_ns(self) -> int | None:
+        """When the step that was shown last was ready, on the session's clock; None before it."""
+        return None if self._last is None else self._last.at_ns
+
+    @property
     def position_s(self) -> float | None:
         """Seconds from the first frame of the case to the displayed one; None without one."""
         if self.opened is None or self._last is None:
