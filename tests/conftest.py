@@ -99,9 +99,6 @@ SLOW = {
         "tests/report/test_margin_plot.py",
         "tests/session/test_from_case.py",
         "tests/session/test_recent_samples.py",
-        "tests/simulation/test_dynamics.py",
-        "tests/simulation/test_kinematics.py",
-        "tests/simulation/test_loops.py",
         "tests/simulation/test_world.py",
         "tests/synthetic/test_clearance.py",
     ),
@@ -113,8 +110,11 @@ LONG = {
         "tests/bridge/live/test_second_senders.py",
     ),
     "starts a process for each parser": ("tests/fuzz/test_parsers.py",),
-    "decomposes surfaces, and presses a tool for seconds": (
+    "simulates for seconds, loads large robots or decomposes surfaces": (
         "tests/simulation/test_contact.py",
+        "tests/simulation/test_dynamics.py",
+        "tests/simulation/test_kinematics.py",
+        "tests/simulation/test_loops.py",
         "tests/simulation/test_shipped_world.py",
     ),
     "attacks a live session with many malformed messages": ("tests/bridge/faults/test_live.py",),

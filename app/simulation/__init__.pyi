@@ -2,7 +2,7 @@ from .commands import COMMAND_LIFETIME_NS, ArmStatus, JointVelocityCommand
 from .errors import CommandError, SimulationError, UnstableError, WorldError
 from .hand import ScriptedHand
 from .state import ArmState, Contact, WorldState, Wrench
-from .tracker import SimulatedTracker
+from .tracker import WorldTracker
 from .world import World
 from .world_entries import (
     BodyEntry,
@@ -33,7 +33,6 @@ __all__ = [
     "Push",
     "RobotEntry",
     "ScriptedHand",
-    "SimulatedTracker",
     "SimulationError",
     "TissueEntry",
     "TissueShift",
@@ -44,6 +43,7 @@ __all__ = [
     "WorldDescription",
     "WorldError",
     "WorldState",
+    "WorldTracker",
     "Wrench",
     "open_world",
     "world_schema_text",

@@ -7,6 +7,7 @@ from typing import Literal
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.robot import Robot
+from app.synthetic.tracker_model import TrackerModel
 
 Collision = Literal["hull", "parts", "none"]
 WORLD_FRAME = "world"
@@ -91,15 +92,16 @@ class BreathingEntry:
     held_until_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TrackerEntry:
-    """What the tracker measures, how often, how late and how well."""
+    """What the tracker measures, and with which errors.
+
+    ``metal``: an arm and two of its links, between which its metal distorts the field.
+    """
 
     tracked: tuple[str, ...]
-    period_ns: int
-    latency_ns: int
-    position_rms_mm: float
-    angle_rms_rad: float
+    model: TrackerModel
+    metal: tuple[str, str, str] | None = None
 
 
 @dataclass(frozen=True, slots=True)

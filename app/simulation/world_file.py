@@ -1,6 +1,8 @@
 """Reads ``world.yaml`` and loads the robots and meshes that it names."""
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -12,7 +14,6 @@ from app.files.meshes import load_mesh
 from app.files.paths import resolve_file
 from app.geometry import (
     NS_PER_MS,
-    NS_PER_S,
     FloatArray,
     MarginGuardError,
     SurfaceMesh,
@@ -35,6 +36,8 @@ from app.simulation.world_entries import (
     WorldDescription,
 )
 from app.simulation.world_keys import WORLD
+from app.synthetic.presets import tracker_preset
+from app.synthetic.tracker import Jitter
 
 WORLD_FILE = "world.yaml"
 
@@ -72,9 +75,12 @@ def read_world(document: Section, folder: Path) -> WorldDescription:
         tuple(_body(each, folder) for each in _entries(document, "bodies")),
         tuple(_tissue(each, folder) for each in _entries(document, "tissues")),
         _breathing(document),
-        _tracker(document.section("tracker")) if "tracker" in document else None,
+        None,
         _hand(document.section("hand")) if "hand" in document else None,
     )
+    if "tracker" in document:
+        tracker = _tracker(document.section("tracker"), world.robots)
+        world = replace(world, tracker=tracker)
     _check_names(document, world)
     return world
 
@@ -175,13 +181,33 @@ def _breathing(document: Section) -> BreathingEntry:
     return BreathingEntry(block.number("frequency_hz"), block.number("held_until_s"))
 
 
-def _tracker(block: Section) -> TrackerEntry:
-    return TrackerEntry(
-        block.texts("tracked"),
-        round(NS_PER_S / block.number("rate_hz")),
-        round(block.number("latency_ms") * NS_PER_MS),
-        block.number("position_rms_mm"),
-        math.radians(block.number("angle_rms_deg")),
+def _tracker(block: Section, robots: Sequence[RobotEntry]) -> TrackerEntry:
+    """Read ``tracker``; the metal is the first robot that holds a tool, from base to tool."""
+    model = tracker_preset(block.choice("model"))
+
+    def given(key: str, default: float, factor: float = 1.0) -> float:
+        return factor * block.number(key) if key in block else default
+
+    degree = math.radians(1.0)
+    model = replace(
+        model,
+        rate_hz=given("rate_hz", model.rate_hz),
+        latency_s=given("latency_ms", model.latency_s, 1e-3),
+        white=_jitter(given, "white", model.white, degree),
+        slow=_jitter(given, "slow", model.slow, degree),
+        correlation_s=given("correlation_ms", model.correlation_s, 1e-3),
+    )
+    metal = None
+    holder = next((entry for entry in robots if entry.tool is not None), None)
+    if holder is not None and holder.tool is not None:
+        metal = (holder.name, holder.robot.root_link, holder.tool.link)
+    return TrackerEntry(block.texts("tracked"), model, metal)
+
+
+def _jitter(given: Callable[..., float], kind: str, default: Jitter, degree: float) -> Jitter:
+    return Jitter(
+        given(f"{kind}_rms_mm", default.position_rms_mm),
+        given(f"{kind}_rms_deg", default.angle_rms_rad, degree),
     )
 
 

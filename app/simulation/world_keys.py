@@ -18,6 +18,7 @@ from app.files.keys import (
     Texts,
 )
 from app.files.meshes import UNITS_MM
+from app.synthetic.presets import PRESETS
 
 MAX_TIMESTEP_MS = 2.0
 """Contacts and loops are stiff on the scale of two steps: longer ones could not hold them."""
@@ -172,6 +173,12 @@ _BREATHING = Block(
     optional=True,
 )
 
+
+def _tracker_number(description: str, minimum: float, maximum: float) -> Number:
+    text = f"{description}; default: that of the model"
+    return Number(text, optional=True, minimum=minimum, maximum=maximum)
+
+
 _TRACKER = Block(
     "the tracker that measures poses; default: none",
     {
@@ -180,10 +187,18 @@ _TRACKER = Block(
             Text("name"),
             if_empty="expected names",
         ),
-        "rate_hz": Number("samples per second", above=0.0, maximum=1000.0),
-        "latency_ms": Number("time from sample to arrival", minimum=0.0, maximum=1000.0),
-        "position_rms_mm": Number("RMS length of the error of the position", minimum=0.0),
-        "angle_rms_deg": Number("RMS angle of the error of the rotation", minimum=0.0),
+        "model": Choice(
+            "a real tracker, or white: regular times and 0.3 mm and 0.3 degrees of white noise",
+            tuple(PRESETS),
+            default="white",
+        ),
+        "rate_hz": _tracker_number("samples per second", 1.0, 250.0),
+        "latency_ms": _tracker_number("from acquisition to stamp and arrival", 0.0, 200.0),
+        "white_rms_mm": _tracker_number("RMS length of the white error of positions", 0.0, 5.0),
+        "white_rms_deg": _tracker_number("RMS angle of the white error of rotations", 0.0, 5.0),
+        "slow_rms_mm": _tracker_number("the same of the correlated error", 0.0, 5.0),
+        "slow_rms_deg": _tracker_number("the same of the correlated error", 0.0, 5.0),
+        "correlation_ms": _tracker_number("correlation time of that error", 1.0, 60_000.0),
     },
     optional=True,
 )

@@ -40,8 +40,10 @@ def test_shipped_world_is_read() -> None:
     assert arm.tool is not None and arm.tool.link_from_tool.translation_mm.tolist() == [0, 0, 70]
     assert wall.mass_kg is None and wall.collision == "parts"
     assert np.degrees(tumor.breath_turn_rad) == pytest.approx([0.86, 0.34, 0])
-    assert world.tracker is not None and world.tracker.period_ns == 20_000_000
-    assert world.tracker.latency_ns == 20_000_000
+    assert world.tracker is not None and world.tracker.metal == ("arm", "touch_base", "stylus")
+    model = world.tracker.model
+    assert (model.rate_hz, model.latency_s, model.correlation_s) == (50.0, 0.02, 0.5)
+    assert (model.white.position_rms_mm, model.slow.position_rms_mm) == (0.0, 0.3)
     assert world.hand is not None and world.hand.pushes[1].retreat
     CHECK.validate(shipped())
 
@@ -103,7 +105,7 @@ STATED: dict[str, tuple[Edit, str]] = {
     "collision": (_set("bodies.0.collision", "mesh"), r"collision is 'mesh'; expected one of hull"),
     "position": (_set("bodies.0.position_mm", [1, 2]), r"position_mm is 2 values; expected a list"),
     "no pushes": (_set("hand.pushes", []), r"hand\.pushes is empty; expected pushes"),
-    "rate": (_set("tracker.rate_hz", 0), r"rate_hz is 0; expected more than 0"),
+    "rate": (_set("tracker.rate_hz", 0), r"rate_hz is 0; expected 1\.0 to 250"),
 }
 """Faults that the schema states, too."""
 
@@ -158,6 +160,7 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 def test_every_key_is_used_by_the_worlds_of_the_tests() -> None:
     complete = shipped()
     complete["physics"] = {"timestep_ms": 0.5, "gravity_mm_s2": 9810.0}
+    complete["tracker"]["model"] = "aurora"
     complete["robots"][0] |= {
         "xacro_args": {"side": "left"}, "max_effort": 5.0, "collision": "hull", "friction": 0.2,
         "self_collision": True, "position_mm": [0, 0, 0], "rotation_deg": [0, 0, 90],

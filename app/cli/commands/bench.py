@@ -30,6 +30,7 @@ BENCHMARKS = {
     "view": "benchmarks.view",
     "fuzz": "benchmarks.fuzz",
     "record": "benchmarks.recorder",
+    "simulation": "benchmarks.simulation",
 }
 
 
