@@ -4,7 +4,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from app.geometry import FloatArray, SurfaceMesh, Transform
 from app.simulation.convex_parts import convex_parts
@@ -23,8 +22,9 @@ def geometry_name(name: str) -> str:
 
 def quaternion_wxyz(rotation: FloatArray) -> FloatArray:
     """The rotation (3, 3) as MuJoCo's quaternion (4,)."""
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
-    return np.array([w, x, y, z])
+    quaternion: FloatArray = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
+    return quaternion
 
 
 class BodyWriter:

@@ -36,11 +36,13 @@ class VelocityServo:
         self.positions = np.array(
             [address(each, model.jnt_qposadr) for each in self.joints], np.int64
         )
-        self._all = np.array([address(each, model.jnt_dofadr) for each in robot.joints], np.int64)
-        self._driven = np.flatnonzero(np.isin(self._all, self.dofs))
-        order = [int(np.flatnonzero(self._all == dof)[0]) for dof in self.dofs.tolist()]
-        self._order = np.array(order, np.int64)
-        self._following = np.setdiff1d(np.arange(len(self._all)), self._order)
+        # The driven joints first: without others, blocks of the model's matrices are theirs.
+        every = [address(each, model.jnt_dofadr) for each in robot.joints]
+        others = [dof for dof in every if dof not in set(self.dofs.tolist())]
+        self._all = np.array([*self.dofs.tolist(), *others], np.int64)
+        self._order = np.arange(len(self.joints))
+        self._following = np.arange(len(self.joints), len(self._all))
+        self._block = np.ix_(self._all, self._all)
         self.actuators = np.array(
             [
                 mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, f"{name}/{each}")
@@ -49,7 +51,7 @@ class VelocityServo:
             np.int64,
         )
         self._effort = np.array([drive.effort for drive in drives])
-        self._velocity = np.array([drive.velocity for drive in drives])
+        self._inverse_velocity = 1.0 / np.array([drive.velocity for drive in drives])
         self._lower = np.array([drive.lower for drive in drives])
         self._upper = np.array([drive.upper for drive in drives])
         self._timestep = float(model.opt.timestep)
@@ -62,19 +64,19 @@ class VelocityServo:
 
     def limited(self, velocities: FloatArray, positions: FloatArray) -> FloatArray:
         """``velocities`` (n,) scaled to the speed limits and slowed towards the joint limits."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.nanmax(np.abs(velocities) / self._velocity, initial=0.0)
-        scaled = velocities / max(1.0, float(ratio))
+        ratio = float((np.abs(velocities) * self._inverse_velocity).max(initial=0.0))
+        scaled = velocities / max(1.0, ratio)
         upper = np.maximum((self._upper - positions) / LIMIT_S, 0.0)
         lower = np.minimum((self._lower - positions) / LIMIT_S, 0.0)
-        return np.asarray(np.clip(scaled, lower, upper))
+        return np.asarray(np.minimum(np.maximum(scaled, lower), upper))
 
     def apply(self, data: Any, inertia: FloatArray, wanted: FloatArray) -> None:
         """Set the efforts for joint velocities ``wanted`` (n,); ``inertia`` is (nv, nv)."""
         share = self._share(data)
-        own = inertia[np.ix_(self._all, self._all)]
-        mass = share.T @ own @ share
-        bias = share.T @ (data.qfrc_bias - data.qfrc_passive)[self._all]
+        mass = inertia[self._block]
+        bias = (data.qfrc_bias - data.qfrc_passive)[self._all]
+        if share is not None:
+            mass, bias = share.T @ mass @ share, share.T @ bias
         velocity = data.qvel[self.dofs]
         disturbance: FloatArray = np.zeros(len(self.joints))
         if self._last is not None:
@@ -83,19 +85,22 @@ class VelocityServo:
             disturbance = last_mass @ acceleration + last_bias - self.torques
         target = self.limited(wanted, data.qpos[self.positions])
         torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + bias - disturbance
-        self.torques = np.clip(torques, -self._effort, self._effort)
+        self.torques = np.minimum(np.maximum(torques, -self._effort), self._effort)
         self._last = mass, bias, velocity.copy()
         data.ctrl[self.actuators] = self.torques
 
-    def _share(self, data: Any) -> FloatArray:
-        """Velocities of the robot's joints (m, n) per velocity of each driven one."""
+    def _share(self, data: Any) -> FloatArray | None:
+        """Velocities of the robot's joints (m, n) per velocity of each driven one.
+
+        None if all joints are driven.
+        """
+        if not len(self._following):
+            return None
         share = np.zeros((len(self._all), len(self.joints)))
         share[self._order, np.arange(len(self.joints))] = 1.0
-        if len(self._following):
-            count = data.ne
-            jacobian = data.efc_J.reshape(-1, len(data.qvel))[:count, self._all]
-            following, *_ = np.linalg.lstsq(
-                jacobian[:, self._following], -jacobian[:, self._order], rcond=None
-            )
-            share[self._following] = following
+        jacobian = data.efc_J.reshape(-1, len(data.qvel))[: data.ne, self._all]
+        following, *_ = np.linalg.lstsq(
+            jacobian[:, self._following], -jacobian[:, self._order], rcond=None
+        )
+        share[self._following] = following
         return share

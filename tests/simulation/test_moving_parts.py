@@ -16,6 +16,7 @@ from app.simulation import (
     WorldTracker,
 )
 from app.simulation.tissue import TissueMotion
+from app.synthetic.physiology import Breathing, BreathingBody
 from app.synthetic.presets import AURORA
 from app.synthetic.tracker import Jitter
 from app.synthetic.tracker_model import TrackerModel
@@ -36,13 +37,26 @@ def test_tissue_breathes_after_the_hold_and_shifts_stay() -> None:
         (TissueShift(10.0, 12.0, np.array([2.0, 0.0, 0.0])),),
     )
     motion = TissueMotion(entry, BreathingEntry(0.25, held_until_s=1.0))
-    assert motion.at(0.9).translation_mm.tolist() == [1, 2, 3]
-    inspired = motion.at(3.0)
-    assert inspired.translation_mm == pytest.approx([1, 2, 7])
-    assert inspired.rotation_vector == pytest.approx([0.1, 0, 0])
-    assert motion.at(5.0).translation_mm == pytest.approx([1, 2, 3])
-    assert motion.at(11.0).translation_mm[0] == pytest.approx(2.0)
-    assert motion.at(101.0).translation_mm == pytest.approx([3, 2, 3])
+    assert motion.at(0.9)[0].tolist() == [1, 2, 3]
+    position, quaternion = motion.at(3.0)
+    assert position == pytest.approx([1, 2, 7])
+    assert quaternion == pytest.approx([np.cos(0.05), np.sin(0.05), 0, 0])
+    assert motion.at(5.0)[0] == pytest.approx([1, 2, 3])
+    assert motion.at(11.0)[0][0] == pytest.approx(2.0)
+    assert motion.at(101.0)[0] == pytest.approx([3, 2, 3])
+
+
+def test_tissue_breathes_as_the_bodies_of_simulated_cases() -> None:
+    turned = Transform.from_rotation_vector((0.3, -1.0, 0.2), (4, 5, 6), target="world", source="t")
+    shift, turn = np.array([1.0, 2.0, 3.0]), np.array([0.02, -0.05, 0.01])
+    entry = TissueEntry("t", box("t", 1, 1, 1), turned, shift, turn)
+    motion, breathing = TissueMotion(entry, BreathingEntry()), Breathing(0.0)
+    for time_s in (0.5, 1.1, 2.0, 3.7):
+        expected = BreathingBody(turned, shift, turn).at(breathing.depth(time_s))
+        position, (w, x, y, z) = motion.at(time_s)
+        assert position == pytest.approx(expected.translation_mm, abs=1e-12)
+        found = Transform.from_quaternion((x, y, z, w), position, target="world", source="t")
+        assert found.rotation == pytest.approx(expected.rotation, abs=1e-12)
 
 
 def samples(model: TrackerModel, seed: int, seconds: int) -> list[tuple[int, np.ndarray]]:
