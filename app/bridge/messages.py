@@ -28,7 +28,7 @@ from std_msgs.msg import ColorRGBA, Header
 from app.bridge.errors import BridgeError
 from app.case import CaseManifest
 from app.case.frames.samples import JointSample
-from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
+from app.geometry import NS_PER_S, FloatArray, Stamp, Transform, quaternion_of_rotation
 
 MM_PER_M = 1000.0
 _LAST_SECOND = 2**31 - 1
@@ -44,17 +44,26 @@ def time_message(stamp: Stamp) -> Time:
 
     Raises `BridgeError` for a stamp beyond the 32-bit seconds of a ROS time.
     """
+    message = Time()
+    set_time(message, stamp)
+    return message
+
+
+def set_time(message: Time, stamp: Stamp) -> None:
+    """Fill in ``message`` as `time_message`; quicker for a part of a message that exists."""
     seconds, nanoseconds = divmod(stamp.ns, NS_PER_S)
     if abs(seconds) > _LAST_SECOND:
         raise BridgeError(
             f"stamp {stamp.ns} ns does not fit a ROS time; expected at most {_LAST_SECOND} s"
         )
-    return Time(sec=seconds, nanosec=nanoseconds)
+    message.sec, message.nanosec = seconds, nanoseconds
 
 
 def header_message(frame: str, stamp: Stamp) -> Header:
     """Header in ``frame`` with the acquisition time ``stamp``."""
-    return Header(frame_id=frame, stamp=time_message(stamp))
+    message = Header(frame_id=frame)
+    set_time(message.stamp, stamp)
+    return message
 
 
 def vector_message(values: ArrayLike) -> Vector3:
@@ -71,27 +80,32 @@ def point_message(point_mm: ArrayLike) -> Point:
 
 def quaternion_message(transform: Transform) -> Quaternion:
     """Rotation of ``transform`` as a quaternion with w >= 0."""
-    x, y, z, w = transform.quaternion_xyzw.tolist()
+    x, y, z, w = quaternion_of_rotation(transform.rotation)
     return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def transform_message(transform: Transform, stamp: Stamp) -> TransformStamped:
     """Convert ``target_from_source`` to tf: the target is the parent, the source the child."""
-    message = TransformStamped(
-        header=header_message(transform.target, stamp), child_frame_id=transform.source
-    )
-    message.transform.translation = vector_message(metres(transform.translation_mm))
-    message.transform.rotation = quaternion_message(transform)
+    message = TransformStamped(child_frame_id=transform.source)
+    message.header.frame_id = transform.target
+    set_transform(message, transform, stamp)
     return message
+
+
+def set_transform(message: TransformStamped, transform: Transform, stamp: Stamp) -> None:
+    """Fill in the numbers of ``message``, which has the frames of ``transform`` already."""
+    set_time(message.header.stamp, stamp)
+    place, turn = message.transform.translation, message.transform.rotation
+    x, y, z = transform.translation_mm.tolist()
+    place.x, place.y, place.z = x / MM_PER_M, y / MM_PER_M, z / MM_PER_M
+    turn.x, turn.y, turn.z, turn.w = quaternion_of_rotation(transform.rotation)
 
 
 def joint_state_message(sample: JointSample) -> JointState:
     """Joint positions (rad or m) with the stamp of their sample, without velocity and effort."""
-    return JointState(
-        header=header_message("", sample.stamp),
-        name=list(sample.names),
-        position=list(sample.positions),
-    )
+    message = JointState(name=list(sample.names), position=list(sample.positions))
+    set_time(message.header.stamp, sample.stamp)
+    return message
 
 
 def clock_message(now: Stamp) -> Clock:

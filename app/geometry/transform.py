@@ -145,7 +145,7 @@ class Transform:
     @property
     def quaternion_xyzw(self) -> FloatArray:
         """The rotation as (x, y, z, w) with w >= 0."""
-        return np.array(_quaternion_of(self.rotation))
+        return np.array(quaternion_of_rotation(self.rotation))
 
     @property
     def rotation_vector(self) -> FloatArray:
@@ -197,7 +197,7 @@ class Transform:
         self._check_same_frames(other)
         if not 0.0 <= fraction <= 1.0:
             raise TransformError(f"fraction of an interpolation is {fraction}; expected 0 to 1")
-        x, y, z, w = _quaternion_of(self.rotation.T.dot(other.rotation))
+        x, y, z, w = quaternion_of_rotation(self.rotation.T.dot(other.rotation))
         sine = math.sqrt(x * x + y * y + z * z)
         part = fraction * math.atan2(sine, w)  # of half the angle
         scale = math.sin(part) / sine if sine > 0.0 else 0.0
@@ -291,7 +291,7 @@ def rotations_of_quaternions(quaternions: FloatArray) -> FloatArray:
     return found
 
 
-def _quaternion_of(rotation: FloatArray) -> tuple[float, float, float, float]:
+def quaternion_of_rotation(rotation: FloatArray) -> tuple[float, float, float, float]:
     """Return the quaternion (x, y, z, w) with w >= 0 of a rotation (3, 3).
 
     Its largest component is computed first, which avoids cancellation (Shepperd 1978). Loading

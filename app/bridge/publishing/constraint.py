@@ -3,9 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from builtin_interfaces.msg import Time
 from marginguard_msgs.msg import FixtureConstraint, HalfSpace
-from std_msgs.msg import Header
 
 from app.bridge import messages
 from app.fixture import Constraint, FixtureDecision, MarginState
@@ -51,7 +49,6 @@ class ConstraintBuilder:
         elif decision.constraint_is_current:
             self._planes_from = decision.stamp
         message = FixtureConstraint(
-            header=Header(frame_id=self._frame),
             state=int(decision.state),
             reasons=[str(reason) for reason in decision.reasons],
             hold=decision.hold,
@@ -67,9 +64,10 @@ class ConstraintBuilder:
             model_id=self._model_id,
             registration_id=self._registration_id,
         )
+        message.header.frame_id = self._frame
         if self._planes_from is not None:
-            message.header.stamp = messages.time_message(self._planes_from)
-            message.valid_until = self._valid_until(self._planes_from)
+            messages.set_time(message.header.stamp, self._planes_from)
+            messages.set_time(message.valid_until, self._until(self._planes_from))
         if decision.constraint is not None:
             message.half_spaces = half_space_messages(decision.constraint)
         if known and decision.proximity is not None:
@@ -82,28 +80,30 @@ class ConstraintBuilder:
                 message.sigma_tre = _metres(decision.margin.tre_mm / self._k_tre)
         return message
 
-    def _valid_until(self, stamp: Stamp) -> Time:
-        return messages.time_message(stamp.shifted(self._stale_after_ns, stamp.clock))
+    def _until(self, stamp: Stamp) -> Stamp:
+        """The last time at which planes of ``stamp`` are valid."""
+        return stamp.shifted(self._stale_after_ns, stamp.clock)
 
 
 def half_space_messages(constraint: Constraint) -> list[HalfSpace]:
     """Convert half-spaces: unit normals, offsets and points in m, velocities in m/s."""
-    return [
-        HalfSpace(
-            normal=messages.vector_message(normal),
-            offset=_metres(offset_mm),
-            point_on_tool=messages.point_message(point_mm),
-            tumor_velocity=messages.vector_message(messages.metres(velocity_mm_s)),
-        )
-        for normal, offset_mm, point_mm, velocity_mm_s in zip(
-            constraint.normals,
-            constraint.offsets_mm,
-            constraint.points_on_tool_mm,
-            constraint.tumor_velocities_mm_s,
-            strict=True,
-        )
-    ]
+    return [_half_space(*row) for row in constraint.rows.tolist()]
+
+
+def _half_space(
+    offset_mm: float,
+    nx: float, ny: float, nz: float,
+    px: float, py: float, pz: float,
+    vx: float, vy: float, vz: float,
+) -> HalfSpace:  # fmt: skip
+    """One row of `Constraint.rows`. Fills in a new message, quicker than to construct its parts."""
+    message = HalfSpace(offset=_metres(offset_mm))
+    normal, point, velocity = message.normal, message.point_on_tool, message.tumor_velocity
+    normal.x, normal.y, normal.z = nx, ny, nz
+    point.x, point.y, point.z = _metres(px), _metres(py), _metres(pz)
+    velocity.x, velocity.y, velocity.z = _metres(vx), _metres(vy), _metres(vz)
+    return message
 
 
 def _metres(value_mm: float) -> float:
-    return float(messages.metres(value_mm))
+    return float(value_mm) / messages.MM_PER_M

@@ -35,8 +35,11 @@ class Markers:
         if content.tool is not None:
             self._points_m.append(corners_m(content.tool))
         lowest, highest = content.tumor.bounds_mm
-        self._text_at_mm = (lowest + highest) / 2.0
-        self._text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
+        text_at_mm = (lowest + highest) / 2.0
+        text_at_mm[2] = highest[2] + TEXT_ABOVE_TUMOR_MM
+        self._text = _marker("margin", self._tumor_frame, Marker.TEXT_VIEW_FACING, ColorRGBA())
+        self._text.pose.position = point_message(text_at_mm)
+        self._text.scale.z = float(metres(TEXT_HEIGHT_MM))
 
     def surfaces(self, state: MarginState) -> bytes:
         """Serialised `MarkerArray` of the tumour, in the colour of ``state``, and of the tool.
@@ -50,13 +53,13 @@ class Markers:
         return serialized(MarkerArray(markers=markers), self._points_m)
 
     def text(self, decision: FixtureDecision) -> MarkerArray:
-        """Marker with the text of the margin, above the tumour, in the colour of the state."""
-        color = color_message(decision.state.color)
-        marker = _marker("margin", self._tumor_frame, Marker.TEXT_VIEW_FACING, color)
-        marker.text = margin_text(decision)
-        marker.pose.position = point_message(self._text_at_mm)
-        marker.scale.z = float(metres(TEXT_HEIGHT_MM))
-        return MarkerArray(markers=[marker])
+        """Marker with the text of the margin, above the tumour, in the colour of the state.
+
+        Each call fills in the same marker: publish it before the next one.
+        """
+        self._text.color = color_message(decision.state.color)
+        self._text.text = margin_text(decision)
+        return MarkerArray(markers=[self._text])
 
 
 def margin_text(decision: FixtureDecision) -> str:

@@ -27,5 +27,5 @@ class PreparedShapes:
         return self._surfaces[state]
 
     def text(self, decision: FixtureDecision) -> MarkerArray:
-        """Text marker of the margin, above the tumour."""
+        """Text marker of the margin, above the tumour; each call fills in the same marker."""
         return self._markers.text(decision)

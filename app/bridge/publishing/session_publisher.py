@@ -18,13 +18,15 @@ from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPoli
 from app.bridge.publishing.prepared_shapes import PreparedShapes
 from app.bridge.qos import Topic
 from app.bridge.steady_clock import steady_ns
-from app.bridge.tf.broadcaster import tf_message
+from app.bridge.tf.broadcaster import TransformMessages, tf_message
 from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import Stamp, stale_in_ns
 from app.runtime import SessionContent, StepTiming, SwitchContent
 from app.session import StepResult
 
 NODE_NAME = "marginguard"
+
+_COLORS = {state: messages.color_message(state.color) for state in MarginState}
 
 _UNKNOWN_DECISION = FixtureDecision(
     state=MarginState.UNKNOWN,
@@ -89,6 +91,7 @@ class SessionPublisher:
             self._surfaces_publisher = self._publisher(topics.MARKERS)
             self._static_publisher = self._publisher(topics.TF_STATIC)
             self._edges_left_out: set[tuple[str, str]] = set()
+            self._transforms = TransformMessages()
             self._diagnostics = Diagnostics(counts, lambda: self.ros.definition_problems)
             self._constraint_builder = ConstraintBuilder(content)
             self._shapes = PreparedShapes(content)
@@ -219,7 +222,7 @@ class SessionPublisher:
     def _publish_frames(self, step: StepResult) -> None:
         edges = self._frame_tree.new_edges(step)
         if edges:
-            self._send(topics.TF, tf_message(edges))
+            self._send(topics.TF, self._transforms.message(edges))
         for edge, reason in self._frame_tree.left_out.items():
             if edge not in self._edges_left_out:
                 self._edges_left_out.add(edge)
@@ -232,7 +235,7 @@ class SessionPublisher:
         if decision.state is not MarginState.UNKNOWN and decision.proximity is not None:
             distance_mm = float(decision.proximity.signed_distance_mm)
         self._send(topics.MARGIN_MM, Float64(data=distance_mm))
-        self._send(topics.MARGIN_COLOR, messages.color_message(decision.state.color))
+        self._send(topics.MARGIN_COLOR, _COLORS[decision.state])
         self._send(topics.MARKERS, self._shapes.text(decision))
         self._show_surfaces(decision.state)
 
