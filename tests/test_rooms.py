@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "session": {"geometry", "files", "registration", "robot", "case", "fixture"},
     "runtime": {"geometry", "files", "registration", "robot", "case", "fixture", "session"},
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
+    "control": {"geometry", "robot", "fixture"},
     "simulation": {"geometry", "files", "synthetic", "robot", "fixture"},
     "igtl": {"geometry"},
     "bridge": {
@@ -35,6 +36,8 @@ MAY_IMPORT = {
         "session",
         "runtime",
         "igtl",
+        "control",
+        "simulation",
     },
     "scene": {"geometry", "files", "robot", "fixture", "session", "runtime"},
     "report": {"geometry", "files", "registration", "case", "fixture", "session", "runtime"},

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
-from app.geometry import FrameError, Transform
+from app.geometry import FloatArray, FrameError, Transform
 from app.robot.kinematics.closed_tree import ClosedTree
 from app.robot.kinematics.closure import LoopClosure
 from app.robot.kinematics.inverse import IkOptions, inverse_kinematics
@@ -82,6 +82,19 @@ class Robot:
     def complete_positions(self, positions: Mapping[str, float]) -> dict[str, float]:
         """Return the position of every moving joint, as `forward_kinematics` completes them."""
         return self._tree.complete_positions(positions)
+
+    def jacobian(self, link: str, positions: Mapping[str, float]) -> tuple[Transform, FloatArray]:
+        """Return ``root_from_link`` and the Jacobian (6, n) of the link's origin.
+
+        Columns are the actuated joints in order. Rows are the velocity in mm and the angular
+        velocity in rad, in the root's axes, per rad or m of the joint; mimic joints and closed
+        loops follow. Raises `JointError` as `forward_kinematics`, and for an unknown link.
+        """
+        tree = self._tree
+        tree.path_to(link)
+        matrices = tree.link_matrices(tree.complete_positions(positions))
+        jacobian = tree.jacobian(link, self.actuated_joint_names, matrices)
+        return LinkPoses(self.root_link, tree.link_rows, matrices)[link], jacobian
 
     def measured_kinematics(self, link: str, positions: Mapping[str, float]) -> LinkPoses:
         """Run `forward_kinematics` with measured ``positions`` that must determine ``link``.

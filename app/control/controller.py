@@ -1,0 +1,198 @@
+"""The cooperative controller between a hand and an arm.
+
+At each step the hand's wrench gives a desired twist (admittance), and one quadratic program the
+joint velocities nearest to it within the planes of the constraint, the joint limits and speeds,
+damped near singularities. Whatever is missing, late or not finite means no motion.
+"""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from app.control.admittance import AdmittanceGains, HandAdmittance
+from app.control.measurements import JointMeasurement, PoseMeasurement, WrenchMeasurement
+from app.control.tool_kinematics import ToolKinematics
+from app.fixture import FixtureRule, PlainConstraint, RulePermission, RuleReason
+from app.geometry import NS_PER_MS, FloatArray, InputError, MarginGuardError
+
+
+class ControlReason(StrEnum):
+    """Why the arm moves, or stands."""
+
+    FOLLOWS = "follows"
+    """The hand moves the arm, within the planes."""
+    RULE = "rule"
+    """The constraint allows no motion or only retreat: `ControlDecision.rule` has its reason."""
+    WATCHDOG = "watchdog"
+    """No valid constraint for the time of the watchdog; latched until `rearm`."""
+    NO_JOINTS = "no_joints"
+    """No joint positions, too old ones, of other joints, or not finite."""
+    NO_WRENCH = "no_wrench"
+    """No wrench, a too old one, or one that is not finite."""
+    NO_POSE = "no_pose"
+    """The robot's base is not known in the constraint's frame, or its pose is too old."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerParameters:
+    """Ages in ns beyond which a measurement is not used, and the admittance.
+
+    ``watchdog_ns``: after so long without a valid constraint the arm stops until `rearm`.
+    ``max_joint_speed``: for joints without a speed limit in the robot's file, rad/s or m/s.
+    Raises `InputError` for ages that are not above 0.
+    """
+
+    gains: AdmittanceGains = field(default_factory=AdmittanceGains)
+    max_joints_age_ns: int = 30 * NS_PER_MS
+    max_wrench_age_ns: int = 30 * NS_PER_MS
+    max_pose_age_ns: int = 100 * NS_PER_MS
+    watchdog_ns: int = 30 * NS_PER_MS
+    max_joint_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("max_joints_age_ns", "max_wrench_age_ns", "max_pose_age_ns", "watchdog_ns"):
+            if getattr(self, name) <= 0:
+                raise InputError(
+                    f"{name} of the controller is {getattr(self, name)}; expected more than 0"
+                )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlDecision:
+    """Velocities (n,) of ``joints``, rad/s or m/s, to send now, and why.
+
+    ``desired`` (6,) is the twist that the hand asks for, in mm/s and rad/s in the base's axes.
+    ``rule`` is the reason of the fixture's rule, None where it was not asked.
+    """
+
+    joints: tuple[str, ...]
+    velocities: FloatArray
+    reason: ControlReason
+    rule: RuleReason | None
+    desired: FloatArray
+
+
+class CooperativeController:
+    """Pure: `receive` at each constraint, `step` at each control period. Use in one thread.
+
+    ``rule`` decides about the constraint; poses are in its frame. Raises `InputError` for a joint
+    without speed limit.
+    """
+
+    def __init__(
+        self,
+        tool: ToolKinematics,
+        rule: FixtureRule,
+        parameters: ControllerParameters | None = None,
+    ) -> None:
+        self.parameters = parameters or ControllerParameters()
+        self._tool, self._rule = tool, rule
+        self._limits = tool.limits(self.parameters.max_joint_speed)
+        self._hand = HandAdmittance(self.parameters.gains)
+        self._valid_ns: int | None = None
+        self._latched = False
+
+    @property
+    def latched(self) -> bool:
+        """True if the watchdog has stopped the arm; see `rearm`."""
+        return self._latched
+
+    def rearm(self) -> None:
+        """Let the arm move again. Call it only on a request of the operator."""
+        self._rule.rearm()
+        self._hand.reset()
+        self._valid_ns, self._latched = None, False
+
+    def receive(self, constraint: PlainConstraint, now_ns: int) -> None:
+        """Use ``constraint``, which has just arrived."""
+        self._rule.receive(constraint, now_ns)
+
+    def step(
+        self,
+        joints: JointMeasurement | None,
+        wrench: WrenchMeasurement | None,
+        pose: PoseMeasurement | None,
+        now_ns: int,
+    ) -> ControlDecision:
+        """The decision at ``now_ns``; without motion for any measurement that is not usable."""
+        self._watch(now_ns)
+        positions = self._positions(joints, now_ns)
+        if positions is None:
+            return self._still(ControlReason.NO_JOINTS)
+        if pose is None or not _is_fresh(pose.stamp_ns, self.parameters.max_pose_age_ns, now_ns):
+            return self._still(ControlReason.NO_POSE)
+        if wrench is None or not self._is_usable(wrench, now_ns):
+            return self._still(ControlReason.NO_WRENCH)
+        try:
+            base_from_tip, jacobian = self._tool.evaluate(positions)
+        except MarginGuardError:  # a loop that does not close at the measured positions
+            return self._still(ControlReason.NO_JOINTS)
+        force, torque = wrench.force_n, wrench.torque_n_m
+        if wrench.in_tool:
+            force, torque = base_from_tip.rotate(force), base_from_tip.rotate(torque)
+        desired = self._hand.twist(force, torque, now_ns)
+        rule_from_base = pose.rule_from_base
+        decision = self._rule.allow_joints(
+            _turned(rule_from_base.rotation, desired),
+            rule_from_base.apply(base_from_tip.translation_mm),
+            _turned(rule_from_base.rotation, jacobian),
+            positions,
+            self._limits,
+            now_ns,
+        )
+        if self._latched:
+            return self._still(ControlReason.WATCHDOG, decision.reason)
+        if decision.permission is RulePermission.NO_MOTION:
+            return self._still(ControlReason.RULE, decision.reason)
+        is_free = decision.permission is RulePermission.WITHIN_PLANES
+        reason = ControlReason.FOLLOWS if is_free else ControlReason.RULE
+        return ControlDecision(
+            self._tool.joints, decision.velocities, reason, decision.reason, desired
+        )
+
+    def _watch(self, now_ns: int) -> None:
+        """Latch after `watchdog_ns` without a valid constraint, once there has been one."""
+        still = np.zeros(6)
+        permission = self._rule.allow(still, still[:3], now_ns).permission
+        if permission is not RulePermission.NO_MOTION:
+            self._valid_ns = now_ns
+        elif self._valid_ns is not None and now_ns - self._valid_ns > self.parameters.watchdog_ns:
+            self._latched = True
+
+    def _positions(self, joints: JointMeasurement | None, now_ns: int) -> FloatArray | None:
+        """Positions (n,) in the order of the arm; None if one is missing, old or not finite."""
+        if joints is None or len(joints.names) != len(joints.positions):
+            return None
+        if not _is_fresh(joints.stamp_ns, self.parameters.max_joints_age_ns, now_ns):
+            return None
+        named = dict(zip(joints.names, joints.positions, strict=True))
+        if len(named) != len(joints.names) or any(name not in named for name in self._tool.joints):
+            return None
+        found = np.array([named[name] for name in self._tool.joints], dtype=np.float64)
+        return found if bool(np.isfinite(found).all()) else None
+
+    def _is_usable(self, wrench: WrenchMeasurement, now_ns: int) -> bool:
+        values = (np.asarray(wrench.force_n), np.asarray(wrench.torque_n_m))
+        return _is_fresh(wrench.stamp_ns, self.parameters.max_wrench_age_ns, now_ns) and all(
+            each.shape == (3,) and bool(np.isfinite(each).all()) for each in values
+        )
+
+    def _still(self, reason: ControlReason, rule: RuleReason | None = None) -> ControlDecision:
+        """No motion; the hand starts from rest again."""
+        self._hand.reset()
+        if self._latched:
+            reason = ControlReason.WATCHDOG
+        return ControlDecision(
+            self._tool.joints, np.zeros(len(self._tool.joints)), reason, rule, np.zeros(6)
+        )
+
+
+def _is_fresh(stamp_ns: int, max_age_ns: int, now_ns: int) -> bool:
+    """True for a measurement that is not too old; one from the future is an error of a clock."""
+    return 0 <= now_ns - stamp_ns <= max_age_ns
+
+
+def _turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:
+    """``rows`` (6, ...) of two stacked vectors in other axes."""
+    return np.concatenate([rotation @ rows[:3], rotation @ rows[3:]])
