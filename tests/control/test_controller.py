@@ -1,4 +1,4 @@
-"""The cooperative controller: what it sends for a push, and that it stops for whatever is missing."""
+"""The cooperative controller: what it sends for a push, and when it stops."""
 
 from dataclasses import replace
 from pathlib import Path
