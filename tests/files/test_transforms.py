@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import SimpleITK
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -48,6 +49,17 @@ def test_slicer_reads_the_written_matrix(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"StylusTipToStylus{ending}"
     write_transform(path, TIP_TO_STYLUS, "pivot, 100 poses:\nsigma 0.1 mm")
     np.testing.assert_allclose(read_with_slicer(path), TIP_TO_STYLUS.matrix, atol=1e-12)
+
+
+def test_simple_itk_maps_points_by_the_written_matrix(tmp_path: Path) -> None:
+    """ITK stores the transform from the parent, in LPS."""
+    path = tmp_path / "StylusTipToStylus.tfm"
+    write_transform(path, TIP_TO_STYLUS)
+    itk = SimpleITK.ReadTransform(str(path))
+    flip = np.diag([-1.0, -1.0, 1.0])
+    for at in np.random.default_rng(1).normal(0.0, 100.0, (10, 3)):
+        found = flip @ itk.TransformPoint((flip @ TIP_TO_STYLUS.apply(at)).tolist())
+        np.testing.assert_allclose(found, at, rtol=0, atol=1e-9)
 
 
 def test_file_of_slicer_with_a_centre_of_rotation_is_read(tmp_path: Path) -> None:
