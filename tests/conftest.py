@@ -126,6 +126,7 @@ LONG = {
         "tests/bridge/live/test_restart.py",
         "tests/bridge/live/test_second_guard.py",
     ),
+    "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",
     ),

@@ -114,6 +114,7 @@ ONLY_IN = {
     "vtkmodules": {"scene", "viewer"},
     "trame": {"viewer"},
     "trame_rca": {"viewer"},
+    "trame_vtk": {"viewer"},
     "trame_server": {"viewer"},
     "wslink": {"viewer"},
     "aiohttp": {"viewer"},

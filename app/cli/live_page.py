@@ -27,11 +27,12 @@ def live_page(
     received: SignalState,
     *,
     scheduler: "MakeScheduler | None" = None,
+    client: bool = False,
 ) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context.
 
     A signal during the preparation ends the process at once. ``scheduler`` draws the pictures;
-    a benchmark replaces it.
+    a benchmark replaces it. ``client``: the browser draws the scene.
     """
     with received.ends_at_once():
         load_bridge("which a live session needs")
@@ -49,7 +50,6 @@ def live_page(
             ViewStateBuilder,
             stop_surface,
         )
-        from app.viewer.drawing.pictures import RenderLoop
 
         prepared = prepare_live(
             options.config, package_dirs=options.package_dirs, tip_only=options.tip_only
@@ -69,7 +69,8 @@ def live_page(
             LiveTimeline(),
             title,
             operator=operator,
-            scheduler=scheduler or RenderLoop,
+            scheduler=scheduler,
+            client=client,
         )
         feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)

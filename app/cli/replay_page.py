@@ -77,9 +77,16 @@ def replay_parts(
     return ReplayParts(run, log, feed, timeline)
 
 
-def replay_page(parts: ReplayParts) -> "Viewer":
-    """A page for a case that was stepped through."""
+def replay_page(parts: ReplayParts, *, client: bool = False) -> "Viewer":
+    """A page for a case that was stepped through; ``client``: the browser draws the scene."""
     from app.viewer import SceneView, Title, Viewer
 
     title = Title(parts.content.name, live=False, report=parts.report)
-    return Viewer(SceneView(parts.content), parts.feed, parts.timeline, title, parts.feed.control)
+    return Viewer(
+        SceneView(parts.content),
+        parts.feed,
+        parts.timeline,
+        title,
+        parts.feed.control,
+        client=client,
+    )

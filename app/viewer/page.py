@@ -5,6 +5,7 @@ from trame_server.state import State
 from app.fixture import MarginState
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController
+from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.screenshot import screenshot
 from app.viewer.readout.readout import readout
@@ -16,11 +17,18 @@ from app.viewer.steps.view_state import ViewState
 class Page:
     """Updates the scene view from ``feed``, and the values of the page together with its picture.
 
-    ``state`` is trame's, which all open pages share. All calls come from the page's thread.
+    ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
+    page that draws it, else None. All calls come from the page's thread.
     """
 
     def __init__(
-        self, state: State, view: SceneView, area: PictureArea, feed: Feed, timeline: Timeline
+        self,
+        state: State,
+        view: SceneView,
+        area: PictureArea,
+        feed: Feed,
+        timeline: Timeline,
+        client_scene: ClientScene | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -28,10 +36,12 @@ class Page:
         self._state = state
         self._feed = feed
         self._timeline = timeline
+        self._client_scene = client_scene
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
         state.look = ""
+        state.surfaces, state.drawn, state.camera = {}, [], None
         state.plot = None  # an open page does not draw names that are added later
 
     @property
@@ -71,3 +81,7 @@ class Page:
             state.now = {**readout(self._now), **self._timeline.values(self._now), "number": number}
             state.look = "" if preset is None else preset.value
             state.update(self._timeline.new_plot())
+            if self._client_scene is not None:
+                state.update(self._client_scene.new_surfaces())
+                state.drawn = self._client_scene.drawn()
+                state.camera = self._client_scene.camera()

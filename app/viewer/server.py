@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import trame_rca.module
+import trame_vtk.modules.common
 from aiohttp import web
 from trame_rca.view_adapter import RcaViewAdapter
 from trame_server import Server
@@ -17,7 +18,8 @@ from app.viewer.address import Address
 from app.viewer.controls import LiveControls, ReplayControls, SceneControls
 from app.viewer.downloads import Downloads
 from app.viewer.drawing.area import PictureArea
-from app.viewer.drawing.pictures import MakeScheduler, RenderLoop, RenderScheduler
+from app.viewer.drawing.client_scene import ClientScene
+from app.viewer.drawing.pictures import ClientLoop, MakeScheduler, RenderLoop, RenderScheduler
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.log import limit_logs
 from app.viewer.messages.commands import Commands
@@ -51,7 +53,7 @@ class Viewer:
     """A page that shows ``feed`` in ``view``. Create and run it in one thread.
 
     ``control`` is that of a replay, ``operator`` that of a live session. ``area`` and ``scheduler``
-    draw the picture; benchmarks replace them.
+    draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
     """
 
     def __init__(
@@ -64,16 +66,18 @@ class Viewer:
         *,
         operator: LiveOperator | None = None,
         area: Callable[[ThreeDView], PictureArea] = PictureArea,
-        scheduler: MakeScheduler = RenderLoop,
+        scheduler: MakeScheduler | None = None,
+        client: bool = False,
     ) -> None:
-        self._make_scheduler = scheduler
+        self._make_scheduler = scheduler or (ClientLoop if client else RenderLoop)
         self._scheduler: RenderScheduler | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped: asyncio.Event | None = None
         self._title = title
-        self._server = _server(title)
+        self._server = _server(title, client=client)
         state = self._server.state
-        self._page = Page(state, view, area(view.view), feed, timeline)
+        client_scene = ClientScene(view) if client else None
+        self._page = Page(state, view, area(view.view), feed, timeline, client_scene)
         state.rates = []
         self._commands = Commands()
         SceneControls(state, self._commands, view, self._page.camera, self.redraw)
@@ -165,7 +169,7 @@ async def _session(request: web.Request) -> web.Response:
     return web.json_response({"sessionURL": "ws://USE_HOST/ws", "id": "page"})
 
 
-def _server(title: Title) -> Server:
+def _server(title: Title, *, client: bool) -> Server:
     server = Server("marginguard")
     server.client_type = "vue3"
     server.enable_module(trame_rca.module)
@@ -175,6 +179,8 @@ def _server(title: Title) -> Server:
             "module_scripts": ["marginguard/main.js"],
         }
     )
+    if client:
+        server.enable_module(trame_vtk.modules.common)
     state = server.state
     state.trame__title = f"{title.case} - MarginGuard"
     state.trame__favicon = "marginguard/icon.svg"
@@ -186,6 +192,7 @@ def _server(title: Title) -> Server:
         "case": title.case,
         "live": title.live,
         "report": title.report is not None,
+        "client": client,
     }
     return server
 

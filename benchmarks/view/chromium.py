@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from playwright.sync_api import Browser, Playwright
+from playwright.sync_api import Browser, BrowserType, Playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
 _ARGUMENTS = (
@@ -19,3 +19,10 @@ _ARGUMENTS = (
 def launch(playwright: Playwright) -> Browser:
     """Start a browser without background network traffic."""
     return playwright.chromium.launch(executable_path=CHROMIUM, args=_ARGUMENTS)
+
+
+def launch_webgl(browser_type: BrowserType) -> Browser:
+    """Start a browser that draws WebGL by software (SwiftShader)."""
+    arguments = [each for each in _ARGUMENTS if each != "--disable-gpu"]
+    software = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+    return browser_type.launch(executable_path=CHROMIUM, args=[*arguments, *software])

@@ -69,6 +69,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "digits; once for each name, e.g. that of a proxy",
     )
     parser.add_argument(
+        "--render",
+        choices=("server", "client"),
+        default="server",
+        help="where the scene is drawn: here, and sent as pictures (default), or in the browser by "
+        "WebGL, for machines with a graphics card",
+    )
+    parser.add_argument(
         "--browser",
         action=argparse.BooleanOptionalAction,
         default=False,
@@ -131,7 +138,7 @@ def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Vie
     if options.live:
         from app.cli.live_page import live_page
 
-        with live_page(options, received) as viewer:
+        with live_page(options, received, client=options.render == "client") as viewer:
             yield viewer
     else:
         from app.cli.replay_page import replay_page, replay_parts
@@ -139,4 +146,5 @@ def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Vie
         parts = replay_parts(
             options.case, options.package_dirs, received, tip_only=options.tip_only
         )
-        yield None if parts is None else replay_page(parts)
+        client = options.render == "client"
+        yield None if parts is None else replay_page(parts, client=client)

@@ -127,16 +127,21 @@ class RenderLoop:
                 pause_ns = 0
             await self._rest(began_ns + pause_ns)
 
-    def _draw(self, *, high_quality: bool) -> None:
+    def _picture(self, *, high_quality: bool) -> tuple[bytes, dict[str, object]]:
+        """Draw; return the encoded picture and its description."""
         self.rca.set_high_quality(high_quality)
         pixels, columns, rows = self.rca.img_cols_rows
         quality = _HIGH_JPEG_QUALITY if high_quality else _JPEG_QUALITY
         jpeg, meta, _ = RcaImageEncoder.JPEG.encode(pixels, columns, rows, quality)
+        return jpeg, meta
+
+    def _draw(self, *, high_quality: bool) -> None:
+        content, meta = self._picture(high_quality=high_quality)
         self._number += 1
         self._acks.sent(self._number, monotonic_ns())
         self._source.sent(self._number)
         if self._push is not None:
-            self._push(jpeg, {**meta, "number": self._number})
+            self._push(content, {**meta, "number": self._number})
 
     async def _rest(self, until_ns: int) -> None:
         """Wait until ``until_ns``, and until an active client is ready for another picture."""
@@ -153,6 +158,13 @@ class RenderLoop:
                 await _within(self._wake.wait(), _HEARTBEAT_NS)
             else:
                 return
+
+
+class ClientLoop(RenderLoop):
+    """Sends no pictures: the page draws the values that are sent with each number by itself."""
+
+    def _picture(self, *, high_quality: bool) -> tuple[bytes, dict[str, object]]:
+        return b"", {"type": ""}
 
 
 async def _within(event: Coroutine[None, None, object], time_ns: int) -> None:

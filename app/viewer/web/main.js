@@ -2,7 +2,9 @@
 import { watchServer } from "./watch.js";
 import { soundAlarm } from "./alarm.js";
 import { listenToKeys } from "./keys.js";
+import { drawHere } from "./client.js";
 
 const updateAlarm = soundAlarm(window.trame);
-watchServer(window.trame, updateAlarm);
+const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
+watchServer(window.trame, updateAlarm, drawn);
 listenToKeys(window.trame);

@@ -7,7 +7,9 @@ const HEARTBEAT_TIMEOUT_MS = 1000;
 const REPLY_TIMEOUT_MS = 2000;
 const AREA = "scene";
 
-export function watchServer(trame, onChange) {
+// `drawn`, on a page that draws the scene itself, resolves when the newest values are drawn, and
+// rejects if they are not: the picture is then late.
+export function watchServer(trame, onChange, drawn) {
   const session = trame.client.getConnection().getSession();
   const began = performance.now();
   let heard = began; // the last heartbeat
@@ -72,12 +74,16 @@ export function watchServer(trame, onChange) {
   });
   session.subscribe("trame.rca.topic.stream", ([picture]) => {
     if (picture.name !== AREA) return;
+    const received = () => {
+      last = picture.meta.number;
+      document.body.dataset.picture = last;
+      complete = performance.now();
+      acknowledge();
+      check();
+    };
+    if (drawn) return void drawn().then(received, () => {});
     showPicture(picture);
-    last = picture.meta.number;
-    document.body.dataset.picture = last;
-    complete = performance.now();
-    acknowledge();
-    check();
+    return received();
   });
   const onLost = () => {
     connected = false;

@@ -1,0 +1,114 @@
+"""A page that draws the scene itself (``--render client``), beside one that shows pictures of it.
+
+Chromium draws WebGL by software here.
+"""
+
+import io
+import re
+import signal
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import expect
+
+from benchmarks.view.chromium import launch_webgl
+from tests.viewer.conftest import watching
+from tests.viewer.viewed_case import BREACH_FRAME, LOST
+
+FRAMES = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[-1]: "UNKNOWN"}
+PHONE = {"width": 390, "height": 844}
+LARGE_MS = 20_000
+
+
+@pytest.fixture(scope="module")
+def webgl(browser):
+    launched = launch_webgl(browser.browser_type)
+    yield launched
+    launched.close()
+
+
+@pytest.fixture(scope="module")
+def client_server(serve, viewed_case):
+    return serve(str(viewed_case), "--render", "client")
+
+
+def shown(page, frame):
+    """The picture of ``frame``, without the labels above it, in eighths of its size."""
+    page.keyboard.press("Home")
+    expect(page.locator("#frame")).to_have_text("0")
+    if frame:
+        page.evaluate(f"window.trame.trigger('step', [{frame}])")
+    expect(page.locator("#frame")).to_have_text(str(frame))
+    expect(page.locator("#state-label")).to_have_text(FRAMES[frame])
+    page.wait_for_timeout(600)  # the smooth picture of a scene at rest
+    content = page.locator("main.view").screenshot()
+    image = Image.open(io.BytesIO(content)).convert("RGB")
+    size = (image.width // 8, image.height // 8)
+    return np.asarray(image.resize(size, Image.Resampling.BOX)).astype(float)
+
+
+def look(image):
+    """Center (2,) and colour (3,) of the tumour, the largest translucent part, in eighths."""
+    bright = image.max(axis=2) > 60.0
+    rows, columns = np.nonzero(bright)
+    return np.array([rows.mean(), columns.mean()]), image[bright].mean(axis=0)
+
+
+@pytest.mark.parametrize("size", [None, PHONE], ids=["wide", "phone"])
+def test_both_renderings_show_the_same_state_and_pose(webgl, server, client_server, size):
+    with watching(webgl, server) as pictures, watching(webgl, client_server) as drawn:
+        for each in (pictures.page, drawn.page):
+            if size is not None:
+                each.set_viewport_size(size)
+                each.wait_for_timeout(1000)
+        for frame in FRAMES:
+            first, second = (shown(each.page, frame) for each in (pictures, drawn))
+            assert first.shape == second.shape
+            assert np.abs(first - second).mean() < 4.0
+            assert (np.abs(first - second).max(axis=2) > 48.0).mean() < 0.02
+            (center, color), (other_center, other_color) = look(first), look(second)
+            assert np.abs(center - other_center).max() < 2.0
+            assert np.abs(color - other_color).max() < 25.0
+        assert drawn.errors == []
+        assert drawn.external_requests() == []
+
+
+def test_drawing_page_is_covered_while_the_server_is_stopped_and_after_it_was_killed(
+    webgl, serve, viewed_case
+):
+    server = serve(str(viewed_case), "--render", "client")
+    with watching(webgl, server) as watched:
+        expect(watched.page.locator("#lost")).to_be_hidden()
+        server.process.send_signal(signal.SIGSTOP)
+        expect(watched.page.locator("#lost strong")).to_have_text("CONNECTION LOST")
+        expect(watched.page.locator("#lost")).to_be_visible()
+        server.process.send_signal(signal.SIGCONT)
+        expect(watched.page.locator("#lost")).to_be_hidden()
+        server.process.kill()
+        expect(watched.page.locator("#lost")).to_be_visible()
+
+
+def test_page_that_cannot_draw_any_more_is_covered(webgl, client_server):
+    with watching(webgl, client_server) as watched:
+        page = watched.page
+        page.evaluate(
+            "document.querySelector('#client-view canvas').getContext('webgl2')"
+            ".getExtension('WEBGL_lose_context').loseContext()"
+        )
+        page.keyboard.press("End")
+        expect(page.locator("#lost strong")).to_have_text("PICTURE LATE", timeout=LARGE_MS)
+
+
+def test_viewer_sees_the_operators_camera_and_sends_no_event(webgl, client_server):
+    context = webgl.new_context()
+    page = context.new_page()
+    page.goto(client_server.view_url)
+    page.wait_for_selector("body:not([data-lost]) #state-label", timeout=LARGE_MS)
+    page.mouse.move(300, 300)
+    page.mouse.down()
+    page.mouse.move(400, 350)
+    page.mouse.up()
+    expect(page.locator("#lost")).to_be_hidden()
+    context.close()
+    assert not re.search("refused", client_server.log.read_text())
