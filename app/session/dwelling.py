@@ -58,11 +58,13 @@ def dwell_poses(
         if (frame.stamp.ns - start_ns) / NS_PER_S > last_end_s:
             break
         poses.insert(frame)
-        tool = poses.pose(REFERENCE, tool_frame).transform
+        present = _dwells_at(dwells, frame.stamp.ns - start_ns)
         # A pose that is only repeated from an earlier frame is not counted again.
-        if tool is not None and is_sampled(tool_frame, frame):
-            for index in _dwells_at(dwells, frame.stamp.ns - start_ns):
-                found[index].tool.append(tool)
+        if present and is_sampled(tool_frame, frame):
+            tool = poses.pose(REFERENCE, tool_frame).transform
+            if tool is not None:
+                for index in present:
+                    found[index].tool.append(tool)
         for joints in frame.joints:
             for index in _dwells_at(dwells, joints.stamp.ns - start_ns):
                 found[index].link.append(_base_from_link(robot, joints))
