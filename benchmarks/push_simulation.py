@@ -221,10 +221,10 @@ class Fixture:
         for pose, stamp in samples:
             self._motion.update(pose, stamp)
 
-    def allow(
-        self, desired: FloatArray, base_from_tool: Transform, now: Stamp
-    ) -> tuple[FloatArray, FixtureDecision, float | None]:
-        """The allowed twist, the decision, and the reduction of a retreat (None if none)."""
+    def decide(
+        self, base_from_tool: Transform, now: Stamp
+    ) -> tuple[FixtureDecision, Transform, Transform]:
+        """The decision, ``base_from_tumor`` and ``tumor_from_tool`` at ``now``."""
         motion = self._motion.at(now)
         if motion is None:
             raise RuntimeError("tracker: has no sample of the tumour; expected at least one")
@@ -245,10 +245,17 @@ class Fixture:
                 tumor_twist=motion.twist,
             )
         )
+        return decision, motion.base_from_tumor, tumor_from_tool
+
+    def allow(
+        self, desired: FloatArray, base_from_tool: Transform, now: Stamp
+    ) -> tuple[FloatArray, FixtureDecision, float | None]:
+        """The allowed twist, the decision, and the reduction of a retreat (None if none)."""
+        decision, base_from_tumor, tumor_from_tool = self.decide(base_from_tool, now)
         if decision.constraint is None:
             return np.zeros(6), decision, None
         # The constraint is in the tumour's frame.
-        to_base = motion.base_from_tumor.rotation
+        to_base = base_from_tumor.rotation
         in_tumor, origin = _rotated(to_base.T, desired), tumor_from_tool.translation_mm
         allowed = limit_twist(in_tumor, decision.constraint, origin, LIMITER)
         slowed = slowed_mm_s(in_tumor, allowed, decision.constraint, origin)

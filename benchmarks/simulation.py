@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app.files.extras import check_installed
 from app.files.shipped import shipped
 from app.geometry import MarginGuardError
 
@@ -118,6 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.steps < 1:
         parser.error(f"--steps is {options.steps}; expected at least 1")
     try:
+        check_installed("mujoco", "coacd")
         found = run_world(options.world, options.steps)
     except MarginGuardError as error:
         print(f"marginguard bench simulation: {error}", file=sys.stderr)

@@ -15,11 +15,6 @@ CONTACT_SOLIMP = (0.99, 0.999, 0.0001, 0.5, 2.0)
 """Contacts: time constant of 2 ms, critically damped; nearly rigid from 0.1 mm of overlap."""
 
 
-def geometry_name(name: str) -> str:
-    """Name in the model of a tool, body or tissue. Links have the name of their robot before."""
-    return name
-
-
 def quaternion_wxyz(rotation: FloatArray) -> FloatArray:
     """The rotation (3, 3) as MuJoCo's quaternion (4,)."""
     quaternion: FloatArray = np.zeros(4)

@@ -14,7 +14,7 @@ import numpy as np
 
 from app.geometry import FloatArray, Transform
 from app.robot import ClosureType, Joint, Link, LoopClosure
-from app.simulation.body_model import BodyWriter, geometry_name, quaternion_wxyz
+from app.simulation.body_model import BodyWriter, quaternion_wxyz
 from app.simulation.errors import WorldError
 from app.simulation.inertia import M_PER_MM, link_inertia, of_hulls
 from app.simulation.world_entries import RobotEntry
@@ -146,7 +146,7 @@ class _RobotWriter:
         if tool is not None and tool.link == name:
             self._writer.add_body(
                 body,
-                geometry_name(tool.name),
+                tool.name,
                 tool.link_from_tool,
                 tool.mesh,
                 tool.collision,
@@ -264,8 +264,8 @@ class _RobotWriter:
         names = {link: self._name(link) for link in self._bodies}
         tool = self._entry.tool
         if tool is not None:
-            names[geometry_name(tool.name)] = geometry_name(tool.name)
-            joined.add(frozenset((geometry_name(tool.name), tool.link)))
+            names[tool.name] = tool.name
+            joined.add(frozenset((tool.name, tool.link)))
         for one, other in combinations(names, 2):
             if not self._entry.self_collision or frozenset((one, other)) in joined:
                 self._writer.spec.add_exclude(bodyname1=names[one], bodyname2=names[other])

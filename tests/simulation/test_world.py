@@ -9,6 +9,7 @@ from app.robot import Robot
 from app.simulation import (
     COMMAND_LIFETIME_NS,
     ArmStatus,
+    BodyEntry,
     CommandError,
     JointVelocityCommand,
     ScriptedHand,
@@ -20,7 +21,7 @@ from app.simulation import (
     Wrench,
     open_world,
 )
-from tests.simulation.conftest import LUMPECTOMY, arm, floor, free_box, world_of
+from tests.simulation.conftest import LUMPECTOMY, arm, box, floor, free_box, placed, world_of
 
 STEP_NS = 1_000_000
 
@@ -186,3 +187,29 @@ def test_diverged_physics_is_an_error(touch: Robot) -> None:
 def test_unknown_arm_is_named(world: World) -> None:
     with pytest.raises(WorldError, match=r"arm 'leg': no such robot; expected one of arm"):
         world.step({"leg": command(world)})
+
+
+def test_arm_that_presses_a_body_stays_outside_of_it() -> None:
+    plate = BodyEntry("plate", box("plate", 200, 200, 20), placed("plate", 205, 0, 110), None)
+    description = replace(open_world(LUMPECTOMY), bodies=(plate,))
+    world = World(description)
+    deepest, touched = 0.0, 0
+    for _ in range(1000):
+        state = world.step({"arm": command(world, 0.0, -0.3)})
+        between = [c for c in world.contacts() if set(c.bodies) == {"plate", "cautery"}]
+        touched += bool(between)
+        deepest = max([deepest, *(contact.depth_mm for contact in between)])
+    assert touched > 500
+    assert deepest < 0.1
+    assert state.bodies["cautery"].translation_mm[2] > 119.0
+    assert np.abs(state.arms["arm"].efforts[1]) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("self_collision", [False, True])
+def test_links_touch_each_other_only_on_request(touch: Robot, self_collision: bool) -> None:
+    world = World(world_of(arm(touch, self_collision=self_collision)))
+    world.reset({"arm": {"shoulder": 2.0, "elbow": -1.45}})
+    pairs = {frozenset(each.bodies) for each in world.contacts()}
+    joined = {frozenset((f"arm/{j.parent}", f"arm/{j.child}")) for j in touch.joints}
+    assert bool(pairs) == self_collision
+    assert not pairs & joined

@@ -31,6 +31,7 @@ BENCHMARKS = {
     "fuzz": "benchmarks.fuzz",
     "record": "benchmarks.recorder",
     "simulation": "benchmarks.simulation",
+    "guided": "benchmarks.guided",
 }
 
 
