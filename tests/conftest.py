@@ -71,6 +71,7 @@ SLOW = {
         "tests/session/test_benchmark.py",
         "tests/session/test_following.py",
         "tests/synthetic/test_recording.py",
+        "tests/synthetic/test_scenario.py",
         "tests/synthetic/test_simulation.py",
         "tests/synthetic/test_writing.py",
         "tests/tools/test_wheel.py",

@@ -71,8 +71,7 @@ def plan_scenario(
     one ``random`` work around the tumour between them; a rest fills up the duration.
     """
     plan = _Plan(tumour, tumor_from_work)
-    # Through a small tumour, a line along the normal may not be deep enough anywhere.
-    small = depths.deep_mm < Depths().deep_mm
+    speeds_mm_s = [CROSSING_SPEED_MM_S]
     pace, extra_s = 1.0, 0.0
     if duration_s is not None:
         pace = min(1.0, (duration_s - _REST_OF_CASE_S) / PASSES_S)
@@ -97,6 +96,18 @@ def plan_scenario(
             there = plan.ring(azimuth_deg, azimuth_deg + span, colatitude, distance)
             script.stroke([*there, *there[::-1][1:]], extra_s / 3.0 / count)
 
+    def enter(azimuth_deg: float, colatitude_deg: float, depth_mm: float, hold_s: float) -> None:
+        """A plunge along the normal, or to the centre where that is not deep enough anywhere."""
+        touching = plan.beside(azimuth_deg, colatitude_deg, 1.0)
+        inward = -plan.normal(azimuth_deg, colatitude_deg)
+        if not script.reaches(touching, inward, depth_mm):
+            inward = plan.to_centre(azimuth_deg, colatitude_deg)
+            share = float(-inward @ plan.normal(azimuth_deg, colatitude_deg))
+            speeds_mm_s.append(share * CROSSING_SPEED_MM_S)
+        script.plunge(
+            touching, inward, depth_mm=depth_mm, hold_s=hold_s, speed_mm_s=CROSSING_SPEED_MM_S
+        )
+
     script.move_to(plan.beside(-100.0, 30.0, 30.0), 2.5)
     first_pass_s = script.end_s
     script.stroke(plan.ring(-90.0, 250.0, 32.0, 8.0), 11.0 * pace)
@@ -105,24 +116,12 @@ def plan_scenario(
     second_pass_s = script.end_s
     script.stroke(plan.ring(240.0, -80.0, 50.0, max(5.0, depths.nearest_mm)), 13.0 * pace)
     work(-80.0)
-    script.plunge(
-        plan.beside(-85.0, 42.0, 1.0),
-        -plan.outward_at(-85.0, 42.0, small),
-        depth_mm=depths.deep_mm,
-        hold_s=0.6,
-        speed_mm_s=CROSSING_SPEED_MM_S,
-    )
+    enter(-85.0, 42.0, depths.deep_mm, 0.6)
 
     third_pass_s = script.end_s
     script.stroke(plan.ring(-70.0, 150.0, 66.0, depths.nearest_mm), 12.0 * pace)
     work(150.0)
-    script.plunge(
-        plan.beside(165.0, 60.0, 1.0),
-        -plan.outward_at(165.0, 60.0, small),
-        depth_mm=depths.brief_mm,
-        hold_s=0.12,
-        speed_mm_s=CROSSING_SPEED_MM_S,
-    )
+    enter(165.0, 60.0, depths.brief_mm, 0.12)
 
     fourth_pass_s = script.end_s
     script.stroke(plan.ring(160.0, 80.0, 66.0, max(6.0, depths.nearest_mm)), 5.0 * pace)
@@ -148,10 +147,7 @@ def plan_scenario(
         lost(("cautery",), "missing", third_pass_s + 5.0 * pace, 1.0),
         lost(("reference",), "invalid", fourth_pass_s + 2.5 * pace, 0.5),
     )
-    share = (
-        min(plan.crossing_share(-85.0, 42.0), plan.crossing_share(165.0, 60.0)) if small else 1.0
-    )
-    return Scenario(script.path, tuple(dwells), held_until_s, dropouts, share * CROSSING_SPEED_MM_S)
+    return Scenario(script.path, tuple(dwells), held_until_s, dropouts, min(speeds_mm_s))
 
 
 class _Plan:
@@ -188,18 +184,14 @@ class _Plan:
         position = aside_mm * self._outward(azimuth_deg) + np.array([0.0, 0.0, -19.0])
         return self._pose(position, self._outward(azimuth_deg), 0.0)
 
-    def outward_at(
-        self, azimuth_deg: float, colatitude_deg: float, from_centre: bool
-    ) -> FloatArray:
-        """The outward normal (3,) of the tumour, or the ray from its centre, in its frame."""
-        surface, normal = self._surface(azimuth_deg, colatitude_deg)
-        direction = surface / np.linalg.norm(surface) if from_centre else normal
-        return self._tumor_from_work.rotate(direction)
+    def normal(self, azimuth_deg: float, colatitude_deg: float) -> FloatArray:
+        """The outward normal (3,) of the tumour, in the tumour's frame."""
+        return self._tumor_from_work.rotate(self._surface(azimuth_deg, colatitude_deg)[1])
 
-    def crossing_share(self, azimuth_deg: float, colatitude_deg: float) -> float:
-        """The cosine between the normal and the ray from the centre."""
-        surface, normal = self._surface(azimuth_deg, colatitude_deg)
-        return float(surface @ normal / np.linalg.norm(surface))
+    def to_centre(self, azimuth_deg: float, colatitude_deg: float) -> FloatArray:
+        """The direction (3,) from the surface to the tumour's centre, in the tumour's frame."""
+        surface, _ = self._surface(azimuth_deg, colatitude_deg)
+        return self._tumor_from_work.rotate(-surface / np.linalg.norm(surface))
 
     def outward(self, azimuth_deg: float) -> FloatArray:
         """The horizontal direction (3,) away from the tumour's centre, in the tumour's frame."""

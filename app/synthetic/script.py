@@ -79,18 +79,19 @@ class Script:
         """
 
         def shifted(along_mm: float) -> Transform:
-            return Transform(
-                touching.target,
-                touching.source,
-                touching.rotation,
-                touching.translation_mm + along_mm * direction,
-            )
+            return _shifted(touching, direction, along_mm)
 
         def offset_at(distance_mm: float) -> float:
             def residual(along_mm: float) -> float:
                 return self._distance_mm(shifted(along_mm)) - distance_mm
 
-            return float(brentq(residual, *_bracket(residual), xtol=1e-6))
+            bracket = _bracket(residual)
+            if bracket is None:
+                raise InputError(
+                    f"the tool cannot come to a distance of {distance_mm:.2f} mm; expected a "
+                    "larger tumour or smaller errors of the case"
+                )
+            return float(brentq(residual, *bracket, xtol=1e-6))
 
         before, surface = offset_at(PLUNGE_FROM_MM), offset_at(0.0)
         deepest = offset_at(-depth_mm)
@@ -105,15 +106,29 @@ class Script:
         self._add(brake_s, shifted(surface), -velocity)
         self._add(approach_s, shifted(before))
 
+    def reaches(self, touching: Transform, direction: FloatArray, depth_mm: float) -> bool:
+        """True if a `plunge` with these values can be as deep."""
+
+        def residual(along_mm: float) -> float:
+            return self._distance_mm(_shifted(touching, direction, along_mm)) + depth_mm
+
+        return _bracket(residual) is not None
+
     def _add(self, duration_s: float, pose: Transform, velocity: FloatArray = _AT_REST) -> None:
         self._waypoints.append(Waypoint(self.end_s + duration_s, pose, velocity))
 
 
-def _bracket(residual: Callable[[float], float]) -> tuple[float, float]:
+def _shifted(pose: Transform, direction: FloatArray, along_mm: float) -> Transform:
+    return Transform(
+        pose.target, pose.source, pose.rotation, pose.translation_mm + along_mm * direction
+    )
+
+
+def _bracket(residual: Callable[[float], float]) -> tuple[float, float] | None:
     """Where a plunge crosses a distance for the first time: a positive and a negative residual.
 
     At the end of the range the tool may have passed through a small tumour, where its surface is
-    nearer to the tumour's than its tip was on the way.
+    nearer to the tumour's than its tip was on the way. None if it is never that deep.
     """
     start, end = _RANGE_MM
     if residual(end) < 0.0:
@@ -121,7 +136,4 @@ def _bracket(residual: Callable[[float], float]) -> tuple[float, float]:
     for along_mm in np.arange(start + _SCAN_MM, end, _SCAN_MM).tolist():
         if residual(along_mm) < 0.0:
             return along_mm - _SCAN_MM, along_mm
-    raise InputError(
-        "the tool cannot be as deep in the tumour as planned; expected a larger tumour or "
-        "smaller errors of the case"
-    )
+    return None

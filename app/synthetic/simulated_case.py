@@ -80,11 +80,10 @@ tumour that moves with the breath, and enters it {len(breaches)} times:
 
 
 def _made_with(options: CaseOptions) -> str:
-    text = (
-        ". The same versions of it and of its libraries write the same bytes again, others the\n"
-        "same numbers but for rounding."
-    )
-    return text if options == CaseOptions() else f" and options for the errors below{text}"
+    same = "The same versions of it and of its libraries write the same bytes again, others the"
+    if options == CaseOptions():
+        return f". {same}\nsame numbers but for rounding."
+    return f" and\noptions for the errors listed below. {same}\nsame numbers but for rounding."
 
 
 def _errors(options: CaseOptions) -> str:

@@ -16,6 +16,7 @@ CASES = [
 ]
 
 
+@pytest.mark.timeout(900)  # with the compilation of the kernels, on a busy machine
 @pytest.mark.parametrize(("tracker", "seed", "more"), CASES)
 def test_every_expectation_of_a_made_case_holds(tracker, seed, more, tmp_path):
     case, out = tmp_path / "case", tmp_path / "report"
