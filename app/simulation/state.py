@@ -12,6 +12,7 @@ from app.simulation.commands import ArmStatus
 class ArmState:
     """Actuated joints (n,) in the order of the robot's file, in rad, rad/s, N m (m, m/s, N).
 
+    ``setpoints`` are the velocities that the drives follow.
     ``links`` has the pose of each link in the world, without links that have no body of their own.
     ``fault``: why the status is FAULT.
     """
@@ -20,6 +21,7 @@ class ArmState:
     positions: FloatArray
     velocities: FloatArray
     efforts: FloatArray
+    setpoints: FloatArray
     status: ArmStatus
     fault: str
     links: LinkPoses

@@ -139,14 +139,15 @@ class World:
         matrices[:, 3, 3] = 1.0
         arms = {}
         for arm, servo in self._servos.items():
-            gate = self._gates[arm]
+            status, setpoints = self._gates[arm].velocities(self.time_ns)
             arms[arm] = ArmState(
                 servo.joints,
                 data.qpos[servo.positions],
                 data.qvel[servo.dofs],
                 servo.torques,
-                gate.velocities(self.time_ns)[0],
-                gate.fault,
+                np.array(setpoints),
+                status,
+                self._gates[arm].fault,
                 LinkPoses(WORLD_FRAME, self._link_rows[arm], matrices),
             )
         return WorldState(self.time_ns, arms, LinkPoses(WORLD_FRAME, self._body_rows, matrices))

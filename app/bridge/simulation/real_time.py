@@ -1,0 +1,123 @@
+"""Steps a world at the pace of a clock, and stops its arms where it cannot keep up."""
+
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+from app.geometry import NS_PER_MS, NS_PER_S
+from app.simulation import World
+
+MAX_LAG_NS = 30 * NS_PER_MS
+"""A physics that is further behind is no longer real time: arms stop, and the lag is dropped."""
+
+_REPORT_NS = NS_PER_S
+
+
+class Shell(Protocol):
+    """What connects the world to its users; called in the thread of `RealTime.run`."""
+
+    def before_step(self, world: World, host_ns: int) -> None:
+        """Take one step with what has arrived; ``host_ns`` is the time of the present state."""
+
+    def after_step(self, world: World, host_ns: int) -> None:
+        """Publish the state, whose time is ``host_ns``."""
+
+    def report(self, real_time_factor: float, lags: int) -> None:
+        """Publish the simulated time per time of the clock in the last second, and the lags."""
+
+
+class RealTime:
+    """Runs ``world`` along ``clock_ns``, a steady clock; ``host_ns`` gives the time since 1970.
+
+    Simulated time 0 is the host time of the start. After a lag of more than `MAX_LAG_NS`, or a
+    pause, the following states are that much later on the host's clock.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        clock_ns: Callable[[], int],
+        host_ns: Callable[[], int],
+        wait: Callable[[float], object],
+    ) -> None:
+        self._world = world
+        self._clock_ns, self._wait = clock_ns, wait
+        self._offset_ns = host_ns() - clock_ns()
+        self._start_ns = clock_ns() - world.time_ns
+        self._lock = threading.Lock()
+        self._paused = False
+        self._single_steps = 0
+        self._resets = 0
+        self.lags = 0
+        """How often the physics fell behind."""
+
+    def pause(self) -> None:
+        """Stand still from the next step on."""
+        with self._lock:
+            self._paused = True
+
+    def resume(self) -> None:
+        """Go on."""
+        with self._lock:
+            self._paused, self._single_steps = False, 0
+
+    def step_once(self) -> None:
+        """Pause, and take one step."""
+        with self._lock:
+            self._paused = True
+            self._single_steps += 1
+
+    def reset(self) -> None:
+        """Begin again at simulated time 0, before the next step."""
+        with self._lock:
+            self._resets += 1
+
+    def run(self, shell: Shell, stop: threading.Event) -> None:
+        """Step until ``stop``. Raises `UnstableError` where the physics diverges."""
+        world, step_ns = self._world, self._world.description.timestep_ns
+        report_ns, reported_ns = self._clock_ns(), world.time_ns
+        while not stop.is_set():
+            self._reset_if_asked()
+            now_ns = self._clock_ns()
+            if now_ns - report_ns >= _REPORT_NS:
+                simulated_ns = max(0, world.time_ns - reported_ns)
+                shell.report(simulated_ns / (now_ns - report_ns), self.lags)
+                report_ns, reported_ns = now_ns, world.time_ns
+            if not self._may_step():
+                self._start_ns = now_ns - world.time_ns
+                self._wait(step_ns / NS_PER_S)
+                continue
+            behind_ns = now_ns - self._start_ns - world.time_ns
+            if behind_ns < step_ns:
+                self._wait((step_ns - behind_ns) / NS_PER_S)
+                continue
+            if behind_ns > MAX_LAG_NS:
+                self._drop(behind_ns)
+            shell.before_step(world, self._host_ns())
+            shell.after_step(world, self._host_ns())
+
+    def _host_ns(self) -> int:
+        """Host time of the present state."""
+        return self._start_ns + self._world.time_ns + self._offset_ns
+
+    def _drop(self, behind_ns: int) -> None:
+        self._start_ns += behind_ns
+        self.lags += 1
+        for arm in self._world.state().arms:
+            self._world.fail(arm, f"the physics was {behind_ns // NS_PER_MS} ms behind real time")
+
+    def _may_step(self) -> bool:
+        with self._lock:
+            if not self._paused:
+                return True
+            may_step = self._single_steps > 0
+            self._single_steps -= int(may_step)
+            return may_step
+
+    def _reset_if_asked(self) -> None:
+        with self._lock:
+            asked, self._resets = self._resets, 0
+        if asked:
+            self._start_ns += self._world.time_ns  # host time goes on
+            self._world.reset()

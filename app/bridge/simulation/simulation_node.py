@@ -1,0 +1,197 @@
+"""The ROS node of a simulated world.
+
+======================== ============================== ==========================================
+``/NAME/...``            see `arm_endpoint`             one arm
+``/tracked_transforms``  marginguard_msgs/              what the tracker measures, and ``/tf``
+                         TrackedTransform
+``/tf``                  tf2_msgs/TFMessage             the truth: ``world`` to ``truth/NAME`` of
+                                                        every body, with one common stamp
+``~/real_time_factor``   std_msgs/Float64               simulated seconds per second
+``~/reset``, ``~/pause`` std_srvs/Trigger               begin again at 0; stand still
+``~/resume``, ``~/step`` std_srvs/Trigger               go on; take one step and stand still
+``/NAME/enable``         std_srvs/Trigger               end the FAULT of an arm
+======================== ============================== ==========================================
+
+A session must not follow the truth: its frames have names of their own. Stamps are host time.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from app.bridge import topics
+from app.bridge.calls.service_server import ServiceServer
+from app.bridge.messages import header_message, transform_message
+from app.bridge.node import RosNode
+from app.bridge.qos import STREAM, Topic
+from app.bridge.simulation.arm_endpoint import ArmEndpoint
+from app.bridge.simulation.real_time import RealTime
+from app.bridge.tracker_publisher import TrackerPublisher
+from app.geometry import NS_PER_MS, Stamp, TrackedTransform
+from app.simulation import (
+    CommandError,
+    JointVelocityCommand,
+    ScriptedHand,
+    SimulatedTracker,
+    World,
+    WorldDescription,
+    WorldState,
+    Wrench,
+)
+
+NODE_NAME = "marginguard_simulation"
+TRUTH = "truth/"
+"""Prefix of the frames of true poses."""
+
+STATE_PERIOD_NS = 5 * NS_PER_MS
+_SENDERS_PERIOD_NS = 50 * NS_PER_MS
+
+
+class SimulationNode:
+    """Connects a world to ROS; the `Shell` of `RealTime.run`.
+
+    ``use_hand`` false leaves out the scripted hand of the world.
+    """
+
+    def __init__(
+        self, ros: RosNode, description: WorldDescription, *, use_hand: bool = True
+    ) -> None:
+        self._arms = {each.name: ArmEndpoint(ros, each) for each in description.robots}
+        self._tools = {each.name: each.tool.name for each in description.robots if each.tool}
+        self._tf = ros.publisher(topics.TF)
+        self._diagnostics = ros.publisher(topics.DIAGNOSTICS)
+        self._factor = ros.publisher(Topic("~/real_time_factor", Float64, STREAM))
+        self._description = description
+        self._tracked = TrackerPublisher(ros) if description.tracker is not None else None
+        self._tracker = self._new_tracker()
+        self._hand = None
+        hand = description.hand
+        if hand is not None and use_hand:
+            self._hand = ScriptedHand(hand, self._tools[hand.robot])
+        self._wrench: Wrench | None = None
+        self._checked_ns: int | None = None
+        self._enabled: deque[str] = deque()
+        self._state: WorldState | None = None
+        self._host_ns = 0
+        self._statuses: tuple[str, ...] = ()
+        self._lags = 0
+        self._ros = ros
+
+    def serve(self, pace: RealTime) -> None:
+        """Serve the controls of ``pace`` and the arms until the node is closed."""
+        for name, action in (
+            ("~/reset", pace.reset),
+            ("~/pause", pace.pause),
+            ("~/resume", pace.resume),
+            ("~/step", pace.step_once),
+        ):
+            _serve(self._ros, name, action)
+        for arm in self._arms:
+            _serve(self._ros, f"/{arm}/enable", partial(self._enabled.append, arm))
+
+    def before_step(self, world: World, host_ns: int) -> None:
+        """Step with the newest commands and the hand; see `Shell`."""
+        while self._enabled:
+            world.enable(self._enabled.popleft())
+        self._check_senders(world)
+        commands: dict[str, JointVelocityCommand] = {}
+        for name, arm in self._arms.items():
+            command = arm.command(host_ns, world.time_ns)
+            if command is not None:
+                commands[name] = command
+        wrenches = {}
+        if self._hand is not None:
+            self._wrench = wrenches[self._hand.tool] = self._hand.wrench(world.state())
+        try:
+            world.step(commands, wrenches)
+        except CommandError as error:  # the arm is in FAULT
+            self._ros.node.get_logger().error(str(error))
+            world.step({}, wrenches)
+
+    def after_step(self, world: World, host_ns: int) -> None:
+        """Publish what is due; see `Shell`."""
+        state = world.state()
+        if self._state is not None and state.time_ns <= self._state.time_ns:  # a reset
+            self._tracker, self._checked_ns = self._new_tracker(), None
+        self._state, self._host_ns = state, host_ns
+        if self._tracker is not None and self._tracked is not None:
+            self._tracker.observe(state)
+            for samples in self._tracker.arrived(state.time_ns):
+                self._tracked.publish([self._on_host(sample) for sample in samples])
+        if state.time_ns % STATE_PERIOD_NS == 0:
+            self._publish_state(state, Stamp(host_ns))
+        statuses = tuple(each.fault or each.status for each in state.arms.values())
+        if statuses != self._statuses:
+            self._statuses = statuses
+            self._publish_diagnostics(state)
+
+    def report(self, real_time_factor: float, lags: int) -> None:
+        """Publish the factor and the diagnostics; see `Shell`."""
+        self._lags = lags
+        self._factor.publish(Float64(data=real_time_factor))
+        if self._state is not None:
+            self._publish_diagnostics(self._state)
+
+    def _new_tracker(self) -> SimulatedTracker | None:
+        tracker = self._description.tracker
+        return None if tracker is None else SimulatedTracker(tracker, self._description.seed)
+
+    def _publish_diagnostics(self, state: WorldState) -> None:
+        statuses = [arm.status(state.arms[name]) for name, arm in self._arms.items()]
+        pace = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if self._lags else DiagnosticStatus.OK,
+            name="marginguard: simulation",
+            message=f"{self._lags} times behind real time" if self._lags else "real time",
+            values=[KeyValue(key="lags", value=str(self._lags))],
+        )
+        header = header_message("", Stamp(self._host_ns))
+        self._diagnostics.publish(DiagnosticArray(header=header, status=[pace, *statuses]))
+
+    def _publish_state(self, state: WorldState, stamp: Stamp) -> None:
+        for name, arm in self._arms.items():
+            tool = self._tools.get(name)
+            is_held = self._hand is not None and self._hand.tool == tool
+            arm.publish(
+                state.arms[name],
+                None if tool is None else state.bodies[tool],
+                self._wrench if is_held else None,
+                stamp,
+            )
+        self._tf.publish(
+            TFMessage(
+                transforms=[
+                    transform_message(pose.renamed(source=f"{TRUTH}{pose.source}"), stamp)
+                    for pose in state.bodies.values()
+                ]
+            )
+        )
+
+    def _check_senders(self, world: World) -> None:
+        """Stop an arm that more than one node commands."""
+        last_ns = self._checked_ns
+        if last_ns is not None and 0 <= world.time_ns - last_ns < _SENDERS_PERIOD_NS:
+            return
+        self._checked_ns = world.time_ns
+        for name, arm in self._arms.items():
+            problem = arm.second_controller()
+            if problem:
+                world.fail(name, problem)
+
+    def _on_host(self, sample: TrackedTransform) -> TrackedTransform:
+        """``sample`` with its stamp on the host's clock."""
+        time_ns = 0 if self._state is None else self._state.time_ns
+        stamp = Stamp(sample.stamp.ns + self._host_ns - time_ns)
+        return TrackedTransform(sample.transform, stamp, sample.status)
+
+
+def _serve(ros: RosNode, name: str, action: Callable[[], object]) -> None:
+    def handle(_: Trigger.Request, response: Trigger.Response) -> None:
+        action()
+        response.success = True
+
+    ServiceServer(ros, Trigger, name, handle)
