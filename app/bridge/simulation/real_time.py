@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from app.geometry import NS_PER_MS, NS_PER_S
-from app.simulation import World
+from app.simulation import World, WorldState
 
 MAX_LAG_NS = 30 * NS_PER_MS
 """A physics that is further behind is no longer real time: arms stop, and the lag is dropped."""
@@ -16,11 +16,11 @@ _REPORT_NS = NS_PER_S
 class Shell(Protocol):
     """What connects the world to its users; called in the thread of `RealTime.run`."""
 
-    def before_step(self, world: World, host_ns: int) -> None:
-        """Take one step with what has arrived; ``host_ns`` is the time of the present state."""
+    def step(self, world: World, now_ns: int) -> WorldState:
+        """Take one step with what has arrived until ``now_ns`` of the host's clock."""
 
-    def after_step(self, world: World, host_ns: int) -> None:
-        """Publish the state, whose time is ``host_ns``."""
+    def publish(self, state: WorldState, stamp_ns: int) -> None:
+        """Publish ``state``, which has the stamp ``stamp_ns`` of the host's clock."""
 
     def report(self, real_time_factor: float, lags: int) -> None:
         """Publish the simulated time per time of the clock in the last second, and the lags."""
@@ -94,18 +94,16 @@ class RealTime:
                 continue
             if behind_ns > MAX_LAG_NS:
                 self._drop(behind_ns)
-            shell.before_step(world, self._host_ns())
-            shell.after_step(world, self._host_ns())
-
-    def _host_ns(self) -> int:
-        """Host time of the present state."""
-        return self._start_ns + self._world.time_ns + self._offset_ns
+            state = shell.step(world, now_ns + self._offset_ns)
+            shell.publish(state, self._start_ns + state.time_ns + self._offset_ns)
 
     def _drop(self, behind_ns: int) -> None:
         self._start_ns += behind_ns
         self.lags += 1
-        for arm in self._world.state().arms:
-            self._world.fail(arm, f"the physics was {behind_ns // NS_PER_MS} ms behind real time")
+        for name, arm in self._world.state().arms.items():
+            if not arm.fault:
+                reason = f"the physics was {behind_ns // NS_PER_MS} ms behind real time"
+                self._world.fail(name, reason)
 
     def _may_step(self) -> bool:
         with self._lock:

@@ -17,6 +17,7 @@ A session must not follow the truth: its frames have names of their own. Stamps 
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -37,10 +38,10 @@ from app.simulation import (
     CommandError,
     JointVelocityCommand,
     ScriptedHand,
-    SimulatedTracker,
     World,
     WorldDescription,
     WorldState,
+    WorldTracker,
     Wrench,
 )
 
@@ -77,7 +78,7 @@ class SimulationNode:
         self._checked_ns: int | None = None
         self._enabled: deque[str] = deque()
         self._state: WorldState | None = None
-        self._host_ns = 0
+        self._stamp_ns = 0
         self._statuses: tuple[str, ...] = ()
         self._lags = 0
         self._ros = ros
@@ -94,41 +95,44 @@ class SimulationNode:
         for arm in self._arms:
             _serve(self._ros, f"/{arm}/enable", partial(self._enabled.append, arm))
 
-    def before_step(self, world: World, host_ns: int) -> None:
+    def step(self, world: World, now_ns: int) -> WorldState:
         """Step with the newest commands and the hand; see `Shell`."""
         while self._enabled:
             world.enable(self._enabled.popleft())
-        self._check_senders(world)
+        before = world.state()
+        if self._state is not None and before.time_ns < self._state.time_ns:  # a reset
+            self._tracker, self._checked_ns = self._new_tracker(), None
+        self._check_senders(world, before)
         commands: dict[str, JointVelocityCommand] = {}
         for name, arm in self._arms.items():
-            command = arm.command(host_ns, world.time_ns)
-            if command is not None:
+            command = arm.command(now_ns, world.time_ns)
+            if command is not None and not before.arms[name].fault:
                 commands[name] = command
         wrenches = {}
         if self._hand is not None:
-            self._wrench = wrenches[self._hand.tool] = self._hand.wrench(world.state())
+            self._wrench = wrenches[self._hand.tool] = self._hand.wrench(before)
         try:
-            world.step(commands, wrenches)
-        except CommandError as error:  # the arm is in FAULT
-            self._ros.node.get_logger().error(str(error))
-            world.step({}, wrenches)
+            return world.step(commands, wrenches)
+        except CommandError:  # the arm is in FAULT now, which `publish` reports
+            return world.step({}, wrenches)
 
-    def after_step(self, world: World, host_ns: int) -> None:
+    def publish(self, state: WorldState, stamp_ns: int) -> None:
         """Publish what is due; see `Shell`."""
-        state = world.state()
-        if self._state is not None and state.time_ns <= self._state.time_ns:  # a reset
-            self._tracker, self._checked_ns = self._new_tracker(), None
-        self._state, self._host_ns = state, host_ns
+        self._state, self._stamp_ns = state, stamp_ns
         if self._tracker is not None and self._tracked is not None:
             self._tracker.observe(state)
             for samples in self._tracker.arrived(state.time_ns):
-                self._tracked.publish([self._on_host(sample) for sample in samples])
+                on_host = [self._on_host(sample, stamp_ns - state.time_ns) for sample in samples]
+                self._tracked.publish(on_host)
         if state.time_ns % STATE_PERIOD_NS == 0:
-            self._publish_state(state, Stamp(host_ns))
+            self._publish_state(state, Stamp(stamp_ns))
         statuses = tuple(each.fault or each.status for each in state.arms.values())
         if statuses != self._statuses:
             self._statuses = statuses
             self._publish_diagnostics(state)
+            for name, arm in state.arms.items():
+                if arm.fault:
+                    self._ros.node.get_logger().error(f"arm {name!r} is in FAULT: {arm.fault}")
 
     def report(self, real_time_factor: float, lags: int) -> None:
         """Publish the factor and the diagnostics; see `Shell`."""
@@ -137,9 +141,9 @@ class SimulationNode:
         if self._state is not None:
             self._publish_diagnostics(self._state)
 
-    def _new_tracker(self) -> SimulatedTracker | None:
+    def _new_tracker(self) -> WorldTracker | None:
         tracker = self._description.tracker
-        return None if tracker is None else SimulatedTracker(tracker, self._description.seed)
+        return None if tracker is None else WorldTracker(tracker, self._description.seed)
 
     def _publish_diagnostics(self, state: WorldState) -> None:
         statuses = [arm.status(state.arms[name]) for name, arm in self._arms.items()]
@@ -149,7 +153,7 @@ class SimulationNode:
             message=f"{self._lags} times behind real time" if self._lags else "real time",
             values=[KeyValue(key="lags", value=str(self._lags))],
         )
-        header = header_message("", Stamp(self._host_ns))
+        header = header_message("", Stamp(self._stamp_ns))
         self._diagnostics.publish(DiagnosticArray(header=header, status=[pace, *statuses]))
 
     def _publish_state(self, state: WorldState, stamp: Stamp) -> None:
@@ -171,7 +175,7 @@ class SimulationNode:
             )
         )
 
-    def _check_senders(self, world: World) -> None:
+    def _check_senders(self, world: World, state: WorldState) -> None:
         """Stop an arm that more than one node commands."""
         last_ns = self._checked_ns
         if last_ns is not None and 0 <= world.time_ns - last_ns < _SENDERS_PERIOD_NS:
@@ -179,14 +183,13 @@ class SimulationNode:
         self._checked_ns = world.time_ns
         for name, arm in self._arms.items():
             problem = arm.second_controller()
-            if problem:
+            if problem and not state.arms[name].fault:
                 world.fail(name, problem)
 
-    def _on_host(self, sample: TrackedTransform) -> TrackedTransform:
+    @staticmethod
+    def _on_host(sample: TrackedTransform, offset_ns: int) -> TrackedTransform:
         """``sample`` with its stamp on the host's clock."""
-        time_ns = 0 if self._state is None else self._state.time_ns
-        stamp = Stamp(sample.stamp.ns + self._host_ns - time_ns)
-        return TrackedTransform(sample.transform, stamp, sample.status)
+        return replace(sample, stamp=Stamp(sample.stamp.ns + offset_ns))
 
 
 def _serve(ros: RosNode, name: str, action: Callable[[], object]) -> None:

@@ -1,0 +1,171 @@
+"""A simulated world against a controller in another process; the test decides when it steps."""
+
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from std_srvs.srv import Trigger
+
+from app.bridge import RosNode
+from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
+from app.simulation import World, open_world
+from tests.bridge.live.conftest import start as start
+from tests.ros_domain import domain_id as domain_id
+
+PEER = Path(__file__).with_name("arm_peer.py")
+ROUNDS = 3000
+
+
+class Simulated:
+    """The world, its node and the peer; each round is one command and some steps."""
+
+    def __init__(self, ros, description, start):
+        self.world = World(description)
+        self.node = SimulationNode(ros, description)
+        self.pace = RealTime(
+            self.world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
+        )
+        self.node.serve(self.pace)
+        self.joints = list(self.world.state().arms["arm"].joints)
+        self.ros, self._start = ros, start
+        self.peer = self.add_peer()
+        self.round_until(lambda seen: {"measured_js", "diagnostics", "tracked"} <= set(seen))
+
+    def add_peer(self):
+        peer = self._start(str(PEER))
+        peer.line()
+        return peer
+
+    def round(self, command=None, steps=10, peer=None):
+        """Send a command, take steps, and return what the peer has seen."""
+        peer = peer or self.peer
+        peer.send(json.dumps(command or {}))
+        seen = json.loads(peer.line())
+        for _ in range(steps):
+            state = self.node.step(self.world, time.time_ns())
+            self.node.publish(state, time.time_ns())
+        self.node.report(1.0, 0)
+        return seen
+
+    def round_until(self, condition, command=None):
+        for _ in range(ROUNDS):
+            seen = self.round(command)
+            if condition(seen):
+                return seen
+        pytest.fail(f"not within {ROUNDS} rounds: {seen}")
+
+    def velocity(self, first, **more):
+        return {"names": self.joints, "velocity": [first] + [0.0] * 5, **more}
+
+    @property
+    def arm(self):
+        return self.world.state().arms["arm"]
+
+
+@pytest.fixture
+def simulated(domain_id, project_root, start):
+    description = open_world(project_root / "data" / "worlds" / "lumpectomy")
+    with RosNode(NODE_NAME, domain_id=domain_id) as ros:
+        yield Simulated(ros, description, start)
+
+
+def fault_of(seen):
+    return next(s["message"] for s in seen["diagnostics"]["status"] if s["hardware_id"] == "arm")
+
+
+def test_arm_follows_a_controller_and_stands_without_it(simulated):
+    simulated.round_until(
+        lambda seen: seen["measured_js"]["position"][0] > 0.05, simulated.velocity(0.4)
+    )
+    assert simulated.arm.velocities[0] == pytest.approx(0.4, abs=0.01)
+    for _ in range(60):  # simulated ms without a command: 30 until the arm stops
+        simulated.round(steps=1)
+    assert np.abs(simulated.arm.velocities).max() < 1e-3
+    stopped = simulated.round_until(
+        lambda seen: max(map(abs, seen["measured_js"]["velocity"])) < 1e-3
+    )
+    assert fault_of(stopped) == "PAUSED"
+    assert stopped["setpoint_js"]["velocity"] == [0.0] * 6
+
+
+def test_published_values_are_those_of_the_world(simulated):
+    simulated.round_until(
+        lambda seen: seen["measured_js"]["position"][0] > 0.01, simulated.velocity(0.2)
+    )
+    for _ in range(60):
+        simulated.round(steps=1)
+    stamp = None
+    for _ in range(ROUNDS):  # until the peer has the newest state
+        seen = simulated.round(steps=0)
+        if seen["measured_js"]["header"]["stamp"] == stamp:
+            break
+        stamp = seen["measured_js"]["header"]["stamp"]
+    state = simulated.world.state()
+    robot = simulated.world.description.robots[0]
+    links = robot.robot.forward_kinematics(
+        dict(zip(seen["measured_js"]["name"], seen["measured_js"]["position"], strict=True))
+    )
+    tip = links["stylus"] @ robot.tool.link_from_tool
+    position = seen["measured_cp"]["pose"]["position"]
+    np.testing.assert_allclose(
+        [position[axis] for axis in "xyz"], tip.translation_mm / 1000.0, atol=1e-5
+    )
+    assert seen["measured_cp"]["header"]["frame_id"] == robot.robot.root_link
+    truth = seen["truth/tumor"]["transform"]["translation"]
+    # The tumour breathes, at most some mm/s: the newest truth is some ms old.
+    np.testing.assert_allclose(
+        [1000.0 * truth[axis] for axis in "xyz"], state.bodies["tumor"].translation_mm, atol=0.2
+    )
+    assert seen["truth/tumor"]["header"] == seen["truth/cautery"]["header"]
+    assert seen["tracked"]["header"]["frame_id"] == "tracker"
+    assert "tumor" not in seen or seen["tumor"]["header"]["frame_id"] == "tracker"
+
+
+def test_hand_of_the_world_pushes_and_is_measured(simulated):
+    seen = simulated.round_until(
+        lambda seen: seen["measured_cf"]["wrench"]["force"] != {"x": 0.0, "y": 0.0, "z": 0.0}
+    )
+    force = seen["measured_cf"]["wrench"]["force"]
+    assert math.hypot(*force.values()) <= 10.0 + 1e-9
+    assert seen["measured_cf"]["header"]["frame_id"] == "cautery"
+
+
+@pytest.mark.parametrize(
+    ("command", "problem"),
+    [
+        (
+            {"velocity": [math.nan] + [0.0] * 5},
+            "velocity of joint 'waist' is nan; expected a finite",
+        ),
+        ({"velocity": [0.1] * 5}, "5 velocities; expected 6"),
+        ({"names": ["elbow"], "velocity": [0.1]}, "joints are elbow; expected waist, shoulder"),
+        ({"velocity": [0.1] * 6, "ahead_s": 2}, "ns in the future; expected the past"),
+    ],
+)
+def test_invalid_command_is_a_fault_until_the_arm_is_enabled(simulated, command, problem):
+    command = {"names": simulated.joints, **command}
+    simulated.round_until(lambda _: bool(simulated.arm.fault), command)
+    assert problem in simulated.arm.fault
+    simulated.round_until(lambda seen: problem in fault_of(seen))
+    for _ in range(20):  # valid commands change nothing
+        simulated.round(simulated.velocity(0.3))
+    assert problem in simulated.arm.fault
+    assert np.abs(simulated.arm.velocities).max() < 1e-3
+    client = simulated.ros.node.create_client(Trigger, "/arm/enable")
+    reply = client.call_async(Trigger.Request())
+    simulated.round_until(lambda _: reply.done())
+    assert reply.result().success
+    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.25, simulated.velocity(0.3))
+
+
+def test_second_controller_stops_the_arm(simulated):
+    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
+    simulated.add_peer()
+    simulated.round_until(lambda _: bool(simulated.arm.fault), simulated.velocity(0.2))
+    assert simulated.arm.fault == "/arm/servo_jv has 2 publishers; expected 1"
+    for _ in range(10):
+        simulated.round(simulated.velocity(0.2))
+    assert np.abs(simulated.arm.velocities).max() < 1e-3
