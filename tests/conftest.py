@@ -140,6 +140,7 @@ LONG = {
         "tests/examples/test_long_scripts.py",
         "tests/examples/test_notebooks.py",
         "tests/examples/test_ros_scripts.py",
+        "tests/cli/test_simulate.py",
         "tests/examples/test_twist_filter.py",
     ),
 }

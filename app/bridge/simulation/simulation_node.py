@@ -2,8 +2,8 @@
 
 ======================== ============================== ==========================================
 ``/NAME/...``            see `arm_endpoint`             one arm
-``/tracked_transforms``  marginguard_msgs/              what the tracker measures, and ``/tf``
-                         TrackedTransform
+``/tracked_transforms``  marginguard_msgs/              what the tracker measures, and ``/tf``:
+                         TrackedTransform               ``tracker`` to ``NAME_sensor``
 ``/tf``                  tf2_msgs/TFMessage             the truth: ``world`` to ``truth/NAME`` of
                                                         every body, with one common stamp
 ``~/real_time_factor``   std_msgs/Float64               simulated seconds per second
@@ -17,7 +17,6 @@ A session must not follow the truth: its frames have names of their own. Stamps 
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -48,6 +47,9 @@ from app.simulation import (
 NODE_NAME = "marginguard_simulation"
 TRUTH = "truth/"
 """Prefix of the frames of true poses."""
+
+SENSOR = "_sensor"
+"""Suffix of the frame in which a body is tracked: its sensor, at its origin."""
 
 STATE_PERIOD_NS = 5 * NS_PER_MS
 _SENDERS_PERIOD_NS = 50 * NS_PER_MS
@@ -188,8 +190,15 @@ class SimulationNode:
 
     @staticmethod
     def _on_host(sample: TrackedTransform, offset_ns: int) -> TrackedTransform:
-        """``sample`` with its stamp on the host's clock."""
-        return replace(sample, stamp=Stamp(sample.stamp.ns + offset_ns))
+        """``sample`` as one of the body's sensor, with its stamp on the host's clock."""
+        sensor, pose = f"{sample.source}{SENSOR}", sample.transform
+        return TrackedTransform(
+            None if pose is None else pose.renamed(source=sensor),
+            Stamp(sample.stamp.ns + offset_ns),
+            sample.status,
+            sample.target,
+            sensor,
+        )
 
 
 def _serve(ros: RosNode, name: str, action: Callable[[], object]) -> None:

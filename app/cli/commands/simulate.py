@@ -4,8 +4,8 @@ WORLD is a world.yaml or its folder. Each arm has the topics of CRTK in its name
 measured_cp, servo_jv, ...); the tracker publishes on /tracked_transforms and /tf; true poses are on
 /tf as truth/NAME. An arm moves by servo_jv of one node alone, stops 30 ms after its last command,
 and is in FAULT after an invalid one, a second sender, or when the physics falls more than 30 ms
-behind real time, until its service enable is called. Exit status 0 after a signal, 2 on bad input,
-1 when the physics diverges.
+behind real time, until its service enable is called. Exit status 130 or 143 after a signal, 2 on
+bad input and when the physics diverges.
 """
 
 import argparse
@@ -53,4 +53,4 @@ def run(options: argparse.Namespace) -> int:
             arms = ", ".join(f"/{each.name}" for each in description.robots) or "none"
             print(f"SIMULATION of {description.name}, arms: {arms}; Ctrl-C ends it", flush=True)
             pace.run(node, stop)
-    return 0
+    return received.exit_status

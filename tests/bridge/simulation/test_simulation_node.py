@@ -32,7 +32,7 @@ class Simulated:
         self.joints = list(self.world.state().arms["arm"].joints)
         self.ros, self._start = ros, start
         self.peer = self.add_peer()
-        self.round_until(lambda seen: {"measured_js", "diagnostics", "tracked"} <= set(seen))
+        self.round_until(lambda seen: {"measured_js", "diagnostics", "tumor_sensor"} <= set(seen))
 
     def add_peer(self):
         peer = self._start(str(PEER))
@@ -121,7 +121,7 @@ def test_published_values_are_those_of_the_world(simulated):
     )
     assert seen["truth/tumor"]["header"] == seen["truth/cautery"]["header"]
     assert seen["tracked"]["header"]["frame_id"] == "tracker"
-    assert "tumor" not in seen or seen["tumor"]["header"]["frame_id"] == "tracker"
+    assert seen["tumor_sensor"]["header"]["frame_id"] == "tracker"
 
 
 def test_hand_of_the_world_pushes_and_is_measured(simulated):

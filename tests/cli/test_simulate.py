@@ -1,0 +1,43 @@
+"""``marginguard simulate`` beside ``marginguard live``, each a process of its own."""
+
+import signal
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+
+from app.cli import main  # noqa: E402
+from tests.bridge.live.conftest import start as start  # noqa: E402
+from tests.ros_domain import domain_id as domain_id  # noqa: E402
+
+
+def test_live_session_follows_the_tracker_of_a_simulated_world(start, domain_id, project_root):
+    world = project_root / "data" / "worlds" / "lumpectomy"
+    simulation = start("-m", "app.cli", "simulate", str(world))
+    assert simulation.line().startswith("SIMULATION of lumpectomy, arms: /arm")
+    live = start("-m", "app.cli", "live", "--config", str(world / "live.yaml"))
+    line = live.line(lambda line: line.startswith("NEGATIVE"))
+    # 58 mm between the origins; the tumour is some 8 mm in radius, the tool's tip at its origin.
+    assert 35.0 < float(line.split()[1]) < 55.0
+    assert live.end(signal.SIGINT) == 130
+    assert simulation.end(signal.SIGINT) == 130
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (None, "expected"),
+        ("schema: 1\nname: x\nseed: 1\ncolour: red\n", "colour is unknown"),
+        ("schema: 1\nname: x\n", "seed is missing"),
+    ],
+)
+def test_bad_world_is_refused_in_one_line(text, problem, tmp_path, capsys):
+    path = tmp_path / "world.yaml"
+    if text is not None:
+        path.write_text(text)
+    assert main(["simulate", str(path)]) == 2
+    captured = capsys.readouterr()
+    (line,) = [each for each in captured.err.splitlines() if "error" in each]
+    assert problem in line
+    assert not captured.out
