@@ -7,9 +7,9 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
-from app.cli import main  # noqa: E402
-from tests.bridge.live.conftest import start as start  # noqa: E402
-from tests.ros_domain import domain_id as domain_id  # noqa: E402
+from app.cli import main
+from tests.bridge.live.conftest import start as start
+from tests.ros_domain import domain_id as domain_id
 
 
 def test_live_session_follows_the_tracker_of_a_simulated_world(start, domain_id, project_root):
