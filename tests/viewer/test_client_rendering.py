@@ -12,11 +12,13 @@ import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
+from app.files.shipped import shipped
 from benchmarks.view.chromium import launch_webgl
 from tests.viewer.conftest import watching
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 FRAMES = {0: "CLEAR", BREACH_FRAME: "IN TUMOUR", LOST[-1]: "UNKNOWN"}
+SHIPPED_CASE = shipped("data", "recorded_case")
 PHONE = {"width": 390, "height": 844}
 LARGE_MS = 20_000
 
@@ -33,14 +35,14 @@ def client_server(serve, viewed_case):
     return serve(str(viewed_case), "--render", "client")
 
 
-def shown(page, frame):
-    """The picture of ``frame``, without the labels above it, in eighths of its size."""
+def shown(page, frame, label):
+    """The picture of ``frame`` in eighths of its size."""
     page.keyboard.press("Home")
     expect(page.locator("#frame")).to_have_text("0")
     if frame:
         page.evaluate(f"window.trame.trigger('step', [{frame}])")
     expect(page.locator("#frame")).to_have_text(str(frame))
-    expect(page.locator("#state-label")).to_have_text(FRAMES[frame])
+    expect(page.locator("#state-label")).to_have_text(label)
     page.wait_for_timeout(600)  # the smooth picture of a scene at rest
     content = page.locator("main.view").screenshot()
     image = Image.open(io.BytesIO(content)).convert("RGB")
@@ -62,8 +64,8 @@ def test_both_renderings_show_the_same_state_and_pose(webgl, server, client_serv
             if size is not None:
                 each.set_viewport_size(size)
                 each.wait_for_timeout(1000)
-        for frame in FRAMES:
-            first, second = (shown(each.page, frame) for each in (pictures, drawn))
+        for frame, label in FRAMES.items():
+            first, second = (shown(each.page, frame, label) for each in (pictures, drawn))
             assert first.shape == second.shape
             assert np.abs(first - second).mean() < 4.0
             assert (np.abs(first - second).max(axis=2) > 48.0).mean() < 0.02
@@ -72,6 +74,16 @@ def test_both_renderings_show_the_same_state_and_pose(webgl, server, client_serv
             assert np.abs(color - other_color).max() < 25.0
         assert drawn.errors == []
         assert drawn.external_requests() == []
+
+
+def test_robot_has_the_same_colours_in_both_renderings(webgl, serve):
+    pages = (serve(str(SHIPPED_CASE)), serve(str(SHIPPED_CASE), "--render", "client"))
+    with watching(webgl, pages[0]) as pictures, watching(webgl, pages[1]) as drawn:
+        first, second = (shown(each.page, 600, "CLEAR") for each in (pictures, drawn))
+    # The label of the distance is drawn by the server alone.
+    assert np.abs(first - second).mean() < 4.0
+    assert (np.abs(first - second).max(axis=2) > 48.0).mean() < 0.02
+    assert np.abs(look(first)[1] - look(second)[1]).max() < 15.0
 
 
 def test_drawing_page_is_covered_while_the_server_is_stopped_and_after_it_was_killed(

@@ -20,6 +20,8 @@ from app.viewer.drawing.scene_view import SceneView
 
 _COLORS = "color"
 _LIT = {"ambient": 0.3, "diffuse": 0.75, "specular": 0.15, "specularPower": 20.0}
+_DIRECT = {"colorMode": 2, "scalarMode": 2}
+"""vtk.js: the colours of the faces are colours, not values that a table turns into colours."""
 _BALL_MM, _ROD_MM, _MARK_MM = 0.45, 0.175, 0.5
 """Radii of the closest points, of the line between them, and of a breach mark."""
 _OTHER_SIDE = (0.02, 0.02, 0.02)
@@ -103,7 +105,8 @@ def _model(name: str, model: vtkMRMLModelNode) -> Values:
     part = _part(
         name, name, matrix, display.GetColor(), display.GetOpacity(), bool(display.GetVisibility())
     )
-    return {**part, "mapper": {"scalarVisibility": bool(display.GetScalarVisibility())}}
+    # A link's own colours; grey, the display's colour, while its pose is unknown.
+    return {**part, "mapper": {"scalarVisibility": bool(display.GetScalarVisibility()), **_DIRECT}}
 
 
 def _line(node: vtkMRMLMarkupsLineNode) -> list[Values]:
