@@ -9,6 +9,9 @@ from app.simulation.world_entries import HandEntry, Push
 FULL_FORCE_MM = 5.0
 """Within this distance of the point that it pushes at, the force falls to 0."""
 
+NEAR_MM = 0.5
+"""Nearer to the point that it retreats from, the hand pulls upward: +z of the world."""
+
 
 class ScriptedHand:
     """The force of the hand on the origin of the tool ``tool``, which is its tip."""
@@ -34,8 +37,8 @@ class ScriptedHand:
     def _force(self, push: Push, state: WorldState) -> FloatArray:
         way = state.bodies[push.towards].translation_mm - state.bodies[self.tool].translation_mm
         distance = float(np.linalg.norm(way))
-        if push.retreat:
-            way = -way
-        elif distance < FULL_FORCE_MM:
-            return np.asarray(self._entry.force_n / FULL_FORCE_MM * way)
-        return np.asarray(self._entry.force_n / max(distance, FULL_FORCE_MM) * way)
+        if not push.retreat:
+            return np.asarray(self._entry.force_n / max(distance, FULL_FORCE_MM) * way)
+        if distance < NEAR_MM:
+            return np.array([0.0, 0.0, self._entry.force_n])
+        return np.asarray(-self._entry.force_n / distance * way)

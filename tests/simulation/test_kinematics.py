@@ -9,7 +9,6 @@ from app.robot import Robot, load_robot
 from app.simulation import World
 from tests.simulation.conftest import PARALLELOGRAMS, arm, world_of
 
-SHARED = Path("/work/shared/data")
 TOLERANCE_MM = 1e-6
 """1e-9 m."""
 
@@ -53,10 +52,9 @@ def test_panda(example_robots: Path) -> None:
     check_poses(load_robot(example_robots / "panda_description/urdf/panda.urdf"))
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="robots of other projects are not shipped")
 @pytest.mark.parametrize("path", ["omni/urdf/omni.urdf", "ambf_kuka/blender-kuka.yaml"])
-def test_robots_of_other_projects(path: str) -> None:
-    check_poses(load_robot(SHARED / path, package_dirs=[SHARED]))
+def test_robots_of_other_projects(shared_data: Path, path: str) -> None:
+    check_poses(load_robot(shared_data / path, package_dirs=[shared_data]))
 
 
 BALL = """

@@ -11,13 +11,17 @@ from tests.simulation.conftest import PARALLELOGRAMS, arm, world_of
 MAX_GAP_MM = 0.05
 
 
+@pytest.mark.parametrize("force_n", [0.0, 20.0])
 @pytest.mark.parametrize("name", ["parallelogram", "two_arms"])
-def test_loops_stay_closed_while_the_arm_moves(name: str) -> None:
+def test_loops_stay_closed_while_the_arm_moves(name: str, force_n: float) -> None:
     robot = load_robot(PARALLELOGRAMS / f"{name}.yaml")
     world = World(world_of(arm(robot, collision="none")))
     equality = world.model.eq_solref
     assert np.array_equal(equality, np.tile(STIFF_SOLREF, (len(equality), 1)))
     joints = robot.actuated_joint_names
+    instrument = next(link.name for link in robot.links if "roll" in link.name)
+    row = world.model.body(f"arm/{instrument}").id
+    world.data.xfrc_applied[row, :3] = force_n * np.array([0.6, 0.64, 0.48])
     largest, reached = 0.0, 0.0
     for step in range(1500):
         speed = 2.0 * float(np.cos(2.0 * np.pi * step / 1500))

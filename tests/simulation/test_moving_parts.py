@@ -100,3 +100,5 @@ def test_hand_pushes_at_its_target_and_away_from_it() -> None:
     assert force(2500) == [0, 0, 0]
     assert force(3500) == [0, 0, 10]
     assert force(1500, cautery=placed("cautery", 0, 0, 1)) == pytest.approx([0, 0, -2])
+    assert force(3500, cautery=placed("cautery", 1, 0, 0)) == pytest.approx([10, 0, 0])
+    assert force(3500, cautery=placed("cautery", 0.1, 0, 0)) == pytest.approx([0, 0, 10])
