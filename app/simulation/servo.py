@@ -70,8 +70,8 @@ class VelocityServo:
         lower = np.minimum((self._lower - positions) / LIMIT_S, 0.0)
         return np.asarray(np.minimum(np.maximum(scaled, lower), upper))
 
-    def apply(self, data: Any, inertia: FloatArray, wanted: FloatArray) -> None:
-        """Set the efforts for joint velocities ``wanted`` (n,); ``inertia`` is (nv, nv)."""
+    def apply(self, data: Any, inertia: FloatArray, commanded: FloatArray) -> None:
+        """Set the efforts for joint velocities ``commanded`` (n,); ``inertia`` is (nv, nv)."""
         share = self._share(data)
         mass = inertia[self._block]
         bias = (data.qfrc_bias - data.qfrc_passive)[self._all]
@@ -83,7 +83,7 @@ class VelocityServo:
             last_mass, last_bias, last_velocity = self._last
             acceleration = (velocity - last_velocity) / self._timestep
             disturbance = last_mass @ acceleration + last_bias - self.torques
-        target = self.limited(wanted, data.qpos[self.positions])
+        target = self.limited(commanded, data.qpos[self.positions])
         torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + bias - disturbance
         self.torques = np.minimum(np.maximum(torques, -self._effort), self._effort)
         self._last = mass, bias, velocity.copy()
