@@ -120,6 +120,7 @@ LONG = {
         "tests/simulation/test_shipped_world.py",
     ),
     "attacks a live session with many malformed messages": ("tests/bridge/faults/test_live.py",),
+    "starts processes that compute for another": ("tests/runtime/test_compute.py",),
     "runs every block of three pages": ("tests/docs/test_start_pages.py",),
     "plays a recording to sessions that refuse it": (
         "tests/bridge/playback/test_refused_playback.py",

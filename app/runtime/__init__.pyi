@@ -1,5 +1,6 @@
 from .audit import AuditLog, AuditOutput
 from .commands import BetweenSteps, OperatorCommands
+from .compute import Compute, ComputeProcess, compute_here
 from .content import SessionContent, content_of
 from .holds import Holds, RearmRefusedError, SeenHold, StepHolds
 from .latest_value import SWITCH_INTERVAL_S, LatestValue
@@ -33,6 +34,8 @@ __all__ = [
     "AuditLog",
     "AuditOutput",
     "BetweenSteps",
+    "Compute",
+    "ComputeProcess",
     "Deliver",
     "DeliveredStep",
     "HoldKeeper",
@@ -68,6 +71,7 @@ __all__ = [
     "TooManyRequestsError",
     "Wakeup",
     "arm_name",
+    "compute_here",
     "content_of",
     "host_id",
     "live_state",

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
-from app.fixture import MarginParameters, ProximityEngine, TipProximity
+from app.fixture import MarginParameters, ProximityEngine, TipProximity, prepared_tumor
 from app.geometry import FrameError, InputError, SurfaceMesh, Transform
 from app.registration import RegistrationResult
+from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
 from app.runtime.holds import Holds, SeenHold
 from app.runtime.outputs import Output, SwitchContent
@@ -35,7 +36,8 @@ class OperatorCommands:
     A command that is refused raises before anything has changed. A change that loosens what the
     session permits latches a hold (`app.session.Session.use`), and every display shows its
     causes. Each command and its outcome is listed in ``requests``; ``origin`` is the interface on
-    which it arrived. ``holds`` identifies the present hold. ``max_triangles`` limits a new tumour.
+    which it arrived. ``holds`` identifies the present hold. ``max_triangles`` limits a new tumour,
+    which ``compute`` prepares.
     """
 
     def __init__(
@@ -47,8 +49,10 @@ class OperatorCommands:
         holds: Holds,
         max_triangles: int | None = None,
         requests: RequestLog | None = None,
+        compute: Compute = compute_here,
     ) -> None:
         self._between_steps = between_steps
+        self._compute = compute
         self._content = content
         self._outputs = outputs
         self._changing = threading.Lock()
@@ -227,7 +231,7 @@ class OperatorCommands:
             edge for edge in shown.static_edges if edge.source == shown.tumor.frame
         )
         before = shown.tumor.transformed(frame_from_known)
-        return tumor_change(before, tumor.transformed(frame_from_tumor)).text
+        return self._compute(tumor_change, before, tumor.transformed(frame_from_tumor)).text
 
     def _model(self, setup: SessionSetup, tumor: SurfaceMesh) -> ProximityModel:
         if isinstance(setup.proximity, TipProximity):
@@ -238,7 +242,7 @@ class OperatorCommands:
                 "session with a tool mesh"
             )
         if isinstance(setup.proximity, ProximityEngine):
-            return setup.proximity.with_tumor(tumor)
+            return setup.proximity.with_tumor(self._compute(prepared_tumor, tumor))
         return ProximityEngine(tumor, self._content.tool)
 
     def _edges(self, changed: Transform) -> tuple[Transform, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 
 from app.runtime.commands import MAX_LIVE_TRIANGLES, OperatorCommands
+from app.runtime.compute import Compute, compute_here
 from app.runtime.content import SessionContent
 from app.runtime.holds import Holds, StepHolds
 from app.runtime.outputs import Output, StepTiming
@@ -18,7 +19,8 @@ class LiveRun:
     When an output reports that a step came too late, the session latches a hold and all outputs
     withdraw what they permitted. ``commands`` changes the session from any thread; ``holds``
     identifies the hold that an output publishes, by default that of the last step; ``requests``
-    lists what is requested. ``keeper`` keeps the hold of each step for the next run.
+    lists what is requested; ``compute`` prepares a new tumour. ``keeper`` keeps the hold of each
+    step for the next run.
     """
 
     def __init__(
@@ -30,6 +32,7 @@ class LiveRun:
         *,
         holds: Holds | None = None,
         requests: RequestLog | None = None,
+        compute: Compute = compute_here,
     ) -> None:
         self.live = live
         if holds is None:
@@ -44,6 +47,7 @@ class LiveRun:
             holds=holds,
             max_triangles=MAX_LIVE_TRIANGLES,
             requests=requests,
+            compute=compute,
         )
 
     def steps(self) -> Generator[StepResult]:

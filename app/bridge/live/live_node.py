@@ -31,7 +31,15 @@ from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
 from app.fixture import Reason
-from app.runtime import AuditOutput, HoldKeeper, LiveRun, OperatorCommands, Output, PreparedLive
+from app.runtime import (
+    AuditOutput,
+    ComputeProcess,
+    HoldKeeper,
+    LiveRun,
+    OperatorCommands,
+    Output,
+    PreparedLive,
+)
 from app.session import (
     LiveSession,
     PlaybackRule,
@@ -40,6 +48,9 @@ from app.session import (
     guidance_parameters,
     limiter_parameters,
 )
+
+_COMPUTE_DELAY_S = 5.0
+"""After the start of a session, when nothing competes with it, its computing process starts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,6 +172,7 @@ def live_node(
             ),
             HoldKeeper(start.state, lambda: publisher.constraints.ended),
             holds=StreamHolds(publisher.constraints),
+            compute=opened(ComputeProcess(_COMPUTE_DELAY_S)).call,
         )
         run.commands.requests.listen(log.request)
         margins = opened(served_operators(node, run, config, setup.margins))

@@ -1,0 +1,158 @@
+"""Call a function that computes for seconds: here, or in a process of low priority.
+
+In the process of a live session, a computation competes with the thread that sends the constraint
+for the interpreter lock and for the processors. In a process of its own, with a lower priority, it
+does neither.
+"""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self, TypeVar, cast
+
+from app.geometry import InputError
+from app.runtime.memory_file import read_object, write_object
+
+_Value = TypeVar("_Value")
+
+_CLOSE_INTERVAL_S = 0.05
+
+
+class Compute(Protocol):
+    """Returns ``function(*args)``, or raises its `MarginGuardError`."""
+
+    def __call__(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
+        """Call ``function``."""
+
+
+def compute_here(function: Callable[..., _Value], /, *args: Any) -> _Value:
+    """Call ``function`` in this thread."""
+    return function(*args)
+
+
+class ComputeProcess:
+    """A process that computes for this one. Ends with `close`, and when this process has ended.
+
+    It starts after ``delay_s`` or with the first call, to load what it needs, and again if it has
+    ended by itself. One call runs at a time; other threads wait. The function, its arguments and
+    its result are pickled; the arrays of the result are not copied here, but mapped.
+    """
+
+    def __init__(self, delay_s: float = 0.0) -> None:
+        self._lock = threading.Lock()
+        self._closed = False
+        self._process: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
+        self._starter = threading.Timer(delay_s, self._start_early)
+        self._starter.daemon = True
+        self._starter.start()
+
+    def call(self, function: Callable[..., _Value], /, *args: Any) -> _Value:
+        """Return ``function(*args)``, or raise its `MarginGuardError`.
+
+        Raises `InputError` if the process ended meanwhile, and `RuntimeError` for another error of
+        the function, which the process has logged.
+        """
+        with self._lock:
+            if self._closed:
+                raise InputError("computing process: is closed; expected an open one")
+            process, connection = self._started()
+            succeeded, result = _exchange(process, connection, (function, args))
+        if not succeeded:
+            raise result
+        return cast(_Value, result)
+
+    def close(self) -> None:
+        """End the process, also during a call, which then raises `InputError`."""
+        self._closed = True
+        self._starter.cancel()
+        while not self._lock.acquire(timeout=_CLOSE_INTERVAL_S):
+            if self._process is not None:
+                self._process.kill()  # so that a call ends, which holds the lock
+        try:
+            if self._process is not None:
+                self._process.kill()
+                self._process.wait()
+            if self._socket is not None:
+                self._socket.close()
+        finally:
+            self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _start_early(self) -> None:
+        with self._lock:
+            if not self._closed:
+                self._started()
+
+    def _started(self) -> tuple["subprocess.Popen[bytes]", socket.socket]:
+        """The running process and the connection to it. Called with the lock."""
+        if self._process is None or self._socket is None or self._process.poll() is not None:
+            if self._socket is not None:
+                self._socket.close()
+            self._process, self._socket = _start()
+        return self._process, self._socket
+
+
+def _start() -> tuple["subprocess.Popen[bytes]", socket.socket]:
+    here, there = socket.socketpair()
+    root = str(Path(__file__).resolve().parents[2])
+    known = os.environ.get("PYTHONPATH")
+    with there:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "app.runtime.compute_worker", str(there.fileno())],
+            pass_fds=[there.fileno()],
+            stdin=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{known}" if known else root},
+        )
+    return process, here
+
+
+def _exchange(
+    process: "subprocess.Popen[bytes]", connection: socket.socket, request: object
+) -> tuple[bool, Any]:
+    try:
+        send_object(connection, request)
+        reply = receive_object(connection)
+    except OSError:
+        reply = None
+    if reply is None:
+        raise InputError(
+            f"computing process: ended with status {process.wait()}; expected a result (nothing "
+            "has changed)"
+        )
+    return cast(tuple[bool, Any], reply)
+
+
+def send_object(connection: socket.socket, value: object) -> None:
+    """Send an object; its arrays are written to memory that the receiver maps."""
+    file = write_object(value)
+    try:
+        socket.send_fds(connection, [b"x"], [file])
+    finally:
+        os.close(file)
+
+
+def receive_object(connection: socket.socket) -> object | None:
+    """Wait for an object of `send_object`; None if the sender has ended."""
+    _, files, _, _ = socket.recv_fds(connection, 1, 1)
+    if not files:
+        return None
+    try:
+        return read_object(files[0])
+    finally:
+        os.close(files[0])

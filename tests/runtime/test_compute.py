@@ -1,0 +1,115 @@
+"""Calls in another process: results, errors, and the end of either process."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.fixture import ProximityEngine, prepared_tumor
+from app.geometry import InputError, MeshError, SurfaceMesh, Transform
+from app.runtime import ComputeProcess
+from app.runtime.memory_file import read_object, write_object
+from benchmarks.fixture_shapes import tool, tumor
+
+
+@pytest.fixture(scope="module")
+def process():
+    with ComputeProcess() as made:
+        yield made
+
+
+def test_object_is_the_same_after_the_memory_file():
+    arrays = [np.arange(7.0), np.empty((0, 3)), np.asfortranarray(np.ones((3, 5), np.float32))]
+
+    file = write_object((arrays, "text"))
+    try:
+        read, text = read_object(file)
+    finally:
+        os.close(file)
+
+    assert text == "text"
+    for before, after in zip(arrays, read, strict=True):
+        np.testing.assert_array_equal(before, after)
+        assert after.flags.writeable and after.flags.aligned
+    read[0][0] = 5.0  # a private copy
+
+
+def test_tumour_prepared_in_another_process_gives_the_same_distances(process):
+    surface = tumor("lobed", 3)
+    engine = ProximityEngine(tumor("ball", 2), tool("needle"))
+    poses = [
+        Transform("tumor", "tool", np.eye(3), np.array([x, 1.0, 2.0])) for x in (-14.0, 3.0, 11.0)
+    ]
+
+    here = engine.with_tumor(prepared_tumor(surface))
+    there = engine.with_tumor(process.call(prepared_tumor, surface))
+
+    for pose in poses:
+        assert here.evaluate(pose).signed_distance_mm == there.evaluate(pose).signed_distance_mm
+
+
+def test_error_of_the_function_is_raised_here(process):
+    surface = tumor("ball", 1)
+    open_mesh = SurfaceMesh("tumor", surface.vertices_mm, surface.faces[:-1])
+
+    with pytest.raises(MeshError, match="is not closed"):
+        process.call(prepared_tumor, open_mesh)
+    with pytest.raises(RuntimeError, match="ZeroDivisionError"):
+        process.call(divmod, 1, 0)
+
+    assert process.call(divmod, 7, 2) == (3, 1)
+
+
+def test_killed_process_is_an_error_and_the_next_call_starts_another(process):
+    first = process.call(os.getpid)
+
+    with pytest.raises(InputError, match=r"ended with status -9; .*nothing has\s+changed"):
+        process.call(os.kill, first, signal.SIGKILL)
+
+    assert process.call(os.getpid) != first
+
+
+def test_process_has_a_lower_priority(process):
+    assert process.call(os.nice, 0) > os.nice(0)
+
+
+def test_closed_process_refuses_calls():
+    process = ComputeProcess()
+    process.close()
+
+    with pytest.raises(InputError, match="is closed"):
+        process.call(os.getpid)
+
+
+def test_process_ends_when_its_starter_is_killed(project_root):
+    code = (
+        "import os, time; from app.runtime import ComputeProcess\n"
+        "made = ComputeProcess(); print(made.call(os.getpid), flush=True); time.sleep(600)"
+    )
+    starter = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(project_root)},
+    )
+    with starter:
+        pid = int(starter.stdout.readline())
+        starter.kill()
+    deadline = time.monotonic() + 60.0
+    while is_running(pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
+
+    assert not is_running(pid)
+
+
+def is_running(pid):
+    """True for a process that has not ended; a zombie of another parent has."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
+    except FileNotFoundError:
+        return False
