@@ -14,7 +14,15 @@ from app.control.admittance import AdmittanceGains, HandAdmittance
 from app.control.measurements import JointMeasurement, PoseMeasurement, WrenchMeasurement
 from app.control.tool_kinematics import ToolKinematics
 from app.fixture import FixtureRule, PlainConstraint, RulePermission, RuleReason
-from app.geometry import NS_PER_MS, FloatArray, InputError, MarginGuardError
+from app.geometry import (
+    NS_PER_MS,
+    FloatArray,
+    Freshness,
+    FreshnessLimits,
+    InputError,
+    MarginGuardError,
+    freshness_of,
+)
 
 
 class ControlReason(StrEnum):
@@ -190,7 +198,7 @@ class CooperativeController:
 
 def _is_fresh(stamp_ns: int, max_age_ns: int, now_ns: int) -> bool:
     """True for a measurement that is not too old; one from the future is an error of a clock."""
-    return 0 <= now_ns - stamp_ns <= max_age_ns
+    return freshness_of(stamp_ns, now_ns, FreshnessLimits(max_age_ns)) is Freshness.VALID
 
 
 def _turned(rotation: FloatArray, rows: FloatArray) -> FloatArray:

@@ -69,10 +69,10 @@ class TranslucentOrder:
 
     def _split(self, actors: Iterable[vtkActor]) -> None:
         """Draw the near side of each of ``actors`` by an actor of its own."""
-        wanted = set(actors)
-        for actor in self._near_sides.keys() - wanted:
+        shown = set(actors)
+        for actor in self._near_sides.keys() - shown:
             self._renderer.RemoveActor(self._near_sides.pop(actor).actor)
-        for actor in wanted:
+        for actor in shown:
             if actor not in self._near_sides:
                 self._near_sides[actor] = _NearSide()
                 self._renderer.AddActor(self._near_sides[actor].actor)

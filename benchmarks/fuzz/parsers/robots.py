@@ -1,4 +1,4 @@
-"""Descriptions of robots: URDF, xacro, ADF and maps of meshes."""
+"""Descriptions of robots and of simulated worlds: URDF, xacro, ADF, maps of meshes, world.yaml."""
 
 import re
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ from app.files.shipped import shipped
 from app.robot import load_robot, robot_from_text
 from app.robot.description.ambf import bodies_from_mesh_map
 from app.robot.description.xacro_file import expand_xacro
+from app.simulation import open_world
 from benchmarks.fuzz.forked import start_forked
 from benchmarks.fuzz.mutators.text import TEXT
 from benchmarks.fuzz.mutators.tree import mutate_xml
@@ -120,6 +121,19 @@ def _read_mesh_map(path: Path) -> None:
 
 _PART_FILE = {"part.stl": _STL}
 
+
+def _world_seeds() -> Sequence[bytes]:
+    world = shipped("data", "worlds", "lumpectomy")
+    return [(world / "world.yaml").read_bytes().replace(b"chest_wall.stl", b"part_of_world.stl")]
+
+
+def _world_parser() -> FuzzedParser:
+    mesh = shipped("data", "recorded_case", "tumor.stl").read_bytes()
+    return FuzzedParser(
+        "world_yaml", "world.yaml", open_world, _world_seeds, YAML, {"part_of_world.stl": mesh}
+    )
+
+
 PARSERS = (
     FuzzedParser(
         "urdf", "arm.urdf", load_robot, _urdf_seeds, (*TEXT, *[mutate_xml] * 15), _PART_FILE
@@ -151,4 +165,5 @@ PARSERS = (
         _PART_FILE,
         names_file=False,
     ),
+    _world_parser(),
 )
