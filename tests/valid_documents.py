@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = {
     "data/recorded_case/case.yaml": "case",
     "data/live_example/live.yaml": "live",
+    "data/worlds/lumpectomy/live.yaml": "live",
     "data/phantom_case/case.yaml": "case",
     "data/recorded_case/expected.yaml": "expected",
     "data/phantom_case/expected.yaml": "expected",

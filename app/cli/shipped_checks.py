@@ -30,7 +30,9 @@ SHIPPED = {
 }
 """Name of a check -> files that must exist and not be empty."""
 
-PAGE = ("page.html", "page.css", "main.js", "keys.js", "alarm.js", "watch.js", "icon.svg")
+PAGE = (
+    "page.html", "page.css", "main.js", "keys.js", "alarm.js", "client.js", "watch.js", "icon.svg",
+)  # fmt: skip
 
 
 def check_shipped() -> list[Check]:

@@ -127,7 +127,7 @@ def _robot(block: Section, folder: Path) -> RobotEntry:
 
 
 def _tool(block: Section, folder: Path) -> ToolEntry:
-    name, link = block.frame("name"), block.text("link")
+    name, link = block.frame("name"), block.frame("link")
     return ToolEntry(
         name,
         link,

@@ -63,7 +63,7 @@ _TOOL = Block(
     "tool that a link holds",
     {
         "name": Frame("name of the tool"),
-        "link": Text("link that holds it"),
+        "link": Frame("link that holds it"),
         "mesh": _MESH,
         "mass_kg": Number("mass", above=0.0),
         "friction": _FRICTION,

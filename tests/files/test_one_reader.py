@@ -48,6 +48,7 @@ READS_OWN_FILES = {
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
     "files/hdf5_child.py": "a table of the kernel",
     "robot/description/xacro_child.py": "a table of the kernel",
+    "simulation/convex_parts.py": "a cache file, whose hash is checked",
     "runtime/persistence/instance_key.py": "the name of this machine",
     "viewer/server.py": "the page of this project",
 }
@@ -77,6 +78,8 @@ OPENS_FILES = {
     "case/recorder/recorder.py": {"self._partial.open"},
     "fixture/proximity/field_cache.py": {"os.fdopen"},
     "scene/scene_file.py": {"zipfile.ZipFile"},
+    # Bytes that were read from the cache and whose hash was checked.
+    "simulation/convex_parts.py": {"np.load"},
     # A database, which SQLite opens by name after it was found to be a regular file.
     "case/readers/rosbag2/database_file.py": {"sqlite3.connect"},
     # The lock of an instance, which this program made.

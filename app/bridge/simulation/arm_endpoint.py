@@ -33,6 +33,7 @@ from app.bridge.messages import (
 from app.bridge.node import RosNode
 from app.bridge.qos import LATCHED, NEWEST, STREAM, Topic
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
+from app.robot import urdf_text
 from app.simulation import ArmState, ArmStatus, JointVelocityCommand, RobotEntry, Wrench
 
 MAX_AHEAD_NS = 5_000_000
@@ -59,7 +60,7 @@ class ArmEndpoint:
         self._wrench = ros.publisher(Topic(f"/{name}/body/measured_cf", WrenchStamped, STREAM))
         if entry.file is not None and entry.file.suffix == ".urdf":
             described = ros.publisher(Topic(f"/{name}/robot_description", String, LATCHED))
-            described.publish(String(data=entry.file.read_text(encoding="utf-8")))
+            described.publish(String(data=urdf_text(entry.file)))
         self._lock = threading.Lock()
         self._arrived: JointState | None = None
         self._last: tuple[int, Transform] | None = None
