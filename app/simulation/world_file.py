@@ -49,7 +49,7 @@ def open_world(path: Path) -> WorldDescription:
     """
     file = path / WORLD_FILE if is_folder(path) else path
     if not is_file(file):
-        raise WorldError(f"{path} is not a world: no file {file.name}")
+        raise WorldError(f"{path} is not a world; expected a {WORLD_FILE} or its folder")
     try:
         return read_world(Section.load(file, WORLD), file.parent)
     except WorldError:

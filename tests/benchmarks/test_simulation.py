@@ -33,4 +33,4 @@ def test_figures_of_a_small_world(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 def test_missing_world_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path)]) == 2
-    assert "is not a world: no file world.yaml" in capsys.readouterr().err
+    assert "is not a world; expected a world.yaml or its folder" in capsys.readouterr().err

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
-from app.cli import main
+from app.cli.main import main
 from tests.bridge.live.conftest import start as start
 from tests.ros_domain import domain_id as domain_id
 

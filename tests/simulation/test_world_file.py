@@ -153,7 +153,7 @@ def test_fault_is_refused_in_one_line(tmp_path: Path, fault: str) -> None:
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"is not a world: no file world\.yaml"):
+    with pytest.raises(InputError, match=r"is not a world; expected a world\.yaml or its folder"):
         open_world(tmp_path)
 
 
