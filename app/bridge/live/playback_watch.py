@@ -68,8 +68,10 @@ class PlaybackWatch:
         is_announced = self._ros.is_open and self._ros.node.count_publishers(topics.PLAYBACK.name)
         if player or is_announced:
             self._seen_s = seen_s = now_s
-        if seen_s is None or now_s - seen_s > LINGER_S:
-            self._case, self._last_player = "", ""
+        if seen_s is None:  # the text may arrive before its publisher is on the graph: keep it
+            return ""
+        if now_s - seen_s > LINGER_S:
+            self._case, self._last_player, self._seen_s = "", "", None
             return ""
         last = self._last_player
         details = f"played by the node {last}" if last else self._case
