@@ -1,6 +1,7 @@
 """Discovery stays on this machine by default; start-up hook of the ROS wheels."""
 
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,9 @@ BY_UDP = {
 }
 FAST_DDS = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
 NOT_LOCALHOST_ONLY = {"ROS_LOCALHOST_ONLY": "0"}
+FIRST_ANNOUNCEMENTS = 6
+"""Sent by Fast DDS in the first half second, whatever the period is."""
+
 OF_ANOTHER_INSTALLATION = {**BY_UDP, "FASTRTPS_DEFAULT_PROFILES_FILE": UDP_ON_THIS_MACHINE.name}
 
 
@@ -116,6 +120,17 @@ def test_node_uses_no_shared_memory_and_no_multicast(domain_id):
     with RosNode("alone", domain_id=domain_id):
         assert "/dev/shm/fastrtps" not in Path("/proc/self/maps").read_text()
         assert not listens_to_other_machines(domain_id)
+
+
+def test_node_announces_itself_again_soon(domain_id):
+    # As a participant that missed the answer to its own announcement receives it.
+    last = 31
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(("127.0.0.1", 7400 + 250 * domain_id + 10 + 2 * last))
+        participant.settimeout(2.0)  # 10 periods
+        with RosNode("alone", domain_id=domain_id):
+            for _ in range(FIRST_ANNOUNCEMENTS + 5):
+                assert participant.recv(65536).startswith(b"RTPS")
 
 
 STARTED = """
