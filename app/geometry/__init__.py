@@ -3,6 +3,12 @@
 Units are mm, rad and integer ns. Imports numpy and scipy only.
 """
 
+from app.geometry.anatomy import (
+    ANATOMICAL_AXES,
+    ANATOMICAL_WORDS,
+    anatomical_direction,
+    anatomical_words,
+)
 from app.geometry.errors import (
     FrameError,
     InputError,
@@ -44,6 +50,8 @@ from app.geometry.transform import (
 from app.geometry.welding import weld_vertices
 
 __all__ = [
+    "ANATOMICAL_AXES",
+    "ANATOMICAL_WORDS",
     "NS_PER_MS",
     "NS_PER_S",
     "ROTATION_TOLERANCE",
@@ -61,6 +69,8 @@ __all__ = [
     "TrackingStatus",
     "Transform",
     "TransformError",
+    "anatomical_direction",
+    "anatomical_words",
     "camel_case",
     "check_frame",
     "closest_rotation",
