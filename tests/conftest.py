@@ -38,6 +38,7 @@ SLOW = {
         "tests/viewer/messages/test_page_socket.py",
         "tests/viewer/test_auth_served.py",
         "tests/viewer/test_page.py",
+        "tests/viewer/test_page_navigation.py",
         "tests/viewer/test_page_state.py",
         "tests/viewer/test_server_gone.py",
         "tests/viewer/test_tls_proxy.py",

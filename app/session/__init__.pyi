@@ -1,3 +1,4 @@
+from .breach_log import BreachEntry, BreachList, BreachLog
 from .case_robot import load_case_robot
 from .frame_senders import FrameSenders, SenderConflict
 from .from_case import margin_parameters, robot_from_case, setup_from_case
@@ -19,6 +20,7 @@ from .sender_trail import LEASE_NS, SILENT_NS, Sample, SenderTrail, has_ended
 from .sequence_trail import SequenceTrail
 from .session import Session
 from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
+from .shown_state import SHOWN_STATES, STOP, ShownState, shown_state
 from .step_result import StepResult
 from .tumor_change import TumorChange, tumor_change
 
@@ -26,8 +28,13 @@ __all__ = [
     "LEASE_NS",
     "NO_EDGES",
     "REFERENCE",
+    "SHOWN_STATES",
     "SILENT_NS",
     "SINGLE_SOURCE",
+    "STOP",
+    "BreachEntry",
+    "BreachList",
+    "BreachLog",
     "FrameSenders",
     "KnownEdges",
     "LiveSession",
@@ -44,6 +51,7 @@ __all__ = [
     "SequenceTrail",
     "Session",
     "SessionSetup",
+    "ShownState",
     "StepResult",
     "TumorChange",
     "deepest_on_path",
@@ -56,6 +64,7 @@ __all__ = [
     "margin_parameters",
     "robot_from_case",
     "setup_from_case",
+    "shown_state",
     "tightest_margins",
     "tip_signals",
     "tumor_change",

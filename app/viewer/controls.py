@@ -71,7 +71,7 @@ class SceneControls:
 
 
 class ReplayControls:
-    """Play and pause, step, seek, and set the rate of a replay."""
+    """Play and pause, step, seek, go to a frame, and set the rate of a replay."""
 
     def __init__(
         self, state: State, commands: Commands, control: ReplayControl, changed: Changed
@@ -82,6 +82,7 @@ class ReplayControls:
         commands.add("play", self._play)
         commands.add("step", self._step, integer(-_MAX_STEP, _MAX_STEP))
         commands.add("seek", self._seek, number(-1.0, 2.0))
+        commands.add("frame", self._go_to, integer(0, control.frames - 1))
         commands.add("rate", self._rate, number(min(RATES), max(RATES)))
 
     def _play(self) -> None:
@@ -98,6 +99,10 @@ class ReplayControls:
     def _seek(self, share: float) -> None:
         # The pointer may leave the timeline at either end.
         self._control.seek(min(max(share, 0.0), 1.0))
+        self._changed()
+
+    def _go_to(self, frame: int) -> None:
+        self._control.go_to(frame)
         self._changed()
 
     def _rate(self, rate: float) -> None:

@@ -3,11 +3,13 @@
 from trame_server.state import State
 
 from app.fixture import MarginState
+from app.session import BreachList
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.screenshot import screenshot
+from app.viewer.readout.breach_rows import breach_rows
 from app.viewer.readout.readout import readout
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
@@ -42,6 +44,8 @@ class Page:
         state.now = {**readout(None), **timeline.values(None), "number": 0}
         state.look = ""
         state.surfaces, state.drawn, state.camera = {}, [], None
+        self._breaches: BreachList | None = None
+        state.breaches = breach_rows(BreachList())
         state.plot = None  # an open page does not draw names that are added later
 
     @property
@@ -81,6 +85,10 @@ class Page:
             state.now = {**readout(self._now), **self._timeline.values(self._now), "number": number}
             state.look = "" if preset is None else preset.value
             state.update(self._timeline.new_plot())
+            breaches = self._timeline.breaches(self._now)
+            if breaches is not self._breaches:
+                self._breaches = breaches
+                state.breaches = breach_rows(breaches)
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()

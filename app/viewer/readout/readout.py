@@ -6,7 +6,7 @@ from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
 from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.scene.frames.watchdog import TransformHealth
-from app.session import SINGLE_SOURCE, StepResult
+from app.session import SHOWN_STATES, SINGLE_SOURCE, BreachList, ShownState, StepResult, shown_state
 from app.viewer.readout.reason_text import distance_text, reason_text
 from app.viewer.steps.view_state import ViewState
 
@@ -17,16 +17,19 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
     Of a hold also its causes; the last request to change a live session, with its outcome.
     """
     if shown is None:
-        return _values(MarginState.UNKNOWN, "nothing has been measured yet")
+        unknown = SHOWN_STATES[MarginState.UNKNOWN.name]
+        return _values(MarginState.UNKNOWN, unknown, "nothing has been measured yet")
     decision = shown.step.decision
     return _values(
         decision.state,
+        shown_state(decision),
         shown.silent or _reasons(shown.step),
         distance=distance_text(shown.distance_mm),
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
         rearm=_rearm(shown.seen, decision.state),
         breaches=shown.breaches,
+        history=_history(decision.state, shown.breach_list),
         **_margins(decision, shown.content),
         registration=_registration(shown.content),
         lamps=[_lamp(lamp, silent=bool(shown.silent)) for lamp in shown.lamps],
@@ -47,6 +50,7 @@ def _reasons(step: StepResult) -> str:
 
 def _values(
     state: MarginState,
+    display: ShownState,
     reason: str,
     *,
     distance: str = distance_text(None),
@@ -54,6 +58,7 @@ def _values(
     hold: bool = False,
     rearm: dict[str, int | str] | None = None,
     breaches: int = 0,
+    history: str = "",
     stop: str = "",
     warn: str = "",
     tre: str = "",
@@ -66,14 +71,16 @@ def _values(
 ) -> dict[str, Any]:
     return {
         "state": state.name,
-        "symbol": state.display.symbol,
-        "label": state.display.label,
+        "shown": display.key,
+        "symbol": display.symbol,
+        "label": display.label,
         "why": reason,
         "distance": distance,
         "trend": trend,
         "hold": hold,
         "rearm": rearm,
         "breaches": breaches,
+        "history": history,
         "stop": stop,
         "warn": warn,
         "tre": tre,
@@ -84,6 +91,14 @@ def _values(
         "causes": causes or [],
         "request": request,
     }
+
+
+def _history(state: MarginState, breaches: BreachList) -> str:
+    """The breaches so far, which stay after the tool has left the tumour; empty without one."""
+    if not breaches.count:
+        return ""
+    now = "clear now, " if state is MarginState.NEGATIVE else ""
+    return f"{now}{breaches.text}"
 
 
 def _rearm(seen: SeenHold | None, state: MarginState) -> dict[str, int | str] | None:

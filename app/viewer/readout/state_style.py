@@ -1,6 +1,7 @@
 """The states' colours and hatches for the page: a style sheet, and patterns for its plot."""
 
 from app.fixture import MarginState
+from app.session import SHOWN_STATES
 
 _HATCH_PATHS = {
     ".": "M3 3h2v2h-2z",
@@ -13,14 +14,13 @@ _HATCH_PATHS = {
 def state_css() -> str:
     """The style sheet ``states.css``: two variables per state, and the box with its label."""
     variables = [
-        f"--{state.name.lower()}: {state.display.color_hex}; "
-        f"--on-{state.name.lower()}: {state.display.text_color_hex};"
-        for state in MarginState
+        f"--{key.lower()}: {shown.ground_hex}; --on-{key.lower()}: {shown.text_hex};"
+        for key, shown in SHOWN_STATES.items()
     ]
     boxes = [
-        f'.state[data-state="{state.name}"] '
-        f"{{ background: var(--{state.name.lower()}); color: var(--on-{state.name.lower()}); }}"
-        for state in MarginState
+        f'.state[data-state="{key}"] '
+        f"{{ background: var(--{key.lower()}); color: var(--on-{key.lower()}); }}"
+        for key in SHOWN_STATES
     ]
     return "\n".join([":root {", *variables, "}", *boxes, ""])
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from app.geometry import NS_PER_MS, NS_PER_S
+from app.session import BreachList
 from app.viewer.readout.plot import WIDTH, Point, plot
 from app.viewer.steps.feeds import ReplayFeed
 from app.viewer.steps.view_state import ViewState
@@ -22,6 +23,9 @@ class Timeline(Protocol):
     def new_plot(self) -> dict[str, Any]:
         """Return the plot if it changed since the last call, else an empty dictionary."""
 
+    def breaches(self, shown: ViewState | None) -> BreachList:
+        """Return the breaches to be listed."""
+
     def revision(self) -> object:
         """Return a value that changes when the page needs an update without a new step."""
 
@@ -37,7 +41,7 @@ class ReplayTimeline:
         ]
         marks = [(control.time_ns(first), control.time_ns(last)) for first, last in breaches]
         self._drawn: dict[str, Any] | None = plot(points, marks, 0, control.duration_ns)
-        self._first_ns = feed.shown[0].step.frame.stamp.ns
+        self._breaches = feed.shown[-1].breach_list
 
     def values(self, shown: ViewState | None) -> dict[str, Any]:
         """Return position, duration, whether the replay plays, and its rate."""
@@ -58,6 +62,10 @@ class ReplayTimeline:
         """Return the plot at the first call."""
         drawn, self._drawn = self._drawn, None
         return {} if drawn is None else {"plot": drawn}
+
+    def breaches(self, shown: ViewState | None) -> BreachList:
+        """Return all breaches of the recording."""
+        return self._breaches
 
     def revision(self) -> object:
         """Return whether the replay plays, and its rate."""
@@ -95,6 +103,10 @@ class LiveTimeline:
             return {}
         self._drawn_ns = end_ns
         return {"plot": plot(list(self._points), (), end_ns - _LIVE_SPAN_NS, end_ns)}
+
+    def breaches(self, shown: ViewState | None) -> BreachList:
+        """Return the breaches so far."""
+        return BreachList() if shown is None else shown.breach_list
 
     def revision(self) -> object:
         """Return None: only steps change this timeline."""

@@ -91,6 +91,13 @@ class ReplayControl:
         self.pause()
         self._frame = min(max(self._frame + frames, 0), self.frames - 1)
 
+    def go_to(self, frame: int) -> None:
+        """Pause at ``frame``."""
+        if not 0 <= frame < self.frames:
+            raise ViewerError(f"frame: {frame}; expected 0 to {self.frames - 1}")
+        self.pause()
+        self._frame = frame
+
     def seek(self, share: float) -> None:
         """Go to the frame at ``share`` (0 to 1) of the duration; a playing replay keeps playing."""
         if not 0.0 <= share <= 1.0:

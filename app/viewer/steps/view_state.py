@@ -1,14 +1,14 @@
 """One step of a session with everything that a page shows of it."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from app.case import TrackingFrame
 from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, Freshness, SurfaceMesh, Transform
 from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
-from app.session import REFERENCE, SessionSetup, StepResult
+from app.session import REFERENCE, BreachList, BreachLog, SessionSetup, StepResult
 from app.viewer.steps.trend import Trend, TrendMeter
 
 
@@ -19,7 +19,8 @@ class ViewState:
     ``content``: the session's content at this step. ``margin_surface``: the surface at its stop
     margin; None while it is not computed, and for a margin of 0. ``measured``: the last good sample
     of every edge so far. ``breaches``: how often the state has become POSITIVE so far, so that a
-    page that skips steps misses none. ``marks``: positions of the tool inside the tumour, in the
+    page that skips steps misses none. ``breach_list``: the breaches so far, counted as in the
+    report. ``marks``: positions of the tool inside the tumour, in the
     tumour's frame, the first ``marked`` of them up to this step. ``silent``: why the step is
     outdated, empty while it is not. ``request``: the last request to change a live session.
     ``seen``: identifies the hold of a live session that an operator may end; None without one.
@@ -34,6 +35,7 @@ class ViewState:
     breaches: int
     marks: Sequence[FloatArray]
     marked: int
+    breach_list: BreachList = field(default_factory=BreachList)
     silent: str = ""
     request: OperatorRequest | None = None
     seen: SeenHold | None = None
@@ -86,6 +88,7 @@ class ViewStateBuilder:
         self._edges: dict[tuple[str, str], Transform] = {}
         self._measured: tuple[Transform, ...] = ()
         self._breaches = 0
+        self._breach_log = BreachLog(content.tumor, setup.margins.stale_after_ns)
         self._marks: list[FloatArray] = []
         self._inside = False
 
@@ -93,6 +96,7 @@ class ViewStateBuilder:
         """Attach these to the next steps. The breach marks of another tumour are dropped."""
         if content.tumor is not self._content.tumor:
             self._marks = []
+        self._breach_log.use(content.tumor, content.margins.stale_after_ns)
         self._content, self._margin_surface = content, margin_surface
 
     def observe(self, step: StepResult) -> ViewState:
@@ -117,6 +121,7 @@ class ViewStateBuilder:
             breaches=self._breaches,
             marks=self._marks,
             marked=len(self._marks),
+            breach_list=self._breach_log.observe(step),
         )
 
     def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:

@@ -1,8 +1,17 @@
-// The keyboard: space plays, arrows step, Home and End seek, digits choose the camera, m mutes, s saves the picture.
+// The keyboard: space plays, arrows step, Home and End seek, n and p go
+// to the next and the previous breach, digits choose the camera, m mutes, s saves the picture.
 
 export function listenToKeys(trame) {
   const operates = trame.state.get("role") === "operate";
   const replay = !trame.state.get("title").live;
+
+  // The next breach after the frame that is shown, or the last one before it.
+  function goToBreach(forward) {
+    const { frame } = trame.state.get("now");
+    const frames = trame.state.get("breaches").rows.map((breach) => breach.frame);
+    const found = forward ? frames.find((each) => each > frame) : frames.findLast((each) => each < frame);
+    return found === undefined ? undefined : trame.trigger("frame", [found]);
+  }
 
   function handle(event) {
     if (event.key.toLowerCase() === "m") return window.marginguard.mute();
@@ -16,6 +25,8 @@ export function listenToKeys(trame) {
     if (event.key === " ") return trame.trigger("play");
     if (event.key === "ArrowLeft") return trame.trigger("step", [event.shiftKey ? -25 : -1]);
     if (event.key === "ArrowRight") return trame.trigger("step", [event.shiftKey ? 25 : 1]);
+    const key = event.key.toLowerCase();
+    if (key === "n" || key === "p") return goToBreach(key === "n");
     if (event.key === "Home") return trame.trigger("seek", [0]);
     if (event.key === "End") return trame.trigger("seek", [1]);
     return undefined;

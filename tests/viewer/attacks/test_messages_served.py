@@ -133,6 +133,8 @@ NO_ARGUMENTS = [
     ("trame.trigger", ("step", [10**9], {})),
     ("trame.trigger", ("step", [True], {})),
     ("trame.trigger", ("seek", [float("inf")], {})),
+    ("trame.trigger", ("frame", [10**6], {})),
+    ("trame.trigger", ("frame", [-1], {})),
     ("trame.trigger", ("rate", [3.0], {})),
     ("trame.rca.size", ("other", "a", {"w": 10, "h": 10, "p": 1})),
     ("trame.rca.size", (AREA, "a", {"w": 1e9, "h": 1e9, "p": 1})),

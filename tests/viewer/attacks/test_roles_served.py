@@ -13,6 +13,7 @@ CALLS = {
     "part_opacity": ("trame.trigger", "part_opacity", ["TUMOR", 0.5], {}),
     "play": ("trame.trigger", "play", [], {}),
     "step": ("trame.trigger", "step", [3], {}),
+    "frame": ("trame.trigger", "frame", [2], {}),
     "seek": ("trame.trigger", "seek", [0.9], {}),
     "rate": ("trame.trigger", "rate", [4.0], {}),
     "size": ("trame.rca.size", AREA, "a", {"w": 640, "h": 400, "p": 1}),

@@ -1,0 +1,128 @@
+"""Breaches of a session: counted as in the report, with place and part of the tool."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from app.case import TrackingFrame
+from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
+from app.geometry import NS_PER_MS, Stamp, SurfaceMesh, Transform
+from app.report import ReportRow, find_breaches
+from app.session import STOP, BreachLog, StepResult, shown_state
+from app.session.breach_log import MAX_LISTED
+
+STALE_NS = 200 * NS_PER_MS
+STEP_NS = 50 * NS_PER_MS
+CENTER_MM = np.array([100.0, -40.0, 7.0])
+
+
+@pytest.fixture
+def tumor() -> SurfaceMesh:
+    """A box of 20 mm around `CENTER_MM`, one of whose sides has most of its vertices."""
+    box = trimesh.creation.box((20.0, 20.0, 20.0))
+    fine = box.subdivide(np.flatnonzero(box.face_normals[:, 0] > 0.5))
+    return SurfaceMesh("needle_tumor", fine.vertices + CENTER_MM, fine.faces)
+
+
+def step_of(
+    index: int,
+    distance_mm: float | None,
+    *,
+    ns: int | None = None,
+    side: Sequence[float] = (0.0, 0.0, 10.0),
+    behind_tip_mm: float = 0.0,
+) -> StepResult:
+    """A step whose deepest tool point lies ``behind_tip_mm`` from the tip, at ``side``."""
+    on_tumor = CENTER_MM + np.array(side)
+    on_tool = on_tumor + np.array([0.0, 0.0, distance_mm or 0.0])
+    proximity = None
+    if distance_mm is not None:
+        witnesses = Witnesses.single(distance_mm, on_tool, on_tumor, np.array([0.0, 0.0, 1.0]))
+        proximity = Proximity(distance_mm, witnesses, None)
+    stamp = Stamp(index * STEP_NS if ns is None else ns, "tracker")
+    inside = distance_mm is not None and distance_mm < 0.0
+    state = MarginState.POSITIVE if inside else MarginState.NEGATIVE
+    decision = FixtureDecision(state, (), proximity, None, None, False, stamp, index)
+    matrix = np.eye(4)
+    matrix[:3, 3] = on_tool - np.array([behind_tip_mm, 0.0, 0.0])
+    return StepResult(
+        index=index,
+        frame=TrackingFrame(stamp, (), ()),
+        decision=decision,
+        tumor_from_tip=Transform.from_matrix(matrix, target="needle_tumor", source="tip"),
+        virtual_fixture=None,
+        links={},
+        joints=None,
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_breaches_are_those_of_the_report(seed: int, tumor: SurfaceMesh) -> None:
+    random = np.random.default_rng(seed)
+    log, rows, now_ns = BreachLog(tumor, STALE_NS), [], 10**9
+    steps = []
+    for index in range(120):
+        now_ns += int(random.choice([STEP_NS, STEP_NS, STEP_NS, 3 * STALE_NS, -STEP_NS]))
+        distance = None if random.random() < 0.1 else float(random.normal(0.5, 1.0))
+        steps.append(step_of(index, distance, ns=now_ns))
+        rows.append(ReportRow.from_step(steps[-1]))
+        found = log.observe(steps[-1])
+        expected = find_breaches(rows, STALE_NS)
+        assert found.count == len(expected)
+        assert [(e.first, e.last, e.deepest, -e.depth_mm, e.begin_s) for e in found.entries] == [
+            (b.first, b.last, b.deepest, b.min_signed_distance_mm, b.start_s) for b in expected
+        ]
+
+
+def test_breach_has_place_part_and_time(tumor: SurfaceMesh) -> None:
+    log = BreachLog(tumor, STALE_NS)
+    log.observe(step_of(0, 4.0))
+    log.observe(step_of(1, -1.0))
+    log.observe(step_of(2, -3.25, side=(9.0, 0.0, -10.0), behind_tip_mm=12.4))
+    inside = log.observe(step_of(3, -0.5))
+    assert inside.is_inside
+    after = log.observe(step_of(4, 2.0))
+    (entry,) = after.entries
+    assert not after.is_inside and not entry.is_open and inside.entries[0].is_open
+    assert (entry.first, entry.deepest, entry.last) == (1, 2, 3)
+    assert (entry.begin_s, entry.duration_s, entry.depth_mm) == (0.05, 0.1, 3.25)
+    assert (entry.place, entry.place_text) == ("IR", "inferior right")
+    assert (entry.from_tip_mm, entry.part_text) == (pytest.approx(12.4), "12 mm from the tip")
+    assert after.text == "1 breach so far, deepest 3.2 mm"
+
+
+def test_tip_is_named(tumor: SurfaceMesh) -> None:
+    entry = BreachLog(tumor, STALE_NS).observe(step_of(0, -1.0, behind_tip_mm=1.5)).entries[0]
+    assert entry.part_text == "tip"
+    assert replace(entry, from_tip_mm=None).part_text == "part of the tool not known"
+
+
+def test_long_list_keeps_count_first_and_deepest(tumor: SurfaceMesh) -> None:
+    log = BreachLog(tumor, STALE_NS)
+    for index in range(2 * (MAX_LISTED + 100)):
+        depth = -9.0 if index == 20 else -1.0
+        found = log.observe(step_of(index, depth if index % 2 == 0 else 3.0))
+    assert (found.count, len(found.entries)) == (MAX_LISTED + 100, MAX_LISTED)
+    numbers = [entry.number for entry in found.entries]
+    assert numbers[0] == 1 and numbers[1] == 11 and numbers[-1] == MAX_LISTED + 100
+    assert found.deepest is not None and found.deepest.depth_mm == 9.0
+    assert found.text == f"{MAX_LISTED + 100} breaches so far, deepest 9.0 mm"
+
+
+def test_tool_inside_the_stop_margin_has_a_display_of_its_own() -> None:
+    decision = step_of(0, 0.4).decision
+    warning = replace(decision, state=MarginState.WARNING, reasons=(Reason.WARNING_DISTANCE,))
+    stopped = replace(decision, state=MarginState.WARNING, reasons=(Reason.STOP_DISTANCE,))
+    inside = replace(
+        decision, state=MarginState.POSITIVE, reasons=(Reason.INSIDE, Reason.STOP_DISTANCE)
+    )
+    unknown = replace(
+        decision, state=MarginState.UNKNOWN, reasons=(Reason.STALE, Reason.STOP_DISTANCE)
+    )
+    keys = [shown_state(each).key for each in (warning, stopped, inside, unknown)]
+    assert keys == ["WARNING", STOP, "POSITIVE", "UNKNOWN"]
+    displays = [shown_state(each) for each in (warning, stopped, inside, unknown)]
+    assert len({each.symbol for each in displays}) == len({each.label for each in displays}) == 4
