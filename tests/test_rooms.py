@@ -70,6 +70,7 @@ SUB_PACKAGES_MAY_IMPORT = {
         "messages": {"frames"},
         "recorder": {"frames", "messages"},
         "readers": {"frames", "messages"},
+        "images": {"frames", "readers"},
         "manifest": {"tumor"},
     },
     "fixture": {

@@ -7,6 +7,8 @@ from .frames.playback import Playback, PlayedSamples
 from .frames.player import Player
 from .frames.samples import JointSample, TrackingFrame
 from .frames.watchdog import with_watchdog
+from .images.calibration import read_image_calibration
+from .images.sequence import ImageHeader, ImagePose, ImageSequence, read_image_header
 from .live_file import (
     IgtlSourceEntry,
     LiveCase,
@@ -94,6 +96,9 @@ __all__ = [
     "ExpectedDropout",
     "ExpectedRegistration",
     "IgtlSourceEntry",
+    "ImageHeader",
+    "ImagePose",
+    "ImageSequence",
     "JointSample",
     "JointSource",
     "LiveCase",
@@ -132,6 +137,8 @@ __all__ = [
     "open_case",
     "open_live",
     "read_igsio",
+    "read_image_calibration",
+    "read_image_header",
     "read_mcap",
     "read_mrml",
     "read_recording",

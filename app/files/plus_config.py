@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from app.files.bounded_io import read_bounded
 from app.files.landmarks import landmarks_by_name
 from app.files.numbers import parse_numbers
@@ -44,19 +46,29 @@ class PlusConfiguration:
         found = [target for target, source in self.matrices if source == f"{target}_tip"]
         return found[0] if len(found) == 1 else None
 
-    def transform(self, target: str, source: str) -> Transform:
-        """Return ``target_from_source``; raise `InputError` where it is missing or not rigid."""
+    def affine(self, target: str, source: str) -> FloatArray:
+        """Return the matrix (4, 4) of ``target_from_source``, which may be scaled.
+
+        Raises `InputError` where it is missing or not 16 numbers.
+        """
         if (target, source) not in self.matrices:
             given = ", ".join(join_transform_name(s, t) for t, s in self.matrices) or "none"
             raise InputError(
                 f"{self.path} has no {join_transform_name(source, target)}; it has {given}"
             )
-        place = f"{self.path}: matrix of {join_transform_name(source, target)}"
-        matrix = parse_numbers(self.matrices[target, source], 16, place)
+        numbers = parse_numbers(self.matrices[target, source], 16, self._place(target, source))
+        return np.array(numbers).reshape(4, 4)
+
+    def transform(self, target: str, source: str) -> Transform:
+        """Return ``target_from_source``; raise `InputError` where it is missing or not rigid."""
+        matrix = self.affine(target, source)
         try:
             return Transform.from_matrix(matrix, target=target, source=source)
         except MarginGuardError as error:
-            raise InputError(f"{place}: {error}") from error
+            raise InputError(f"{self._place(target, source)}: {error}") from error
+
+    def _place(self, target: str, source: str) -> str:
+        return f"{self.path}: matrix of {join_transform_name(source, target)}"
 
 
 @dataclass(slots=True)

@@ -89,6 +89,23 @@ def read_any_transform(path: Path) -> tuple[FloatArray, tuple[str, str] | None]:
     return pose.matrix, names
 
 
+def read_affine(path: Path, *, target: str, source: str) -> FloatArray:
+    """Read the matrix (4, 4) of ``target_from_source``, which may be scaled, as `read_transform`.
+
+    Raises `InputError` for another kind of file.
+    """
+    try:
+        if path.suffix.lower() not in _YAML:
+            return _matrix_of(path)
+        document = Section.load(path, _DOCUMENT)
+        _check_frames(document, target, source)
+        return np.array(document.numbers("matrix")).reshape(4, 4)
+    except InputError:
+        raise
+    except MarginGuardError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
 def _to_yaml(transform: Transform, note: str) -> str:
     document = {
         "transform": join_transform_name(transform.source, transform.target),
@@ -102,10 +119,14 @@ def _to_yaml(transform: Transform, note: str) -> str:
 
 def _from_yaml(path: Path, target: str, source: str) -> Transform:
     document = Section.load(path, _DOCUMENT)
+    _check_frames(document, target, source)
+    return Transform.from_matrix(document.numbers("matrix"), target=target, source=source)
+
+
+def _check_frames(document: Section, target: str, source: str) -> None:
     for key, frame in (("target", target), ("source", source)):
         if key in document and document.text(key) != frame:
             raise FrameError(f"{key} is {document.text(key)!r}; expected {frame!r}")
-    return Transform.from_matrix(document.numbers("matrix"), target=target, source=source)
 
 
 def _to_itk(transform: Transform, note: str) -> str:

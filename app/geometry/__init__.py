@@ -31,6 +31,8 @@ from app.geometry.freshness import (
     freshness_of_stamp,
     stale_in_ns,
 )
+from app.geometry.image import MAX_IMAGE_SIDE, PIXEL_TYPES, ImageSample, ImageStatus, Pixels
+from app.geometry.image_calibration import ImageCalibration, image_corners
 from app.geometry.mesh import SurfaceMesh
 from app.geometry.plain_number import is_plain_number
 from app.geometry.slots import slot_setters
@@ -52,16 +54,22 @@ from app.geometry.welding import weld_vertices
 __all__ = [
     "ANATOMICAL_AXES",
     "ANATOMICAL_WORDS",
+    "MAX_IMAGE_SIDE",
     "NS_PER_MS",
     "NS_PER_S",
+    "PIXEL_TYPES",
     "ROTATION_TOLERANCE",
     "FloatArray",
     "FrameError",
     "Freshness",
     "FreshnessLimits",
+    "ImageCalibration",
+    "ImageSample",
+    "ImageStatus",
     "InputError",
     "MarginGuardError",
     "MeshError",
+    "Pixels",
     "Stamp",
     "StampError",
     "SurfaceMesh",
@@ -76,6 +84,7 @@ __all__ = [
     "closest_rotation",
     "freshness_of",
     "freshness_of_stamp",
+    "image_corners",
     "is_plain_number",
     "join_transform_name",
     "mean_transform",

@@ -9,6 +9,7 @@ MODULES = (
     "benchmarks.fuzz.parsers.meshes",
     "benchmarks.fuzz.parsers.robots",
     "benchmarks.fuzz.parsers.recordings",
+    "benchmarks.fuzz.parsers.images",
     "benchmarks.fuzz.parsers.messages",
 )
 """Modules with a tuple ``PARSERS``."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.cli.file_info.file_info import FileInfo
+from app.cli.file_info.images import add_images, describe_images_alone
 
 if TYPE_CHECKING:
     from app.case import RecordingInventory
@@ -23,6 +24,9 @@ def describe_at_rate(path: Path, rate_hz: float | None) -> FileInfo:
     from app.cli.progress import with_progress
     from app.session import REFERENCE
 
+    alone = describe_images_alone(path)
+    if alone is not None:
+        return alone
     notes: list[str] = []
     inventory = RecordingInventory()
     frames = read_recording(path, note_to(notes), rate_hz=rate_hz)
@@ -53,7 +57,7 @@ def describe_at_rate(path: Path, rate_hz: float | None) -> FileInfo:
     if not usable:
         uses = []
         missing.insert(0, "no transform is valid in any frame")
-    return FileInfo(
+    found = FileInfo(
         str(path),
         f"a recording of a tracker ({_kind(path, recording_format.kinds)})",
         facts,
@@ -61,6 +65,7 @@ def describe_at_rate(path: Path, rate_hz: float | None) -> FileInfo:
         tuple(missing),
         tuple(notes),
     )
+    return add_images(path, found)
 
 
 def _kind(path: Path, kinds: tuple[str, ...]) -> str:

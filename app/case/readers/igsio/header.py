@@ -2,8 +2,7 @@
 
 The header holds all tracking data: ``Seq_Frame0000_StylusToTrackerTransform = 16 numbers`` (row by
 row, mm), its ``...Status``, ``Timestamp`` and ``UnfilteredTimestamp`` in seconds. Images may follow
-the header or lie in a second file, compressed or not. They are not read, and ``ImageStatus`` is
-ignored.
+the header or lie in a second file, compressed or not: `app.case.images` reads them.
 """
 
 import re
@@ -84,41 +83,11 @@ def read_header(
     name of a transform, or None to skip it. Raises `InputError`, with the line, for malformed text,
     and for a header without any frame.
     """
-    draft: _Draft | None = None
     count = skipped = 0
     has_transform = False
-    for line, key, value in _fields(file, path):
-        match = _FRAME_FIELD.fullmatch(key)
-        if match is None:
-            continue
-        index = int(match[1])
-        if draft is not None and index != draft.index:
-            if index < draft.index:
-                raise InputError(
-                    f"{path} line {line}: frame {index} comes after frame {draft.index}; "
-                    "expected rising numbers"
-                )
-            if frame := draft.finished(path, frames_of, note):
-                count += 1
-                yield frame
-            else:
-                skipped += 1
-            draft = None
-        draft = draft or _Draft(index, rate_hz)
-        if len(draft.fields) >= _MAX_FRAME_FIELDS:
-            raise InputError(
-                f"{path} line {line}: frame {index} has more than {_MAX_FRAME_FIELDS} fields; "
-                f"expected {_MAX_FRAME_FIELDS} or fewer"
-            )
-        if match[2] in draft.fields:
-            raise InputError(
-                f"{path} line {line} (frame {index}): {match[2]} is repeated, first in line "
-                f"{draft.fields[match[2]][0]}"
-            )
-        draft.fields[match[2]] = (line, value)
-        has_transform = has_transform or match[2].endswith(_TRANSFORM_SUFFIX)
-    if draft is not None:
-        if frame := draft.finished(path, frames_of, note):
+    for draft in header_frames(file, path):
+        has_transform = has_transform or any(map(is_transform, draft.fields))
+        if frame := _tracking_frame(draft, path, frames_of, note, rate_hz):
             count += 1
             yield frame
         else:
@@ -138,42 +107,14 @@ def read_header(
 
 
 @dataclass(slots=True)
-class _Draft:
-    """The fields of one frame that have been read: (line, value) by name."""
+class FrameFields:
+    """The fields of one frame of a header: (line, value) by name."""
 
     index: int
-    rate_hz: float | None = None
     fields: dict[str, tuple[int, str]] = field(default_factory=dict)
 
-    def finished(self, path: str, frames_of: FramesOf, note: Note) -> TrackingFrame | None:
-        """The frame; None when it has no Timestamp."""
-        stamp = self._stamp(path, "Timestamp")
-        if self.rate_hz is not None:
-            if stamp is not None:
-                raise InputError(
-                    f"{path}: frame {self.index} has a Timestamp; expected none with a stated rate "
-                    f"({self.rate_hz:g} Hz)"
-                )
-            stamp = Stamp(round(self.index * NS_PER_S / self.rate_hz))
-        if stamp is None:
-            note(f"frame {self.index} has no Timestamp: skipped")
-            return None
-        poses: dict[tuple[str, str], TrackedTransform] = {}
-        for name, (line, value) in self.fields.items():
-            if not name.endswith(_TRANSFORM_SUFFIX):
-                continue
-            frames = frames_of(name.removesuffix(_TRANSFORM_SUFFIX))
-            if frames is not None:
-                where = f"{path} line {line} (frame {self.index}, {name})"
-                _, status = self.fields.get(f"{name}Status", (0, "OK"))
-                sample = tracked_sample(parse_numbers(value, 16, where), status, frames, stamp)
-                known = poses.get(frames)  # two names may give the same frames
-                poses[frames] = sample if known is None else agreed_sample(known, sample)
-        return TrackingFrame(
-            stamp, tuple(poses.values()), unfiltered_stamp=self._stamp(path, "UnfilteredTimestamp")
-        )
-
-    def _stamp(self, path: str, name: str) -> Stamp | None:
+    def stamp(self, path: str, name: str = "Timestamp") -> Stamp | None:
+        """The time in the field ``name``, None without it; `InputError` for another text."""
         if name not in self.fields:
             return None
         line, value = self.fields[name]
@@ -181,6 +122,85 @@ class _Draft:
             return Stamp.from_seconds(value)
         except MarginGuardError as error:
             raise InputError(f"{path} line {line} (frame {self.index}, {name}): {error}") from error
+
+    def matrix(self, path: str, name: str) -> tuple[list[float], str]:
+        """The 16 numbers of the transform ``name`` and its status; a missing one counts as OK."""
+        line, value = self.fields[name]
+        numbers = parse_numbers(value, 16, f"{path} line {line} (frame {self.index}, {name})")
+        return numbers, self.fields.get(f"{name}Status", (0, "OK"))[1]
+
+
+def is_transform(name: str) -> bool:
+    """True for the name of a frame's field that holds a transform."""
+    return name.endswith(_TRANSFORM_SUFFIX)
+
+
+def header_frames(
+    file: IO[bytes], path: str, others: Callable[[str, str], None] | None = None
+) -> Iterator[FrameFields]:
+    """Yield the fields of each frame of a header; the ending of ``path`` gives the syntax.
+
+    ``others`` takes key and value of the fields that belong to no frame. ``file`` is left at the
+    first byte after the header. Raises `InputError`, with the line, for a repeated field, too many
+    fields of a frame and frame numbers that do not rise.
+    """
+    draft: FrameFields | None = None
+    for line, key, value in _fields(file, path):
+        match = _FRAME_FIELD.fullmatch(key)
+        if match is None:
+            if others is not None:
+                others(key, value)
+            continue
+        index = int(match[1])
+        if draft is not None and index != draft.index:
+            if index < draft.index:
+                raise InputError(
+                    f"{path} line {line}: frame {index} comes after frame {draft.index}; "
+                    "expected rising numbers"
+                )
+            yield draft
+            draft = None
+        draft = draft or FrameFields(index)
+        if len(draft.fields) >= _MAX_FRAME_FIELDS:
+            raise InputError(
+                f"{path} line {line}: frame {index} has more than {_MAX_FRAME_FIELDS} fields; "
+                f"expected {_MAX_FRAME_FIELDS} or fewer"
+            )
+        if match[2] in draft.fields:
+            raise InputError(
+                f"{path} line {line} (frame {index}): {match[2]} is repeated, first in line "
+                f"{draft.fields[match[2]][0]}"
+            )
+        draft.fields[match[2]] = (line, value)
+    if draft is not None:
+        yield draft
+
+
+def _tracking_frame(
+    draft: FrameFields, path: str, frames_of: FramesOf, note: Note, rate_hz: float | None
+) -> TrackingFrame | None:
+    """The frame of ``draft``; None when it has no Timestamp."""
+    stamp = draft.stamp(path)
+    if rate_hz is not None:
+        if stamp is not None:
+            raise InputError(
+                f"{path}: frame {draft.index} has a Timestamp; expected none with a stated rate "
+                f"({rate_hz:g} Hz)"
+            )
+        stamp = Stamp(round(draft.index * NS_PER_S / rate_hz))
+    if stamp is None:
+        note(f"frame {draft.index} has no Timestamp: skipped")
+        return None
+    poses: dict[tuple[str, str], TrackedTransform] = {}
+    for name in filter(is_transform, draft.fields):
+        frames = frames_of(name.removesuffix(_TRANSFORM_SUFFIX))
+        if frames is not None:
+            sample = tracked_sample(*draft.matrix(path, name), frames, stamp)
+            known = poses.get(frames)  # two names may give the same frames
+            poses[frames] = sample if known is None else agreed_sample(known, sample)
+    return TrackingFrame(
+        stamp, tuple(poses.values()), unfiltered_stamp=draft.stamp(path, "UnfilteredTimestamp")
+    )
 
 
 def tracked_sample(
@@ -281,6 +301,7 @@ def _fields(file: IO[bytes], path: str) -> Iterator[tuple[int, str, str]]:
             break
         key, value = found
         if key == "ElementDataFile" and not nrrd:
+            yield line, key, value
             return
         if match := _FRAME_FIELD.match(key):
             last = f"in frame {int(match[1])}"
