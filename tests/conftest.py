@@ -143,6 +143,7 @@ LONG = {
         "tests/examples/test_notebooks.py",
         "tests/examples/test_ros_scripts.py",
         "tests/cli/test_simulate.py",
+        "tests/cli/test_simulate_group.py",
         "tests/examples/test_twist_filter.py",
     ),
 }

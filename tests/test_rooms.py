@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "session": {"geometry", "files", "registration", "robot", "case", "fixture"},
     "runtime": {"geometry", "files", "registration", "robot", "case", "fixture", "session"},
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
-    "control": {"geometry", "robot", "fixture"},
+    "control": {"geometry", "files", "robot", "fixture"},
     "simulation": {"geometry", "files", "synthetic", "robot", "fixture"},
     "igtl": {"geometry"},
     "bridge": {

@@ -1,4 +1,6 @@
 from .admittance import AdmittanceGains, HandAdmittance
+from .control_file import BASE, RULE_FRAME, ControlDescription, open_control
+from .control_keys import CONTROL, control_schema_text
 from .controller import (
     ControlDecision,
     ControllerParameters,
@@ -7,10 +9,15 @@ from .controller import (
 )
 from .measurements import JointMeasurement, PoseMeasurement, WrenchMeasurement
 from .tool_kinematics import ToolKinematics
+from .warm_up import warm_up
 
 __all__ = [
+    "BASE",
+    "CONTROL",
+    "RULE_FRAME",
     "AdmittanceGains",
     "ControlDecision",
+    "ControlDescription",
     "ControlReason",
     "ControllerParameters",
     "CooperativeController",
@@ -19,4 +26,7 @@ __all__ = [
     "PoseMeasurement",
     "ToolKinematics",
     "WrenchMeasurement",
+    "control_schema_text",
+    "open_control",
+    "warm_up",
 ]

@@ -28,6 +28,8 @@ class ScriptedHand:
     def wrench(self, state: WorldState) -> Wrench:
         """The hand's wrench on the tool in ``state``; 0 between the pushes."""
         time_s = state.time_ns / NS_PER_S
+        if self._entry.period_s is not None:
+            time_s %= self._entry.period_s
         push = next((p for p in self._entry.pushes if p.start_s <= time_s < p.end_s), None)
         force: FloatArray = np.zeros(3)
         if push is not None:

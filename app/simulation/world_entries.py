@@ -116,12 +116,16 @@ class Push:
 
 @dataclass(frozen=True, slots=True)
 class HandEntry:
-    """A scripted hand on the tool of ``robot``; ``free_speed_mm_s`` is for its controller."""
+    """A scripted hand on the tool of ``robot``; ``free_speed_mm_s`` is for its controller.
+
+    The pushes repeat every ``period_s``, None for pushes that are done once.
+    """
 
     robot: str
     force_n: float
     free_speed_mm_s: float
     pushes: tuple[Push, ...]
+    period_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

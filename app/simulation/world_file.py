@@ -212,14 +212,23 @@ def _jitter(given: Callable[..., float], kind: str, default: Jitter, degree: flo
 
 
 def _hand(block: Section) -> HandEntry:
+    pushes = tuple(
+        Push(*_interval(each), each.text("towards"), each.boolean("retreat"))
+        for each in block.sections("pushes")
+    )
+    period_s = block.number("period_s") if "period_s" in block else None
+    last_s = max(push.end_s for push in pushes)
+    if period_s is not None and period_s < last_s:
+        raise WorldError(
+            f"{block.place('period_s')} is {period_s:g}; "
+            f"expected at least the end of the last push ({last_s:g})"
+        )
     return HandEntry(
         block.text("robot"),
         block.number("force_n"),
         block.number("free_speed_mm_s"),
-        tuple(
-            Push(*_interval(each), each.text("towards"), each.boolean("retreat"))
-            for each in block.sections("pushes")
-        ),
+        pushes,
+        period_s,
     )
 
 

@@ -27,6 +27,7 @@ FILES = "the named files exist and have a known format"
 UNIQUE_NAMES = "names of robots, tools, bodies and tissues differ from each other"
 KNOWN_NAMES = "hand.robot is a robot, towards and tracked name a tool, a body or a tissue"
 ORDERED_TIMES = "end_s is after start_s"
+ENDS_IN_PERIOD = "period_s is not before the end of the last push"
 _MESH_PATH = "mesh file (.stl, .ply, .obj), relative, absolute or package://NAME/..."
 
 _POSE: dict[str, Key] = {
@@ -211,6 +212,11 @@ _HAND = Block(
         "free_speed_mm_s": Number(
             "speed of the tool under this force where nothing is near", default=100.0, above=0.0
         ),
+        "period_s": Number(
+            "the pushes repeat after this time; default: they are done once",
+            optional=True,
+            above=0.0,
+        ),
         "pushes": ListOf(
             "pushes, in order of time",
             Block(
@@ -226,6 +232,7 @@ _HAND = Block(
             if_empty="expected pushes",
         ),
     },
+    rules=(ENDS_IN_PERIOD,),
     optional=True,
 )
 

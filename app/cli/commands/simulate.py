@@ -4,8 +4,10 @@ WORLD is a world.yaml or its folder. Each arm has the topics of CRTK in its name
 measured_cp, servo_jv, ...); the tracker publishes on /tracked_transforms and /tf; true poses are on
 /tf as truth/NAME. An arm moves by servo_jv of one node alone, stops 30 ms after its last command,
 and is in FAULT after an invalid one, a second sender, or when the physics falls more than 30 ms
-behind real time, until its service enable is called. Exit status 130 or 143 after a signal, 2 on
-bad input and when the physics diverges.
+behind real time, until its service enable is called. --with and --view start other commands with
+the live.yaml and control.yaml beside the world; the physics begins when all of them run, and all
+end with the first that ends. Exit status 130 or 143 after a signal, 2 on bad input, when the
+physics diverges and when one of the others ends.
 """
 
 import argparse
@@ -18,12 +20,28 @@ from app.cli.signals import note_signals
 
 SUMMARY = "simulate robots, tissue and a tracker with physics, on the ROS graph"
 
+CONSTRAINT_HZ = "200"
+"""Rate of the constraint that the session repeats: that of the controller, for two cores."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard simulate``."""
     parser.add_argument("world", type=Path, metavar="WORLD", help="world.yaml or its folder")
     parser.add_argument(
         "--no-hand", action="store_true", help="without the scripted hand of the world"
+    )
+    parser.add_argument(
+        "--with",
+        dest="others",
+        action="append",
+        choices=("live", "control"),
+        default=[],
+        help="start the guard ('live') or the controller ('control'), too; once for each",
+    )
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="start a page of the session, which is then the guard ('view --live')",
     )
 
 
@@ -38,13 +56,25 @@ def run(options: argparse.Namespace) -> int:
         with received.ends_at_once():
             from app.bridge import RosNode
             from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
+            from app.cli.command_group import CommandGroup
+            from app.geometry import InputError
             from app.simulation import World, open_world
 
+            commands = _commands(options)
             description = open_world(options.world)
             world = World(description)
         stop = threading.Event()
+        failed: list[str] = []
+
+        def ended(name: str, status: int) -> None:
+            failed.append(f"'marginguard {name}' ended with status {status}")
+            stop.set()
+
         received.stops(stop.set)
-        with RosNode(NODE_NAME) as ros:
+        with CommandGroup(ended) as others, RosNode(NODE_NAME) as ros:
+            for command in commands:
+                others.start(*command)
+            others.wait_until_ready(stop)
             node = SimulationNode(ros, description, use_hand=not options.no_hand)
             pace = RealTime(
                 world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
@@ -53,4 +83,29 @@ def run(options: argparse.Namespace) -> int:
             arms = ", ".join(f"/{each.name}" for each in description.robots) or "none"
             print(f"SIMULATION of {description.name}, arms: {arms}; Ctrl-C ends it", flush=True)
             pace.run(node, stop)
+        if failed and received.number is None:
+            raise InputError(f"{failed[0]}; expected it to run until the simulation ends")
     return received.exit_status
+
+
+def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
+    """The commands to start, with their arguments. Raises `InputError` for a missing file."""
+    from app.files.bounded_io import is_file, is_folder
+    from app.geometry import InputError
+
+    folder = options.world if is_folder(options.world) else options.world.parent
+    found: list[tuple[str, ...]] = []
+    if options.view:
+        found.append(("view", "--live", "--config", str(folder / "live.yaml")))
+    elif "live" in options.others:
+        config = str(folder / "live.yaml")
+        found.append(("live", "--config", config, "--constraint-hz", CONSTRAINT_HZ))
+    if "control" in options.others:
+        found.append(("control", str(folder / "control.yaml")))
+    for command in found:
+        file = next(each for each in command if each.endswith(".yaml"))
+        if not is_file(Path(file)):
+            raise InputError(
+                f"{file}: no such file; expected it beside the world, for {command[0]}"
+            )
+    return found

@@ -1,0 +1,115 @@
+"""The keys of ``control.yaml``: the arm, its tool, and where its base is."""
+
+import json
+import re
+
+from app.files.json_schema import json_schema
+from app.files.keys import (
+    Block,
+    Boolean,
+    Choice,
+    Frame,
+    Integer,
+    Key,
+    Number,
+    Numbers,
+    Text,
+    Texts,
+)
+
+FILES = "the robot's file exists and has a known format"
+
+_MATRIX = Numbers("4 x 4 matrix, row by row, translation in mm", 16)
+
+_ROBOT = Block(
+    "the arm",
+    {
+        "file": Text(".urdf, .xacro or AMBF .yaml, relative, absolute or package://NAME/..."),
+        "xacro_args": Texts(
+            "values of the arguments of a .xacro, by name",
+            re.compile(r"[^\W\d]\w*"),
+            "the name of a xacro argument",
+            plain_values=True,
+            optional=True,
+        ),
+        "max_joint_speed": Number(
+            "limit of the joints that the file gives none, rad/s or m/s; needed if there are any",
+            optional=True,
+            above=0.0,
+        ),
+    },
+)
+
+_TOOL: dict[str, Key] = {
+    "link": Frame("link that holds it"),
+    "position_mm": Numbers("the tool's tip in the link", 3),
+    "rotation_deg": Numbers("axis times angle; default: none", 3, optional=True),
+}
+
+_TUMOR = Block(
+    "the tracked frame of the tumour, as in live.yaml",
+    {
+        "frame": Frame("frame that the tracker measures"),
+        "pose": Block("the tumour's surface in that frame", {"matrix": _MATRIX}),
+    },
+)
+
+_BASE = Block(
+    "the registration of the arm's base, which this controller alone uses",
+    {
+        "frame": Frame("the tracker's frame, or a frame that it measures: the reference"),
+        "pose": Block("the arm's root link in that frame", {"matrix": _MATRIX}),
+    },
+)
+
+_HAND = Block(
+    "the hand's wrench, and the response to it",
+    {
+        "topic": Text("WrenchStamped; default: body/measured_cf of the arm", optional=True),
+        "axes": Choice("axes of the wrench", ("tool", "base"), default="tool"),
+        "linear_mm_s_n": Number("speed per force", default=10.0, minimum=0.0),
+        "angular_rad_s_nm": Number("angular speed per torque", default=1.0, minimum=0.0),
+        "dead_n": Number("smaller forces count as 0", default=0.1, minimum=0.0),
+        "dead_n_m": Number("smaller torques count as 0", default=0.005, minimum=0.0),
+        "response_ms": Number("time constant of the response", default=30.0, minimum=0.0),
+    },
+    optional=True,
+)
+
+CONTROL = Block(
+    "a cooperative controller between a hand and an arm",
+    {
+        "schema": Integer("version of the format", 1, 1),
+        "name": Text("name of the arm, shown in reports"),
+        "arm": Text("namespace of the arm's CRTK topics, such as /arm"),
+        "robot": _ROBOT,
+        "tool": Block("the tool that the arm holds", _TOOL),
+        "tracked_transforms": Text(
+            "topic of the tracker (marginguard_msgs/TrackedTransform)",
+            optional=True,
+        ),
+        "tumor": _TUMOR,
+        "base": _BASE,
+        "constraint": Text(
+            "topic of the guard's constraint; default: /marginguard/constraint", optional=True
+        ),
+        "hand": _HAND,
+        "max_speed_mm_s": Number(
+            "largest speed of the tip; expected at most v_max_mm_s of the guard",
+            default=100.0,
+            above=0.0,
+            maximum=250.0,
+        ),
+        "accept_simulated": Boolean(
+            "move by constraints of simulated poses; only where no patient and no robot is",
+            default=False,
+        ),
+    },
+    rules=(FILES,),
+)
+
+
+def control_schema_text() -> str:
+    """Return the JSON Schema of ``control.yaml``, as indented JSON."""
+    schema = json_schema(CONTROL, "control.yaml of MarginGuard, schema 1")
+    return json.dumps(schema, indent=2) + "\n"

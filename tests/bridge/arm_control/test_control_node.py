@@ -1,0 +1,215 @@
+"""The controller's node against publishers of another node; the test decides when it steps."""
+
+import json
+import time
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import Vector3, WrenchStamped
+from marginguard_msgs.msg import FixtureConstraint, HalfSpace, TrackedTransform
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from app.bridge import RosNode
+from app.bridge.arm_control import ControlNode
+from app.bridge.qos import NEWEST, STREAM, Topic
+from app.cli.main import main
+from app.control import control_schema_text, open_control
+from app.geometry import NS_PER_S, InputError
+from tests.ros_domain import domain_id as domain_id
+
+STEPS = 4000
+FAR_M = 10.0
+VALID_NS = NS_PER_S
+JOINTS = ["waist", "shoulder", "elbow", "yaw", "pitch", "roll"]
+POSITIONS = [0.0, 1.0, 0.5, 0.0, 0.1, 0.0]
+
+
+class Peer:
+    """A node that sends all that the controller reads, and reads what it sends."""
+
+    def __init__(self, ros, joints):
+        self.ros, self.joints = ros, joints
+        self.commands = []
+        self._measured = ros.publisher(Topic("/arm/measured_js", JointState, STREAM))
+        self._wrench = ros.publisher(Topic("/arm/body/measured_cf", WrenchStamped, STREAM))
+        self._tracked = ros.publisher(Topic("/tracked_transforms", TrackedTransform, STREAM))
+        self._constraint = ros.publisher(
+            Topic("/marginguard/constraint", FixtureConstraint, NEWEST)
+        )
+        ros.subscribe(Topic("/arm/servo_jv", JointState, STREAM), self.commands.append)
+        self.seq = 0
+        self.instance = "guard"
+
+    def send(self, *, constraint=True, tumor=True, force=(0.0, 0.0, 5.0), plane=-FAR_M):
+        """Send one message of each kind with the present stamp; force in N, plane in m."""
+        now_ns = time.time_ns()
+        joints = JointState(name=self.joints, position=POSITIONS)
+        stamp(joints.header, now_ns)
+        self._measured.publish(joints)
+        wrench = WrenchStamped()
+        stamp(wrench.header, now_ns)
+        wrench.wrench.force = Vector3(x=force[0], y=force[1], z=force[2])
+        self._wrench.publish(wrench)
+        pose = TrackedTransform(child_frame_id="tumor_sensor")
+        stamp(pose.header, now_ns)
+        pose.header.frame_id = "tracker"
+        pose.transform.rotation.w = 1.0
+        pose.status = 0 if tumor else 2
+        self._tracked.publish(pose)
+        if constraint:
+            self.seq += 1
+            message = FixtureConstraint(seq=self.seq, instance_id=self.instance, simulated=True)
+            message.header.frame_id = "tumor"
+            stamp(message.header, now_ns)
+            message.valid_until.sec, message.valid_until.nanosec = divmod(
+                now_ns + VALID_NS, NS_PER_S
+            )
+            message.planes_current = True
+            half_space = HalfSpace(offset=plane)
+            half_space.normal.z = 1.0
+            message.half_spaces = [half_space]
+            self._constraint.publish(message)
+
+
+def stamp(header, ns):
+    header.stamp.sec, header.stamp.nanosec = divmod(ns, NS_PER_S)
+
+
+class Controlled:
+    """A controller, its peer, and steps of both in turn."""
+
+    def __init__(self, ros, peer_ros, description):
+        self.peer = Peer(peer_ros, JOINTS)
+        self.node = ControlNode(ros, description, clock_ns=time.time_ns)
+
+    def until(self, condition, **sent):
+        for _ in range(STEPS):
+            self.peer.send(**sent)
+            decision = self.node.step()
+            if condition(decision):
+                return decision
+            time.sleep(0.001)
+        pytest.fail(f"not within {STEPS} steps: {decision.reason} {decision.rule}")
+
+    def rearm(self, **sent):
+        client = self.peer.ros.node.create_client(Trigger, "/marginguard_control/rearm")
+        assert client.wait_for_service(10.0)
+        reply = client.call_async(Trigger.Request())
+        self.until(lambda _: reply.done(), **sent)
+        return reply.result()
+
+
+@pytest.fixture
+def controlled(domain_id, project_root):
+    description = open_control(project_root / "data" / "worlds" / "lumpectomy")
+    with (
+        RosNode("marginguard_control", domain_id=domain_id) as ros,
+        RosNode("peer", domain_id=domain_id) as peer,
+    ):
+        yield Controlled(ros, peer, description)
+
+
+def test_arm_follows_the_hand_and_stands_at_a_plane(controlled):
+    followed = controlled.until(lambda d: np.linalg.norm(d.velocities) > 0.1)
+    assert followed.reason == "follows"
+    controlled.until(
+        lambda _: any(np.abs(c.velocity).max() > 0.1 for c in controlled.peer.commands)
+    )
+    assert controlled.peer.commands[-1].name == JOINTS
+    # A plane 10 m above: the tool is beyond it, so that only the way back is allowed.
+    _, jacobian = controlled.node._description.tool.evaluate(np.array(POSITIONS))
+    lowered = controlled.until(
+        lambda d: (jacobian @ d.velocities)[2] > 0.0, force=(0.0, 0.0, -5.0), plane=FAR_M
+    )
+    assert lowered.reason == "follows"
+
+
+@pytest.mark.parametrize(
+    ("sent", "reason"),
+    [({"tumor": False}, "no_pose"), ({"force": (float("nan"), 0.0, 0.0)}, "no_wrench")],
+)
+def test_arm_stands_without_a_usable_measurement(controlled, sent, reason):
+    controlled.until(lambda d: d.reason == "follows")
+    stopped = controlled.until(lambda d: d.reason == reason, **sent)
+    assert not stopped.velocities.any()
+    assert controlled.node.stops[reason] == 1
+    controlled.until(lambda d: d.reason == "follows")
+
+
+def test_lost_constraint_is_latched_until_an_operator_rearms(controlled):
+    controlled.until(lambda d: d.reason == "follows")
+    stopped = controlled.until(lambda d: d.reason == "watchdog", constraint=False)
+    assert not stopped.velocities.any()
+    assert controlled.node.watchdog_stops == 1
+    refused = controlled.rearm(constraint=False)
+    assert not refused.success
+    assert "no constraint arrives; expected a running guard before re-arming" in refused.message
+    for _ in range(100):  # a valid constraint changes nothing
+        controlled.peer.send()
+        assert not controlled.node.step().velocities.any()
+        time.sleep(0.001)
+    assert controlled.rearm().success
+    controlled.until(lambda d: d.reason == "follows")
+
+
+def test_other_guard_stops_the_arm_until_an_operator_rearms(controlled):
+    controlled.until(lambda d: d.reason == "follows")
+    controlled.peer.instance = "another guard"
+    stopped = controlled.until(lambda d: d.reason == "watchdog")
+    assert stopped.rule == "instance_changed"
+    assert controlled.rearm().success
+    controlled.until(lambda d: d.reason == "follows")
+
+
+def test_second_sender_of_a_measurement_stops_the_arm(controlled, domain_id):
+    controlled.until(lambda d: d.reason == "follows")
+    with RosNode("intruder", domain_id=domain_id) as ros:
+        other = Peer(ros, JOINTS)
+
+        def is_stopped(decision):
+            other.send(constraint=False)
+            return decision.reason == "no_joints" and controlled.node.problems()
+
+        assert not controlled.until(is_stopped).velocities.any()
+        (problem, *_) = controlled.node.problems()
+    assert "/arm/measured_js: 2 publishers send" in problem
+    assert "/intruder" in problem and "/peer" in problem
+
+
+def test_shipped_file_agrees_with_the_committed_schema(project_root, capsys):
+    assert main(["schema", "control"]) == 0
+    assert capsys.readouterr().out == control_schema_text()
+    committed = project_root / "docs" / "schemas" / "control.schema.json"
+    assert committed.read_text() == control_schema_text(), (
+        "run: marginguard schema control -o docs/schemas/control.schema.json"
+    )
+    shipped = project_root / "data" / "worlds" / "lumpectomy" / "control.yaml"
+    jsonschema.Draft202012Validator(json.loads(committed.read_text())).validate(
+        yaml.safe_load(shipped.read_text())
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "problem"),
+    [
+        ("arm", "arm", "arm is 'arm'; expected a namespace such as /arm"),
+        ("speed", 3, "speed is unknown; expected one of"),
+        ("constraint", "constraint", "expected a topic that begins with '/'"),
+        ("max_speed_mm_s", 300, "max_speed_mm_s is 300"),
+        ("tool", {"link": "hook", "position_mm": [0, 0, 0]}, "the tool is held by 'hook'"),
+        ("robot", {"file": "none.urdf"}, "none.urdf"),
+    ],
+)
+def test_bad_control_file_is_refused_in_one_line(key, value, problem, project_root, tmp_path):
+    shipped = project_root / "data" / "worlds" / "lumpectomy" / "control.yaml"
+    values = yaml.safe_load(shipped.read_text()) | {key: value}
+    path = tmp_path / "control.yaml"
+    path.write_text(yaml.safe_dump(values))
+    with pytest.raises(Exception, match=problem) as refused:
+        open_control(path)
+    assert "\n" not in str(refused.value)
+    with pytest.raises(InputError, match="is not a control file"):
+        open_control(tmp_path / "other.yaml")

@@ -1,0 +1,197 @@
+"""A simulated world with guard and controller, started in one line, against an operator's node."""
+
+import os
+import re
+import signal
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from marginguard_msgs.msg import FixtureConstraint
+from marginguard_msgs.srv import Rearm
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from app.bridge import RosNode
+from app.bridge.qos import NEWEST, STREAM, Topic
+from app.cli.main import main
+from app.fixture import ProximityEngine
+from app.geometry import Transform
+from app.simulation import open_world
+from tests.bridge.live.conftest import DEADLINE_S
+from tests.bridge.live.conftest import start as start
+from tests.ros_domain import domain_id as domain_id
+
+STOP_MM = 1.0
+ASK_S = 0.3
+
+
+class Operator:
+    """Re-arms guard and controller and enables the arm when they stand; records the truth."""
+
+    def __init__(self, ros):
+        self._node = ros.node
+        self._changed = threading.Condition()
+        self.poses, self.states = [], {}
+        self._constraint = None
+        ros.subscribe(Topic("/tf", TFMessage, STREAM), self._take_tf)
+        ros.subscribe(Topic("/diagnostics", DiagnosticArray, STREAM), self._take_status)
+        ros.subscribe(
+            Topic("/marginguard/constraint", FixtureConstraint, NEWEST), self._take_constraint
+        )
+        self._arm = ros.node.create_client(Trigger, "/arm/enable")
+        self._control = ros.node.create_client(Trigger, "/marginguard_control/rearm")
+        self._guard = ros.node.create_client(Rearm, "/marginguard/rearm")
+
+    def until(self, condition, *, rearms=True):
+        end_s = time.monotonic() + DEADLINE_S
+        while time.monotonic() < end_s:
+            with self._changed:
+                if self._changed.wait_for(condition, ASK_S):
+                    return
+            if rearms:
+                self._rearm()
+        pytest.fail(f"not within {DEADLINE_S} s: {self.states}")
+
+    def distances(self, engine):
+        found = []
+        for tumor, tool in list(self.poses):
+            found.append(engine.evaluate(tumor.inverse() @ tool).signed_distance_mm)
+        return found
+
+    def state(self, name):
+        return self.states.get(f"marginguard: {name}", "")
+
+    def _rearm(self):
+        """What an operator does who sees that the cause of a stop is gone."""
+        constraint = self._constraint
+        if "behind" in self.state("arm arm"):
+            self._arm.call_async(Trigger.Request())
+        if constraint is not None and constraint.hold and constraint.rearm_nonce:
+            self._guard.call_async(Rearm.Request(seq=constraint.seq, nonce=constraint.rearm_nonce))
+        if self.state("control /arm").startswith("watchdog"):
+            self._control.call_async(Trigger.Request())
+
+    def _take_tf(self, message):
+        found = {each.child_frame_id: pose(each) for each in message.transforms}
+        if "truth/tumor" in found:
+            with self._changed:
+                self.poses.append((found["truth/tumor"], found["truth/cautery"]))
+                self._changed.notify_all()
+
+    def _take_status(self, message):
+        with self._changed:
+            self.states |= {each.name: each.message for each in message.status}
+            self._changed.notify_all()
+
+    def _take_constraint(self, message):
+        self._constraint = message
+
+
+def pose(message):
+    place, turn = message.transform.translation, message.transform.rotation
+    name = message.child_frame_id.removeprefix("truth/").replace("cautery", "tool")
+    return Transform.from_quaternion(
+        (turn.x, turn.y, turn.z, turn.w),
+        1000.0 * np.array([place.x, place.y, place.z]),
+        target="world",
+        source=name,
+    )
+
+
+@pytest.fixture
+def operator(domain_id):
+    with RosNode("operator", domain_id=domain_id) as ros:
+        yield Operator(ros)
+
+
+@pytest.fixture
+def group(start, project_root):
+    world = project_root / "data" / "worlds" / "lumpectomy"
+    child = start("-m", "app.cli", "simulate", str(world), "--with", "live", "--with", "control")
+    child.line(lambda line: line.startswith("SIMULATION"))
+    return child
+
+
+def children_of(pid):
+    """Command and id of the processes whose parent is ``pid``."""
+    found = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(stat.read_text().rpartition(")")[2].split()[1])
+            words = (stat.parent / "cmdline").read_bytes().split(b"\0")
+        except OSError:  # it has ended meanwhile
+            continue
+        if parent == pid and b"app.cli.child_of_command" in words:
+            found[words[4].decode()] = int(stat.parent.name)
+    return found
+
+
+def wait_until_ended(pids):
+    for pid in pids:
+        end_s = time.monotonic() + DEADLINE_S
+        while running(pid):
+            assert time.monotonic() < end_s, f"process {pid} still runs"
+            time.sleep(0.05)
+
+
+def running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_hand_moves_the_tool_towards_the_tumour_and_one_signal_ends_all(
+    group, operator, project_root
+):
+    description = open_world(project_root / "data" / "worlds" / "lumpectomy")
+    tool, tumor = description.robots[0].tool.mesh, description.tissues[0].mesh
+    engine = ProximityEngine(replace(tumor, frame="tumor"), replace(tool, frame="tool"))
+    children = children_of(group.process.pid)
+    assert set(children) == {"live", "control"}
+
+    def is_near():
+        if not operator.poses:
+            return False
+        tumor_pose, tool_pose = operator.poses[-1]
+        away = tumor_pose.translation_mm - tool_pose.translation_mm
+        return np.linalg.norm(away) < 25.0
+
+    operator.until(is_near)  # 58 mm at the start
+    operator.until(lambda: len(operator.poses) > 10)
+    assert min(operator.distances(engine)) >= STOP_MM
+    assert group.end(signal.SIGINT) == 130
+    wait_until_ended(children.values())
+
+
+def test_killed_controller_stops_the_arm_and_ends_the_others(group, operator):
+    children = children_of(group.process.pid)
+    operator.until(lambda: operator.state("control /arm") == "follows")
+    os.kill(children["control"], signal.SIGKILL)
+    assert group.process.wait(DEADLINE_S) == 2
+    assert "'marginguard control' ended with status -9" in group.log.read_text()
+    wait_until_ended(children.values())
+
+
+def test_killed_simulation_leaves_no_process(group):
+    children = children_of(group.process.pid)
+    assert set(children) == {"live", "control"}
+    group.process.kill()
+    wait_until_ended(children.values())
+
+
+def test_missing_file_of_a_command_is_named(tmp_path, capsys, project_root):
+    world = project_root / "data" / "worlds" / "lumpectomy" / "world.yaml"
+    (tmp_path / "world.yaml").write_text(world.read_text())
+    assert main(["simulate", str(tmp_path), "--with", "control"]) == 2
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "error" in each]
+    assert re.search(r"control\.yaml: no such file; expected it beside the world", line)
