@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "runtime": {"geometry", "files", "registration", "robot", "case", "fixture", "session"},
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
     "control": {"geometry", "files", "robot", "fixture"},
+    "cohort": {"geometry", "files", "synthetic"},
     "simulation": {"geometry", "files", "synthetic", "robot", "fixture"},
     "igtl": {"geometry"},
     "bridge": {

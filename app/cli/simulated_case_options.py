@@ -1,7 +1,8 @@
-"""Options of commands that simulate a case: tracker, errors, duration, size of the tumour."""
+"""Options of commands that simulate a case: tracker, errors, patient, surgeon, duration."""
 
 import argparse
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -30,6 +31,37 @@ _CASE = (
         1.0,
         "MM",
         "largest diameter of the tumour, 8 to 40 mm (default: 25 to 35 mm)",
+    ),
+)
+_PATIENT = (
+    _Value("breath-mm", "patient.breath_mm", 1.0, "MM", "tumour's shift at full inspiration"),
+    _Value("breath-hz", "patient.breath_hz", 1.0, "HZ", "breaths per second, 0.1 to 0.5"),
+    _Value(
+        "elongation",
+        "patient.elongation",
+        1.0,
+        "RATIO",
+        "tumour's longest semi-axis over the mean of the others, 1 to 2 (default: 1.28)",
+    ),
+    _Value(
+        "irregularity",
+        "patient.irregularity",
+        1.0,
+        "FACTOR",
+        "height of the tumour's lobes, 0 to 1.25 of the usual one",
+    ),
+    _Value("tumor-x-mm", "patient.x_mm", 1.0, "MM", "place, away from the robot, -10 to 10"),
+    _Value("tumor-y-mm", "patient.y_mm", 1.0, "MM", "place, to the robot's left, -10 to 10"),
+    _Value("tumor-z-mm", "patient.z_mm", 1.0, "MM", "place, upwards, -10 to 10"),
+)
+_SURGEON = (
+    _Value(
+        "skill",
+        "surgeon.skill",
+        1.0,
+        "S",
+        "0 (novice) to 1 (expert): entries into the tumour, their depth, pace, evenness "
+        "(default: three entries, no other effect)",
     ),
 )
 _TRACKER = (
@@ -81,6 +113,14 @@ _ERRORS = (
 def add_simulated_case(parser: argparse.ArgumentParser) -> None:
     """Add the options; `simulated_case_options` reads them."""
     _add(parser, _CASE)
+    _add(parser.add_argument_group("patient"), _PATIENT)
+    surgeon = parser.add_argument_group("surgeon")
+    _add(surgeon, _SURGEON)
+    surgeon.add_argument(
+        "--fixture",
+        action="store_true",
+        help="an ideal virtual fixture stops the tool before it enters the tumour",
+    )
     parser.add_argument(
         "--tracker",
         choices=TRACKERS,
@@ -103,10 +143,11 @@ def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
 
     values = {
         value.field: value.factor * given
-        for value in (*_CASE, *_TRACKER, *_ERRORS)
+        for value in (*_CASE, *_PATIENT, *_SURGEON, *_TRACKER, *_ERRORS)
         if (given := getattr(parsed, value.name.replace("-", "_"))) is not None
     }
-    return CaseOptions.of_tracker(parsed.tracker, parsed.tumor_mm).with_values(values)
+    options = CaseOptions.of_tracker(parsed.tracker, parsed.tumor_mm).with_values(values)
+    return replace(options, surgeon=replace(options.surgeon, fixture=parsed.fixture))
 
 
 def _add(parser: argparse._ActionsContainer, values: tuple[_Value, ...]) -> None:

@@ -1,4 +1,4 @@
-"""Options of a simulated case: tracker, errors, duration, size of the tumour."""
+"""Options of a simulated case: tracker, errors, patient, surgeon, duration, size of the tumour."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,7 +8,9 @@ import numpy as np
 
 from app.geometry import NS_PER_S, InputError
 from app.synthetic.case_errors import NO_ERRORS, CaseErrors, typical_errors
+from app.synthetic.patient import USUAL_PATIENT, PatientOptions
 from app.synthetic.presets import WHITE, tracker_preset
+from app.synthetic.surgeon import USUAL_SURGEON, SurgeonOptions
 from app.synthetic.tracker_model import TrackerModel
 
 MIN_DURATION_S = 50.0
@@ -22,16 +24,18 @@ MAX_TUMOR_MM = 40.0
 
 @dataclass(frozen=True, slots=True)
 class CaseOptions:
-    """What is simulated: tracker, errors, duration in s, largest diameter of the tumour in mm.
+    """What is simulated: tracker, errors, patient, surgeon, duration in s, diameter in mm.
 
     Without a duration the case is the shortest that does everything at a calm pace, about 75 s;
-    without a diameter the tumour has 25 to 35 mm.
+    without a largest diameter the tumour has 25 to 35 mm.
     """
 
     tracker: TrackerModel = WHITE
     errors: CaseErrors = NO_ERRORS
     duration_s: float | None = None
     tumor_mm: float | None = None
+    patient: PatientOptions = USUAL_PATIENT
+    surgeon: SurgeonOptions = USUAL_SURGEON
 
     def __post_init__(self) -> None:
         _check("duration", self.duration_s, MIN_DURATION_S, MAX_DURATION_S, "s")

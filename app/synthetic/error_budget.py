@@ -31,12 +31,17 @@ _WHITE_LEFT = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Depths:
-    """How deep the three breaches are, and how near the tool comes otherwise, in mm."""
+    """How deep the three breaches are, and how near the tool comes otherwise, in mm.
+
+    ``deepest_mm`` bounds a breach; ``halt_mm`` is where an ideal fixture stops the tool.
+    """
 
     deep_mm: float = 5.0
     brief_mm: float = 1.8
     shaft_mm: float = 2.8
     nearest_mm: float = 3.5
+    deepest_mm: float = np.inf
+    halt_mm: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +93,8 @@ def plan_depths(bound_mm: float, min_radius_mm: float) -> Depths:
         max(min(depth, limit_mm), least_mm)
         for depth in (usual.deep_mm, usual.brief_mm, usual.shaft_mm)
     )
-    return Depths(deep, brief, shaft, max(usual.nearest_mm, bound_mm + 2.0))
+    nearest = max(usual.nearest_mm, bound_mm + 2.0)
+    return Depths(deep, brief, shaft, nearest, limit_mm, usual.halt_mm + bound_mm)
 
 
 def tolerances(

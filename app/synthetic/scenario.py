@@ -16,6 +16,7 @@ from app.synthetic.clearance import Clearance
 from app.synthetic.error_budget import CROSSING_SPEED_MM_S, Depths
 from app.synthetic.motion import Path
 from app.synthetic.script import Script
+from app.synthetic.surgeon import USUAL_SURGEON, SurgeonOptions
 from app.synthetic.tracker import Dropout, DropoutKind
 from app.synthetic.tumour import Tumour
 
@@ -64,15 +65,17 @@ def plan_scenario(
     depths: Depths,
     duration_s: float | None,
     random: np.random.Generator,
+    surgeon: SurgeonOptions = USUAL_SURGEON,
 ) -> Scenario:
     """Plan landmarks in a breath-hold, then passes around the tumour with three breaches.
 
     Without ``duration_s`` the passes take `PASSES_S`. A shorter case has faster passes, a longer
-    one ``random`` work around the tumour between them; a rest fills up the duration.
+    one ``random`` work around the tumour between them; a rest fills up the duration. ``surgeon``
+    changes the pace without a duration, the strokes, and which breaches happen.
     """
-    plan = _Plan(tumour, tumor_from_work)
+    plan = _Plan(tumour, tumor_from_work, surgeon, random)
     speeds_mm_s = [CROSSING_SPEED_MM_S]
-    pace, extra_s = 1.0, 0.0
+    pace, extra_s = surgeon.pace, 0.0
     if duration_s is not None:
         pace = min(1.0, (duration_s - _REST_OF_CASE_S) / PASSES_S)
         extra_s = max(0.0, duration_s - _REST_OF_CASE_S - PASSES_S)
@@ -96,10 +99,27 @@ def plan_scenario(
             there = plan.ring(azimuth_deg, azimuth_deg + span, colatitude, distance)
             script.stroke([*there, *there[::-1][1:]], extra_s / 3.0 / count)
 
+    def halt(touching: Transform, inward: FloatArray, hold_s: float) -> None:
+        script.halt(
+            touching,
+            inward,
+            distance_mm=depths.halt_mm,
+            hold_s=hold_s,
+            speed_mm_s=CROSSING_SPEED_MM_S,
+        )
+
     def enter(azimuth_deg: float, colatitude_deg: float, depth_mm: float, hold_s: float) -> None:
         """A plunge along the normal, or to the centre where that is not deep enough anywhere."""
         touching = plan.beside(azimuth_deg, colatitude_deg, 1.0)
         inward = -plan.normal(azimuth_deg, colatitude_deg)
+        happens = surgeon.enters(random)
+        deeper_mm = min(depth_mm * surgeon.depth_factor(random), depths.deepest_mm)
+        depth_mm = max(depth_mm, deeper_mm)
+        if not happens:
+            return
+        if surgeon.fixture:
+            halt(touching, inward, hold_s)
+            return
         if not script.reaches(touching, inward, depth_mm):
             inward = plan.to_centre(azimuth_deg, colatitude_deg)
             share = float(-inward @ plan.normal(azimuth_deg, colatitude_deg))
@@ -126,13 +146,18 @@ def plan_scenario(
     fourth_pass_s = script.end_s
     script.stroke(plan.ring(160.0, 80.0, 66.0, max(6.0, depths.nearest_mm)), 5.0 * pace)
     script.move_to(plan.along_the_side(90.0, 30.0), 2.0)
-    script.plunge(
-        plan.along_the_side(90.0, min(14.0, 1.2 * tumour.max_radius_mm)),
-        -plan.outward(90.0),
-        depth_mm=depths.shaft_mm,
-        hold_s=0.5,
-        speed_mm_s=CROSSING_SPEED_MM_S,
-    )
+    aside = plan.along_the_side(90.0, min(14.0, 1.2 * tumour.max_radius_mm))
+    shaft_enters = surgeon.enters(random)
+    if shaft_enters and surgeon.fixture:
+        halt(aside, -plan.outward(90.0), 0.5)
+    elif shaft_enters:
+        script.plunge(
+            aside,
+            -plan.outward(90.0),
+            depth_mm=depths.shaft_mm,
+            hold_s=0.5,
+            speed_mm_s=CROSSING_SPEED_MM_S,
+        )
     script.move_to(plan.beside(90.0, 30.0, 45.0), 3.0)
     script.rest(1.0 if duration_s is None else max(duration_s - script.end_s, 0.2))
 
@@ -156,9 +181,16 @@ class _Plan:
     ``azimuth``: about work's z, 0 away from the robot. ``colatitude``: from straight above.
     """
 
-    def __init__(self, tumour: Tumour, tumor_from_work: Transform) -> None:
+    def __init__(
+        self,
+        tumour: Tumour,
+        tumor_from_work: Transform,
+        surgeon: SurgeonOptions,
+        random: np.random.Generator,
+    ) -> None:
         self._tumour = tumour
         self._tumor_from_work = tumor_from_work
+        self._surgeon, self._random = surgeon, random
 
     def landmark(self, index: int) -> Transform:
         """The tip on a landmark, the tool tilted slightly outward."""
@@ -177,7 +209,11 @@ class _Plan:
         """Poses around the tumour from one azimuth to another, 15 degrees apart at most."""
         count = int(np.ceil(abs(end_deg - start_deg) / 15.0)) + 1
         azimuths = np.linspace(start_deg, end_deg, count)
-        return [self.beside(a, colatitude_deg, distance_mm) for a in azimuths.tolist()]
+        poses = []
+        for azimuth in azimuths.tolist():
+            off_deg, off_mm = self._surgeon.wander(self._random)
+            poses.append(self.beside(azimuth, colatitude_deg + off_deg, distance_mm + off_mm))
+        return poses
 
     def along_the_side(self, azimuth_deg: float, aside_mm: float) -> Transform:
         """The shaft upright, ``aside_mm`` from the tumour's centre, the tip 19 mm below it."""

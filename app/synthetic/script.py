@@ -81,20 +81,10 @@ class Script:
         def shifted(along_mm: float) -> Transform:
             return _shifted(touching, direction, along_mm)
 
-        def offset_at(distance_mm: float) -> float:
-            def residual(along_mm: float) -> float:
-                return self._distance_mm(shifted(along_mm)) - distance_mm
-
-            bracket = _bracket(residual)
-            if bracket is None:
-                raise InputError(
-                    f"the tool cannot come to a distance of {distance_mm:.2f} mm; expected a "
-                    "larger tumour or smaller errors of the case"
-                )
-            return float(brentq(residual, *bracket, xtol=1e-6))
-
-        before, surface = offset_at(PLUNGE_FROM_MM), offset_at(0.0)
-        deepest = offset_at(-depth_mm)
+        before, surface, deepest = (
+            self._offset_at(touching, direction, distance_mm)
+            for distance_mm in (PLUNGE_FROM_MM, 0.0, -depth_mm)
+        )
         # The mean speed from rest is half the final one: acceleration is 0 at both ends.
         approach_s = 2.0 * (surface - before) / speed_mm_s
         brake_s = 2.0 * (deepest - surface) / speed_mm_s
@@ -106,6 +96,29 @@ class Script:
         self._add(brake_s, shifted(surface), -velocity)
         self._add(approach_s, shifted(before))
 
+    def halt(
+        self,
+        touching: Transform,
+        direction: FloatArray,
+        *,
+        distance_mm: float,
+        hold_s: float,
+        speed_mm_s: float,
+    ) -> None:
+        """Move the tool as for a `plunge`, but only to ``distance_mm`` before the tumour.
+
+        It rests there for ``hold_s`` and returns. The mean speed is half of ``speed_mm_s``.
+        """
+        before, nearest = (
+            self._offset_at(touching, direction, mm)
+            for mm in (max(PLUNGE_FROM_MM, distance_mm + 2.0), distance_mm)
+        )
+        approach_s = 2.0 * (nearest - before) / speed_mm_s
+        self._add(1.5, _shifted(touching, direction, before))
+        self._add(approach_s, _shifted(touching, direction, nearest))
+        self._add(hold_s, _shifted(touching, direction, nearest))
+        self._add(approach_s, _shifted(touching, direction, before))
+
     def reaches(self, touching: Transform, direction: FloatArray, depth_mm: float) -> bool:
         """True if a `plunge` with these values can be as deep."""
 
@@ -113,6 +126,20 @@ class Script:
             return self._distance_mm(_shifted(touching, direction, along_mm)) + depth_mm
 
         return _bracket(residual) is not None
+
+    def _offset_at(self, touching: Transform, direction: FloatArray, distance_mm: float) -> float:
+        """The shift along ``direction`` at which the tool has this distance to the tumour."""
+
+        def residual(along_mm: float) -> float:
+            return self._distance_mm(_shifted(touching, direction, along_mm)) - distance_mm
+
+        bracket = _bracket(residual)
+        if bracket is None:
+            raise InputError(
+                f"the tool cannot come to a distance of {distance_mm:.2f} mm; expected a "
+                "larger tumour or smaller errors of the case"
+            )
+        return float(brentq(residual, *bracket, xtol=1e-6))
 
     def _add(self, duration_s: float, pose: Transform, velocity: FloatArray = _AT_REST) -> None:
         self._waypoints.append(Waypoint(self.end_s + duration_s, pose, velocity))

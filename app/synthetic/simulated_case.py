@@ -8,6 +8,7 @@ import numpy as np
 from app.geometry import NS_PER_MS, NS_PER_S, Transform
 from app.synthetic.case_errors import CaseErrors, wrong_pose
 from app.synthetic.case_options import CaseOptions, offset_ns
+from app.synthetic.patient import USUAL_PATIENT
 from app.synthetic.presets import WHITE
 from app.synthetic.recording import Recording
 from app.synthetic.simulation import (
@@ -17,6 +18,7 @@ from app.synthetic.simulation import (
     ROBOT_TO_TRACKER_OFFSET_NS,
     Simulation,
 )
+from app.synthetic.surgeon import USUAL_SURGEON
 from app.synthetic.truth import TrueBreach
 
 LICENCE = "Apache-2.0"
@@ -87,7 +89,8 @@ def _made_with(options: CaseOptions) -> str:
 
 
 def _errors(options: CaseOptions) -> str:
-    if options.tracker == WHITE and options.errors == CaseErrors():
+    usual = options.patient == USUAL_PATIENT and options.surgeon == USUAL_SURGEON
+    if usual and options.tracker == WHITE and options.errors == CaseErrors():
         return (
             "Jitter is white: 0.3 mm and 0.3 degrees, each the RMS length of a 3-D error vector. "
             "Encoders and\ncalibrations are exact, there is no field distortion, and the tumour "
@@ -115,6 +118,7 @@ def _errors(options: CaseOptions) -> str:
         f"{np.degrees(errors.encoder_offset_rad):.3g} degrees",
         "offset of the clocks": f"{1000.0 * errors.clock_s:g} ms",
     }
+    values |= _patient(options)
     if options.tumor_mm is not None:
         values["largest diameter of the tumour"] = f"{options.tumor_mm:g} mm (no error)"
     table = "\n".join(f"| {name} | {value} |" for name, value in values.items())
@@ -125,6 +129,25 @@ def _errors(options: CaseOptions) -> str:
 
 `tumor.stl` is the contour with its error; the truth is of the tumour without. The tumour does not
 deform. The tolerances in `expected.yaml` follow from these sizes."""
+
+
+def _patient(options: CaseOptions) -> dict[str, str]:
+    """What differs from the usual patient and surgeon (no errors)."""
+    patient, surgeon = options.patient, options.surgeon
+    values = {}
+    if patient != USUAL_PATIENT:
+        shape = "usual" if patient.elongation is None else f"{patient.elongation:g}"
+        x, y, z = patient.place_mm
+        values = {
+            "breathing: shift, rate": f"{patient.breath_mm:g} mm, {patient.breath_hz:g} Hz",
+            "tumour: elongation, height of lobes": f"{shape}, {patient.irregularity:g}",
+            "tumour: place relative to the usual one": f"{x:g}, {y:g}, {z:g} mm",
+        }
+    if surgeon != USUAL_SURGEON:
+        skill = "usual" if surgeon.skill is None else f"{surgeon.skill:g}"
+        stopped = "stops the tool" if surgeon.fixture else "none"
+        values |= {"surgeon's skill": skill, "virtual fixture": stopped}
+    return values
 
 
 def _jitter(length_mm: float, angle_rad: float) -> str:

@@ -129,13 +129,15 @@ def simulate(
 ) -> Simulation:
     """Simulate a case with a random tumour, tracker and chest reference.
 
-    ``contour_random`` draws the error of the contour, and the motion beyond the usual duration.
+    ``contour_random`` draws the error of the contour, the motion beyond the usual duration, and
+    what depends on the surgeon's skill.
     Raises the arm's error for a pose that it cannot reach, and `InputError` for errors in
     ``options`` that hide a breach.
     """
     options = CaseOptions() if options is None else options
     more_random = np.random.default_rng(0) if contour_random is None else contour_random
-    tumour = Tumour.generate(random)
+    patient = options.patient
+    tumour = patient.shaped(Tumour.generate(random))
     if options.tumor_mm is not None:
         tumour = tumour.with_diameter(options.tumor_mm)
     contour, contour_mm = contoured(tumour, options.errors.contour_mm, more_random)
@@ -148,15 +150,17 @@ def simulate(
     tracker_from_base = Transform.from_rotation_vector(
         turn, random.uniform(-250.0, 250.0, size=3), target="tracker", source=BASE_FRAME
     )
-    base_from_work = Transform(BASE_FRAME, WORK_FRAME, np.eye(3), np.array(WORK_IN_BASE_MM))
+    base_from_work = Transform(
+        BASE_FRAME, WORK_FRAME, np.eye(3), WORK_IN_BASE_MM + patient.place_mm
+    )
     tumor_from_work = Transform.from_rotation_vector(
         random.uniform(-0.5, 0.5, size=3), np.zeros(3), target=TUMOR_FRAME, source=WORK_FRAME
     )
     tracker_from_tumor = tracker_from_base @ base_from_work @ tumor_from_work.inverse()
     needle = BreathingBody(
         tracker_from_tumor @ NEEDLE_FROM_TUMOR.inverse(),
-        tracker_from_base.rotate(TISSUE_SHIFT_MM),
-        np.array(TISSUE_TURN_RAD),
+        patient.breath_scale * tracker_from_base.rotate(TISSUE_SHIFT_MM),
+        patient.breath_scale * np.array(TISSUE_TURN_RAD),
     )
     base_from_reference = Transform.from_rotation_vector(
         random.uniform(-0.6, 0.6, size=3),
@@ -166,13 +170,19 @@ def simulate(
     )
     reference = BreathingBody(
         tracker_from_base @ base_from_reference,
-        tracker_from_base.rotate(CHEST_SHIFT_MM),
-        np.array(CHEST_TURN_RAD),
+        patient.breath_scale * tracker_from_base.rotate(CHEST_SHIFT_MM),
+        patient.breath_scale * np.array(CHEST_TURN_RAD),
     )
     scenario = plan_scenario(
-        tumour, clearance, tumor_from_work, depths, options.duration_s, more_random
+        tumour,
+        clearance,
+        tumor_from_work,
+        depths,
+        options.duration_s,
+        more_random,
+        options.surgeon,
     )
-    breathing = Breathing(scenario.breath_held_until_s)
+    breathing = Breathing(scenario.breath_held_until_s, patient.breath_hz)
 
     base_from_tracker = tracker_from_base.inverse()
 

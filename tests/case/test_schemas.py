@@ -77,7 +77,7 @@ def test_committed_schema_is_the_generated_one(document: str) -> None:
 def test_command_prints_and_writes_the_schema(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert (*DOCUMENTS, "world") == NAMES
+    assert (*DOCUMENTS, "world", "control", "cohort") == NAMES
     assert main(["schema", "live"]) == 0
     assert capsys.readouterr().out == schema_text("live")
     assert main(["schema", "case", "-o", str(tmp_path / "case.schema.json")]) == 0

@@ -1,4 +1,4 @@
-"""Print the JSON Schema of case.yaml, live.yaml, expected.yaml, world.yaml or control.yaml.
+"""Print the JSON Schema of case, live, expected, world, control or cohort.yaml.
 
 An editor with a YAML language server completes keys with it, shows their descriptions and marks
 errors. The schema is generated from the declarations that the reader of the file uses. A few rules
@@ -9,8 +9,8 @@ import argparse
 
 from app.cli.options import file_path
 
-SUMMARY = "print the JSON Schema of case.yaml, live.yaml, expected.yaml, world.yaml or control.yaml"
-NAMES = ("case", "live", "expected", "world", "control")
+SUMMARY = "print the JSON Schema of case, live, expected, world, control or cohort.yaml"
+NAMES = ("case", "live", "expected", "world", "control", "cohort")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,11 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the schema, or write it to a file."""
     from app.case import schema_text
+    from app.cohort import cohort_schema_text
     from app.control import control_schema_text
     from app.files import write_file
     from app.simulation import world_schema_text
 
-    others = {"world": world_schema_text, "control": control_schema_text}
+    others = {
+        "world": world_schema_text,
+        "control": control_schema_text,
+        "cohort": cohort_schema_text,
+    }
     make = others.get(options.document)
     text = schema_text(options.document) if make is None else make()
     if options.output is None:
