@@ -101,6 +101,7 @@ SLOW = {
         "tests/report/test_margin_plot.py",
         "tests/session/test_from_case.py",
         "tests/session/test_recent_samples.py",
+        "tests/session/test_setup_doubts.py",
         "tests/simulation/test_world.py",
         "tests/synthetic/test_clearance.py",
     ),

@@ -87,6 +87,17 @@ class IgtlSource:
         return self._status
 
     @property
+    def problem(self) -> str:
+        """Why the server sends nothing, with what to do; empty while it is connected."""
+        if self._connected:
+            return ""
+        host, port = self._address
+        return (
+            f"OpenIGTLink server {host}:{port}: {self._status}; expected a running server: start "
+            "it, or correct host and port of the source"
+        )
+
+    @property
     def last_refusal(self) -> str:
         """Why the latest invalid message was refused."""
         return self._refusals.last

@@ -93,6 +93,7 @@ def _notes_of(run: ReplayRun, log: ReplayLog) -> Iterator[str]:
         yield f"no frame was valid; the recording has the frames {frames}"
     for target, source in session.never_changed:
         yield f"{target} -> {source} never changed: taken for a fixed transform"
+    yield from run.doubts.texts()
     robot = session.setup.robot
     if robot is None:
         if run.prepared.case.manifest.registration is not None:

@@ -13,7 +13,7 @@ from app.runtime.content import SessionContent
 from app.runtime.holds import StepHolds
 from app.runtime.opening import PreparedCase
 from app.runtime.outputs import Output, StepTiming, end_outputs
-from app.session import Session, SessionSetup, StepResult
+from app.session import Session, SessionSetup, SetupDoubts, StepResult
 
 
 class ReplayRun:
@@ -54,6 +54,7 @@ class ReplayRun:
         self.holds = StepHolds()
         self.outputs = [self.holds, *outputs]
         self.robot_problems = RobotProblems()
+        self.doubts = SetupDoubts(self.session.setup)
         self._stopwatch_ns = stopwatch_ns or clock_ns
         self._rate = rate
         self._stepping = threading.Lock()
@@ -77,6 +78,7 @@ class ReplayRun:
                     step = self.session.step(frame)
                     timing = StepTiming(duration_ns=self._stopwatch_ns() - began_ns)
                     self.robot_problems.add(step)
+                    self.doubts.observe(step)
                     for output in self.outputs:
                         output.publish(step, timing)
                     yield step

@@ -1,3 +1,4 @@
+from .advice import ADVICE, advice_text
 from .breach_log import BreachEntry, BreachList, BreachLog
 from .case_robot import load_case_robot
 from .frame_senders import FrameSenders, SenderConflict
@@ -20,11 +21,13 @@ from .sender_trail import LEASE_NS, SILENT_NS, Sample, SenderTrail, has_ended
 from .sequence_trail import SequenceTrail
 from .session import Session
 from .setup import REFERENCE, ProximityModel, RobotSetup, SessionSetup
+from .setup_doubts import SetupDoubts
 from .shown_state import SHOWN_STATES, STOP, ShownState, shown_state
 from .step_result import StepResult
 from .tumor_change import TumorChange, tumor_change
 
 __all__ = [
+    "ADVICE",
     "LEASE_NS",
     "NO_EDGES",
     "REFERENCE",
@@ -51,9 +54,11 @@ __all__ = [
     "SequenceTrail",
     "Session",
     "SessionSetup",
+    "SetupDoubts",
     "ShownState",
     "StepResult",
     "TumorChange",
+    "advice_text",
     "deepest_on_path",
     "guidance_parameters",
     "has_ended",

@@ -39,6 +39,8 @@ class LiveSession:
     ``playback`` decides whether samples are used while a recording is played on the graph.
     ``outside`` returns the faults that are present outside the samples (a second sender, say), with
     a text for each; it is called once before each step and must be quick.
+    ``source_problem`` returns why the source cannot send, such as a server that is gone; empty if
+    it can.
     """
 
     def __init__(
@@ -51,7 +53,9 @@ class LiveSession:
         playback: PlaybackRule = NO_PLAYBACK,
         outside: Callable[[], Mapping[Reason, str]] = lambda: NOTHING_OUTSIDE,
         wait: Wait = threading.Condition.wait,
+        source_problem: Callable[[], str] = lambda: "",
     ) -> None:
+        self._source_problem = source_problem
         self._session = session
         self._host_ns = host_ns
         self._wait = wait
@@ -207,7 +211,7 @@ class LiveSession:
         with self._changed:
             missing = self._frames.missing_frames_problem(self._host_ns())
         own = step.frames_problem or self._playback.problem(playback)
-        problem = "; ".join(filter(None, [missing, own]))
+        problem = "; ".join(filter(None, [self._source_problem(), missing, own]))
         if not problem and not playback:
             return step
         return replace(step, frames_problem=problem, playback=playback)

@@ -8,7 +8,11 @@ from app.case import JointSample, TrackingFrame, agreed_sample
 from app.geometry import NS_PER_MS, NS_PER_S, Stamp, TrackedTransform
 from app.session.joint_queue import JointQueue
 from app.session.live_clock import SourceClock
-from app.session.named_frames import missing_frames_problem, path_to_base
+from app.session.named_frames import (
+    missing_frames_problem,
+    nothing_received_problem,
+    path_to_base,
+)
 from app.session.pose_tree import Edge, shortest_path
 from app.session.recent_samples import RecentSamples
 from app.session.setup import SessionSetup
@@ -61,6 +65,7 @@ class LiveFrames:
 
     def __init__(self, setup: SessionSetup, clock: SourceClock, edges: Sequence[Edge] = ()) -> None:
         self._setup = setup
+        self._began_ns: int | None = None
         self._ends = setup.measured_ends
         own = [(edge.target, edge.source) for edge in setup.static_edges]
         base = None if setup.robot is None else setup.robot.base_frame
@@ -89,9 +94,14 @@ class LiveFrames:
     def missing_frames_problem(self, host_ns: int) -> str:
         """Message on frames of the session that have not been received so far; empty if none.
 
-        Empty also during the first `REPORT_MISSING_AFTER_NS`, and before the first sample.
+        Empty also during the first `REPORT_MISSING_AFTER_NS`, of the calls and of the samples.
         """
-        if self._first_ns is None or host_ns - self._first_ns < REPORT_MISSING_AFTER_NS:
+        if self._began_ns is None:
+            self._began_ns = host_ns
+        if self._first_ns is None:
+            is_early = host_ns - self._began_ns < REPORT_MISSING_AFTER_NS
+            return "" if is_early else nothing_received_problem(self._setup)
+        if host_ns - self._first_ns < REPORT_MISSING_AFTER_NS:
             return ""
         if self._missing_frames is None:
             self._missing_frames = missing_frames_problem(

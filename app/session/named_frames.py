@@ -84,6 +84,15 @@ def missing_frames_problem(
     return ""
 
 
+def nothing_received_problem(setup: SessionSetup) -> str:
+    """One line on a tracker that has not sent any pose so far."""
+    frames = dict.fromkeys([setup.tool_from_tip.target, setup.frame_from_tumor.target])
+    return (
+        f"tracker: no pose has come so far; expected poses of {', '.join(map(repr, frames))}: "
+        "check that it runs and sends to the source of the configuration"
+    )
+
+
 def path_to_base(setup: SessionSetup, edges: tuple[Edge, ...]) -> tuple[Edge, ...]:
     """Those of ``edges`` that place the robot's base without its registration; empty if none.
 

@@ -44,8 +44,8 @@ class Page:
         state.now = {**readout(None), **timeline.values(None), "number": 0}
         state.look = ""
         state.surfaces, state.drawn, state.camera = {}, [], None
-        self._breaches: BreachList | None = None
-        state.breaches = breach_rows(BreachList())
+        self._breaches = BreachList()
+        state.breaches, state.doubts = breach_rows(self._breaches), []
         state.plot = None  # an open page does not draw names that are added later
 
     @property
@@ -85,11 +85,19 @@ class Page:
             state.now = {**readout(self._now), **self._timeline.values(self._now), "number": number}
             state.look = "" if preset is None else preset.value
             state.update(self._timeline.new_plot())
-            breaches = self._timeline.breaches(self._now)
-            if breaches is not self._breaches:
-                self._breaches = breaches
-                state.breaches = breach_rows(breaches)
+            state.update(self._new_lists())
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()
                 state.camera = self._client_scene.camera()
+
+    def _new_lists(self) -> dict[str, object]:
+        """The lists of breaches and of doubts, the first only if it has changed."""
+        listed = self._timeline.listed(self._now)
+        if listed is None:
+            return {}
+        lists: dict[str, object] = {"doubts": list(listed.doubts)}
+        if listed.breach_list is not self._breaches:
+            self._breaches = listed.breach_list
+            lists["breaches"] = breach_rows(self._breaches)
+        return lists

@@ -193,6 +193,23 @@ def test_invalid_address_is_refused(host: str, port: int) -> None:
         IgtlSource(host, port, lambda samples: None)
 
 
+def test_problem_names_the_server_and_what_to_do_until_it_is_connected(
+    start_pyigtl: StartPyigtl,
+) -> None:
+    server, backoff = start_pyigtl(), Backoff(60.0, 60.0)
+    statuses: queue.Queue[str] = queue.Queue()
+    with IgtlSource(
+        "127.0.0.1", server.port, lambda samples: None, changed=statuses.put, backoff=backoff
+    ) as source:
+        assert statuses.get(timeout=WAIT_S).startswith("connected")
+        assert source.problem == ""
+        server.kill()
+        while not statuses.get(timeout=WAIT_S).startswith("lost"):
+            pass
+        assert source.problem.startswith(f"OpenIGTLink server 127.0.0.1:{server.port}: lost")
+        assert "expected a running server: start it" in source.problem
+
+
 def test_unknown_host_is_reported(listen: Listen) -> None:
     statuses: queue.Queue[str] = queue.Queue()
     with IgtlSource("x" * 70, 18944, lambda samples: None, changed=statuses.put):

@@ -29,7 +29,12 @@ class SimulatedHost:
     """
 
     def __init__(
-        self, stamps_of_host: bool = False, robot=None, edges=(), playback=NO_PLAYBACK
+        self,
+        stamps_of_host: bool = False,
+        robot=None,
+        edges=(),
+        playback=NO_PLAYBACK,
+        source_problem=lambda: "",
     ) -> None:
         self.ns = HOST_MS * NS_PER_MS
         self.events = []
@@ -48,6 +53,7 @@ class SimulatedHost:
             edges=edges,
             playback=playback,
             wait=self.wait,
+            source_problem=source_problem,
         )
 
     def at(self, ms, action):
@@ -355,10 +361,30 @@ def test_late_frame_is_reported_missing_until_it_arrives():
     assert steps[-1][1].decision.state is MarginState.NEGATIVE
 
 
-def test_silent_or_complete_source_has_no_missing_frames():
+def test_complete_source_has_no_missing_frames():
+    host = SimulatedHost()
+    track(host, 1500, 4000)
+    assert set(problems_of(host.run(3900))) == {""}
+
+
+def test_source_that_sends_nothing_is_reported_until_it_does():
     host = SimulatedHost()
     track(host, 3000, 6000)
-    assert set(problems_of(host.run(5900))) == {""}
+    steps = host.run(5900)
+    silent = [at for at, step in steps if "no pose has come so far" in step.frames_problem]
+    assert (silent[0], silent[-1]) == pytest.approx((2000.0, 2900.0), abs=100.0)
+    told = [step.frames_problem for at, step in steps if silent[0] <= at <= silent[-1]]
+    assert len(set(told)) == 1
+    assert "expected poses of 'cautery', 'needle'" in told[0]
+    assert steps[-1][1].frames_problem == ""
+
+
+def test_problem_of_the_source_is_the_first_one():
+    gone = ["OpenIGTLink server tracker:18944: cannot reach"]
+    host = SimulatedHost(source_problem=lambda: gone[0])
+    track(host, 0, 1000)
+    steps = host.run(900)
+    assert {step.frames_problem for _, step in steps} == set(gone)
 
 
 def test_named_edge_that_never_arrives_is_reported():

@@ -5,7 +5,7 @@ from playwright.sync_api import Page, expect
 
 from app.session import STOP
 from tests.viewer.conftest import SIZE, Watched
-from tests.viewer.viewed_case import BREACH_FRAME
+from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 HISTORY = "1 breach so far, deepest 3.0 mm"
 
@@ -48,6 +48,21 @@ def test_keys_go_to_the_next_and_the_previous_breach(page: Page) -> None:
     page.keyboard.press("End")
     page.keyboard.press("p")
     expect(page.locator("#frame")).to_have_text(str(BREACH_FRAME))
+
+
+def test_unknown_says_what_to_do_in_words(page: Page) -> None:
+    for _ in range(LOST[0]):
+        page.keyboard.press("ArrowRight")
+    expect(page.locator("#state-label")).to_have_text("UNKNOWN")
+    expect(page.locator("#todo")).to_contain_text("Bring tool and sensors into the tracker's view")
+    page.keyboard.press("End")
+    expect(page.locator("#todo")).to_have_count(0)
+
+
+def test_set_up_that_cannot_be_right_is_said_from_the_first_frame(page: Page) -> None:
+    doubt = page.locator("#doubts li")
+    expect(doubt).to_have_count(1)
+    expect(doubt).to_contain_text("tool.tip_from: the tip is at the origin of the sensor 'rod'")
 
 
 def test_tool_in_the_stop_margin_looks_different_from_one_at_the_warning_distance(

@@ -8,7 +8,6 @@ from PIL import Image
 from trame_server import Server
 
 from app.fixture import MarginState
-from app.session import BreachList
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraPreset
 from app.viewer.drawing.scene_view import SceneView
@@ -34,8 +33,8 @@ class TimelineDouble:
     def new_plot(self) -> dict[str, list[int]]:
         return {"plot": [1, 2, 3]}
 
-    def breaches(self, shown: ViewState | None) -> BreachList:
-        return BreachList()
+    def listed(self, shown: ViewState | None) -> ViewState | None:
+        return shown
 
     def revision(self) -> object:
         return None

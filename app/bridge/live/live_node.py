@@ -16,6 +16,7 @@ from app.bridge.live.outputs import (
     FramesProblemLog,
     GuidanceOutput,
     PlaybackLog,
+    SetupDoubtLog,
     TwistOutput,
 )
 from app.bridge.live.playback_watch import PlaybackWatch
@@ -31,6 +32,7 @@ from app.bridge.tf import TransformBuffer
 from app.bridge.tf.listener import TfListener
 from app.case import LiveSourceEntry, TfSourceEntry, TopicSourceEntry
 from app.fixture import Reason
+from app.igtl import IgtlSource
 from app.runtime import (
     AuditOutput,
     ComputeProcess,
@@ -106,6 +108,7 @@ def live_node(
     entry = config.source
     limits, guides = limiter_parameters(config), guidance_parameters(config)
     counted: list[Callable[[], Mapping[str, int]]] = []
+    problems: list[Callable[[], str]] = []
     if config.needs_security:
         check_security(required=True)
     # The nodes of the tracker and of the robot publish their own data.
@@ -151,6 +154,7 @@ def live_node(
                 playback.found, accepted=case.manifest.provenance.kind == "simulated"
             ),
             outside=lambda: _joined(senders.outside(), start.faults(node)),
+            source_problem=lambda: "".join(problem() for problem in problems),
         )
         opened = stack.enter_context
         log = opened(audit_log(node, publisher.constraints, audit or audit_file(node)))
@@ -164,6 +168,7 @@ def live_node(
             (
                 PlaybackLog(node),
                 FramesProblemLog(node),
+                SetupDoubtLog(node, setup),
                 publisher,
                 TwistOutput(twists, setup.margins),
                 *guidance,
@@ -177,6 +182,8 @@ def live_node(
         run.commands.requests.listen(log.request)
         margins = opened(served_operators(node, run, config, setup.margins))
         source = source_of(node, entry, live.add, senders)
+        if isinstance(source, IgtlSource):
+            problems.append(lambda: source.problem)
         senders.start(moving=not isinstance(entry, TfSourceEntry))
         counted += [
             live.left_out,

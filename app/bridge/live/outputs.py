@@ -5,7 +5,7 @@ from app.bridge.node import RosNode
 from app.bridge.steady_clock import steady_ns
 from app.fixture import MarginParameters
 from app.runtime import PassiveOutput, SessionContent, StepTiming, SwitchContent
-from app.session import StepResult
+from app.session import SessionSetup, SetupDoubts, StepResult
 
 
 class TwistOutput(PassiveOutput):
@@ -71,6 +71,31 @@ class FramesProblemLog(PassiveOutput):
             self._logged.add(kind)
             self._ros.node.get_logger().warning(step.frames_problem)
         return True
+
+
+class SetupDoubtLog(PassiveOutput):
+    """`Output` that logs each doubt about ``setup`` once."""
+
+    def __init__(self, ros: RosNode, setup: SessionSetup) -> None:
+        self._ros = ros
+        self._doubts = SetupDoubts(setup)
+        self._logged: set[str] = set()
+
+    def publish(self, step: StepResult, timing: StepTiming) -> bool:
+        """Log a new doubt; its numbers may change."""
+        for text in self._doubts.observe(step):
+            what = text.partition(":")[0]
+            if what not in self._logged:
+                self._logged.add(what)
+                self._ros.node.get_logger().warning(f"check the set-up: {text}")
+        return True
+
+    def prepare(self, content: SessionContent) -> SwitchContent:
+        """Return the switch; nothing needs to be prepared."""
+        return self._use
+
+    def _use(self, content: SessionContent) -> None:
+        self._doubts.stale_after_ns = content.margins.stale_after_ns
 
 
 class PlaybackLog(PassiveOutput):

@@ -6,9 +6,20 @@ from app.fixture import FixtureDecision, MarginState, Reason
 from app.geometry import NS_PER_MS, Freshness
 from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.scene.frames.watchdog import TransformHealth
-from app.session import SHOWN_STATES, SINGLE_SOURCE, BreachList, ShownState, StepResult, shown_state
+from app.session import (
+    SHOWN_STATES,
+    SINGLE_SOURCE,
+    BreachList,
+    ShownState,
+    StepResult,
+    advice_text,
+    shown_state,
+)
 from app.viewer.readout.reason_text import distance_text, reason_text
 from app.viewer.steps.view_state import ViewState
+
+_SILENT = "Look at the terminal in which this page was started, and start it again"
+"""What to do about a session that has ended or sends nothing."""
 
 
 def readout(shown: ViewState | None) -> dict[str, Any]:
@@ -24,6 +35,7 @@ def readout(shown: ViewState | None) -> dict[str, Any]:
         decision.state,
         shown_state(decision),
         shown.silent or _reasons(shown.step),
+        todo=_SILENT if shown.silent else _todo(decision),
         distance=distance_text(shown.distance_mm),
         trend=str(shown.trend),
         hold=Reason.LATCHED in decision.reasons,
@@ -48,11 +60,17 @@ def _reasons(step: StepResult) -> str:
     return f"{text} ({step.frames_problem})" if is_unknown and step.frames_problem else text
 
 
+def _todo(decision: FixtureDecision) -> str:
+    """What to do about a state that is UNKNOWN; empty while it is known."""
+    return advice_text(decision.reasons) if decision.state is MarginState.UNKNOWN else ""
+
+
 def _values(
     state: MarginState,
     display: ShownState,
     reason: str,
     *,
+    todo: str = "",
     distance: str = distance_text(None),
     trend: str = "",
     hold: bool = False,
@@ -75,6 +93,7 @@ def _values(
         "symbol": display.symbol,
         "label": display.label,
         "why": reason,
+        "todo": todo,
         "distance": distance,
         "trend": trend,
         "hold": hold,

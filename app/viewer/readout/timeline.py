@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from app.geometry import NS_PER_MS, NS_PER_S
-from app.session import BreachList
 from app.viewer.readout.plot import WIDTH, Point, plot
 from app.viewer.steps.feeds import ReplayFeed
 from app.viewer.steps.view_state import ViewState
@@ -23,8 +22,8 @@ class Timeline(Protocol):
     def new_plot(self) -> dict[str, Any]:
         """Return the plot if it changed since the last call, else an empty dictionary."""
 
-    def breaches(self, shown: ViewState | None) -> BreachList:
-        """Return the breaches to be listed."""
+    def listed(self, shown: ViewState | None) -> ViewState | None:
+        """Return the moment whose breaches and doubts are listed."""
 
     def revision(self) -> object:
         """Return a value that changes when the page needs an update without a new step."""
@@ -41,7 +40,7 @@ class ReplayTimeline:
         ]
         marks = [(control.time_ns(first), control.time_ns(last)) for first, last in breaches]
         self._drawn: dict[str, Any] | None = plot(points, marks, 0, control.duration_ns)
-        self._breaches = feed.shown[-1].breach_list
+        self._last = feed.shown[-1]
 
     def values(self, shown: ViewState | None) -> dict[str, Any]:
         """Return position, duration, whether the replay plays, and its rate."""
@@ -63,9 +62,9 @@ class ReplayTimeline:
         drawn, self._drawn = self._drawn, None
         return {} if drawn is None else {"plot": drawn}
 
-    def breaches(self, shown: ViewState | None) -> BreachList:
-        """Return all breaches of the recording."""
-        return self._breaches
+    def listed(self, shown: ViewState | None) -> ViewState | None:
+        """Return the last moment of the recording, which has all of them."""
+        return self._last
 
     def revision(self) -> object:
         """Return whether the replay plays, and its rate."""
@@ -104,9 +103,9 @@ class LiveTimeline:
         self._drawn_ns = end_ns
         return {"plot": plot(list(self._points), (), end_ns - _LIVE_SPAN_NS, end_ns)}
 
-    def breaches(self, shown: ViewState | None) -> BreachList:
-        """Return the breaches so far."""
-        return BreachList() if shown is None else shown.breach_list
+    def listed(self, shown: ViewState | None) -> ViewState | None:
+        """Return the moment that is shown."""
+        return shown
 
     def revision(self) -> object:
         """Return None: only steps change this timeline."""

@@ -8,7 +8,14 @@ from app.fixture import MarginState, Reason
 from app.geometry import FloatArray, Freshness, SurfaceMesh, Transform
 from app.runtime import OperatorRequest, SeenHold, SessionContent
 from app.scene.frames.watchdog import TransformHealth, TransformWatchdog
-from app.session import REFERENCE, BreachList, BreachLog, SessionSetup, StepResult
+from app.session import (
+    REFERENCE,
+    BreachList,
+    BreachLog,
+    SessionSetup,
+    SetupDoubts,
+    StepResult,
+)
 from app.viewer.steps.trend import Trend, TrendMeter
 
 
@@ -20,10 +27,11 @@ class ViewState:
     margin; None while it is not computed, and for a margin of 0. ``measured``: the last good sample
     of every edge so far. ``breaches``: how often the state has become POSITIVE so far, so that a
     page that skips steps misses none. ``breach_list``: the breaches so far, counted as in the
-    report. ``marks``: positions of the tool inside the tumour, in the
-    tumour's frame, the first ``marked`` of them up to this step. ``silent``: why the step is
-    outdated, empty while it is not. ``request``: the last request to change a live session.
-    ``seen``: identifies the hold of a live session that an operator may end; None without one.
+    report; ``doubts``: what cannot be right in the set-up. ``marks``: positions of the tool inside
+    the tumour, in the tumour's frame, the first ``marked`` of them up to this step. ``silent``: why
+    the step is outdated, empty while it is not. ``request``: the last request to change a live
+    session. ``seen``: identifies the hold of a live session that an operator may end; None without
+    one.
     """
 
     step: StepResult
@@ -36,6 +44,7 @@ class ViewState:
     marks: Sequence[FloatArray]
     marked: int
     breach_list: BreachList = field(default_factory=BreachList)
+    doubts: tuple[str, ...] = ()
     silent: str = ""
     request: OperatorRequest | None = None
     seen: SeenHold | None = None
@@ -85,6 +94,7 @@ class ViewStateBuilder:
         self._named: set[str] = set()
         self._watchdog = TransformWatchdog(setup.margins.stale_after_ns)
         self._trend = TrendMeter()
+        self._doubts = SetupDoubts(setup)
         self._edges: dict[tuple[str, str], Transform] = {}
         self._measured: tuple[Transform, ...] = ()
         self._breaches = 0
@@ -97,6 +107,7 @@ class ViewStateBuilder:
         if content.tumor is not self._content.tumor:
             self._marks = []
         self._breach_log.use(content.tumor, content.margins.stale_after_ns)
+        self._doubts.stale_after_ns = content.margins.stale_after_ns
         self._content, self._margin_surface = content, margin_surface
 
     def observe(self, step: StepResult) -> ViewState:
@@ -122,6 +133,7 @@ class ViewStateBuilder:
             marks=self._marks,
             marked=len(self._marks),
             breach_list=self._breach_log.observe(step),
+            doubts=self._doubts.observe(step),
         )
 
     def _lamps(self, frame: TrackingFrame) -> tuple[TransformHealth, ...]:

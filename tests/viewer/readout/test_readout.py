@@ -44,6 +44,13 @@ def test_never_received_frame_is_named_while_unknown(parts):
     assert values == [f"{readout(lost)['why']} ({problem})", readout(known)["why"]]
 
 
+def test_unknown_says_what_to_do_and_a_known_state_does_not(parts):
+    lost, known = parts.feed.shown[LOST[2]], parts.feed.shown[BREACH_FRAME]
+    assert readout(lost)["todo"].startswith("Bring tool and sensors into the tracker's view")
+    assert readout(known)["todo"] == ""
+    assert "terminal" in readout(known.as_unknown("the session has ended"))["todo"]
+
+
 def test_known_state_has_its_worst_reason():
     text = reason_text(MarginState.POSITIVE, (Reason.INSIDE, Reason.STOP_DISTANCE, Reason.LATCHED))
     assert text == Reason.INSIDE.text
