@@ -92,6 +92,15 @@ PLAUSIBILITY = {
         },
     }
 }
+IMAGES = {
+    "images": {
+        "path": "probe.igs.mha",
+        "probe": "probe",
+        "calibration": "plus.xml",
+        "orientation": "UF",
+        "stale_after_ms": 200.0,
+    }
+}
 BOX = {
     "plausibility": {
         "workspace": {"frame": "robot_base", "min_mm": [0.0, 0, 0], "max_mm": [1, 2.0, 3]}
@@ -132,7 +141,7 @@ def complete(document: str) -> list[dict[str, Any]]:
     return [
         values,
         full | PLAUSIBILITY | POINTS | segment | {"clock": {"estimate": True}},
-        full | XACRO | POINTS,
+        full | XACRO | POINTS | IMAGES,
         full
         | BOX
         | mesh

@@ -1,4 +1,5 @@
 from .case import Case, MeshOwner, open_case
+from .case_images import CaseImages, CurrentImage, open_case_images
 from .convert import convert_case
 from .copying import recover_recording
 from .frames.assembly import agreed_sample
@@ -25,6 +26,7 @@ from .manifest.entries import (
     ClockEntry,
     ContourEntry,
     Dwell,
+    ImagesEntry,
     MarginEntry,
     MeshEntry,
     Provenance,
@@ -83,9 +85,11 @@ __all__ = [
     "BoxEntry",
     "BuiltTumor",
     "Case",
+    "CaseImages",
     "CaseManifest",
     "ClockEntry",
     "ContourEntry",
+    "CurrentImage",
     "DistanceEntry",
     "Dwell",
     "EdgeCount",
@@ -99,6 +103,7 @@ __all__ = [
     "ImageHeader",
     "ImagePose",
     "ImageSequence",
+    "ImagesEntry",
     "JointSample",
     "JointSource",
     "LiveCase",
@@ -135,6 +140,7 @@ __all__ = [
     "load_manifest",
     "message_definition",
     "open_case",
+    "open_case_images",
     "open_live",
     "read_igsio",
     "read_image_calibration",

@@ -142,7 +142,7 @@ class Case:
             raise InputError(
                 f"{self.manifest.file}: {key}.repair is not true: its mesh is used unrepaired"
             )
-        path = self._file(entry.path, f"{key}.path")
+        path = self.file(entry.path, f"{key}.path")
         return load_mesh(path, units=entry.units, frame=frame)
 
     def with_repaired_mesh(self, of: MeshOwner, mesh: SurfaceMesh, notes: Sequence[str]) -> "Case":
@@ -196,7 +196,7 @@ class Case:
         robot = self.manifest.robot
         if robot is None:
             raise InputError(f"{self.manifest.file}: robot is missing: the case has no robot")
-        path = self._file(robot.urdf, "robot.urdf")
+        path = self.file(robot.urdf, "robot.urdf")
         is_named_by_user = robot.urdf.startswith(PACKAGE_SCHEME)
         if _is_xacro(robot.urdf) and not is_named_by_user and self._is_inside(path):
             raise InputError(
@@ -212,11 +212,17 @@ class Case:
     def check_files(self) -> None:
         """Raise `InputError` unless the files of tumour, tool and robot exist."""
         tumor, tool = self.manifest.tumor, self.manifest.tool
-        self._file(tumor.shape.path, f"{tumor.shape_key}.path")
+        self.file(tumor.shape.path, f"{tumor.shape_key}.path")
         if tool.mesh is not None:
-            self._file(tool.mesh.path, "tool.mesh.path")
+            self.file(tool.mesh.path, "tool.mesh.path")
         if self.manifest.robot is not None:
             self.robot_urdf()
+        if self.manifest.images is not None:
+            from app.case.case_images import open_case_images
+
+            images = open_case_images(self)
+            if images is not None:
+                images.close()
 
     def expected(self) -> Expected | None:
         """What a correct replay must show; None where the case does not state it."""
@@ -224,7 +230,7 @@ class Case:
             return None
         robot = self.manifest.robot
         return load_expected(
-            self._file(self.manifest.expected, "expected"),
+            self.file(self.manifest.expected, "expected"),
             reference=REFERENCE_FRAME,
             robot_base=robot.base_frame if robot else DEFAULT_BASE_FRAME,
         )
@@ -236,7 +242,7 @@ class Case:
                     f"{self.manifest.file}: {key}.repair is true: repair the mesh before its use "
                     "(Case.with_repaired_mesh)"
                 )
-            path = self._file(entry.path, f"{key}.path")
+            path = self.file(entry.path, f"{key}.path")
             mesh = load_mesh(path, units=entry.units, frame=frame)
             self._meshes[key] = mesh.require_closed(
                 f"the mesh {path} ({self.manifest.file}: {key})"
@@ -244,12 +250,13 @@ class Case:
         return self._meshes[key]
 
     def _built(self, entry: SegmentationEntry | ContourEntry, key: str) -> BuiltTumor:
-        path = self._file(entry.path, f"{key}.path")
+        path = self.file(entry.path, f"{key}.path")
         if isinstance(entry, ContourEntry):
             return tumor_from_contour(path, frame=TUMOR_MESH_FRAME)
         return tumor_from_segmentation(path, frame=TUMOR_MESH_FRAME, segment=entry.segment)
 
-    def _file(self, name: str, key: str) -> Path:
+    def file(self, name: str, key: str) -> Path:
+        """Path of an existing file that ``key`` of the manifest names; `InputError` for none."""
         where = f"{self.manifest.file}: {key}"
         return resolve_file(self.folder, name, where, package_dirs=self.package_dirs)
 

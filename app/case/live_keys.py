@@ -143,8 +143,10 @@ ONLY_LIVE: dict[str, Key] = {
 }
 """Keys that ``case.yaml`` does not have."""
 
+_ONLY_RECORDED = ("recording", "images", "expected")
+
 _SHARED = {
-    **{name: key for name, key in CASE.keys.items() if name not in ("recording", "expected")},
+    **{name: key for name, key in CASE.keys.items() if name not in _ONLY_RECORDED},
     "clock": replace(CLOCK, variants=(KNOWN_OFFSET,)),
     "registration": replace(REGISTRATION, variants=(BY_MATRIX, BY_POINTS)),
 }

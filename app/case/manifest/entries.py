@@ -144,6 +144,21 @@ class RegistrationEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class ImagesEntry:
+    """Tracked ultrasound: paths as written of the sequence and of the calibration.
+
+    ``path`` None: the recording. ``orientation`` is that of images whose header names none.
+    ``stale_after_ns``: None for that of the margins.
+    """
+
+    path: str | None
+    probe: str
+    calibration: str
+    orientation: str | None
+    stale_after_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class MarginEntry:
     """The margins of the fixture, and the limits of freshness.
 
@@ -181,6 +196,7 @@ class CaseManifest:
     expected: str | None
     plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
     package_dirs: Mapping[str, str] = field(default_factory=dict)
+    images: ImagesEntry | None = None
 
     def recorded(self) -> RecordingEntry:
         """The recording; `InputError` for a live case."""

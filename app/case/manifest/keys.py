@@ -2,6 +2,7 @@
 
 import re
 
+from app.case.manifest.image_keys import IMAGES
 from app.case.manifest.key_rules import MATRIX, RIGID
 from app.case.manifest.plausibility_keys import PLAUSIBILITY
 from app.case.tumor import SEGMENTATION_ENDING
@@ -287,6 +288,7 @@ CASE = Block(
         "name": _NAME,
         "provenance": _PROVENANCE,
         "recording": _RECORDING,
+        "images": IMAGES,
         "clock": CLOCK,
         "tool": _TOOL,
         "tumor": _TUMOR,
