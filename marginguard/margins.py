@@ -4,10 +4,11 @@ from collections.abc import Iterable
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from app import report
+from app import analysis, report
+from app.analysis import Breach
 from app.fixture import MarginParameters, MarginState, Reason
 from app.geometry import InputError
-from app.report import Breach, ReportRow
+from app.report import ReportRow
 from app.runtime import PreparedCase
 from app.session import StepResult
 from marginguard.arguments import checked, checked_list, needs
@@ -60,7 +61,7 @@ def find_breaches(case: PreparedCase, steps: Iterable[StepResult]) -> tuple[Brea
     [-5.6, -2.3]
     """
     checked(case, PreparedCase, "case", _CASE)
-    return report.find_breaches(_rows(steps), case.setup.margins.stale_after_ns)
+    return analysis.find_breaches(_rows(steps), case.setup.margins.stale_after_ns)
 
 
 def plot_margin(case: PreparedCase, steps: Iterable[StepResult]) -> "Figure":
@@ -79,7 +80,7 @@ def plot_margin(case: PreparedCase, steps: Iterable[StepResult]) -> "Figure":
 
     checked(case, PreparedCase, "case", _CASE)
     rows, margins = _rows(steps), case.setup.margins
-    breaches = report.find_breaches(rows, margins.stale_after_ns)
+    breaches = analysis.find_breaches(rows, margins.stale_after_ns)
     return margin_figure(rows, breaches, margins, case.case.manifest.name)
 
 

@@ -78,6 +78,8 @@ SLOW = {
         "tests/tools/test_wheel.py",
     ),
     "computes for more than about 3 s": (
+        "tests/analysis/test_case_analysis.py",
+        "tests/analysis/test_depth.py",
         "tests/case/readers/test_batches.py",
         "tests/case/test_schema_agreement.py",
         "tests/case/tumor/test_contour_surface.py",

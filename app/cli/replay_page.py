@@ -53,7 +53,8 @@ def replay_parts(
 ) -> ReplayParts | None:
     """Step through the case in ``folder``; None when a signal came before its last step."""
     with received.ends_at_once():
-        from app.report import ReplayLog, find_breaches
+        from app.analysis import find_breaches
+        from app.report import ReplayLog
         from app.runtime import ReplayRun, prepare_case
         from app.viewer import ReplayFeed, ReplayTimeline, ViewStateBuilder, stop_surface
 

@@ -48,9 +48,10 @@ class ServedCases:
         stops: Callable[[Callable[[], None]], None],
     ) -> "ReplayTotals":
         """Replay ``part`` over ROS, calling ``report`` at every frame, until its end or a stop."""
+        from app.analysis import find_breaches
         from app.bridge import replay_node
         from app.bridge.calls.replay_server import ReplayProgress, ReplayTotals
-        from app.report import ReplayLog, find_breaches
+        from app.report import ReplayLog
         from app.runtime import ReplayRun
 
         opened, log = self._open(part.folder), ReplayLog()

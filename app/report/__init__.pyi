@@ -1,4 +1,3 @@
-from .breaches import Breach, find_breaches
 from .checks import Check, check_expected
 from .errors import ReportError
 from .margin_csv import margin_csv
@@ -9,7 +8,6 @@ from .write import REPORT_FILES, check_writable, write_report
 
 __all__ = [
     "REPORT_FILES",
-    "Breach",
     "Check",
     "ReplayLog",
     "ReplayRecord",
@@ -18,7 +16,6 @@ __all__ = [
     "all_passed",
     "check_expected",
     "check_writable",
-    "find_breaches",
     "margin_csv",
     "record_of",
     "summarise",

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from app.analysis.breaches import Breach
 from app.geometry import Freshness, FreshnessLimits, freshness_of
-from app.report.breaches import Breach
 from app.session import PathDepth, PathPoint, deepest_on_path
 
 if TYPE_CHECKING:

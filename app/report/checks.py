@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from app.analysis.breaches import Breach
 from app.case import (
     Expected,
     ExpectedBreach,
@@ -14,7 +15,6 @@ from app.case import (
 from app.fixture import MarginState
 from app.geometry import NS_PER_S
 from app.registration import RegistrationResult
-from app.report.breaches import Breach
 from app.report.rows import ReportRow, seconds_since
 
 # Expected times are decimals in a file: rounding must not fail a tolerance that is met exactly.

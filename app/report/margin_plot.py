@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from matplotlib.patches import Patch
 
+from app.analysis.breaches import Breach
 from app.fixture import MarginParameters, MarginState
 from app.geometry import NS_PER_S, FloatArray
-from app.report.breaches import Breach
 from app.report.rows import ReportRow
 
 _INK = "#1c2733"

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
+from app.analysis.breaches import find_breaches
 from app.case import Expected
 from app.fixture import MarginParameters, MarginState
 from app.registration import RegistrationResult
 from app.report.breach_paths import BreachPaths, breach_depths
-from app.report.breaches import find_breaches
 from app.report.rows import ReportRow
 from app.runtime import PassiveOutput, ReplayRun, StepTiming
 from app.session import PathDepth, StepResult

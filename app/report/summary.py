@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
+from app.analysis.breaches import Breach, find_breaches
 from app.fixture import MarginParameters, MarginState
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.registration import RegistrationResult
-from app.report.breaches import Breach, find_breaches
 from app.report.checks import Check, check_expected
 from app.report.record import ReplayRecord
 from app.report.rows import ReportRow, seconds_since

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from app.analysis.breaches import find_breaches
 from app.files.atomic_io import write_files
-from app.report.breaches import find_breaches
 from app.report.errors import ReportError
 from app.report.html import report_html
 from app.report.margin_csv import margin_csv

@@ -1,6 +1,6 @@
 """The breaches of a session so far, with the time, the place and the part of the tool of each.
 
-A breach is counted as in the report (`app.report.breaches`): a run of steps whose signed distance
+A breach is counted as in the report (`app.analysis.breaches`): a run of steps whose signed distance
 is negative, whatever the state is, so that hysteresis neither lengthens nor joins breaches.
 """
 

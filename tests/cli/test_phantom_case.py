@@ -13,7 +13,8 @@ import trimesh
 import yaml
 
 import marginguard as mg
-from app.report import ReportRow, find_breaches
+from app.analysis import find_breaches
+from app.report import ReportRow
 from tests.oracles.igsio_text import igsio_samples, igsio_times_s
 
 RADIUS_MM = 10.0

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from app.analysis import find_breaches
 from app.fixture import TipProximity
 from app.geometry import Stamp, SurfaceMesh, TrackedTransform, TrackingStatus, Transform
-from app.report import ReplayLog, ReplayRecord, find_breaches, summarise
+from app.report import ReplayLog, ReplayRecord, summarise
 from app.report.breach_paths import breach_depths
 from app.report.html import report_html
 from app.runtime import StepTiming

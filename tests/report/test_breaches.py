@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.analysis import Breach, find_breaches
 from app.fixture import MarginState
-from app.report import Breach, ReportRow, find_breaches
+from app.report import ReportRow
 
 STALE_NS = 200_000_000
 Rows = Callable[..., tuple[ReportRow, ...]]

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.analysis import find_breaches
 from app.case import (
     Expected,
     ExpectedBreach,
@@ -13,7 +14,7 @@ from app.case import (
 )
 from app.geometry import Transform
 from app.registration import RegistrationResult, given_registration
-from app.report import Check, ReportRow, check_expected, find_breaches
+from app.report import Check, ReportRow, check_expected
 
 STALE_NS = 200_000_000
 Rows = Callable[..., tuple[ReportRow, ...]]

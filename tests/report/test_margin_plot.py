@@ -6,9 +6,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.image import imread
 
+from app.analysis import find_breaches
 from app.fixture import MarginParameters, MarginState
 from app.geometry import FloatArray
-from app.report import ReportRow, find_breaches
+from app.report import ReportRow
 from app.report.margin_plot import margin_png, played_seconds, state_bands
 
 Rows = Callable[..., tuple[ReportRow, ...]]

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from app.analysis import find_breaches
 from app.case import TrackingFrame
 from app.fixture import FixtureDecision, MarginState, Proximity, Reason, Witnesses
 from app.geometry import NS_PER_MS, Stamp, SurfaceMesh, Transform
-from app.report import ReportRow, find_breaches
+from app.report import ReportRow
 from app.session import STOP, BreachLog, StepResult, shown_state
 from app.session.breach_log import MAX_LISTED
 

@@ -32,6 +32,7 @@ BENCHMARKS = {
     "record": "benchmarks.recorder",
     "simulation": "benchmarks.simulation",
     "guided": "benchmarks.guided",
+    "depth": "benchmarks.depth",
 }
 
 

@@ -2,9 +2,25 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
-from app.geometry import Freshness, FreshnessLimits, freshness_of
-from app.report.rows import ReportRow, seconds_since
+from app.geometry import NS_PER_S, Freshness, FreshnessLimits, freshness_of
+
+
+class DistanceRow(Protocol):
+    """One frame: its stamp, its signed distance in mm or None, whether the tool is inside."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp in ns."""
+
+    @property
+    def signed_distance_mm(self) -> float | None:
+        """Signed distance, None where it is not known."""
+
+    @property
+    def inside(self) -> bool:
+        """True if the distance is known and negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +52,7 @@ class Breach:
         return self.end_s - self.start_s
 
 
-def find_breaches(rows: Sequence[ReportRow], stale_after_ns: int) -> tuple[Breach, ...]:
+def find_breaches(rows: Sequence[DistanceRow], stale_after_ns: int) -> tuple[Breach, ...]:
     """Find the breaches among ``rows``, in the order of time.
 
     They are computed from the raw signed distance and not from the state, so that hysteresis
@@ -63,12 +79,12 @@ def find_breaches(rows: Sequence[ReportRow], stale_after_ns: int) -> tuple[Breac
     return tuple(_breach(rows, run) for run in runs)
 
 
-def _breach(rows: Sequence[ReportRow], run: list[int]) -> Breach:
+def _breach(rows: Sequence[DistanceRow], run: list[int]) -> Breach:
     first_ns = rows[0].stamp_ns
     depth, deepest = min((distance, index) for index, distance in _distances(rows, run))
     return Breach(
-        start_s=seconds_since(first_ns, rows[run[0]].stamp_ns),
-        end_s=seconds_since(first_ns, rows[run[-1]].stamp_ns),
+        start_s=(rows[run[0]].stamp_ns - first_ns) / NS_PER_S,
+        end_s=(rows[run[-1]].stamp_ns - first_ns) / NS_PER_S,
         min_signed_distance_mm=depth,
         deepest=deepest,
         frames=len(run),
@@ -77,7 +93,7 @@ def _breach(rows: Sequence[ReportRow], run: list[int]) -> Breach:
     )
 
 
-def _distances(rows: Sequence[ReportRow], run: list[int]) -> list[tuple[int, float]]:
+def _distances(rows: Sequence[DistanceRow], run: list[int]) -> list[tuple[int, float]]:
     return [
         (index, distance)
         for index in run

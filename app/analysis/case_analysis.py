@@ -1,0 +1,156 @@
+"""What one case shows: breaches, distances, states, motion, phases."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.analysis.case_breaches import AnalysedBreach, analyse_breaches, sides_of
+from app.analysis.jitter import Jitter, estimate_jitter
+from app.analysis.motion import Motion, motion_of
+from app.analysis.phases import phase_counts, phase_seconds, phases_of
+from app.analysis.place import checked_axes
+from app.analysis.samples import CaseSamples
+from app.fixture import MarginParameters, MarginState
+from app.geometry import NS_PER_S, FloatArray, SurfaceMesh
+
+if TYPE_CHECKING:
+    from app.session import StepResult
+
+PERCENTILES = (0, 5, 25, 50, 75, 95, 100)
+FlatValue = float | int | str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaseAnalysis:
+    """The analysis of one case. Lengths in mm, times in s; unknown values are None.
+
+    ``percentiles_mm``: of the measured distance over time, by percent, empty without a distance.
+    ``jitter``: noise of the distance, None where the case is too short for an estimate; the
+    breaches then have no estimated depth. ``anatomical``: directions are those of the patient.
+    """
+
+    name: str
+    frames: int
+    duration_s: float
+    state_seconds: Mapping[str, float]
+    percentiles_mm: Mapping[int, float]
+    jitter: Jitter | None
+    breaches: tuple[AnalysedBreach, ...]
+    motion: Motion
+    phase_seconds: Mapping[str, float]
+    phase_counts: Mapping[str, int]
+    anatomical: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """The analysis as JSON types."""
+        return {
+            "case": self.name,
+            "frames": self.frames,
+            "duration_s": self.duration_s,
+            "state_seconds": dict(self.state_seconds),
+            "distance_percentiles_mm": {f"p{k}": v for k, v in self.percentiles_mm.items()},
+            "jitter": None if self.jitter is None else asdict(self.jitter),
+            "anatomical": self.anatomical,
+            "breaches": [_breach_dict(breach) for breach in self.breaches],
+            "breach_sides": sides_of(self.breaches),
+            "motion": asdict(self.motion),
+            "phase_seconds": dict(self.phase_seconds),
+            "phase_counts": dict(self.phase_counts),
+        }
+
+    def flat(self) -> dict[str, FlatValue]:
+        """The analysis as one record of numbers and texts, with the same keys for every case."""
+        depths = [b.estimate for b in self.breaches if b.estimate is not None]
+        deepest = min(depths, key=lambda each: each.distance_mm, default=None)
+        first = min(self.breaches, key=lambda b: b.lowest_sample_mm, default=None)
+        return {
+            "case": self.name,
+            "frames": self.frames,
+            "duration_s": self.duration_s,
+            "breaches": len(self.breaches),
+            "breach_seconds": sum((b.duration_s for b in self.breaches), 0.0),
+            "deepest_mm": None if deepest is None else deepest.distance_mm,
+            "deepest_low_mm": None if deepest is None else deepest.low_mm,
+            "deepest_high_mm": None if deepest is None else deepest.high_mm,
+            "lowest_sample_mm": self.percentiles_mm.get(0),
+            "deepest_direction": "" if first is None else first.direction,
+            "deepest_side": "" if first is None else first.side,
+            "deepest_part": "" if first is None else first.part,
+            "deepest_entry_speed_mm_s": None if first is None else first.entry_speed_mm_s,
+            "jitter_sigma_mm": None if self.jitter is None else self.jitter.sigma_mm,
+            **{f"distance_p{k}_mm": self.percentiles_mm.get(k) for k in PERCENTILES},
+            **{f"seconds_{k.lower()}": v for k, v in self.state_seconds.items()},
+            **{f"seconds_{k}": v for k, v in self.phase_seconds.items() if k != "unknown"},
+            **{f"motion_{k}": v for k, v in asdict(self.motion).items()},
+        }
+
+
+def analyse_case(
+    steps: "Iterable[StepResult]",
+    *,
+    name: str,
+    margins: MarginParameters,
+    tumor: SurfaceMesh,
+    ras_from_tumor: ArrayLike | None = None,
+    jitter: Jitter | None = None,
+    bias_sigma_mm: float = 0.0,
+) -> CaseAnalysis:
+    """Analyse the ``steps`` of a session, as `ReplayRun.steps` yields them; reads them once.
+
+    ``name``, ``margins`` and ``tumor`` are those of the session's content. ``ras_from_tumor``
+    (3, 3) turns the tumour's axes to the patient's right, anterior and superior; without it
+    directions are named by the tumour's axes. ``jitter`` replaces the estimated one.
+    ``bias_sigma_mm`` as in `estimate_depth`. Raises `InputError` without a step.
+    """
+    axes = checked_axes(ras_from_tumor)
+    samples = CaseSamples.from_steps(steps)
+    times, held = samples.times_s, samples.held_s
+    measured = samples.measured()
+    if jitter is None:
+        jitter = estimate_jitter(times[measured], samples.distances_mm[measured])
+    stale_ns = margins.stale_after_ns
+    phases = phases_of(times, samples.distances_mm, margins.warn_mm)
+    return CaseAnalysis(
+        name=name,
+        frames=len(times),
+        duration_s=float(held.sum()),
+        state_seconds={
+            state.name: float(held[samples.states == state.value].sum()) for state in MarginState
+        },
+        percentiles_mm=_percentiles(samples.distances_mm[measured]),
+        jitter=jitter,
+        breaches=analyse_breaches(
+            samples,
+            jitter,
+            stale_after_ns=stale_ns,
+            centroid_mm=centroid_mm(tumor),
+            ras_from_tumor=axes,
+            bias_sigma_mm=bias_sigma_mm,
+        ),
+        motion=motion_of(times, samples.tips_mm, stale_ns / NS_PER_S),
+        phase_seconds=phase_seconds(phases, held),
+        phase_counts=phase_counts(phases),
+        anatomical=axes is not None,
+    )
+
+
+def centroid_mm(surface: SurfaceMesh) -> FloatArray:
+    """Centre of the area of ``surface``, (3,)."""
+    corners = surface.triangles_mm
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    return np.asarray(areas @ corners.mean(axis=1) / areas.sum())
+
+
+def _percentiles(distances: FloatArray) -> dict[int, float]:
+    if len(distances) == 0:
+        return {}
+    return dict(zip(PERCENTILES, np.percentile(distances, PERCENTILES).tolist(), strict=True))
+
+
+def _breach_dict(breach: AnalysedBreach) -> dict[str, Any]:
+    return {**asdict(breach), "duration_s": breach.duration_s}

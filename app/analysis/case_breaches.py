@@ -1,0 +1,134 @@
+"""Breaches of a case: when, where, by which part of the tool, how fast and how deep."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.analysis.breaches import Breach, find_breaches
+from app.analysis.depth import DepthEstimate, estimate_depth
+from app.analysis.jitter import Jitter
+from app.analysis.place import direction_name, principal_direction, tool_part
+from app.analysis.samples import CaseSamples
+from app.geometry import FloatArray
+
+PAD_S = 0.3
+"""Samples this long before and after a breach are used for its depth."""
+EDGE_S = 0.1
+"""The lowest point is searched this long before the first and after the last inside frame, too:
+jitter may hide it from a shallow breach."""
+ENTRY_S = 0.1
+"""The speed at entry is that of the straight line through the distances within this time."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysedBreach:
+    """One breach. Lengths in mm, times in s from the first frame.
+
+    ``lowest_sample_mm`` is the lowest measured distance, which jitter makes too low. ``estimate``
+    is None for a breach that is between two frames only, or in a case without a known jitter.
+    ``entry_speed_mm_s``: rate at which the distance falls at the entry, None if it is not known.
+    ``direction`` and ``side`` name the place on the tumour, from its centroid (`place`), empty if
+    unknown; ``on_tumor_mm`` is that place in the tumour's frame. ``part``: ``tip``, ``shaft``, or
+    empty.
+    """
+
+    start_s: float
+    end_s: float
+    frames: int
+    lowest_sample_mm: float
+    estimate: DepthEstimate | None
+    entry_speed_mm_s: float | None
+    direction: str
+    side: str
+    on_tumor_mm: tuple[float, float, float]
+    part: str
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last inside frame: 0 for a breach of a single frame."""
+        return self.end_s - self.start_s
+
+
+def analyse_breaches(
+    samples: CaseSamples,
+    jitter: Jitter | None,
+    *,
+    stale_after_ns: int,
+    centroid_mm: FloatArray,
+    ras_from_tumor: FloatArray | None,
+    bias_sigma_mm: float,
+) -> tuple[AnalysedBreach, ...]:
+    """The breaches of ``samples``, in the order of time.
+
+    ``centroid_mm`` (3,) is the tumour's, ``ras_from_tumor`` as in `place`, ``bias_sigma_mm`` as in
+    `estimate_depth`.
+    """
+    found = find_breaches(samples.rows(), stale_after_ns)
+    times, measured = samples.times_s, samples.measured()
+    return tuple(
+        _analysed(
+            samples, times, measured, breach, jitter, centroid_mm, ras_from_tumor, bias_sigma_mm
+        )
+        for breach in found
+    )
+
+
+def _analysed(
+    samples: CaseSamples,
+    times: FloatArray,
+    measured: NDArray[np.intp],
+    breach: Breach,
+    jitter: Jitter | None,
+    centroid_mm: FloatArray,
+    ras_from_tumor: FloatArray | None,
+    bias_sigma_mm: float,
+) -> AnalysedBreach:
+    deepest = breach.deepest
+    outward = samples.on_tumor_mm[deepest] - centroid_mm
+    x, y, z = samples.on_tumor_mm[deepest].tolist()
+    near = measured[
+        (times[measured] >= breach.start_s - PAD_S) & (times[measured] <= breach.end_s + PAD_S)
+    ]
+    inside = (times[near] >= breach.start_s) & (times[near] <= breach.end_s)
+    estimate = None
+    if jitter is not None and inside.any():
+        estimate = estimate_depth(
+            times[near],
+            samples.distances_mm[near],
+            jitter,
+            start_s=max(breach.start_s - EDGE_S, float(times[near[0]])),
+            end_s=min(breach.end_s + EDGE_S, float(times[near[-1]])),
+            bias_sigma_mm=bias_sigma_mm,
+            seed=breach.first,
+        )
+    return AnalysedBreach(
+        breach.start_s,
+        breach.end_s,
+        breach.frames,
+        breach.min_signed_distance_mm,
+        estimate,
+        _entry_speed(times[measured], samples.distances_mm[measured], breach.start_s),
+        direction_name(outward, ras_from_tumor),
+        principal_direction(outward, ras_from_tumor),
+        (x, y, z),
+        tool_part(samples.on_tool_mm[deepest]),
+    )
+
+
+def _entry_speed(times: FloatArray, distances: FloatArray, start_s: float) -> float | None:
+    """Slope at the entry, positive towards the tumour; None with fewer than three samples."""
+    near = np.abs(times - start_s) <= ENTRY_S
+    if near.sum() < 3:
+        return None
+    elapsed = times[near] - times[near].mean()
+    return float(-(elapsed @ distances[near]) / (elapsed @ elapsed))
+
+
+def sides_of(breaches: Sequence[AnalysedBreach]) -> dict[str, int]:
+    """Number of breaches on each side of the tumour."""
+    counts: dict[str, int] = {}
+    for breach in breaches:
+        counts[breach.side] = counts.get(breach.side, 0) + 1
+    return dict(sorted(counts.items()))
