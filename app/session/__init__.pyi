@@ -1,4 +1,5 @@
 from .advice import ADVICE, advice_text
+from .axis_distances import AxisDistances
 from .breach_log import BreachEntry, BreachList, BreachLog
 from .case_robot import load_case_robot
 from .frame_senders import FrameSenders, SenderConflict
@@ -35,6 +36,7 @@ __all__ = [
     "SILENT_NS",
     "SINGLE_SOURCE",
     "STOP",
+    "AxisDistances",
     "BreachEntry",
     "BreachList",
     "BreachLog",

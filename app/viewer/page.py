@@ -7,9 +7,11 @@ from app.session import BreachList
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.cameras import CameraController
 from app.viewer.drawing.client_scene import ClientScene
+from app.viewer.drawing.orientation import orientation
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.screenshot import screenshot
 from app.viewer.readout.breach_rows import breach_rows
+from app.viewer.readout.directions import Directions
 from app.viewer.readout.readout import readout
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
@@ -45,6 +47,8 @@ class Page:
         state.look = ""
         state.surfaces, state.drawn, state.camera = {}, [], None
         self._breaches = BreachList()
+        self._directions = Directions()
+        state.directions, state.orientation = [], None
         state.breaches, state.doubts = breach_rows(self._breaches), []
         state.plot = None  # an open page does not draw names that are added later
 
@@ -86,6 +90,8 @@ class Page:
             state.look = "" if preset is None else preset.value
             state.update(self._timeline.new_plot())
             state.update(self._new_lists())
+            state.directions = self._directions.values(self._now)
+            state.orientation = self._orientation()
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()
@@ -101,3 +107,8 @@ class Page:
             self._breaches = listed.breach_list
             lists["breaches"] = breach_rows(self._breaches)
         return lists
+
+    def _orientation(self) -> dict[str, object] | None:
+        """Letters and scale; None for a page that has turned its own camera."""
+        is_own_camera = self._client_scene is not None and self.camera.preset is None
+        return None if is_own_camera else orientation(self.view)

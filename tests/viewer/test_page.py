@@ -342,7 +342,7 @@ def test_sections_do_not_overlap_and_are_not_cut_off(page):
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(150)
         boxes = page.evaluate(
-            "() => [...document.querySelectorAll('.bar, .view, .side section, .time')]"
+            "() => [...document.querySelectorAll('.bar, .view, .side > *, .time')]"
             ".map(e => { const b = e.getBoundingClientRect();"
             " return [b.left, b.top, b.right, b.bottom, e.scrollWidth - e.clientWidth]; })"
         )

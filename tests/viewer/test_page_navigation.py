@@ -82,3 +82,74 @@ def test_tool_in_the_stop_margin_looks_different_from_one_at_the_warning_distanc
     assert set(looks) == {"NEGATIVE", "WARNING", STOP, "POSITIVE"}
     for column in zip(*looks.values(), strict=True):
         assert len(set(column)) == len(looks)
+
+
+def test_directions_letters_and_scale_are_shown_with_the_picture(page: Page) -> None:
+    directions = page.locator("#directions li")
+    expect(directions).to_have_count(6)
+    texts = [text.split() for text in directions.all_inner_texts()]
+    assert [letter for letter, _ in texts] == list("RLAPSI")
+    # The rod stands beside the ball: its tip meets the margin in one direction at most.
+    assert sum(value != "\N{EN DASH}" for _, value in texts) <= 1
+    drawn = page.locator("#orientation")
+    assert sorted(drawn.locator("g g text").all_text_contents()) == sorted("RLAPSI")
+    values = page.evaluate("trame.state.get('orientation')")
+    bar = page.locator("#scale-bar").evaluate("each => each.getBoundingClientRect().width")
+    height = page.locator("main.view").evaluate("each => each.clientHeight")
+    assert bar == pytest.approx(values["bar_px"] * height / values["height"], abs=3.0)
+    for _ in range(LOST[0]):
+        page.keyboard.press("ArrowRight")
+    expect(page.locator("#state-label")).to_have_text("UNKNOWN")
+    expect(directions).to_have_count(0)
+
+
+def test_distance_tone_is_off_at_first_and_a_muted_one_is_shown(page: Page) -> None:
+    tone, body = page.locator("#distance-tone"), page.locator("body")
+    expect(tone).to_have_attribute("aria-pressed", "false")
+    go_to_state(page, "WARNING")
+    assert body.get_attribute("data-distance-rung") is None
+    page.keyboard.press("d")
+    expect(tone).to_have_attribute("aria-pressed", "true")
+    page.wait_for_function("Number(document.body.dataset.distanceRung) > 1")
+    page.keyboard.press("m")
+    expect(body).to_have_attribute("data-sound", "muted")
+    shown = tone.evaluate("each => getComputedStyle(each, '::after').content")
+    assert shown == '" (muted)"'
+    tones, rung = [int(body.get_attribute(name) or 0) for name in COUNTERS]
+    page.wait_for_function("n => Number(document.body.dataset.distanceRung) > n + 1", arg=rung)
+    assert int(body.get_attribute("data-tones") or 0) == tones
+    page.keyboard.press("m")
+    page.keyboard.press("Home")
+    page.keyboard.press("d")
+    expect(tone).to_have_attribute("aria-pressed", "false")
+
+
+COUNTERS = ("data-tones", "data-distance-rung")
+
+
+def go_to_state(page: Page, state: str) -> None:
+    """Step forward to the first frame with this look."""
+    for _ in range(BREACH_FRAME):
+        if page.evaluate("trame.state.get('now').shown") == state:
+            return
+        frame = page.evaluate("trame.state.get('now').frame")
+        page.keyboard.press("ArrowRight")
+        expect(page.locator("#frame")).to_have_text(str(frame + 1))
+
+
+@pytest.mark.parametrize(
+    ("now", "period"),
+    [
+        ({"state": "NEGATIVE", "stop": "1.0", "warn": "5.0", "distance": "6.0"}, None),
+        ({"state": "WARNING", "stop": "1.0", "warn": "5.0", "distance": "5.0"}, 1200),
+        ({"state": "WARNING", "stop": "1.0", "warn": "5.0", "distance": "3.0"}, 675),
+        ({"state": "WARNING", "stop": "1.0", "warn": "5.0", "distance": "0.4"}, 150),
+        ({"state": "POSITIVE", "stop": "1.0", "warn": "5.0", "distance": "\N{MINUS SIGN}2"}, None),
+        ({"state": "UNKNOWN", "stop": "", "warn": "", "distance": "\N{EN DASH}"}, None),
+    ],
+)
+def test_distance_tone_repeats_faster_near_the_stop_margin(page: Page, now, period) -> None:
+    found = page.evaluate(
+        "async (now) => (await import('/marginguard/alarm.js')).distancePeriod(now)", now
+    )
+    assert found == period

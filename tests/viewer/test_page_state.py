@@ -1,6 +1,7 @@
 """The server side of the page, without a browser."""
 
 import io
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -42,7 +43,7 @@ class TimelineDouble:
 
 def test_plot_is_in_the_state_before_its_first_points():
     state = Server().state  # trame's own
-    nothing = cast(SceneView, None), cast(PictureArea, None)  # not used here
+    nothing = cast(SceneView, SimpleNamespace(scene=None)), cast(PictureArea, None)
     page = Page(state, *nothing, FeedDouble(), TimelineDouble())
     assert state.has("plot")
     page.sent(1)

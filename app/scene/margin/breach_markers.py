@@ -1,11 +1,10 @@
-"""Red points where the tool was in the tumour."""
+"""Points where the tool was in the tumour."""
 
 from itertools import product
 from math import dist, floor
 
 from slicer import vtkMRMLMarkupsDisplayNode, vtkMRMLScene, vtkMRMLTransformNode
 
-from app.fixture import MarginState
 from app.geometry import FloatArray
 from app.scene.nodes.batch import Batch
 from app.scene.nodes.models import remove_displayed
@@ -14,8 +13,12 @@ SPACING_MM = 1.0
 MAX_MARKS = 1000
 """Slicer updates all marks when the tumour moves: 1.6 ms for this many, and 35 ms to draw them."""
 
+MARK_COLOR = (1.0, 0.8, 1.0)
+"""Nearly white with a trace of violet: it differs from the colours of all states, red included, in
+luminance or in hue, also for colour-blind users (`tests/scene/margin/test_breach_markers.py`)."""
+
 _NAME = "BreachMarkers"
-_SIZE_MM = 1.0
+_SIZE_MM = 1.4
 _NEIGHBOURS = tuple(product((-1, 0, 1), repeat=3))
 
 Point = list[float]
@@ -39,8 +42,8 @@ class BreachMarkers:
         self.node.SetLocked(True)
         self.node.CreateDefaultDisplayNodes()
         display = self.node.GetDisplayNode()
-        display.SetSelectedColor(*MarginState.POSITIVE.color)
-        display.SetColor(*MarginState.POSITIVE.color)
+        display.SetSelectedColor(*MARK_COLOR)
+        display.SetColor(*MARK_COLOR)
         display.SetGlyphType(vtkMRMLMarkupsDisplayNode.Sphere3D)
         display.SetUseGlyphScale(False)
         display.SetGlyphSize(_SIZE_MM)

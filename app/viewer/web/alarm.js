@@ -1,11 +1,24 @@
 // The alarm: two high tones, repeated while the tool is in the tumour, and once for a breach that lies
 // between two pictures. A low tone, repeated more slowly, after a known state has become UNKNOWN.
+// The distance tone, off until it is switched on, sounds nearer than the warning distance: the nearer
+// the stop margin is, the faster it repeats.
 
 const TONE_S = 0.18;
 const ALARMS = {
   inside: { hertz: [880, 660], periodMs: 600 },
   unknown: { hertz: [330], periodMs: 3000 },
 };
+
+const DISTANCE = { hertz: 520, slowMs: 1200, fastMs: 150 };
+
+// Time in ms between two distance tones; null where there is none.
+export function distancePeriod(now) {
+  if (now.state !== "WARNING" || !now.stop) return null;
+  const number = (text) => Number(text.replace("\u2212", "-"));
+  const [stop, warn] = [number(now.stop), number(now.warn)];
+  const share = (number(now.distance) - stop) / Math.max(warn - stop, 0.1);
+  return DISTANCE.fastMs + Math.min(Math.max(share, 0), 1) * (DISTANCE.slowMs - DISTANCE.fastMs);
+}
 
 export function soundAlarm(trame) {
   const context = new AudioContext();
@@ -14,6 +27,8 @@ export function soundAlarm(trame) {
   let alarm = "";
   let breaches = 0;
   let timer = null;
+  let distanceOn = false;
+  let distanceTimer = null;
 
   // Counters for tests, which cannot record a tone.
   function count(name) {
@@ -24,6 +39,7 @@ export function soundAlarm(trame) {
     const setting = muted ? "muted" : context.state === "running" ? "on" : "blocked";
     document.body.dataset.sound = setting;
     document.getElementById("sound")?.setAttribute("aria-pressed", String(muted));
+    document.getElementById("distance-tone")?.setAttribute("aria-pressed", String(distanceOn));
   }
 
   function tone(hertz, after) {
@@ -45,6 +61,19 @@ export function soundAlarm(trame) {
     ALARMS[name].hertz.forEach((hertz, n) => tone(hertz, n * TONE_S));
   }
 
+  // Sounds as long as the last values that arrived are near, and never while the page is covered.
+  function beepDistance() {
+    distanceTimer = null;
+    const period = document.body.dataset.lost ? null : distancePeriod(trame.state.get("now"));
+    if (!distanceOn || period === null) return;
+    count("distanceRung");
+    if (!muted && context.state === "running") {
+      count("tones");
+      tone(DISTANCE.hertz, 0);
+    }
+    distanceTimer = setTimeout(beepDistance, period);
+  }
+
   // The alarm for this state. Before the first known state there is none.
   function alarmFor(now) {
     const isKnown = now.state !== "UNKNOWN" && !document.body.dataset.lost;
@@ -57,6 +86,7 @@ export function soundAlarm(trame) {
     const now = trame.state.get("now");
     const missed = now.breaches > breaches;
     breaches = now.breaches;
+    if (distanceOn && distanceTimer === null) beepDistance();
     const next = alarmFor(now);
     if (next !== alarm) {
       clearInterval(timer);
@@ -79,12 +109,18 @@ export function soundAlarm(trame) {
       muted = !muted;
       show();
     },
+    toggleDistance() {
+      distanceOn = !distanceOn;
+      show();
+      update();
+    },
   };
   document.addEventListener("click", (event) => {
     const button = event.target.closest?.("#sound");
     const wasBlocked = document.body.dataset.sound === "blocked";
     resume();
     if (button && !wasBlocked) window.marginguard.mute();
+    if (event.target.closest?.("#distance-tone")) window.marginguard.toggleDistance();
   });
   document.addEventListener("keydown", resume);
   context.addEventListener("statechange", show);

@@ -1,5 +1,5 @@
 // The keyboard: space plays, arrows step, Home and End seek, n and p go
-// to the next and the previous breach, digits choose the camera, m mutes, s saves the picture.
+// to the next and the previous breach, digits choose the camera, m mutes, d switches the distance tone, s saves the picture.
 
 export function listenToKeys(trame) {
   const operates = trame.state.get("role") === "operate";
@@ -15,6 +15,7 @@ export function listenToKeys(trame) {
 
   function handle(event) {
     if (event.key.toLowerCase() === "m") return window.marginguard.mute();
+    if (event.key.toLowerCase() === "d") return window.marginguard.toggleDistance();
     if (event.key.toLowerCase() === "s") return document.getElementById("screenshot").click();
     if (!operates) return undefined;
     const looks = trame.state.get("looks");

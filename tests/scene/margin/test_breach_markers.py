@@ -6,7 +6,8 @@ from slicer import vtkMRMLScene
 
 from app.fixture import MarginState
 from app.scene import Batch, BreachMarkers
-from app.scene.margin.breach_markers import SPACING_MM
+from app.scene.margin.breach_markers import MARK_COLOR, SPACING_MM
+from tests.fixture.control.test_state_display import VISIONS, seen_ratio
 
 POINTS = st.lists(st.tuples(*[st.floats(-4.0, 4.0, width=32)] * 3), max_size=60)
 
@@ -52,7 +53,7 @@ def test_points_can_be_marked_again_after_clear() -> None:
 def test_marks_are_red_and_locked() -> None:
     marks = markers()
     assert marks.node.GetName() == "BreachMarkers"
-    assert marks.node.GetDisplayNode().GetSelectedColor() == MarginState.POSITIVE.color
+    assert marks.node.GetDisplayNode().GetSelectedColor() == MARK_COLOR
     assert marks.node.GetLocked()
 
 
@@ -76,3 +77,14 @@ def test_long_breach_has_at_most_the_maximum_of_marks(
     assert np.array_equal(positions(marks)[0], breach[0])  # the earliest stay
     marks.clear()
     assert marks.spacing_mm == SPACING_MM
+
+
+@pytest.mark.parametrize("vision", VISIONS)
+def test_marks_can_be_seen_on_a_tumor_of_each_state(vision: str) -> None:
+    """On red by luminance; on the others by luminance or by a channel that differs by 0.3."""
+    assert seen_ratio(MARK_COLOR, MarginState.POSITIVE.color, vision) >= 4.5
+    for state in MarginState:
+        levels = np.array([MARK_COLOR, state.color])
+        linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
+        seen = np.clip(linear @ VISIONS[vision].T, 0.0, 1.0)
+        assert np.abs(seen[0] - seen[1]).max() >= 0.3, state
