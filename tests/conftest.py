@@ -147,6 +147,7 @@ LONG = {
         "tests/examples/test_ros_scripts.py",
         "tests/cli/test_simulate.py",
         "tests/cli/test_simulate_group.py",
+        "tests/benchmarks/test_closed_loop.py",
         "tests/examples/test_twist_filter.py",
     ),
 }

@@ -69,6 +69,21 @@ class Child:
             if found["event"] == "end":
                 raise ChildError(f"{self.name} ended before {event!r}: {self.tail()}")
 
+    def poll(self, timeout_s: float) -> dict[str, Any] | None:
+        """The next event, None if there is none in ``timeout_s``. Raises `ChildError`."""
+        try:
+            found = self._events.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+        if found["event"] == "end":
+            raise ChildError(f"{self.name} ended: {self.tail()}")
+        return found
+
+    @property
+    def has_output(self) -> bool:
+        """True if the process has printed a line, or an event that waits."""
+        return bool(self.lines) or not self._events.empty()
+
     def send_signal(self, number: signal.Signals) -> None:
         """Send a signal, if the process runs."""
         if self.running:

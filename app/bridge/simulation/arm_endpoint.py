@@ -62,7 +62,7 @@ class ArmEndpoint:
             described = ros.publisher(Topic(f"/{name}/robot_description", String, LATCHED))
             described.publish(String(data=urdf_text(entry.file)))
         self._lock = threading.Lock()
-        self._arrived: JointState | None = None
+        self._arrived: tuple[JointState, int] | None = None
         self._last: tuple[int, Transform] | None = None
         self._command_topic = f"/{name}/servo_jv"
         ros.subscribe(Topic(self._command_topic, JointState, NEWEST), self._take)
@@ -75,17 +75,20 @@ class ArmEndpoint:
     def command(self, host_ns: int, time_ns: int) -> JointVelocityCommand | None:
         """The command that has arrived since the last call, on the simulation's clock.
 
-        ``host_ns`` and ``time_ns`` are the present on both clocks. A stamp from the future stays in
-        the future, which the arm refuses.
+        ``host_ns`` and ``time_ns`` are the present on both clocks. A stamp that was in the future
+        when the message arrived stays in the future, which the arm refuses. The present of a
+        physics that was interrupted may be before the arrival.
         """
         with self._lock:
-            message, self._arrived = self._arrived, None
-        if message is None:
+            arrived, self._arrived = self._arrived, None
+        if arrived is None:
             return None
+        message, arrived_ns = arrived
         stamp = message.header.stamp
-        age_ns = host_ns - (stamp.sec * NS_PER_S + stamp.nanosec)
-        if -MAX_AHEAD_NS <= age_ns < 0:
-            age_ns = 0
+        stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
+        age_ns = min(arrived_ns - stamp_ns, 0)
+        if age_ns >= -MAX_AHEAD_NS:
+            age_ns = max(host_ns - stamp_ns, 0)
         return JointVelocityCommand(time_ns - age_ns, tuple(message.name), tuple(message.velocity))
 
     def publish(
@@ -144,8 +147,9 @@ class ArmEndpoint:
 
     def _take(self, message: JointState) -> None:
         """Keep a command. Runs in the node's thread."""
+        now_ns = self._node.get_clock().now().nanoseconds
         with self._lock:
-            self._arrived = message
+            self._arrived = message, now_ns
 
 
 def _velocity(before: Transform, now: Transform, step_s: float) -> tuple[FloatArray, FloatArray]:

@@ -18,6 +18,7 @@ A session must not follow the truth: its frames have names of their own. Stamps 
 from collections import deque
 from collections.abc import Callable
 from functools import partial
+from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Float64
@@ -51,6 +52,18 @@ TRUTH = "truth/"
 SENSOR = "_sensor"
 """Suffix of the frame in which a body is tracked: its sensor, at its origin."""
 
+
+class Hand(Protocol):
+    """A hand on the tool ``tool``."""
+
+    @property
+    def tool(self) -> str:
+        """Name of the tool."""
+
+    def wrench(self, state: WorldState) -> Wrench:
+        """The wrench on the tool in ``state``."""
+
+
 STATE_PERIOD_NS = 5 * NS_PER_MS
 _SENDERS_PERIOD_NS = 50 * NS_PER_MS
 
@@ -58,11 +71,16 @@ _SENDERS_PERIOD_NS = 50 * NS_PER_MS
 class SimulationNode:
     """Connects a world to ROS; the `Shell` of `RealTime.run`.
 
-    ``use_hand`` false leaves out the scripted hand of the world.
+    ``use_hand`` false leaves out the scripted hand of the world; ``hand`` is used instead of it.
     """
 
     def __init__(
-        self, ros: RosNode, description: WorldDescription, *, use_hand: bool = True
+        self,
+        ros: RosNode,
+        description: WorldDescription,
+        *,
+        use_hand: bool = True,
+        hand: Hand | None = None,
     ) -> None:
         self._arms = {each.name: ArmEndpoint(ros, each) for each in description.robots}
         self._tools = {each.name: each.tool.name for each in description.robots if each.tool}
@@ -72,10 +90,10 @@ class SimulationNode:
         self._description = description
         self._tracked = TrackerPublisher(ros) if description.tracker is not None else None
         self._tracker = self._new_tracker()
-        self._hand = None
-        hand = description.hand
-        if hand is not None and use_hand:
-            self._hand = ScriptedHand(hand, self._tools[hand.robot])
+        self._hand = hand
+        script = description.hand
+        if script is not None and use_hand and hand is None:
+            self._hand = ScriptedHand(script, self._tools[script.robot])
         self._wrench: Wrench | None = None
         self._checked_ns: int | None = None
         self._enabled: deque[str] = deque()

@@ -33,6 +33,7 @@ BENCHMARKS = {
     "simulation": "benchmarks.simulation",
     "guided": "benchmarks.guided",
     "depth": "benchmarks.depth",
+    "closed-loop": "benchmarks.closed_loop",
 }
 
 

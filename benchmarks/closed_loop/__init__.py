@@ -1,0 +1,1 @@
+"""Pushes in separate processes over ROS in real time, and processes that fail meanwhile."""

@@ -1,0 +1,156 @@
+"""Process of the physics: ``python -m benchmarks.closed_loop.physics SEED FILE``.
+
+Reads lines of JSON: ``{"do": "push"}`` begins a push, ``{"do": "end"}`` ends the process. Prints
+events as lines of JSON: ``ready``; ``mid`` where the tool approaches fast; ``pushed`` at the end of
+a push. At the end it writes the truth of every physics step to FILE (.npz).
+"""
+
+import argparse
+import json
+import sys
+import threading
+import time
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from app.bridge import RosNode, prepare_environment
+from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
+from app.files.shipped import shipped
+from app.geometry import NS_PER_S, FloatArray
+from app.robot import Robot
+from app.simulation import ArmStatus, World, WorldState, open_world
+from benchmarks.closed_loop.hand import Phase, PushingHand
+
+RAW_TOPIC = "/tracker/raw"
+"""Where the tracker's samples are published; `tracker_relay` passes them on."""
+
+MIN_EFFORT_N_M = 5.0
+MID_MM, MID_MM_S = 28.0, 40.0
+"""A tool as near to the tumour's origin and as fast is in the middle of its approach."""
+
+
+class TruthShell:
+    """The `Shell` of the simulation, which also records the truth of every step."""
+
+    def __init__(self, node: SimulationNode, hand: PushingHand, tumor: str) -> None:
+        self._node, self._hand, self._tumor = node, hand, tumor
+        self._commands: deque[str] = deque()
+        self._poses: list[tuple[float, ...]] = []
+        self._stamps: list[tuple[int, int, int]] = []
+        self._last_phase, self._is_mid = Phase.REST, False
+        self._before: tuple[int, FloatArray] | None = None
+        self._first_row = 0
+        self.lags = 0
+
+    def command(self, text: str) -> None:
+        """Do ``text`` before the next step. Thread-safe."""
+        self._commands.append(text)
+
+    def step(self, world: World, now_ns: int) -> WorldState:
+        """Take one step."""
+        while self._commands:
+            self._commands.popleft()
+            self._hand.begin(world.time_ns)
+            self._is_mid, self._first_row = False, len(self._stamps)
+        return self._node.step(world, now_ns)
+
+    def publish(self, state: WorldState, stamp_ns: int) -> None:
+        """Publish and record ``state``; print the events of the push."""
+        self._node.publish(state, stamp_ns)
+        tool, tumor = state.bodies[self._hand.tool], state.bodies[self._tumor]
+        (arm,) = state.arms.values()
+        pose = (*tool.translation_mm, *tool.rotation.ravel(), *tumor.translation_mm,
+                *tumor.rotation.ravel())  # fmt: skip
+        self._poses.append(pose)
+        phase = self._hand.phase
+        self._stamps.append((stamp_ns, int(phase), int(arm.status is ArmStatus.ENABLED)))
+        before, self._before = self._before, (stamp_ns, tool.translation_mm)
+        away_mm = float(np.linalg.norm(tool.translation_mm - tumor.translation_mm))
+        if phase is Phase.PUSH and not self._is_mid and away_mm < MID_MM and before is not None:
+            moved = float(np.linalg.norm(tool.translation_mm - before[1]))
+            if moved * NS_PER_S > MID_MM_S * (stamp_ns - before[0]):
+                self._is_mid = True
+                _print(event="mid", stamp_ns=stamp_ns)
+        if phase is Phase.REST and self._last_phase is not Phase.REST:
+            rows = (self._first_row, len(self._stamps))
+            _print(event="pushed", reached=self._hand.reached, rows=rows, lags=self.lags)
+        self._last_phase = phase
+
+    def report(self, real_time_factor: float, lags: int) -> None:
+        """Publish the factor."""
+        self.lags = lags
+        self._node.report(real_time_factor, lags)
+
+    def write(self, path: Path) -> None:
+        """Write the truth: ``stamps`` (n, 3) and ``poses`` (n, 24)."""
+        stamps = np.array(self._stamps, dtype=np.int64).reshape(-1, 3)
+        np.savez(path, stamps=stamps, poses=np.array(self._poses).reshape(-1, 24))
+
+
+def with_strong_drives(robot: Robot) -> Robot:
+    """``robot`` with drives of at least `MIN_EFFORT_N_M`.
+
+    The hand's 10 N at the tip turn the wrist of the shipped arm, which holds 1 N m, whatever is
+    commanded.
+    """
+    joints = tuple(
+        replace(each, dynamics=replace(each.dynamics, effort=max(effort, MIN_EFFORT_N_M)))
+        if (effort := each.dynamics.effort) is not None
+        else each
+        for each in robot.joints
+    )
+    return Robot(robot.name, robot.links, joints)
+
+
+def main() -> int:
+    """Simulate until the line ``end``."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seed", type=int)
+    parser.add_argument("file", type=Path)
+    options = parser.parse_args()
+    prepare_environment()
+    description = open_world(shipped("data", "worlds", "lumpectomy"))
+    (robot,), (tumor,), hand = description.robots, description.tissues, description.hand
+    assert robot.tool is not None and hand is not None
+    description = replace(
+        description,
+        seed=options.seed,
+        robots=(replace(robot, collision="none", robot=with_strong_drives(robot.robot)),),
+        bodies=(),
+        tissues=(replace(tumor, shifts=()),),
+        breathing=replace(description.breathing, held_until_s=0.0),
+    )
+    world, stop = World(description), threading.Event()
+    remap = ("--ros-args", "-r", f"/tracked_transforms:={RAW_TOPIC}")
+    with RosNode(NODE_NAME, ros_args=remap) as ros:
+        pushing = PushingHand(robot.tool.name, tumor.name, hand.force_n, options.seed)
+        node = SimulationNode(ros, description, hand=pushing)
+        pace = RealTime(world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep)
+        node.serve(pace)
+        shell = TruthShell(node, pushing, tumor.name)
+        threading.Thread(target=_read, args=(shell, stop), daemon=True).start()
+        _print(event="ready")
+        pace.run(shell, stop)
+    shell.write(options.file)
+    _print(event="written")
+    return 0
+
+
+def _read(shell: TruthShell, stop: threading.Event) -> None:
+    for line in sys.stdin:
+        command = json.loads(line)["do"]
+        if command == "end":
+            break
+        shell.command(command)
+    stop.set()
+
+
+def _print(**event: object) -> None:
+    print(json.dumps(event), flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""Pushes from random directions, each judged by the truth of every physics step."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.fixture import ProximityEngine
+from app.geometry import NS_PER_MS
+from benchmarks.closed_loop.hand import Phase
+from benchmarks.closed_loop.loop_operator import Operator
+from benchmarks.closed_loop.processes import running_loop
+from benchmarks.closed_loop.truth import STILL_MM_S, Surfaces, Truth
+
+SETTLED_NS = 100 * NS_PER_MS
+"""Time after the beginning of a phase, after which its speed counts."""
+
+MAX_TRIES = 3
+FAR_MM = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A push: true distances in mm, and speeds of the tip in mm/s.
+
+    ``lowest_mm`` is by the product's engine at every step from the beginning of the push to the end
+    of the retreat, ``vertices_mm`` at the lowest one by libigl, from the vertices of both surfaces.
+    ``driven_mm`` is the lowest one of the steps at which the tip moved towards the tumour by more
+    than `STILL_MM_S`: a tumour that breathes also approaches a tool that stands. ``approach_mm_s``
+    is the largest speed of the push, ``slide_mm_s`` and ``retreat_mm_s`` the median ones.
+    ``stops``: safe stops meanwhile (watchdog, hold, stale data, physics behind real time), each of
+    which interrupts the push.
+    """
+
+    number: int
+    fixture: bool
+    lowest_mm: float
+    driven_mm: float
+    vertices_mm: float
+    approach_mm_s: float
+    slide_mm_s: float
+    retreat_mm_s: float
+    stops: int
+
+
+def run_pushes(
+    folder: Path,
+    operator: Operator,
+    *,
+    count: int,
+    seed: int,
+    fixture: bool,
+    base_error: bool = False,
+) -> list[Push]:
+    """Run ``count`` pushes in one loop, and judge them. Raises `ChildError` for a lost process."""
+    done: list[tuple[tuple[int, int], int]] = []
+    with running_loop(folder, operator, seed=seed, fixture=fixture, base_error=base_error) as loop:
+        for _ in range(MAX_TRIES * count):
+            if len(done) == count:
+                break
+            loop.follows()
+            before = operator.stops()
+            loop.send(do="push")
+            event = None
+            while event is None or event["event"] != "pushed":
+                operator.rearm()
+                event = loop.next_event()
+            first, last = event["rows"]
+            if event["reached"]:
+                done.append(((first, last), operator.stops() - before))
+        loop.send(do="end")
+        loop.expect("written")
+    surfaces = Surfaces.shipped()
+    truth = Truth(loop.truth_file)
+    engine = ProximityEngine(surfaces.tumor, surfaces.tool)
+    return [
+        judged(number, fixture, truth, engine, surfaces, rows, stops)
+        for number, (rows, stops) in enumerate(done)
+    ]
+
+
+def judged(
+    number: int,
+    fixture: bool,
+    truth: Truth,
+    engine: ProximityEngine,
+    surfaces: Surfaces,
+    rows: tuple[int, int],
+    stops: int,
+) -> Push:
+    """Judge the push at ``rows`` of the truth."""
+    first, _ = truth.phase_rows(*rows, Phase.PUSH)
+    distances = truth.distances_mm(engine, first, rows[1])
+    lowest = int(np.argmin(distances))
+    approach = truth.approach_mm_s(first, rows[1]) > STILL_MM_S
+    slide = truth.phase_rows(*rows, Phase.SLIDE)
+    retreat = truth.phase_rows(*rows, Phase.RETREAT)
+    push = truth.phase_rows(*rows, Phase.PUSH)
+    disabled = int(np.count_nonzero(np.diff(truth.enabled[first : rows[1]].astype(int)) < 0))
+    return Push(
+        number,
+        fixture,
+        float(distances[lowest]),
+        float(distances[approach].min(initial=FAR_MM)),
+        surfaces.vertex_distance_mm(truth.tumor_from_tool(first + lowest)),
+        float(truth.speeds_mm_s(*push).max(initial=0.0)),
+        _settled(truth, truth.speeds_mm_s(*slide), slide),
+        _settled(truth, truth.speeds_mm_s(*retreat), retreat),
+        stops + disabled,
+    )
+
+
+def _settled(truth: Truth, speeds: np.ndarray, rows: tuple[int, int]) -> float:
+    """Median speed of a phase without its beginning."""
+    ns = truth.ns[rows[0] : rows[1]]
+    late = ns - ns[0] > SETTLED_NS if len(ns) else np.zeros(0, dtype=bool)
+    return float(np.median(speeds[late])) if late.any() else 0.0

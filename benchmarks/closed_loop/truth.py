@@ -1,0 +1,106 @@
+"""True distances and speeds of a tool, from the poses of every physics step."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import igl
+import numpy as np
+
+from app.files.shipped import shipped
+from app.fixture import ProximityEngine
+from app.geometry import NS_PER_S, FloatArray, SurfaceMesh, Transform
+from app.simulation import open_world
+from benchmarks.closed_loop.hand import Phase
+from benchmarks.closed_loop.processes import WORLD
+
+SMOOTH = 5
+"""Steps over which a speed is the mean."""
+
+STILL_MM_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surfaces:
+    """The tumour and the tool of the world."""
+
+    tumor: SurfaceMesh
+    tool: SurfaceMesh
+
+    @classmethod
+    def shipped(cls) -> "Surfaces":
+        """Those of the shipped world."""
+        world = open_world(shipped(*WORLD))
+        tool = world.robots[0].tool
+        assert tool is not None
+        return cls(replace(world.tissues[0].mesh, frame="tumor"), replace(tool.mesh, frame="tool"))
+
+    def vertex_distance_mm(self, tumor_from_tool: Transform) -> float:
+        """The smallest signed distance of a vertex of one surface to the other, by libigl.
+
+        It is at least the true distance of the surfaces.
+        """
+        tool_from_tumor = tumor_from_tool.inverse()
+        found = []
+        for pose, moved, fixed in (
+            (tumor_from_tool, self.tool, self.tumor),
+            (tool_from_tumor, self.tumor, self.tool),
+        ):
+            points = np.ascontiguousarray(pose.apply(moved.vertices_mm))
+            signed, *_ = igl.signed_distance(
+                points, np.array(fixed.vertices_mm), fixed.faces.astype(np.int64)
+            )
+            found.append(float(np.min(signed)))
+        return min(found)
+
+
+class Truth:
+    """The truth that the physics has written to ``path``: one row for each step."""
+
+    def __init__(self, path: Path) -> None:
+        with np.load(path) as found:
+            stamps, poses = found["stamps"], found["poses"]
+        self.ns: FloatArray = stamps[:, 0]
+        """Host time of each step."""
+        self.phases, self.enabled = stamps[:, 1], stamps[:, 2].astype(bool)
+        self._poses = poses
+
+    def tumor_from_tool(self, row: int) -> Transform:
+        """The true pose at a step."""
+        values = self._poses[row]
+        world_from_tool = Transform("world", "tool", values[3:12].reshape(3, 3), values[:3])
+        world_from_tumor = Transform("world", "tumor", values[15:].reshape(3, 3), values[12:15])
+        return world_from_tumor.inverse() @ world_from_tool
+
+    def distances_mm(self, engine: ProximityEngine, first: int, last: int) -> FloatArray:
+        """The true signed distance (n,) at every step of the rows."""
+        rows = range(first, last)
+        return np.array(
+            [engine.evaluate(self.tumor_from_tool(row)).signed_distance_mm for row in rows]
+        )
+
+    def speeds_mm_s(self, first: int, last: int) -> FloatArray:
+        """Speed (n,) of the tip in the world, the mean of some steps."""
+        return np.asarray(np.linalg.norm(self._velocities_mm_s(first, last), axis=1))
+
+    def approach_mm_s(self, first: int, last: int) -> FloatArray:
+        """Velocity (n,) of the tip in the world, towards the tumour's origin."""
+        way = self._poses[first:last, 12:15] - self._poses[first:last, :3]
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        return np.asarray(np.sum(self._velocities_mm_s(first, last) * way, axis=1))
+
+    def path_mm(self, first: int) -> float:
+        """Largest distance of the tip from its position at a row, from then on."""
+        moved = self._poses[first:, :3] - self._poses[first, :3]
+        return float(np.linalg.norm(moved, axis=1).max())
+
+    def _velocities_mm_s(self, first: int, last: int) -> FloatArray:
+        """Velocity (n, 3) of the tip; 0 at the first row of all."""
+        rows = np.arange(first, last)
+        before = np.maximum(rows - SMOOTH, 0)
+        spent = np.maximum(self.ns[rows] - self.ns[before], 1) / NS_PER_S
+        return np.asarray((self._poses[rows, :3] - self._poses[before, :3]) / spent[:, None])
+
+    def phase_rows(self, first: int, last: int, phase: Phase) -> tuple[int, int]:
+        """First and last row of ``phase`` among the rows of a push."""
+        rows = first + np.flatnonzero(self.phases[first:last] == phase)
+        return (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (first, first)
