@@ -42,6 +42,7 @@ SLOW = {
         "tests/viewer/test_page_state.py",
         "tests/viewer/test_server_gone.py",
         "tests/viewer/test_tls_proxy.py",
+        "tests/viewer/steps/test_ultrasound.py",
         "tests/cli/test_render_warmup.py",
         "tests/cli/test_replay_scene.py",
         "tests/cli/test_scene_picture.py",
@@ -134,6 +135,7 @@ LONG = {
         "tests/bridge/live/test_second_guard.py",
     ),
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
+    "serves a page of its own": ("tests/viewer/test_ultrasound_page.py",),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",
     ),

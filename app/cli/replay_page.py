@@ -80,9 +80,11 @@ def replay_parts(
 
 def replay_page(parts: ReplayParts, *, client: bool = False) -> "Viewer":
     """A page for a case that was stepped through; ``client``: the browser draws the scene."""
+    from app.case import open_case_images
     from app.viewer import SceneView, Title, Viewer
 
-    title = Title(parts.content.name, live=False, report=parts.report)
+    images = open_case_images(parts.run.prepared.case)
+    title = Title(parts.content.name, live=False, report=parts.report, images=images)
     return Viewer(
         SceneView(parts.content),
         parts.feed,

@@ -32,6 +32,7 @@ SHIPPED = {
 
 PAGE = (
     "page.html", "page.css", "main.js", "keys.js", "alarm.js", "client.js", "watch.js", "icon.svg",
+    "ultrasound.js", "ultrasound.css",
 )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from .frames.edited import EditedTransform
 from .frames.poses import PoseNodes
 from .frames.transform_tree import TransformTree
 from .frames.watchdog import TransformHealth, TransformWatchdog
+from .image_plane import ImagePlane
 from .margin.breach_markers import BreachMarkers
 from .margin.fixture_plane import FixturePlane
 from .nodes.batch import Batch
@@ -13,6 +14,7 @@ from .pictures.framing import Camera
 from .pictures.movie import movie_gif
 from .pictures.offscreen import use_offscreen_rendering
 from .pictures.picture import scene_png
+from .pictures.quick_png import quick_png
 from .pictures.step_scene import StepScene, step_png
 from .pictures.view import OffscreenView, draw_once_per_update, offscreen_view
 from .presenter import ScenePresenter
@@ -27,6 +29,7 @@ __all__ = [
     "Camera",
     "EditedTransform",
     "FixturePlane",
+    "ImagePlane",
     "MarginGuardScene",
     "OffscreenError",
     "OffscreenView",
@@ -52,6 +55,7 @@ __all__ = [
     "offscreen_view",
     "points_of_markups",
     "preset_camera",
+    "quick_png",
     "save_scene",
     "scene_png",
     "step_png",

@@ -16,13 +16,15 @@ from app.viewer.readout.readout import readout
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.view_state import ViewState
+from app.viewer.ultrasound_part import UltrasoundPart
 
 
 class Page:
     """Updates the scene view from ``feed``, and the values of the page together with its picture.
 
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
-    page that draws it, else None. All calls come from the page's thread.
+    page that draws it, else None. ``ultrasound``: None for a session without images. All calls come
+    from the page's thread.
     """
 
     def __init__(
@@ -33,6 +35,7 @@ class Page:
         feed: Feed,
         timeline: Timeline,
         client_scene: ClientScene | None = None,
+        ultrasound: UltrasoundPart | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -41,6 +44,8 @@ class Page:
         self._feed = feed
         self._timeline = timeline
         self._client_scene = client_scene
+        self._ultrasound = ultrasound
+        state.ultrasound = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -68,6 +73,8 @@ class Page:
         drawn, self._drawn = self._drawn, (moment, self._timeline.revision())
         if now is not None and drawn != self._drawn:
             self.view.show(now)
+            if self._ultrasound is not None:
+                self._ultrasound.update(now, self.view)
         self.camera.update()
         self.view.sort()
         return drawn != self._drawn
@@ -92,6 +99,8 @@ class Page:
             state.update(self._new_lists())
             state.directions = self._directions.values(self._now)
             state.orientation = self._orientation()
+            if self._ultrasound is not None:
+                state.update(self._ultrasound.values())
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()

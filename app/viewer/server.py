@@ -14,6 +14,7 @@ from trame_rca.view_adapter import RcaViewAdapter
 from trame_server import Server
 from trame_slicer.views import ThreeDView
 
+from app.case import CaseImages
 from app.viewer.address import Address
 from app.viewer.controls import LiveControls, ReplayControls, SceneControls
 from app.viewer.downloads import Downloads
@@ -32,6 +33,7 @@ from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
 from app.viewer.steps.replay import ReplayControl
+from app.viewer.ultrasound_part import UltrasoundPart
 from app.viewer.web_app import Content, WebServer
 
 _WEB = Path(__file__).with_name("web")
@@ -42,11 +44,12 @@ _MAX_PIXELS = 1920 * 1200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Title:
-    """The case in the page's title; ``report`` makes its ``report.html``, None for no report."""
+    """The case in the page's title; ``report`` makes its ``report.html``, ``images`` are shown."""
 
     case: str
     live: bool
     report: Callable[[], bytes] | None = None
+    images: CaseImages | None = None
 
 
 class Viewer:
@@ -77,7 +80,10 @@ class Viewer:
         self._server = _server(title, client=client)
         state = self._server.state
         client_scene = ClientScene(view) if client else None
-        self._page = Page(state, view, area(view.view), feed, timeline, client_scene)
+        self._ultrasound = None if title.images is None else UltrasoundPart(title.images)
+        self._page = Page(
+            state, view, area(view.view), feed, timeline, client_scene, self._ultrasound
+        )
         state.rates = []
         self._commands = Commands()
         SceneControls(state, self._commands, view, self._page.camera, self.redraw)
@@ -149,6 +155,8 @@ class Viewer:
         }
         if self._title.report is not None:
             handlers["/report.html"] = downloads.report
+        if self._ultrasound is not None:
+            handlers["/ultrasound.png"] = self._ultrasound.picture
         return Content(handlers, {**folders, "/marginguard/": _WEB}, {"/paraview/": _session})
 
     def _screenshot(self) -> bytes:
@@ -175,7 +183,11 @@ def _server(title: Title, *, client: bool) -> Server:
     server.enable_module(trame_rca.module)
     server.enable_module(
         {
-            "styles": ["marginguard/states.css", "marginguard/page.css"],
+            "styles": [
+                "marginguard/states.css",
+                "marginguard/page.css",
+                "marginguard/ultrasound.css",
+            ],
             "module_scripts": ["marginguard/main.js"],
         }
     )
@@ -193,6 +205,7 @@ def _server(title: Title, *, client: bool) -> Server:
         "live": title.live,
         "report": title.report is not None,
         "client": client,
+        "ultrasound": title.images is not None,
     }
     return server
 

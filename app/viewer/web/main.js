@@ -3,8 +3,10 @@ import { watchServer } from "./watch.js";
 import { soundAlarm } from "./alarm.js";
 import { listenToKeys } from "./keys.js";
 import { drawHere } from "./client.js";
+import { showUltrasound } from "./ultrasound.js";
 
 const updateAlarm = soundAlarm(window.trame);
 const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : null;
 watchServer(window.trame, updateAlarm, drawn);
 listenToKeys(window.trame);
+if (window.trame.state.get("title").ultrasound) showUltrasound(window.trame);

@@ -1,0 +1,118 @@
+// The ultrasound image with what is drawn on it. Image and lines are of one moment: they change together,
+// when the image has arrived. An image that is not current is covered with the reason, unless the operator
+// has frozen it, which is said on it.
+
+const LATE_MS = 500; // an image that was named this long ago and has not arrived makes the shown one old
+const NAMES = ["margin", "tumor", "tool", "closest"];
+
+const TEMPLATE = `
+  <div class="us-bar">
+    <h2>Ultrasound <span id="us-time"></span></h2>
+    <button id="us-freeze" type="button" aria-pressed="false" title="Keep this image">Freeze</button>
+    <label>Brightness <input id="us-brightness" type="range" min="0.4" max="2.5" step="0.05" value="1"></label>
+  </div>
+  <div class="us-stage">
+    <svg id="us-image" role="img" aria-label="Ultrasound image with tumour, stop margin and tool">
+      <image preserveAspectRatio="none"/>
+      ${NAMES.map((name) => `<path class="us-${name}"/>`).join("")}
+      <g class="us-tip"><path d="M-9 0H-3M3 0H9M0 -9V-3M0 3V9"/></g>
+    </svg>
+    <p id="us-problem" role="status"></p>
+    <p id="us-frozen" hidden>FROZEN: not current</p>
+  </div>
+  <ul class="us-legend">
+    <li class="us-tumor">tumour</li><li class="us-margin">stop margin</li><li class="us-tool">tool in the plane</li>
+    <li class="us-closest">closest points</li>
+  </ul>
+  <p class="numbers" id="us-tip"></p>`;
+
+export function showUltrasound(trame) {
+  let part = null;
+  let shown = 0; // the request that is on the page
+  let asked = 0; // the last request
+  let picture = null; // number of the image that is on the page
+  let frozen = false;
+
+  const find = (selector) => part.querySelector(selector);
+
+  function cover(problem) {
+    part.dataset.problem = problem ? "true" : "false";
+    find("#us-problem").textContent = problem ? `NO CURRENT IMAGE: ${problem}` : "";
+  }
+
+  function draw(values) {
+    const { width, height } = values;
+    const svg = find("#us-image");
+    svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    for (const name of NAMES) find(`path.us-${name}`).setAttribute("d", values[name]);
+    const [x, y, mm] = values.tip ?? [];
+    const tip = find("g.us-tip");
+    tip.style.display = values.tip ? "" : "none";
+    if (values.tip) tip.setAttribute("transform", `translate(${x} ${y}) scale(${Math.max(width, height) / 300})`);
+    const side = Math.abs(mm) < 0.05 ? "in the plane" : `${Math.abs(mm).toFixed(1)} mm ${mm > 0 ? "in front of" : "behind"} the plane`;
+    find("#us-tip").textContent = values.tip ? `Tip ${side}` : "Tool and tumour: not known";
+    find("#us-time").textContent = `image ${values.number} at ${values.time}`;
+  }
+
+  async function update() {
+    const values = trame.state.get("ultrasound");
+    if (!part || !values || frozen) return;
+    asked += 1;
+    const request = asked;
+    if (values.problem) {
+      shown = request;
+      cover(values.problem);
+      return;
+    }
+    if (values.number !== picture) {
+      const image = new Image();
+      image.src = `ultrasound.png?image=${values.number}`;
+      setTimeout(() => {
+        if (!frozen && shown < request) cover("the image is late");
+      }, LATE_MS);
+      try {
+        await image.decode();
+      } catch {
+        return; // it is late, or a newer one has replaced it
+      }
+      if (frozen || request < shown) return;
+      const { width, height } = values;
+      const element = find("image");
+      element.setAttribute("href", image.src);
+      element.setAttribute("width", width);
+      element.setAttribute("height", height);
+      picture = values.number;
+    }
+    shown = request;
+    draw(values);
+    cover("");
+    part.dataset.image = values.number;
+  }
+
+  function freeze() {
+    frozen = !frozen;
+    part.dataset.frozen = frozen;
+    find("#us-freeze").setAttribute("aria-pressed", frozen);
+    find("#us-frozen").hidden = !frozen;
+    update();
+  }
+
+  function connect() {
+    const found = document.querySelector("#ultrasound > div");
+    if (!found || found === part) return;
+    part = found;
+    part.innerHTML = TEMPLATE;
+    cover("waiting for the first image");
+    find("#us-freeze").addEventListener("click", freeze);
+    find("#us-brightness").addEventListener("input", (event) => {
+      find("image").style.filter = `brightness(${event.target.value})`;
+    });
+    update();
+  }
+
+  trame.state.addListener(({ type, keys }) => {
+    if (type === "dirty-state" && keys.includes("ultrasound")) update();
+  });
+  new MutationObserver(connect).observe(document.body, { childList: true, subtree: true });
+  connect();
+}
