@@ -112,6 +112,10 @@ SLOW = {
 """Reason -> folders and files whose tests have the marker ``slow``: `make test-fast` skips them."""
 
 LONG = {
+    "starts Dask clusters or replays whole cohorts": (
+        "tests/cohort/test_case_run.py",
+        "tests/cohort/test_cohort_command.py",
+    ),
     "starts rival drivers and waits until they have ended": (
         "tests/bridge/live/test_second_senders.py",
     ),

@@ -26,6 +26,7 @@ BROUGHT_BY = {
     "mpl_toolkits": "matplotlib",
     "rclpy": "ros-rclpy",
     "pinocchio": "pin",  # its wheel does not name the module
+    "dask": "distributed",  # pins the matching version
     "manifold3d": "manifold3d",  # its wheel does not name the module
 }
 """Module -> declared distribution that installs it in the matching version."""
@@ -50,6 +51,11 @@ CORE = names(PROJECT["dependencies"])
 EXTRAS = {extra: names(listed) for extra, listed in PROJECT["optional-dependencies"].items()}
 
 
+def with_extras(*extras: str) -> set[str]:
+    """The distributions of the core and of ``extras``."""
+    return CORE.union(*(EXTRAS[extra] for extra in extras))
+
+
 def imported(folder: str) -> dict[str, Path]:
     """External top-level modules, each with the first file that imports it."""
     found: dict[str, Path] = {}
@@ -72,10 +78,16 @@ def imported(folder: str) -> dict[str, Path]:
 @pytest.mark.parametrize(
     ("folder", "declared"),
     [
-        ("app", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["hdf5"] | EXTRAS["simulation"]),
+        (
+            "app",
+            with_extras("ros", "scene", "hdf5", "simulation", "cohort"),
+        ),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),
-        ("tests", CORE | EXTRAS["ros"] | EXTRAS["scene"] | EXTRAS["simulation"] | EXTRAS["test"]),
+        (
+            "tests",
+            with_extras("ros", "scene", "simulation", "cohort", "test"),
+        ),
     ],
 )
 def test_every_import_is_declared(folder: str, declared: set[str]) -> None:

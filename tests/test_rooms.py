@@ -137,6 +137,10 @@ ONLY_IN = {
     "coacd": {"simulation"},
     "yourdfpy": {"robot"},
     "rosbags": {"case"},
+    "dask": set(),
+    "distributed": set(),
+    "fsspec": {"cohort"},
+    "statsmodels": {"cohort"},
     "matplotlib": {"report"},
     "PIL": {"scene"},
 }

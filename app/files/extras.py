@@ -13,6 +13,7 @@ OWN_MESSAGES = ("marginguard_msgs", "tf2_msgs")
 """Packages of the wheel ``marginguard-interfaces``, which is compiled for each Python."""
 
 _MODULES = {
+    "cohort": re.compile(r"distributed|dask|pyarrow|fsspec|statsmodels"),
     "hdf5": re.compile(r"h5py"),
     "notebook": re.compile(r"pandas|ipykernel"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),

@@ -1,0 +1,1 @@
+"""The command ``marginguard cohort``: cases on the workers of Dask distributed."""

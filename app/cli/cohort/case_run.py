@@ -1,0 +1,113 @@
+"""What a worker does: make or fetch one case, replay it, return its row."""
+
+import resource
+import tempfile
+import time
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app import __version__
+from app.cohort import CohortCase, failed, fetch, finished, identity_of, is_url
+from app.cohort.columns import FAILED, LOST, Row
+from app.geometry import InputError, MarginGuardError
+
+if TYPE_CHECKING:
+    from app.synthetic.touch_arm import TouchArm
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A case, the hash of its input, and the version that the client expects of the workers."""
+
+    case: CohortCase
+    input_hash: str
+    version: str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The row of a case, and what it cost: wall and processor time, resident memory after it."""
+
+    row: Row
+    wall_s: float
+    cpu_s: float
+    rss_mb: float
+
+
+def run_job(job: Job) -> Outcome:
+    """Run a case. An error becomes the reason of its row and is never raised."""
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    row = identity_of(job.case, job.input_hash, job.version)
+    scratch = _scratch()
+    try:
+        if job.version != __version__:
+            raise OSError(f"the worker has MarginGuard {__version__}; expected {job.version}")
+        with tempfile.TemporaryDirectory(prefix="marginguard-case-", dir=scratch) as temporary:
+            folder = Path(temporary) / "case"
+            try:
+                row = finished(row, _summary(_case_folder(job.case, folder)))
+            except MarginGuardError as error:
+                # The same text on every worker.
+                row = failed(row, FAILED, str(error).replace(f"{folder}", job.case.name))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        row = failed(row, LOST, f"{type(error).__name__}: {reason}")
+    except Exception as error:  # a fault in the program must not stop the other cases
+        row = failed(row, FAILED, f"unexpected {type(error).__name__}: {error}")
+    return Outcome(row, time.perf_counter() - wall_s, time.process_time() - cpu_s, _resident_mb())
+
+
+def _case_folder(case: CohortCase, folder: Path) -> Path:
+    from app.synthetic import simulate_case
+
+    if case.synthetic is not None:
+        made = case.synthetic
+        simulate_case(folder, seed=made.seed, arm=_arm(), options=made.options())
+        return folder
+    if is_url(case.source):
+        folder.mkdir()
+        fetch(case.source, folder)
+        return folder
+    source = Path(case.source)
+    if not source.is_dir():
+        raise InputError(f"{source}: no such folder; expected a case folder")
+    return source
+
+
+def _summary(folder: Path) -> dict[str, object]:
+    from app.report import ReplayLog, record_of, summarise
+    from app.runtime import ReplayRun, prepare_case
+
+    log = ReplayLog()
+    replay = ReplayRun(prepare_case(folder), clock_ns=time.monotonic_ns, outputs=(log,))
+    for _ in replay.steps():
+        pass
+    return summarise(record_of(replay, log))
+
+
+@cache
+def _arm() -> "TouchArm":
+    from app.synthetic import BASE_FRAME, CAUTERY_TIP_FRAME
+    from app.synthetic.touch_arm import TouchArm
+
+    return TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
+
+
+def _scratch() -> str | None:
+    """The folder of the Dask worker, which is removed also after the worker was killed."""
+    from distributed import get_worker
+
+    try:
+        return str(get_worker().local_directory)
+    except ValueError:  # not on a worker
+        return None
+
+
+def _resident_mb() -> float:
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:  # not Linux: the peak
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return pages * resource.getpagesize() / 1e6

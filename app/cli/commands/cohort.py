@@ -1,0 +1,78 @@
+"""Replay many cases on the workers of Dask distributed; write one Parquet dataset and a report.
+
+COHORT is a folder of cases, a list of paths and URLs, a URL, or the manifest of 'make-cohort'. A
+finished case is not done again unless its input or the version has changed. A case that fails is a
+row with its reason. Exit status: 0; 1 when a case failed; 2 on bad input.
+"""
+
+import argparse
+import os
+import sys
+
+from app.cli.options import add_json, folder_path
+from app.cli.progress import progress_with_total
+
+SUMMARY = "replay many cases at once, write a dataset and a report"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard cohort``."""
+    parser.add_argument("cohort", metavar="COHORT", help="folder, list, URL or manifest")
+    parser.add_argument(
+        "--out", type=folder_path, required=True, metavar="DIR", help="folder of the results"
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT (default: workers on "
+        "this machine)",
+    )
+    parser.add_argument(
+        "--workers",
+        type=_workers,
+        metavar="N",
+        help="workers on this machine (default: one for each processor)",
+    )
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the cohort."""
+    import json
+
+    from app import __version__
+    from app.cli.cohort.dask_pool import DaskPool
+    from app.cli.cohort.run import CohortRun
+    from app.cohort import Dataset, open_cohort
+    from app.geometry import InputError
+
+    if options.scheduler is not None and options.workers is not None:
+        raise InputError("--workers: with --scheduler; expected one of them")
+    cohort = open_cohort(options.cohort)
+    dataset = Dataset(options.out)
+    cohort_run = CohortRun(cohort, dataset, __version__)
+    workers = options.workers or len(os.sched_getaffinity(0))
+
+    with progress_with_total("running case") as report:
+
+        def run_jobs(jobs):  # type: ignore[no-untyped-def]
+            with DaskPool(options.scheduler, workers) as pool:
+                print(f"Dask's dashboard: {pool.dashboard}", file=sys.stderr, flush=True)
+                yield from pool.run(jobs)
+
+        counts = cohort_run.run(run_jobs, report)
+    if options.json:
+        names = ("total", "kept", "done", "failed")
+        print(json.dumps({name: getattr(counts, name) for name in names}))
+    else:
+        print(
+            f"{counts.total} cases: {counts.done} done, {counts.kept} kept, "
+            f"{counts.failed} with an error; wrote {options.out}"
+        )
+    return 1 if counts.failed else 0
+
+
+def _workers(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected 1 to 1024")
+    return int(text)
