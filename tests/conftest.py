@@ -49,6 +49,8 @@ SLOW = {
         "tests/cli/test_view.py",
     ),
     "starts many processes or replays whole cases": (
+        "tests/analysis/test_insertion.py",
+        "tests/cli/test_analyse.py",
         "tests/benchmarks/",
         "tests/cli/calibration/test_lag.py",
         "tests/cli/calibration/test_landmarks.py",

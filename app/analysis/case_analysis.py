@@ -1,4 +1,4 @@
-"""What one case shows: breaches, distances, states, motion, phases."""
+"""What one case shows: breaches, distances, states, motion, phases, coverage, insertion."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.analysis.case_breaches import AnalysedBreach, analyse_breaches, sides_of
+from app.analysis.coverage import WITHIN_MM, Coverage, coverage_of
+from app.analysis.insertion import Insertion, insertion_metrics
 from app.analysis.jitter import Jitter, estimate_jitter
 from app.analysis.motion import Motion, motion_of
 from app.analysis.phases import phase_counts, phase_seconds, phases_of
@@ -42,6 +44,8 @@ class CaseAnalysis:
     motion: Motion
     phase_seconds: Mapping[str, float]
     phase_counts: Mapping[str, int]
+    coverage: Coverage
+    insertion: Insertion
     anatomical: bool
 
     def as_dict(self) -> dict[str, Any]:
@@ -59,6 +63,8 @@ class CaseAnalysis:
             "motion": asdict(self.motion),
             "phase_seconds": dict(self.phase_seconds),
             "phase_counts": dict(self.phase_counts),
+            "coverage": {f"within_{k:g}_mm": v for k, v in self.coverage.shares().items()},
+            "insertion": asdict(self.insertion),
         }
 
     def flat(self) -> dict[str, FlatValue]:
@@ -84,6 +90,8 @@ class CaseAnalysis:
             **{f"distance_p{k}_mm": self.percentiles_mm.get(k) for k in PERCENTILES},
             **{f"seconds_{k.lower()}": v for k, v in self.state_seconds.items()},
             **{f"seconds_{k}": v for k, v in self.phase_seconds.items() if k != "unknown"},
+            **{f"coverage_{k:g}_mm": self.coverage.share(k) for k in WITHIN_MM},
+            **{f"insertion_{k}": v for k, v in asdict(self.insertion).items()},
             **{f"motion_{k}": v for k, v in asdict(self.motion).items()},
         }
 
@@ -94,13 +102,15 @@ def analyse_case(
     name: str,
     margins: MarginParameters,
     tumor: SurfaceMesh,
+    tool: SurfaceMesh | None = None,
     ras_from_tumor: ArrayLike | None = None,
     jitter: Jitter | None = None,
     bias_sigma_mm: float = 0.0,
 ) -> CaseAnalysis:
     """Analyse the ``steps`` of a session, as `ReplayRun.steps` yields them; reads them once.
 
-    ``name``, ``margins`` and ``tumor`` are those of the session's content. ``ras_from_tumor``
+    ``name``, ``margins``, ``tumor`` and ``tool`` are those of the session's content; a ``tool`` of
+    None is its tip alone. ``ras_from_tumor``
     (3, 3) turns the tumour's axes to the patient's right, anterior and superior; without it
     directions are named by the tumour's axes. ``jitter`` replaces the estimated one.
     ``bias_sigma_mm`` as in `estimate_depth`. Raises `InputError` without a step.
@@ -133,6 +143,8 @@ def analyse_case(
         motion=motion_of(times, samples.tips_mm, stale_ns / NS_PER_S),
         phase_seconds=phase_seconds(phases, held),
         phase_counts=phase_counts(phases),
+        coverage=coverage_of(samples, tumor, tool),
+        insertion=insertion_metrics(times, samples.tips_mm, samples.distances_mm),
         anatomical=axes is not None,
     )
 

@@ -13,6 +13,7 @@ from types import ModuleType
 
 from app import __version__
 from app.cli.commands import (
+    analyse,
     bench,
     calibrate,
     clean,
@@ -46,6 +47,7 @@ from app.cli.signals import Terminated, raise_signals
 
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
+    "analyse": analyse,
     "serve": serve,
     "view": view,
     "live": live,

@@ -1,0 +1,93 @@
+"""Coverage of the tumour's surface: how near the tool came to each part of it.
+
+The distance is that of a face's centre to the tool's surface, which is taken as points at most
+`SPACING_MM` apart; it is too large by at most ``SPACING_MM^2 / (8 x)`` at a distance ``x``.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.analysis.samples import CaseSamples
+from app.geometry import FloatArray, SurfaceMesh
+
+WITHIN_MM = (1.0, 2.0, 5.0, 10.0)
+SPACING_MM = 0.7
+MAX_FACES = 6000
+"""Of a tumour with more faces every second, third, ... face stands for all of them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """How near the tool came to the ``faces`` (m,) of the tumour, which are indices into its mesh.
+
+    ``nearest_mm`` (m,): least distance of the tool to each of them, up to the largest of
+    `WITHIN_MM`, infinite beyond. ``areas_mm2`` (m,): of the faces. ``frames``: how many were used.
+    """
+
+    faces: NDArray[np.intp]
+    nearest_mm: FloatArray
+    areas_mm2: FloatArray
+    frames: int
+
+    def share(self, within_mm: float) -> float:
+        """Share of the surface, 0 to 1, that the tool came nearer to than ``within_mm``."""
+        near = self.nearest_mm <= within_mm
+        return float(self.areas_mm2[near].sum() / self.areas_mm2.sum())
+
+    def shares(self) -> Mapping[float, float]:
+        """The share within each distance of `WITHIN_MM`."""
+        return {within: self.share(within) for within in WITHIN_MM}
+
+
+def surface_points(surface: SurfaceMesh, spacing_mm: float = SPACING_MM) -> FloatArray:
+    """Points (k, 3) of ``surface``: each of its points is at most ``spacing_mm`` from one."""
+    points = [surface.vertices_mm]
+    corners = surface.triangles_mm
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    pieces = np.maximum(1, np.ceil(longest / spacing_mm)).astype(int)
+    for count in np.unique(pieces[pieces > 1]).tolist():
+        i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+        kept = i + j <= count
+        weights = np.stack([i[kept], j[kept], count - i[kept] - j[kept]], axis=1) / count
+        points.append((weights @ corners[pieces == count]).reshape(-1, 3))
+    return np.unique(np.round(np.concatenate(points), 6), axis=0)
+
+
+def coverage_of(samples: CaseSamples, tumor: SurfaceMesh, tool: SurfaceMesh | None) -> Coverage:
+    """How near the tool came to the faces of ``tumor`` in the frames whose distance is known.
+
+    ``tool`` is in the tip's frame; None is a tool that is its tip alone.
+    """
+    from scipy.spatial import cKDTree  # slow to load
+
+    faces = np.arange(0, len(tumor.faces), -(-len(tumor.faces) // MAX_FACES))
+    corners = tumor.triangles_mm[faces]
+    centres = corners.mean(axis=1)
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    points = np.zeros((1, 3)) if tool is None else surface_points(tool)
+    tree = cKDTree(points)
+    limit = max(WITHIN_MM)
+    nearest = np.full(len(centres), np.inf)
+    # A face is queried again only if it may have become nearer since its last query.
+    at_query, distance_then = np.zeros_like(centres), np.full(len(centres), -np.inf)
+    frames = _near(samples, limit)
+    for index in frames.tolist():
+        in_tip = (centres - samples.tips_mm[index]) @ samples.rotations[index]
+        moved = np.sqrt(np.square(in_tip - at_query).sum(axis=1))
+        asked = np.flatnonzero(distance_then - moved < np.minimum(nearest, limit))
+        distances, _ = tree.query(in_tip[asked], distance_upper_bound=limit)
+        nearest[asked] = np.minimum(nearest[asked], distances)
+        at_query[asked], distance_then[asked] = in_tip[asked], np.minimum(distances, limit)
+    return Coverage(faces, nearest, areas, len(frames))
+
+
+def _near(samples: CaseSamples, limit_mm: float) -> NDArray[np.intp]:
+    """Frames with a pose in which the tool is not farther from the tumour than ``limit_mm``."""
+    with np.errstate(invalid="ignore"):
+        near = np.isfinite(samples.tips_mm).all(axis=1) & (samples.distances_mm <= limit_mm)
+    return np.flatnonzero(near)

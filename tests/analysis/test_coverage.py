@@ -1,0 +1,87 @@
+"""Coverage against a count of all pairs of points, and against a ball that passes a ball."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from app.analysis import CaseSamples, coverage_of
+from app.analysis.coverage import SPACING_MM, WITHIN_MM, surface_points
+from app.geometry import SurfaceMesh
+
+
+def mesh(frame: str, shape: trimesh.Trimesh) -> SurfaceMesh:
+    return SurfaceMesh(frame, shape.vertices, shape.faces)
+
+
+TUMOR = mesh("tumor", trimesh.creation.icosphere(3, radius=8.0))
+TOOL = mesh("tip", trimesh.creation.box([2.0, 3.0, 6.0]))
+
+
+def samples(tips: np.ndarray, rotations: np.ndarray | None = None) -> CaseSamples:
+    count = len(tips)
+    unknown = np.full((count, 3), np.nan)
+    return CaseSamples(
+        stamps_ns=np.arange(count, dtype=np.int64) * 20_000_000,
+        states=np.zeros(count, dtype=np.int8),
+        distances_mm=np.zeros(count),
+        stop_mm=np.zeros(count),
+        tips_mm=tips,
+        rotations=np.tile(np.eye(3), (count, 1, 1)) if rotations is None else rotations,
+        on_tumor_mm=unknown,
+        on_tool_mm=unknown,
+        between=np.zeros(count, dtype=bool),
+    )
+
+
+def test_coverage_equals_the_distance_to_the_tool_in_every_frame():
+    random = np.random.default_rng(1)
+    tips = np.cumsum(random.normal(0.0, 1.0, (30, 3)), axis=0) + np.array([11.0, 0.0, 0.0])
+    turned = Rotation.random(30, random_state=1).as_matrix()
+    found = coverage_of(samples(tips, turned), TUMOR, TOOL)
+    box = trimesh.Trimesh(TOOL.vertices_mm, TOOL.faces)
+    centres = TUMOR.triangles_mm.mean(axis=1)
+    brute = np.full(len(centres), np.inf)
+    for tip, rotation in zip(tips, turned, strict=True):
+        _, distance, _ = trimesh.proximity.closest_point(box, (centres - tip) @ rotation)
+        brute = np.minimum(brute, distance)
+    near = np.isfinite(found.nearest_mm)
+    assert (near != (brute < max(WITHIN_MM))).sum() < 3
+    excess = found.nearest_mm[near] - brute[near]
+    assert excess.min() > -1e-6
+    assert np.all(excess**2 + 2.0 * excess * brute[near] <= SPACING_MM**2 + 1e-6)
+    for within in (2.0, 5.0):
+        share = found.areas_mm2[brute <= within].sum() / found.areas_mm2.sum()
+        assert found.share(within) == pytest.approx(share, abs=0.02)
+
+
+def test_tip_alone_covers_a_cap():
+    """Points of a sphere of radius R within x of a point at distance a from its centre."""
+    found = coverage_of(samples(np.array([[10.0, 0.0, 0.0]])), TUMOR, None)
+    cosine = (8.0**2 + 10.0**2 - 5.0**2) / (2.0 * 8.0 * 10.0)
+    assert found.share(5.0) == pytest.approx(0.5 * (1.0 - cosine), abs=0.01)
+    assert found.share(1.0) == 0.0
+
+
+def test_frames_without_a_pose_cover_nothing():
+    found = coverage_of(samples(np.full((3, 3), np.nan)), TUMOR, TOOL)
+    assert (found.frames, found.share(10.0)) == (0, 0.0)
+
+
+def test_points_of_a_surface_are_dense():
+    points = surface_points(TOOL, 0.5)
+    box = trimesh.Trimesh(TOOL.vertices_mm, TOOL.faces)
+    assert np.abs(trimesh.proximity.signed_distance(box, points)).max() < 1e-5
+    random, _ = trimesh.sample.sample_surface(box, 500, seed=1)
+    nearest = np.linalg.norm(random[:, None] - points[None], axis=2).min(axis=1)
+    assert nearest.max() <= 0.5
+
+
+def test_large_tumour_is_represented_by_some_of_its_faces():
+    fine = mesh("tumor", trimesh.creation.icosphere(5, radius=8.0))
+    tips = np.array([[10.0, 0.0, 0.0]])
+    found = coverage_of(samples(tips), fine, None)
+    assert len(found.faces) < len(fine.faces)
+    assert found.share(5.0) == pytest.approx(
+        coverage_of(samples(tips), TUMOR, None).share(5.0), abs=0.01
+    )
