@@ -113,7 +113,8 @@ def make_case(folder: str | os.PathLike[str], *, seed: int = 1) -> Path:
     if path.exists():
         raise InputError(f"{path} already exists; refusing to overwrite it")
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
-    simulate_case(path, seed=seed, arm=arm)
+    command = f"marginguard make-case DIR --seed {seed}"
+    simulate_case(path, seed=seed, arm=arm, command=command)
     return path
 
 

@@ -150,6 +150,16 @@ def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
     return replace(options, surgeon=replace(options.surgeon, fixture=parsed.fixture))
 
 
+def simulated_case_arguments(parsed: argparse.Namespace) -> list[str]:
+    """The arguments that ``parsed`` was read from, without those that are defaults."""
+    arguments = [] if parsed.tracker == TRACKERS[0] else ["--tracker", parsed.tracker]
+    for value in (*_CASE, *_TRACKER, *_ERRORS):
+        given = getattr(parsed, value.name.replace("-", "_"))
+        if given is not None:
+            arguments += [f"--{value.name}", repr(given).removesuffix(".0")]
+    return arguments
+
+
 def _add(parser: argparse._ActionsContainer, values: tuple[_Value, ...]) -> None:
     for value in values:
         parser.add_argument(f"--{value.name}", type=_number, metavar=value.unit, help=value.text)

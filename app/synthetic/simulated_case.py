@@ -46,8 +46,13 @@ class SimulatedCase:
         return tip, wrong_pose(NEEDLE_FROM_TUMOR, errors.needle_mm, 0.0, random)
 
 
-def case_readme(case: SimulatedCase, breaches: Sequence[TrueBreach], recorded: Recording) -> str:
-    """The text of the case's README.md."""
+def case_readme(
+    case: SimulatedCase,
+    breaches: Sequence[TrueBreach],
+    recorded: Recording,
+    command: str | None = None,
+) -> str:
+    """The text of the case's README.md; ``command`` is what it was made by, if it was a command."""
     rows = "\n".join(
         f"| {recorded.recorded_s(breach.start_s):.3f} | "
         f"{recorded.recorded_s(breach.end_s):.3f} | {breach.min_signed_distance_mm:.2f} | "
@@ -59,8 +64,10 @@ def case_readme(case: SimulatedCase, breaches: Sequence[TrueBreach], recorded: R
     return f"""\
 # A simulated lumpectomy
 
-**Simulated**, not recorded: no patient, no phantom, no tracker. Made by `marginguard make-case DIR
---seed {case.seed}`{_made_with(case.options)}
+**Simulated**, not recorded: no patient, no phantom, no tracker.
+{_made_by(case, command)}
+The same versions of it and of its libraries write the same bytes again, others the same numbers
+but for rounding.
 
 {simulation.duration_s:.1f} s from the first to the last frame. A robot holds a cautery: it dwells
 on {landmarks} landmarks in a breath-hold at end expiration, then goes around a
@@ -81,11 +88,11 @@ tumour that moves with the breath, and enters it {len(breaches)} times:
 """
 
 
-def _made_with(options: CaseOptions) -> str:
-    same = "The same versions of it and of its libraries write the same bytes again, others the"
-    if options == CaseOptions():
-        return f". {same}\nsame numbers but for rounding."
-    return f" and\noptions for the errors listed below. {same}\nsame numbers but for rounding."
+def _made_by(case: SimulatedCase, command: str | None) -> str:
+    if command is not None:
+        return f"Made by\n\n```sh\n{command}\n```\n"
+    errors = "" if case.options == CaseOptions() else " with the errors listed below"
+    return f"Made by `simulate_case` with the seed {case.seed}{errors}."
 
 
 def _errors(options: CaseOptions) -> str:

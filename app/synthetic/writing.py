@@ -46,13 +46,14 @@ def simulate_case(
     options: CaseOptions | None = None,
     urdf: str = TOUCH_URDF,
     tool_link: str = TOUCH_TOOL_LINK,
+    command: str | None = None,
     on_frame: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Write a simulated lumpectomy to ``folder``, which must be new or empty.
 
     The same ``seed``, ``arm`` and ``options`` give the same bytes. ``urdf`` and ``tool_link`` are
     written to the manifest: they must describe ``arm``, and the link's origin must be the tool's
-    tip. Raises `InputError` when the folder cannot be written, or the errors in ``options`` hide a
+    tip. ``command`` is what the case's README says that it was made by. Raises `InputError` when the folder cannot be written, or the errors in ``options`` hide a
     breach; no folder is left after an error. ``on_frame(done, total)`` is called for each simulated
     frame, with the periods of the tracker so far and in all.
     """
@@ -83,7 +84,9 @@ def simulate_case(
             ),
             encoding="utf-8",
         )
-        (partial / "README.md").write_text(case_readme(case, breaches, recorded), encoding="utf-8")
+        (partial / "README.md").write_text(
+            case_readme(case, breaches, recorded, command), encoding="utf-8"
+        )
 
 
 def _record(

@@ -20,11 +20,11 @@ from app.fixture import MarginState
 from app.geometry import InputError, Transform
 from app.scene import OffscreenError, use_offscreen_rendering
 from app.session import Session, StepResult, setup_from_case
+from tests import shipped_case
 from tests.cli.small_case import write_small_case
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDED = ROOT / "data" / "recorded_case"
-DEEPEST_NS = 1_045_960_000_000
 
 
 def replay(case: Path, *options: str) -> int:
@@ -60,12 +60,15 @@ def case() -> Case:
 
 @pytest.fixture(scope="module")
 def deepest(case: Case) -> StepResult:
+    """The step of the frame with the smallest distance of the whole replay."""
     session = Session(setup_from_case(case, tip_only=False))
-    for frame in case.frames():
-        step = session.step(frame)
-        if frame.stamp.ns == DEEPEST_NS:
-            return step
-    raise AssertionError("the case has no such frame")
+    steps = [step for step in map(session.step, case.frames()) if step.decision.proximity]
+    return min(steps, key=distance_mm)
+
+
+def distance_mm(step: StepResult) -> float:
+    assert step.decision.proximity is not None
+    return step.decision.proximity.signed_distance_mm
 
 
 def test_every_pose_of_the_case_is_in_the_scene(
@@ -141,7 +144,7 @@ def test_saved_scene_replays_like_its_recording(saved: Path, tmp_path: Path) -> 
         steps.append([session.step(frame) for frame in opened.frames()])
         assert opened.notes() == ()
     of_mcap, of_scene = steps
-    assert len(of_scene) == 3741
+    assert len(of_scene) == shipped_case.FRAMES
     for expected, found in zip(of_mcap, of_scene, strict=True):
         assert expected.frame.stamp == found.frame.stamp
         edges = [

@@ -5,7 +5,12 @@ import math
 
 import pytest
 
-from app.cli.simulated_case_options import TRACKERS, add_simulated_case, simulated_case_options
+from app.cli.simulated_case_options import (
+    TRACKERS,
+    add_simulated_case,
+    simulated_case_arguments,
+    simulated_case_options,
+)
 from app.geometry import InputError
 from app.synthetic.presets import PRESETS
 
@@ -63,3 +68,12 @@ def test_word_that_is_not_a_number_is_refused(text, capsys):
     with pytest.raises(SystemExit):
         parsed("--rate", text)
     assert "is not a number; expected a decimal number" in capsys.readouterr().err
+
+
+def test_arguments_describe_the_options_they_were_read_from():
+    words = ["--tracker", "aurora", "--duration", "150", "--tumor-mm", "18", "--slow-deg", "0.1"]
+    parser = argparse.ArgumentParser()
+    add_simulated_case(parser)
+    arguments = simulated_case_arguments(parser.parse_args(words))
+    assert arguments == words
+    assert simulated_case_arguments(parser.parse_args([])) == []

@@ -10,11 +10,14 @@ import yaml
 
 from app.case import Dwell, open_case
 from app.fixture import MarginState, Reason
-from app.geometry import NS_PER_MS, InputError, Stamp, Transform
+from app.geometry import NS_PER_MS, NS_PER_S, InputError, Stamp, Transform
 from app.registration import TooFewError
 from app.session import PoseTree, Session, setup_from_case, tip_signals, with_estimated_clock
 from app.session.dwelling import dwell_poses
+from app.synthetic.presets import AURORA
+from app.synthetic.simulation import ROBOT_TO_TRACKER_OFFSET_NS
 from tests.doubles import frame, sample
+from tests.shipped_case import CLOCK_OFFSET_MS
 
 
 @pytest.fixture
@@ -145,15 +148,17 @@ def test_too_few_dwells_are_rejected(recorded):
 def test_given_clock_offset_is_not_estimated(recorded):
     case, offset = with_estimated_clock(recorded())
     assert offset is None
-    assert case.manifest.clock.offset_robot_to_tracker_ns == 37_400_000
+    given_ns = round(CLOCK_OFFSET_MS * NS_PER_MS)
+    assert case.manifest.clock.offset_robot_to_tracker_ns == given_ns
 
 
 def test_clock_offset_of_the_joints_is_estimated_from_motion(recorded):
     found, offset = with_estimated_clock(recorded(clock={"estimate": True}))
-    assert offset.offset_ns == pytest.approx(37_400_000, abs=1_000_000)
+    true_ns = ROBOT_TO_TRACKER_OFFSET_NS + round(AURORA.latency_s * NS_PER_S)
+    assert offset.offset_ns == pytest.approx(true_ns, abs=1_000_000)
     assert found.manifest.clock.offset_robot_to_tracker_ns == offset.offset_ns
     low, high = offset.interval_ns
-    assert low <= 37_400_000 <= high
+    assert low <= true_ns <= high
 
 
 def test_wrong_registration_is_reported_as_drift(recorded):

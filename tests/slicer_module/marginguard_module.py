@@ -38,6 +38,13 @@ def opened_case() -> PreparedCase:
     return prepare_case(CASE)
 
 
+@functools.cache
+def frame_times_s() -> list[float]:
+    """Times of the case's frames in s from the first one, those of silences included."""
+    opened = opened_case()
+    return [(frame.stamp.ns - opened.extent.first_ns) / 1e9 for frame in opened.case.frames()]
+
+
 def spin_until(panel_logic: Any, is_expected: Callable[[Any], bool]) -> Any:
     """Spin the logic until ``is_expected(status)`` is true; return that status."""
     for _ in range(MAX_SPINS):

@@ -10,7 +10,15 @@ import slicer
 
 from app.fixture import MarginState
 from app.scene import Preset
-from tests.slicer_module.marginguard_module import CASE, FOLDER, MAX_SPINS, UI, opened_case
+from tests.shipped_case import DEEP, middle_s
+from tests.slicer_module.marginguard_module import (
+    CASE,
+    FOLDER,
+    MAX_SPINS,
+    UI,
+    frame_times_s,
+    opened_case,
+)
 from tests.slicer_module.marginguard_module import application as application
 from tests.slicer_module.marginguard_module import desktop as desktop
 
@@ -227,9 +235,10 @@ def test_replayed_case_is_shown(panel, desktop, monkeypatch):
     ui.loadButton.click()
     until(lambda: ui.playButton.isEnabled())
     assert ui.sessionLabel.text() == "simulated lumpectomy 1 (simulated): paused"
-    assert ui.seekSlider.property("maximum") == pytest.approx(75.38)
+    assert ui.seekSlider.property("maximum") == pytest.approx(frame_times_s()[-1], abs=0.01)
     assert (ui.stopSpinBox.value(), ui.warnSpinBox.value()) == (1.0, 5.0)  # the case's
-    ui.seekSlider.setValue(45.9)
+    moment_s = middle_s(DEEP)
+    ui.seekSlider.setValue(moment_s)
     until(lambda: ui.bannerLabel.text().startswith("\N{MULTIPLICATION X} POSITIVE"))
     assert (
         f"background-color: {MarginState.POSITIVE.display.color_hex}" in ui.bannerLabel.styleSheet()
@@ -240,7 +249,7 @@ def test_replayed_case_is_shown(panel, desktop, monkeypatch):
     assert desktop.qt.QApplication.beeps > 0
     beeps = desktop.qt.QApplication.beeps
     ui.stepButton.click()
-    until(lambda: ui.seekSlider.property("value") > 45.91)
+    until(lambda: ui.seekSlider.property("value") > moment_s + 0.01)
     ui.muteButton.click()
     panel.spin()
     assert desktop.qt.QApplication.beeps == beeps

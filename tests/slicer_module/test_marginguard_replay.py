@@ -16,7 +16,21 @@ from app.report.margin_csv import margin_csv
 from app.runtime import OperatorCommands, StepThread, StepTiming
 from app.scene import Preset, load_scene, save_scene
 from app.session import Session
-from tests.slicer_module.marginguard_module import CASE, MAX_SPINS, opened_case, spin_until
+from tests.shipped_case import (
+    BRIEF,
+    DEEP,
+    PLANNED_DROPOUTS,
+    SHAFT,
+    STALE_AFTER_S,
+    middle_s,
+)
+from tests.slicer_module.marginguard_module import (
+    CASE,
+    MAX_SPINS,
+    frame_times_s,
+    opened_case,
+    spin_until,
+)
 from tests.slicer_module.marginguard_module import application as application
 
 from MarginGuardLib.logic import PanelLogic  # isort: skip
@@ -24,14 +38,18 @@ from MarginGuardLib.jobs import one_line  # isort: skip
 
 GREY, RED = MarginState.UNKNOWN.color, MarginState.POSITIVE.color
 RUN_IN_S = 2.0
+BREACH_S = middle_s(DEEP)
+INVALID, SILENT, *_, MISSING, _ = PLANNED_DROPOUTS
+INVALID_S = middle_s(INVALID)
+CLEAR_S = 8.0
 MOMENTS_S = {
-    "clear": 5.0,
-    "invalid": 22.3,
-    "silent": 25.95,
-    "breach": 45.9,
-    "missing": 52.5,
-    "shaft": 61.0,
-    "shaft deep": 70.7,
+    "clear": CLEAR_S,
+    "invalid": INVALID_S,
+    "silent": SILENT["start_s"] + 0.9 * STALE_AFTER_S,
+    "breach": BREACH_S,
+    "missing": middle_s(MISSING),
+    "brief": middle_s(BRIEF),
+    "shaft": middle_s(SHAFT),
 }
 
 
@@ -86,9 +104,8 @@ def panel_logic(application, opened, clock, monkeypatch):
 
 def at(seconds):
     """Predicate: a status shows the first frame from ``seconds`` on."""
-    return lambda status: (
-        status.position_s is not None and 0.0 <= status.position_s - seconds < 0.0201
-    )
+    frame_s = next(each for each in frame_times_s() if each >= seconds)
+    return lambda status: status.position_s is not None and abs(status.position_s - frame_s) < 1e-6
 
 
 def tumor_color(application):
@@ -127,8 +144,8 @@ def test_nodes_agree_with_row_of_replay(panel_logic, application, rows, seconds)
 
 
 def test_states_of_single_steps_equal_those_of_replay(panel_logic, application, rows):
-    panel_logic.seek(45.5)
-    status = spin_until(panel_logic, at(45.5))
+    panel_logic.seek(DEEP["start_s"] - 0.2)
+    status = spin_until(panel_logic, at(DEEP["start_s"] - 0.2))
     states = []
     for _ in range(80):  # into the first breach and out of it
         before = status.position_s
@@ -143,8 +160,8 @@ def test_states_of_single_steps_equal_those_of_replay(panel_logic, application, 
 
 
 def test_step_pauses_rendering_once(panel_logic, application):
-    panel_logic.seek(45.9)
-    status = spin_until(panel_logic, at(45.9))
+    panel_logic.seek(BREACH_S)
+    status = spin_until(panel_logic, at(BREACH_S))
     events = []
     for event in ("PauseRenderEvent", "ResumeRenderEvent"):
         number = getattr(slicer.vtkMRMLApplicationLogic, event)
@@ -158,13 +175,13 @@ def test_step_pauses_rendering_once(panel_logic, application):
 
 
 def test_ended_replay_ages_until_tumour_is_grey(panel_logic, application, clock):
-    panel_logic.seek(75.3)
-    spin_until(panel_logic, at(75.3))
+    panel_logic.seek(frame_times_s()[-5])
+    spin_until(panel_logic, at(frame_times_s()[-5]))
     assert tumor_color(application) != GREY
     panel_logic.play()
     status = spin_until(panel_logic, lambda now: not now.has_session)
     assert status.session.endswith("ended")
-    clock.ns += 61_000_000  # stale_after_ms of the case is 60
+    clock.ns += round((STALE_AFTER_S + 0.001) * 1e9)
     status = panel_logic.spin(0.0)
     assert status.state is MarginState.UNKNOWN
     assert status.banner.startswith("UNKNOWN: not to be trusted, data 0.1 s old")
@@ -175,8 +192,8 @@ def test_ended_replay_ages_until_tumour_is_grey(panel_logic, application, clock)
 
 
 def test_paused_replay_does_not_age_but_stalled_replay_does(panel_logic, application, clock):
-    panel_logic.seek(45.9)
-    spin_until(panel_logic, at(45.9))
+    panel_logic.seek(BREACH_S)
+    spin_until(panel_logic, at(BREACH_S))
     clock.ns += 10_000_000_000
     panel_logic.spin(0.0)
     assert tumor_color(application) == RED
@@ -184,7 +201,7 @@ def test_paused_replay_does_not_age_but_stalled_replay_does(panel_logic, applica
     # Within the lock the worker cannot step.
     with panel_logic.session.thread.run.between_steps():
         panel_logic.play()
-        clock.ns += 61_000_000
+        clock.ns += round((STALE_AFTER_S + 0.001) * 1e9)
         status = panel_logic.spin(0.0)
         assert status.state is MarginState.UNKNOWN
         assert tumor_color(application) == GREY
@@ -247,27 +264,29 @@ def test_model_replaces_tumour(panel_logic, application):
 
 
 def test_rearm_is_refused_while_displayed_margin_is_unknown(panel_logic):
-    panel_logic.seek(22.3)
-    spin_until(panel_logic, at(22.3))
+    panel_logic.seek(INVALID_S)
+    spin_until(panel_logic, at(INVALID_S))
     with pytest.raises(MarginGuardError, match="the displayed margin is UNKNOWN"):
         panel_logic.rearm()
 
 
 def test_rearm_is_refused_after_fault_that_was_not_displayed(panel_logic):
-    """The dropout at 22.3 s begins and ends between two spins of the panel."""
-    panel_logic.seek(21.0)
-    assert spin_until(panel_logic, at(21.0)).state is not MarginState.UNKNOWN
+    """The planned dropout of the tool begins and ends between two spins of the panel."""
+    before_s, after_s = INVALID["start_s"] - 0.5, INVALID["end_s"] + 1.0
+    panel_logic.seek(before_s)
+    assert spin_until(panel_logic, at(before_s)).state is not MarginState.UNKNOWN
     player = panel_logic.session.replay().player
     begun_ns = player.time_ns
-    player.step(150)  # through the dropout, without a spin
+    # Through the dropout, without a spin.
+    player.step(sum(before_s < each < after_s for each in frame_times_s()))
     pause = threading.Event()
     for _ in range(MAX_SPINS):
-        if player.time_ns - begun_ns > 2_900_000_000:
+        if player.time_ns - begun_ns > 1e9 * (after_s - before_s - 0.1):
             break
         pause.wait(0.005)
     with pytest.raises(MarginGuardError, match="nonce is 0: not that of the present hold"):
         panel_logic.rearm()
-    status = spin_until(panel_logic, at(24.0))
+    status = spin_until(panel_logic, at(after_s))
     assert status.state is not MarginState.UNKNOWN
     assert "latched" in status.reasons
     panel_logic.rearm()
@@ -384,8 +403,8 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     tip = application.scene.GetFirstNodeByName("CauteryTipToCautery")
     here = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
     assert camera.GetFocalPoint() == pytest.approx(here, abs=1e-6)
-    panel_logic.seek(45.9)
-    spin_until(panel_logic, at(45.9))
+    panel_logic.seek(BREACH_S)
+    spin_until(panel_logic, at(BREACH_S))
     there = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
     assert np.linalg.norm(there - here) > 10.0
     assert camera.GetFocalPoint() == pytest.approx(there, abs=1e-6)
@@ -403,7 +422,7 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
     moved = slicer.util.arrayFromTransformMatrix(tip, toWorld=True)[:3, 3]
     assert moved - there == pytest.approx([100.0, 0.0, 0.0], abs=1e-9)
     assert (
-        spin_until(panel_logic, at(45.9)).state is MarginState.POSITIVE
+        spin_until(panel_logic, at(BREACH_S)).state is MarginState.POSITIVE
     )  # only the display has changed
     with pytest.raises(
         MarginGuardError, match="CauteryToReference is below ReferenceToRas; expected"
@@ -414,8 +433,9 @@ def test_views_opacity_and_patient_to_ras(panel_logic, application):
 
 
 def test_invalid_commands_raise_and_later_errors_are_one_line(panel_logic, application, tmp_path):
+    last_s = frame_times_s()[-1]
     for command, message in (
-        (lambda: panel_logic.seek(76.0), "expected 0 to 75.4 s"),
+        (lambda: panel_logic.seek(last_s + 1.0), f"expected 0 to {last_s:.1f} s"),
         (lambda: panel_logic.set_rate(-1.0), r"rate of a replay is -1\.0; expected"),
         (lambda: panel_logic.load_case(tmp_path / "none"), "no such folder"),
     ):

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import shipped_case
 from tests.ros_domain import domain_id as domain_id
 from tests.slicer_module.test_marginguard_command import OURS, SLICER_DOUBLE
 
@@ -123,7 +124,7 @@ def test_python_api_opens_the_shipped_case(installed: Installation) -> None:
     code = "import marginguard as mg; print(mg.__file__, mg.open_case(mg.example_case()).extent)"
     done = installed.run("python", "-c", code)
     assert done.stdout.startswith(str(installed.packages / "marginguard")), done.stderr
-    assert "frames=3741" in done.stdout
+    assert f"frames={shipped_case.FRAMES}" in done.stdout
 
 
 def test_replay_without_extras_names_the_scene_for_the_picture(installed: Installation) -> None:

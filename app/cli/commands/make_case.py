@@ -6,7 +6,11 @@ from typing import TYPE_CHECKING
 
 from app.cli.options import folder_path, input_argument
 from app.cli.progress import progress_with_total
-from app.cli.simulated_case_options import add_simulated_case, simulated_case_options
+from app.cli.simulated_case_options import (
+    add_simulated_case,
+    simulated_case_arguments,
+    simulated_case_options,
+)
 
 if TYPE_CHECKING:
     from app.synthetic import CaseOptions
@@ -52,8 +56,18 @@ def run(options: argparse.Namespace) -> int:
     if options.cohort is not None or options.case is not None:
         seed, case_options = _of_cohort(options)
     arm = TouchArm(base_frame=BASE_FRAME, tip_frame=CAUTERY_TIP_FRAME)
+    arguments = ["--seed", str(seed), *simulated_case_arguments(options)]
+    if options.cohort is not None:
+        arguments = ["--cohort", options.cohort.name, "--case", options.case]
     with progress_with_total("simulating frame") as report:
-        simulate_case(options.folder, seed=seed, arm=arm, options=case_options, on_frame=report)
+        simulate_case(
+            options.folder,
+            seed=seed,
+            arm=arm,
+            options=case_options,
+            command=" ".join(["marginguard make-case DIR", *arguments]),
+            on_frame=report,
+        )
     print(f"wrote {options.folder}")
     return 0
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from itertools import islice
+from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import yaml
 
 from app.case import TrackingFrame, open_case
 from app.geometry import NS_PER_MS, NS_PER_S, TrackedTransform
+from tests import shipped_case
 from tests.bridge.conftest import StartReceiver as StartReceiver
 from tests.bridge.conftest import start_receiver as start_receiver
 from tests.ros_domain import domain_id as domain_id
@@ -108,10 +109,13 @@ def start(domain_id: int, tmp_path: Path) -> Iterator[Start]:
 
 @pytest.fixture(scope="session")
 def breach(project_root: Path) -> list[TrackingFrame]:
-    """1.6 s of the recorded case around its first breach; every pose is tracked."""
+    """1.6 s of the shipped case around its first breach; every pose is tracked."""
     frames = open_case(project_root / "data" / "recorded_case").recorded_frames()
-    first = next(frames).stamp.ns
-    found = [f for f in islice(frames, 2340) if f.stamp.ns - first >= 45.2 * NS_PER_S]
+    first_ns = next(frames).stamp.ns
+    start_ns = first_ns + round((shipped_case.DEEP["start_s"] - 0.5) * NS_PER_S)
+    end_ns = start_ns + round(1.6 * NS_PER_S)
+    from_start = dropwhile(lambda frame: frame.stamp.ns < start_ns, frames)
+    found = list(takewhile(lambda frame: frame.stamp.ns < end_ns, from_start))
     assert all(sample.transform is not None for f in found for sample in f.poses)
     return found
 
@@ -147,7 +151,7 @@ def _plain(frame: TrackingFrame) -> dict[str, Any]:
             {
                 "names": list(sample.names),
                 "positions": list(sample.positions),
-                "ns": sample.stamp.ns - round(37.4 * NS_PER_MS),
+                "ns": sample.stamp.ns - round(shipped_case.CLOCK_OFFSET_MS * NS_PER_MS),
             }
             for sample in frame.joints
         ],
