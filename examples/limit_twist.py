@@ -15,7 +15,7 @@ parameters = mg.LimiterParameters(tau_s=0.05)
 
 # The planes of the shipped case, 0.4 s before the tool touches the tumour.
 case = mg.open_case(mg.example_case())
-*_, step = mg.replay(case, start_s=40.0, end_s=45.3)
+*_, step = mg.replay(case, start_s=90.0, end_s=95.3)
 planes = step.decision.constraint
 normal = planes.normals[0]
 desired = np.concatenate([-40.0 * normal, np.zeros(3)])  # mm/s and rad/s

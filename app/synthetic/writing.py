@@ -53,9 +53,10 @@ def simulate_case(
 
     The same ``seed``, ``arm`` and ``options`` give the same bytes. ``urdf`` and ``tool_link`` are
     written to the manifest: they must describe ``arm``, and the link's origin must be the tool's
-    tip. ``command`` is what the case's README says that it was made by. Raises `InputError` when the folder cannot be written, or the errors in ``options`` hide a
-    breach; no folder is left after an error. ``on_frame(done, total)`` is called for each simulated
-    frame, with the periods of the tracker so far and in all.
+    tip. ``command`` is what the case's README says that it was made by. Raises `InputError` when
+    the folder cannot be written, or the errors in ``options`` hide a breach; no folder is left
+    after an error. ``on_frame(done, total)`` is called for each simulated frame, with the periods
+    of the tracker so far and in all.
     """
     options = CaseOptions() if options is None else options
     with new_folder(folder, may_be_empty=True) as partial:

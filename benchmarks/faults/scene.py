@@ -1,13 +1,16 @@
 """True motion of tool, tumour and robot: a part of the recorded case, played to and fro."""
 
 import json
+from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.geometry import FloatArray, Transform
+from app.case import Case, JointSample, TrackingFrame
+from app.geometry import FloatArray, Stamp, TrackedTransform, TrackingStatus, Transform
 from app.runtime import prepare_case
 from app.session import Session
 from benchmarks.case_options import RECORDED_CASE
@@ -66,8 +69,9 @@ def write_scene(path: Path, begin_ns: int) -> Scene:
     session = Session(prepared.setup)
     frames: list[dict[str, Any]] = []
     truths = []
-    for frame in prepared.case.frames():
+    for frame in _resampled(prepared.case, prepared.extent.first_ns, FIRST_FRAME + FRAMES + 1):
         step = session.step(frame)
+        joint_names = list(frame.joints[0].names)
         if step.index < FIRST_FRAME:
             continue
         found = {pose.source: pose.transform for pose in frame.poses}
@@ -80,28 +84,22 @@ def write_scene(path: Path, begin_ns: int) -> Scene:
         frames.append(
             {
                 "edges": [_plain(found[child]) for _, child in EDGES],
-                "stamp_ns": frame.stamp.ns,
-                "joints": [
-                    {"ns": each.stamp.ns, "positions": list(each.positions)}
-                    for each in frame.joints
-                ],
+                "joints": list(frame.joints[0].positions),
                 "away": (-tracker_from_tumor.rotation @ approach).tolist(),
             }
         )
         truths.append(Truth(proximity.signed_distance_mm, approach, _base_from(step, prepared)))
         if len(frames) == FRAMES:
             break
-    _interpolate_joints(frames)
     for frame, other in zip(frames, frames[1:] + frames[-2:-1], strict=True):
         moved = np.subtract(frame["edges"][2][:3], other["edges"][2][:3])
         frame["speed_mm_s"] = float(np.linalg.norm(moved)) * 1e12 / PERIOD_NS
-    names = list(next(frame for frame in prepared.case.frames() if frame.joints).joints[0].names)
     offset_ns = prepared.case.manifest.clock.offset_robot_to_tracker_ns
     document = {
         "period_ns": PERIOD_NS,
         "begin_ns": begin_ns,
         "edges": EDGES,
-        "joint_names": names,
+        "joint_names": joint_names,
         "joint_offset_ns": offset_ns,
         "frames": frames,
     }
@@ -127,11 +125,36 @@ def _plain(pose: Transform | None) -> list[float]:
     return [*(pose.translation_mm / 1000.0), *pose.quaternion_xyzw]
 
 
-def _interpolate_joints(frames: list[dict[str, Any]]) -> None:
-    """Replace the joints of each frame by their positions at the frame's stamp."""
-    samples = [sample for frame in frames for sample in frame["joints"]]
-    times = np.array([sample["ns"] for sample in samples], dtype=np.float64)
-    positions = np.array([sample["positions"] for sample in samples])
-    for frame in frames:
-        at = float(frame.pop("stamp_ns"))
-        frame["joints"] = [float(np.interp(at, times, column)) for column in positions.T]
+def _resampled(case: Case, start_ns: int, count: int) -> Iterator[TrackingFrame]:
+    """The first ``count`` frames from ``start_ns`` on, at `PERIOD_NS`.
+
+    The tracker's samples are irregular and some are lost, so poses are interpolated between those
+    that are valid: the bench adds its faults itself.
+    """
+    end_ns = start_ns + count * PERIOD_NS
+    poses: dict[str, list[TrackedTransform]] = {child: [] for _, child in EDGES}
+    joints: list[JointSample] = []
+    for frame in case.recorded_frames():
+        joints += frame.joints
+        for sample in frame.poses:
+            if sample.status is TrackingStatus.OK:
+                poses[sample.source].append(sample)
+        if frame.stamp.ns > end_ns + PERIOD_NS:
+            break
+    times_ns = np.array([sample.stamp.ns for sample in joints])
+    positions = np.array([sample.positions for sample in joints])
+    for index in range(1, count):
+        stamp = Stamp(start_ns + index * PERIOD_NS, frame.stamp.clock)
+        now = tuple(_between(poses[child], stamp) for _, child in EDGES)
+        held = tuple(float(np.interp(stamp.ns, times_ns, column)) for column in positions.T)
+        yield TrackingFrame(stamp, now, (JointSample(joints[0].names, held, stamp),))
+
+
+def _between(samples: list[TrackedTransform], stamp: Stamp) -> TrackedTransform:
+    """The pose at ``stamp``, from the valid samples before and after it."""
+    after = bisect_right(samples, stamp.ns, key=lambda sample: sample.stamp.ns)
+    first, second = samples[after - 1], samples[after]
+    assert first.transform is not None and second.transform is not None
+    fraction = (stamp.ns - first.stamp.ns) / (second.stamp.ns - first.stamp.ns)
+    pose = first.transform.interpolate(second.transform, fraction)
+    return TrackedTransform(pose, stamp, TrackingStatus.OK)

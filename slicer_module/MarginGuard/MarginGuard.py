@@ -315,19 +315,25 @@ class MarginGuardTest(ScriptedLoadableModuleTest):
         self.test_tumour_is_red_in_breach_and_grey_in_dropout()
 
     def test_tumour_is_red_in_breach_and_grey_in_dropout(self):
-        """Check the tumour's colour at three times of the recorded case."""
+        """Check the tumour's colour at three times of the shipped case."""
+        from app.case import open_case
         from app.files.shipped import shipped
         from app.fixture import MarginState
 
         self.delayDisplay("Replaying the recorded case")
         logic = MarginGuardLogic().panel_logic
         try:
-            logic.load_case(shipped("data", "recorded_case"))
+            case = shipped("data", "recorded_case")
+            expected = open_case(case).expected()
+            breach = expected.breaches.intervals[0]
+            invalid = [each for each in expected.dropouts if each.kind == "invalid"]
+            lost = max(invalid, key=lambda each: each.end_s - each.start_s)
+            logic.load_case(case)
             self._until(logic, 0.0)
             for seconds, state in (
-                (45.9, MarginState.POSITIVE),
-                (22.3, MarginState.UNKNOWN),
-                (5.0, MarginState.NEGATIVE),
+                (0.5 * (breach.start_s + breach.end_s), MarginState.POSITIVE),
+                (0.5 * (lost.start_s + lost.end_s), MarginState.UNKNOWN),
+                (1.0, MarginState.NEGATIVE),
             ):
                 logic.seek(seconds)
                 self._until(logic, seconds)

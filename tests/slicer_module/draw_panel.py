@@ -14,10 +14,11 @@ os.environ["QT_QPA_PLATFORM"] = "offscreen"
 import slicer
 
 from app.scene import SceneApplication
+from tests.shipped_case import DEEP, middle_s
 from tests.slicer_module import qt_double, slicer_double
 from tests.slicer_module.marginguard_module import CASE, FOLDER
 
-BREACH_S = 45.9
+BREACH_S = middle_s(DEEP)
 SIZE = (430, 1120)
 
 
