@@ -28,7 +28,7 @@ help:
 	@echo 'make test-fast  run the quick tests only: no ROS graph, no rendering, no browser'
 	@echo 'make test-long  run the long tests: examples of docstrings, examples on whole cases, types'
 	@echo 'make test-exhaustive  stop a session 100 times, kill 20 recorders (on an idle machine)'
-	@echo 'make test-playback  play the whole recorded case to a live session (75 s), compare with a replay'
+	@echo 'make test-playback  play the whole recorded case to a live session (150 s), compare with a replay'
 	@echo 'make bench-faults  inject the whole matrix of faults into a live session (ten minutes)'
 	@echo 'make test-wheel build the wheels, install them in a new environment, run the commands there'
 	@echo 'make docs       build the documentation site into out/docs, and check its links and pages'
@@ -68,7 +68,7 @@ docs: $(site)
 	@$(python) -m sphinx -W --keep-going -q -c docs -d out/doctrees . out/docs
 	@$(python) -m tools.check_site out/docs
 
-# Plays the recorded case in real time to a live session, which takes 75 s; waits 20 s for a lease.
+# Plays the recorded case in real time to a live session, which takes 150 s; waits 20 s for a lease.
 test-playback: $(test)
 	@$(python) -m pytest tests/bridge/playback/killed_playback.py tests/bridge/playback/whole_recording.py $(PYTEST_ARGS)
 

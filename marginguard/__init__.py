@@ -4,12 +4,12 @@ Open a case, step through it, and read the margin as a table:
 
 >>> import marginguard as mg
 >>> case = mg.open_case(mg.example_case())
->>> steps = list(mg.replay(case, start_s=45.0, end_s=50.0))
+>>> steps = list(mg.replay(case, start_s=95.0, end_s=100.0))
 >>> table = mg.margin_table(steps)
 >>> float(table["signed_distance_mm"].min().round(1))
--5.6
+-4.9
 >>> [breach.frames for breach in mg.find_breaches(case, steps)]
-[52]
+[40]
 
 The names of ``__all__`` are stable; every other name of this package and of ``app`` may change.
 Lengths are in mm, angles in rad, times in s or integer ns; the name of a value ends with its unit.

@@ -60,7 +60,7 @@ def open_case(
     >>> import marginguard as mg
     >>> case = mg.open_case("package://marginguard/recorded_case")
     >>> case.case.manifest.name, case.extent.frames
-    ('simulated lumpectomy 1', 3741)
+    ('simulated lumpectomy 1', 5965)
     """
     as_path(folder, "folder")
     checked_iterable(package_dirs, "package_dirs", "a sequence of paths")
@@ -78,7 +78,7 @@ def replay(
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
-    >>> for step in mg.replay(case, start_s=45.0, end_s=46.5):
+    >>> for step in mg.replay(case, start_s=95.0, end_s=96.5):
     ...     if step.decision.state is mg.MarginState.POSITIVE:
     ...         print(step.decision.reasons[0])
     ...         break

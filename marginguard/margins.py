@@ -39,7 +39,7 @@ def margin_table(steps: Iterable[StepResult]) -> "DataFrame":
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
-    >>> table = mg.margin_table(mg.replay(case, start_s=45.0, end_s=47.0))
+    >>> table = mg.margin_table(mg.replay(case, start_s=95.0, end_s=97.0))
     >>> table["state"].unique().tolist()
     ['NEGATIVE', 'WARNING', 'POSITIVE']
     """
@@ -56,9 +56,9 @@ def find_breaches(case: PreparedCase, steps: Iterable[StepResult]) -> tuple[Brea
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
-    >>> breaches = mg.find_breaches(case, mg.replay(case, start_s=45.0, end_s=62.0))
+    >>> breaches = mg.find_breaches(case, mg.replay(case, start_s=95.0, end_s=137.0))
     >>> [round(breach.min_signed_distance_mm, 1) for breach in breaches]
-    [-5.6, -2.3]
+    [-4.9, -2.7]
     """
     checked(case, PreparedCase, "case", _CASE)
     return analysis.find_breaches(_rows(steps), case.setup.margins.stale_after_ns)
@@ -72,7 +72,7 @@ def plot_margin(case: PreparedCase, steps: Iterable[StepResult]) -> "Figure":
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
-    >>> figure = mg.plot_margin(case, mg.replay(case, start_s=40.0, end_s=50.0))
+    >>> figure = mg.plot_margin(case, mg.replay(case, start_s=90.0, end_s=100.0))
     >>> figure.axes[1].get_ylabel()
     'signed distance, tool to tumour [mm]'
     """

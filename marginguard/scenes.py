@@ -26,7 +26,7 @@ def save_scene(
     >>> import tempfile, zipfile
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
-    >>> steps = list(mg.replay(case, start_s=45.0, end_s=46.5))
+    >>> steps = list(mg.replay(case, start_s=95.0, end_s=96.5))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     mg.save_scene(case, steps[-1], f"{folder}/breach.mrb")
     ...     any("Tumor" in name for name in zipfile.ZipFile(f"{folder}/breach.mrb").namelist())

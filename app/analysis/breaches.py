@@ -33,9 +33,9 @@ class Breach:
 
     >>> import marginguard as mg
     >>> case = mg.open_case(mg.example_case())
-    >>> breach = mg.find_breaches(case, mg.replay(case, start_s=45.0, end_s=50.0))[0]
+    >>> breach = mg.find_breaches(case, mg.replay(case, start_s=95.0, end_s=100.0))[0]
     >>> round(breach.duration_s, 1), breach.frames
-    (1.0, 52)
+    (1.0, 40)
     """
 
     start_s: float

@@ -153,7 +153,9 @@ def simulated_case_options(parsed: argparse.Namespace) -> "CaseOptions":
 def simulated_case_arguments(parsed: argparse.Namespace) -> list[str]:
     """The arguments that ``parsed`` was read from, without those that are defaults."""
     arguments = [] if parsed.tracker == TRACKERS[0] else ["--tracker", parsed.tracker]
-    for value in (*_CASE, *_TRACKER, *_ERRORS):
+    if parsed.fixture:
+        arguments.append("--fixture")
+    for value in (*_CASE, *_PATIENT, *_SURGEON, *_TRACKER, *_ERRORS):
         given = getattr(parsed, value.name.replace("-", "_"))
         if given is not None:
             arguments += [f"--{value.name}", repr(given).removesuffix(".0")]

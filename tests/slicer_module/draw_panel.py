@@ -7,6 +7,8 @@ The picture of docs/slicer.md. Draw it again and inspect it when the .ui changes
 
 import os
 import sys
+import threading
+from collections.abc import Callable
 from types import SimpleNamespace
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
@@ -31,20 +33,24 @@ def main(path: str) -> None:
     gui = qt_double.QApplication([])
     import MarginGuard
 
+    pause = threading.Event()
+
+    def until(is_reached: Callable[[], bool]) -> None:
+        while not is_reached():
+            gui.processEvents()
+            pause.wait(0.01)
+
     widget = MarginGuard.MarginGuardWidget(slicer_double.panel_parent(FOLDER))
     widget.setup()
     widget.ui.casePathLineEdit.setText(str(CASE.relative_to(CASE.parents[1])))
     widget.ui.configPathLineEdit.setText("data/live_example/live.yaml")
     widget.ui.registrationPathLineEdit.setText("data/recorded_case")
     widget.ui.loadButton.click()
-    while not widget.ui.playButton.isEnabled():
-        gui.processEvents()
+    until(widget.ui.playButton.isEnabled)
     widget.ui.registerButton.click()
-    while not widget.ui.acceptButton.isEnabled():
-        gui.processEvents()
+    until(widget.ui.acceptButton.isEnabled)
     widget.ui.seekSlider.setValue(BREACH_S)
-    while not widget.ui.bannerLabel.text().startswith("\N{MULTIPLICATION X} POSITIVE"):
-        gui.processEvents()
+    until(lambda: widget.ui.bannerLabel.text().startswith("\N{MULTIPLICATION X} POSITIVE"))
     widget.parent.resize(*SIZE)
     gui.processEvents()
     widget.parent.grab().save(path)

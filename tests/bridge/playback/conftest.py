@@ -10,7 +10,7 @@ from tests.ros_domain import domain_id as domain_id
 
 @pytest.fixture
 def tracker(start, project_root):
-    """``tracker("--start", "40")`` starts to play the recorded case."""
+    """``tracker("--start", "90")`` starts to play the recorded case."""
 
     def start_tracker(*options):
         case = str(project_root / "data" / "recorded_case")
