@@ -146,7 +146,10 @@ LONG = {
         "tests/interfaces/test_other_definitions.py",
     ),
     "checks types in a new cache": ("tests/marginguard/test_typing.py",),
-    "simulates and replays a case for each tracker": ("tests/synthetic/test_cases_of_trackers.py",),
+    "simulates and replays whole cases": (
+        "tests/analysis/test_case_of_noise_alone.py",
+        "tests/synthetic/test_cases_of_trackers.py",
+    ),
     "opens the shipped case many times": ("tests/marginguard/test_doctests.py",),
     "runs examples on whole cases, or beside a replay in real time": (
         "tests/examples/test_guard_bond.py",

@@ -12,7 +12,7 @@ SCRIPT = """\
 import marginguard as mg
 
 case: mg.PreparedCase = mg.open_case(mg.example_case())
-steps: list[mg.StepResult] = list(mg.replay(case, start_s=45.0))
+steps: list[mg.StepResult] = list(mg.replay(case, start_s=95.0))
 worst: mg.MarginState = max(step.decision.state for step in steps)
 reasons: tuple[mg.Reason, ...] = steps[0].decision.reasons
 pose = mg.Transform.identity("tumor", "tool")
