@@ -8,8 +8,8 @@ with 10 N from random directions, without and with the fixture. The true distanc
 every physics step. With --stops, guard, controller and tracker are killed and stopped in the middle
 of an approach instead. On a busy machine safe stops (holds, watchdog, physics behind real time)
 interrupt pushes; they are counted apart from breaches, and an operator re-arms after them. A breach
-is a distance below the stop margin while the tool moves towards the tumour: the tumour also
-breathes towards a tool that stands.
+is a distance below the stop margin that the tool's own motion reduces: the tumour also breathes
+towards a tool that stands.
 
 Exit status 1 if a push with the fixture breaches the stop margin, if one without it does not breach
 the margin, or if an arm did not stand in time after a failure; 2 if a process cannot run.
@@ -115,7 +115,7 @@ def _run_pushes(
         )
         _print_pushes(pushes, fixture, options.pushes)
         found += pushes
-    kept = all(each.driven_mm >= STOP_MM for each in found if each.fixture)
+    kept = all(each.breach_mm is None for each in found if each.fixture)
     complete = all(sum(e.fixture is f for e in found) == options.pushes for f in (False, True))
     breached = all(
         each.lowest_mm < STOP_MM for each in found if not each.fixture and not each.stops
@@ -132,9 +132,9 @@ def _print_pushes(pushes: "Sequence[Push]", fixture: bool, count: int) -> None:
     free = [each for each in pushes if not each.stops]
     print(
         f"{name} the fixture: {len(pushes)} of {count} pushes, lowest true distance "
-        f"{lowest[0]:.2f} to {lowest[-1]:.2f} mm, while the tool moved towards the tumour "
-        f"{min(each.driven_mm for each in pushes):.2f} mm or more; "
-        f"{sum(each.driven_mm < STOP_MM for each in pushes)} breaches of {STOP_MM:g} mm; "
+        f"{lowest[0]:.2f} to {lowest[-1]:.2f} mm, {sum(each < STOP_MM for each in lowest)} "
+        f"below {STOP_MM:g} mm, {sum(each.breach_mm is not None for each in pushes)} of them by "
+        "the tool's own motion; "
         f"{len(pushes) - len(free)} pushes with a safe stop, load {os.getloadavg()[0]:.1f}"
     )
     if free:

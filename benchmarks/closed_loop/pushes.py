@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from app.fixture import ProximityEngine
-from app.geometry import NS_PER_MS
+from app.geometry import NS_PER_MS, FloatArray
 from benchmarks.closed_loop.hand import Phase
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.processes import running_loop
@@ -16,7 +16,8 @@ SETTLED_NS = 100 * NS_PER_MS
 """Time after the beginning of a phase, after which its speed counts."""
 
 MAX_TRIES = 3
-FAR_MM = 1e3
+STOP_MM = 1.0
+"""``stop_mm`` of the shipped live.yaml."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +26,9 @@ class Push:
 
     ``lowest_mm`` is by the product's engine at every step from the beginning of the push to the end
     of the retreat, ``vertices_mm`` at the lowest one by libigl, from the vertices of both surfaces.
-    ``driven_mm`` is the lowest one of the steps at which the tip moved towards the tumour by more
-    than `STILL_MM_S`: a tumour that breathes also approaches a tool that stands. ``approach_mm_s``
+    ``breach_mm`` is the lowest one below the stop margin at which the tool's own motion reduces the
+    distance by more than `STILL_MM_S`, None without one: a tumour that breathes also approaches a
+    tool that stands. ``approach_mm_s``
     is the largest speed of the push, ``slide_mm_s`` and ``retreat_mm_s`` the median ones.
     ``stops``: safe stops meanwhile (watchdog, hold, stale data, physics behind real time), each of
     which interrupts the push.
@@ -35,7 +37,7 @@ class Push:
     number: int
     fixture: bool
     lowest_mm: float
-    driven_mm: float
+    breach_mm: float | None
     vertices_mm: float
     approach_mm_s: float
     slide_mm_s: float
@@ -92,7 +94,6 @@ def judged(
     first, _ = truth.phase_rows(*rows, Phase.PUSH)
     distances = truth.distances_mm(engine, first, rows[1])
     lowest = int(np.argmin(distances))
-    approach = truth.approach_mm_s(first, rows[1]) > STILL_MM_S
     slide = truth.phase_rows(*rows, Phase.SLIDE)
     retreat = truth.phase_rows(*rows, Phase.RETREAT)
     push = truth.phase_rows(*rows, Phase.PUSH)
@@ -101,13 +102,25 @@ def judged(
         number,
         fixture,
         float(distances[lowest]),
-        float(distances[approach].min(initial=FAR_MM)),
+        _breach(truth, engine, distances, first),
         surfaces.vertex_distance_mm(truth.tumor_from_tool(first + lowest)),
         float(truth.speeds_mm_s(*push).max(initial=0.0)),
         _settled(truth, truth.speeds_mm_s(*slide), slide),
         _settled(truth, truth.speeds_mm_s(*retreat), retreat),
         stops + disabled,
     )
+
+
+def _breach(
+    truth: Truth, engine: ProximityEngine, distances: FloatArray, first: int
+) -> float | None:
+    below = np.flatnonzero(distances < STOP_MM)
+    driven = [
+        float(distances[row])
+        for row in below.tolist()
+        if truth.own_approach_mm_s(engine, first + row) > STILL_MM_S
+    ]
+    return min(driven, default=None)
 
 
 def _settled(truth: Truth, speeds: np.ndarray, rows: tuple[int, int]) -> float:

@@ -66,10 +66,15 @@ class Truth:
 
     def tumor_from_tool(self, row: int) -> Transform:
         """The true pose at a step."""
+        return self._world_from_tumor(row).inverse() @ self._world_from_tool(row)
+
+    def _world_from_tool(self, row: int) -> Transform:
         values = self._poses[row]
-        world_from_tool = Transform("world", "tool", values[3:12].reshape(3, 3), values[:3])
-        world_from_tumor = Transform("world", "tumor", values[15:].reshape(3, 3), values[12:15])
-        return world_from_tumor.inverse() @ world_from_tool
+        return Transform("world", "tool", values[3:12].reshape(3, 3), values[:3])
+
+    def _world_from_tumor(self, row: int) -> Transform:
+        values = self._poses[row]
+        return Transform("world", "tumor", values[15:].reshape(3, 3), values[12:15])
 
     def distances_mm(self, engine: ProximityEngine, first: int, last: int) -> FloatArray:
         """The true signed distance (n,) at every step of the rows."""
@@ -82,11 +87,19 @@ class Truth:
         """Speed (n,) of the tip in the world, the mean of some steps."""
         return np.asarray(np.linalg.norm(self._velocities_mm_s(first, last), axis=1))
 
-    def approach_mm_s(self, first: int, last: int) -> FloatArray:
-        """Velocity (n,) of the tip in the world, towards the tumour's origin."""
-        way = self._poses[first:last, 12:15] - self._poses[first:last, :3]
-        way /= np.linalg.norm(way, axis=1)[:, None]
-        return np.asarray(np.sum(self._velocities_mm_s(first, last) * way, axis=1))
+    def own_approach_mm_s(self, engine: ProximityEngine, row: int) -> float:
+        """By how much the motion of the tool alone reduces the distance at a step, in mm/s.
+
+        The mean of some steps, with the tumour at its place at the last of them.
+        """
+        before = max(row - SMOOTH, 0)
+        spent_s = max(float(self.ns[row] - self.ns[before]), 1.0) / NS_PER_S
+        tumor_from_world = self._world_from_tumor(row).inverse()
+        was, now = (
+            engine.evaluate(tumor_from_world @ self._world_from_tool(each)).signed_distance_mm
+            for each in (before, row)
+        )
+        return (was - now) / spent_s
 
     def path_mm(self, first: int) -> float:
         """Largest distance of the tip from its position at a row, from then on."""

@@ -43,7 +43,9 @@ def test_fixture_keeps_the_pushes_out_that_breach_without_it(
     assert [each["fixture"] for each in rows] == [False, False, True, True], printed
     # A push that safe stops interrupt may end before it reaches the tumour, also without a fixture.
     assert all(each["lowest_mm"] < 0.0 for each in rows[:2] if not each["stops"]), printed
-    assert all(each["driven_mm"] >= STOP_MM for each in rows[2:]), printed
+    # Where nothing interrupts it, the fixture keeps the margin; a held tool may be breathed at.
+    assert all(each["lowest_mm"] >= STOP_MM for each in rows[2:] if not each["stops"]), printed
+    assert all(each["lowest_mm"] > -4.0 for each in rows[2:]), printed
     for each in rows:
         assert each["vertices_mm"] == pytest.approx(each["lowest_mm"], abs=0.1)
 
@@ -74,7 +76,7 @@ def test_judge_of_a_push_finds_distances_and_speeds(tmp_path: Path) -> None:
     phases = np.repeat([Phase.PUSH, Phase.SLIDE, Phase.RETREAT], [400, 200, 300])
     truth = write_truth(tmp_path / "truth.npz", away_mm, phases)
     found = judged(0, True, truth, engine, surfaces, (0, len(away_mm)), 2)
-    assert found.lowest_mm == pytest.approx(found.driven_mm, abs=0.2)
+    assert found.lowest_mm == pytest.approx(found.breach_mm, abs=0.2)
     assert found.lowest_mm < -1.0
     assert found.vertices_mm >= found.lowest_mm - 1e-6
     assert found.approach_mm_s == pytest.approx((AWAY_MM - top + 3.0) / 0.4, rel=0.02)
@@ -91,4 +93,4 @@ def test_tumour_that_moves_towards_a_standing_tool_is_no_breach(tmp_path: Path) 
     truth._poses[:, 14] = np.linspace(0.0, 4.0, 300)  # it rises
     found = judged(0, True, truth, engine, surfaces, (0, 300), 0)
     assert found.lowest_mm < STOP_MM
-    assert found.driven_mm > STOP_MM
+    assert found.breach_mm is None
