@@ -5,7 +5,20 @@ thread.
 """
 
 from app.igtl.errors import IgtlError
+from app.igtl.image_link import receive_images, send_images
+from app.igtl.images import MAX_IMAGE_BODY_BYTES, ImageReader, ReceivedImage, image_message
 from app.igtl.queue import SampleQueue
 from app.igtl.source import PORT, IgtlSource
 
-__all__ = ["PORT", "IgtlError", "IgtlSource", "SampleQueue"]
+__all__ = [
+    "MAX_IMAGE_BODY_BYTES",
+    "PORT",
+    "IgtlError",
+    "IgtlSource",
+    "ImageReader",
+    "ReceivedImage",
+    "SampleQueue",
+    "image_message",
+    "receive_images",
+    "send_images",
+]

@@ -32,16 +32,22 @@ class Refusals:
 class MessageStream:
     """``stream.feed(data)`` returns the messages of ``types`` that are now complete.
 
-    Bodies of other types and bodies above `MAX_BODY_BYTES` are skipped without being stored, so
+    Bodies of other types and bodies above ``max_body_bytes`` are skipped without being stored, so
     the buffer holds one body and one chunk of data at most. ``complete`` counts all messages that
     have passed. Invalid bodies are added to ``refusals``. An invalid header raises
     `IgtlFramingError`; the stream cannot be used afterwards.
     """
 
-    def __init__(self, types: Collection[str], refusals: Refusals) -> None:
+    def __init__(
+        self,
+        types: Collection[str],
+        refusals: Refusals,
+        max_body_bytes: int = MAX_BODY_BYTES,
+    ) -> None:
         self.complete = 0
         self.ignored = 0
         self._types = types
+        self._max_body_bytes = max_body_bytes
         self._refusals = refusals
         self._buffer = bytearray()
         self._header: Header | None = None
@@ -78,7 +84,7 @@ class MessageStream:
         return True
 
     def _begin(self, header: Header) -> None:
-        if header.type in self._types and header.body_bytes <= MAX_BODY_BYTES:
+        if header.type in self._types and header.body_bytes <= self._max_body_bytes:
             self._header = header
             return
         self._to_skip = header.body_bytes
@@ -87,7 +93,7 @@ class MessageStream:
             self._refusals.add(
                 IgtlLimitError(
                     f"{header.type} has a body of {header.body_bytes} bytes; "
-                    f"expected at most {MAX_BODY_BYTES}"
+                    f"expected at most {self._max_body_bytes}"
                 )
             )
         else:

@@ -99,6 +99,18 @@ def read_message(header: Header, body: bytes) -> Message:
     return Message(header.type, device, header.stamp_ns, body[extended:end], metadata)
 
 
+def pack_message(kind: str, device: str, stamp_ns: int, content: bytes) -> bytes:
+    """Encode a message of header version 1.
+
+    Raises `IgtlContentError` for a device name that is not 1 to 20 ASCII characters.
+    """
+    name = device.encode("ascii", "replace")
+    if not 1 <= len(name) <= 20 or name.decode() != device:
+        raise IgtlContentError(f"device is {device!r}; expected 1 to 20 ASCII characters")
+    time = ((stamp_ns << 32) + NS_PER_S // 2) // NS_PER_S
+    return _HEADER.pack(1, kind.encode(), name, time, len(content), CRC64(content)) + content
+
+
 def start_tracking_request() -> bytes:
     """Encode the ``STT_TDATA`` message that a client sends after connecting.
 

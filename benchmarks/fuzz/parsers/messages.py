@@ -24,7 +24,16 @@ from app.case.messages.ros_messages import (
     tracked_transform_message,
 )
 from app.case.messages.values import JointValues, PoseValues
-from app.geometry import InputError, MarginGuardError, Stamp, TrackedTransform, Transform
+from app.geometry import (
+    ImageSample,
+    ImageStatus,
+    InputError,
+    MarginGuardError,
+    Stamp,
+    TrackedTransform,
+    Transform,
+)
+from app.igtl.images import MAX_IMAGE_BODY_BYTES, ImageReader, image_message
 from app.igtl.poses import TYPES, PoseReader
 from app.igtl.stream import MessageStream, Refusals
 from benchmarks.fuzz.mutators.raw import RAW
@@ -124,6 +133,26 @@ def _read_stream(path: Path) -> None:
         raise MarginGuardError(refusals.last)
 
 
+def _read_image_stream(path: Path) -> None:
+    """As `_read_stream`, with images."""
+    refusals = Refusals()
+    stream = MessageStream(("IMAGE",), refusals, MAX_IMAGE_BODY_BYTES)
+    reader = ImageReader(refusals)
+    for message in stream.feed(path.read_bytes()):
+        reader.read(message)
+    if refusals.last:
+        raise MarginGuardError(refusals.last)
+
+
+def _image_seeds() -> Sequence[bytes]:
+    pixels = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    colours = np.arange(36, dtype=np.uint8).reshape(3, 4, 3)
+    return [
+        image_message("Image", ImageSample(0, Stamp(1), ImageStatus.OK, each), np.eye(4))
+        for each in (pixels, colours, pixels.astype(np.int16))
+    ]
+
+
 _BODY: Sequence[Mutator] = (*[_change_body] * 2 * len(RAW), *RAW)
 
 PARSERS = (
@@ -147,4 +176,7 @@ PARSERS = (
         "cdr_tf_buffer", "message.cdr", _read_tf, partial(_seeds, TF_MESSAGE), RAW, names_file=False
     ),
     FuzzedParser("igtl", "stream.bin", _read_stream, _igtl_seeds, _BODY, names_file=False),
+    FuzzedParser(
+        "igtl_image", "stream.bin", _read_image_stream, _image_seeds, _BODY, names_file=False
+    ),
 )
