@@ -43,6 +43,7 @@ MAY_IMPORT = {
     "analysis": {"geometry", "registration", "fixture", "session"},
     "scene": {"geometry", "files", "robot", "fixture", "session", "runtime"},
     "report": {
+        "cohort",
         "geometry",
         "files",
         "registration",

@@ -1,24 +1,33 @@
 from .cases import CohortCase, SyntheticCase
 from .columns import failed, finished, identity_of
+from .comparison import METRICS, Comparison, compare, comparison_csv, groups_of
 from .dataset import Dataset
 from .design import OPTION_RANGES, Design
 from .inputs import fetch, input_hash, is_url, open_cohort
 from .manifest import MANIFEST_FILE, Cohort, open_manifest, write_manifest
 from .manifest_keys import COHORT, cohort_schema_text
+from .outliers import Outlier, find_outliers
 
 __all__ = [
     "COHORT",
     "MANIFEST_FILE",
+    "METRICS",
     "OPTION_RANGES",
     "Cohort",
     "CohortCase",
+    "Comparison",
     "Dataset",
     "Design",
+    "Outlier",
     "SyntheticCase",
     "cohort_schema_text",
+    "compare",
+    "comparison_csv",
     "failed",
     "fetch",
+    "find_outliers",
     "finished",
+    "groups_of",
     "identity_of",
     "input_hash",
     "is_url",

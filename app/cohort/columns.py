@@ -1,5 +1,6 @@
 """The flat row of a case: columns with a fixed type and order, the same for every cohort."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -15,6 +16,27 @@ OK, FAILED, LOST = "ok", "failed", "lost"
 (it died, or its disk was full); the next run does the case again."""
 
 _STATES = ("NEGATIVE", "WARNING", "POSITIVE", "UNKNOWN")
+
+ANALYSIS = {
+    "deepest_mm": "deepest_mm",
+    "deepest_low_mm": "deepest_low_mm",
+    "deepest_high_mm": "deepest_high_mm",
+    "deepest_entry_speed_mm_s": "deepest_entry_speed_mm_s",
+    "jitter_sigma_mm": "jitter_sigma_mm",
+    "distance_p5_mm": "distance_p5_mm",
+    "distance_p50_mm": "distance_p50_mm",
+    "approach_s": "seconds_approach",
+    "cutting_s": "seconds_cutting",
+    "away_s": "seconds_away",
+    "path_mm": "motion_path_mm",
+    "mean_speed_mm_s": "motion_mean_speed_mm_s",
+    "max_speed_mm_s": "motion_max_speed_mm_s",
+    "log_dimensionless_jerk": "motion_log_dimensionless_jerk",
+    "idle_s": "motion_idle_s",
+}
+"""Column -> key of the flat record of `app.analysis`, a number."""
+
+_DECIMALS = 6
 
 IDENTITY: dict[str, Kind] = {
     "name": "text",
@@ -47,6 +69,9 @@ RESULTS: dict[str, Kind] = {
     "registration_fre_mm": "number",
     "checks_passed": "integer",
     "checks_failed": "integer",
+    **dict.fromkeys(ANALYSIS, "number"),
+    "deepest_direction": "text",
+    "deepest_part": "text",
     "notes": "text",
 }
 COLUMNS: dict[str, Kind] = IDENTITY | OPTIONS | RESULTS
@@ -82,8 +107,12 @@ def failed(row: Row, status: str, reason: str) -> Row:
     return row | {"status": status, "reason": " ".join(reason.split())}
 
 
-def finished(row: Row, summary: Mapping[str, Any]) -> Row:
-    """``row`` with the results of ``summary``, the content of ``summary.json`` of a replay."""
+def finished(row: Row, summary: Mapping[str, Any], analysis: Mapping[str, Any]) -> Row:
+    """``row`` with the results of a case.
+
+    ``summary`` is the content of ``summary.json`` of a replay, ``analysis`` the flat record of
+    `app.analysis`.
+    """
     breaches = summary["breaches"]
     durations = [breach["duration_s"] for breach in breaches]
     registration = summary["registration"] or {}
@@ -101,5 +130,14 @@ def finished(row: Row, summary: Mapping[str, Any]) -> Row:
         "registration_fre_mm": registration.get("fre_mm"),
         "checks_passed": checks.count("pass") if checks else None,
         "checks_failed": len(checks) - checks.count("pass") if checks else None,
+        **{column: _rounded(analysis[key]) for column, key in ANALYSIS.items()},
+        "deepest_direction": analysis["deepest_direction"],
+        "deepest_part": analysis["deepest_part"],
         "notes": "; ".join(summary["notes"]),
     }
+
+
+def _rounded(value: float | None) -> float | None:
+    if value is None or not math.isfinite(value):
+        return None
+    return round(float(value), _DECIMALS) + 0.0  # + 0.0: no negative zero

@@ -13,7 +13,7 @@ NOT_A_DEVICE = (
     "or diagnose a patient."
 )
 
-_STYLE = """
+PAGE_STYLE = """
 :root { color-scheme: light; --ink: #1c2733; --line: #d5dce3; --soft: #f4f6f8; }
 * { box-sizing: border-box; }
 body { margin: 0 auto; max-width: 76rem; padding: 1.5rem; color: var(--ink);
@@ -74,9 +74,8 @@ def report_html(
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(case)}: margin report</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(section for section in sections if section)
-        + "\n</body>\n</html>\n"
+        f"<title>{escape(case)}: margin report</title>\n<style>{PAGE_STYLE}</style>\n</head>\n"
+        "<body>\n" + "\n".join(section for section in sections if section) + "\n</body>\n</html>\n"
     )
 
 

@@ -113,7 +113,7 @@ def test_worker_without_space_is_a_lost_case(cohort, tmp_path, monkeypatch):
     def full(folder):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("app.cli.cohort.case_run._summary", full)
+    monkeypatch.setattr("app.cli.cohort.case_run._results", full)
     case = cohort.recorded[0]
     outcome = run_job(Job(case, input_hash(case), __version__))
     assert (outcome.row["status"], outcome.row["reason"]) == (

@@ -47,7 +47,7 @@ def run_job(job: Job) -> Outcome:
         with tempfile.TemporaryDirectory(prefix="marginguard-case-", dir=scratch) as temporary:
             folder = Path(temporary) / "case"
             try:
-                row = finished(row, _summary(_case_folder(job.case, folder)))
+                row = finished(row, *_results(_case_folder(job.case, folder)))
             except MarginGuardError as error:
                 # The same text on every worker.
                 row = failed(row, FAILED, str(error).replace(f"{folder}", job.case.name))
@@ -76,15 +76,20 @@ def _case_folder(case: CohortCase, folder: Path) -> Path:
     return source
 
 
-def _summary(folder: Path) -> dict[str, object]:
+def _results(folder: Path) -> tuple[dict[str, object], dict[str, object]]:
+    """The summary of a replay of the case, and the flat record of its analysis."""
+    from app.analysis import analyse_case
     from app.report import ReplayLog, record_of, summarise
     from app.runtime import ReplayRun, prepare_case
 
     log = ReplayLog()
-    replay = ReplayRun(prepare_case(folder), clock_ns=time.monotonic_ns, outputs=(log,))
-    for _ in replay.steps():
-        pass
-    return summarise(record_of(replay, log))
+    prepared = prepare_case(folder)
+    replay = ReplayRun(prepared, clock_ns=time.monotonic_ns, outputs=(log,))
+    content = prepared.content
+    analysis = analyse_case(
+        replay.steps(), name=content.name, margins=content.margins, tumor=content.tumor
+    )
+    return summarise(record_of(replay, log)), dict(analysis.flat())
 
 
 @cache

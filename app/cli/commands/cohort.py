@@ -8,9 +8,16 @@ row with its reason. Exit status: 0; 1 when a case failed; 2 on bad input.
 import argparse
 import os
 import sys
+from typing import TYPE_CHECKING
 
 from app.cli.options import add_json, folder_path
 from app.cli.progress import progress_with_total
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from app.cli.cohort.case_run import Job, Outcome
+    from app.cohort import Dataset
 
 SUMMARY = "replay many cases at once, write a dataset and a report"
 
@@ -55,12 +62,13 @@ def run(options: argparse.Namespace) -> int:
 
     with progress_with_total("running case") as report:
 
-        def run_jobs(jobs):  # type: ignore[no-untyped-def]
+        def run_jobs(jobs: "Iterable[Job]") -> "Iterator[tuple[Job, Outcome]]":
             with DaskPool(options.scheduler, workers) as pool:
                 print(f"Dask's dashboard: {pool.dashboard}", file=sys.stderr, flush=True)
                 yield from pool.run(jobs)
 
         counts = cohort_run.run(run_jobs, report)
+    _write_report(dataset, cohort.name)
     if options.json:
         names = ("total", "kept", "done", "failed")
         print(json.dumps({name: getattr(counts, name) for name in names}))
@@ -70,6 +78,26 @@ def run(options: argparse.Namespace) -> int:
             f"{counts.failed} with an error; wrote {options.out}"
         )
     return 1 if counts.failed else 0
+
+
+def _write_report(dataset: "Dataset", name: str) -> None:
+    """Write ``report.html`` and ``comparison.csv`` of all rows."""
+    from app import __version__
+    from app.cohort import compare, comparison_csv, find_outliers, groups_of
+    from app.files import write_file
+    from app.report.cohort_html import cohort_html
+
+    rows = list(dataset.rows())
+    groups = groups_of(rows)
+    comparisons = compare(rows, (groups[0], groups[1])) if len(groups) == 2 else ()
+    forest = None
+    if comparisons:
+        from app.report.forest_plot import forest_png
+
+        forest = forest_png(comparisons)
+    page = cohort_html(name, rows, comparisons, find_outliers(rows), forest, __version__)
+    write_file(dataset.folder / "report.html", page.encode())
+    write_file(dataset.folder / "comparison.csv", comparison_csv(comparisons).encode())
 
 
 def _workers(text: str) -> int:

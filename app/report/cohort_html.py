@@ -1,0 +1,161 @@
+"""``report.html`` of a cohort: groups, comparison, outliers, failures; one file, no script."""
+
+import base64
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+
+from app.cohort import METRICS, Comparison, Outlier
+from app.cohort.columns import OK, Row
+from app.report.html import NOT_A_DEVICE, PAGE_STYLE
+
+MAX_LISTED = 200
+"""Rows of the tables of outliers and failures; the dataset has all."""
+
+_METHODS = """Every value is of one case. The difference of the means is the second group minus the
+first, with a 95 % percentile bootstrap interval (2000 resamples, fixed seed; pairs are resampled as
+pairs). The primary test is the paired t test where pairs exist, otherwise a linear mixed model with
+a random intercept for each surgeon (REML, Wald test) where surgeons repeat, otherwise Welch's t
+test. Its p values are adjusted over all metrics of this page by Holm's method; the other p values
+are not adjusted and serve to judge how much the result depends on the test."""
+
+
+def cohort_html(
+    name: str,
+    rows: Sequence[Row],
+    comparisons: Sequence[Comparison],
+    outliers: Sequence[Outlier],
+    forest_png: bytes | None,
+    version: str,
+) -> str:
+    """Return the page; every value is escaped. ``comparisons`` is empty without two groups."""
+    finished = [row for row in rows if row["status"] == OK]
+    others = [row for row in rows if row["status"] != OK]
+    groups = Counter(str(row["group"]) or "no group" for row in finished)
+    tiles = [
+        (str(len(rows)), "cases"),
+        (str(len(finished)), "analysed"),
+        (str(len(others)), "with an error"),
+        *((str(count), group) for group, count in sorted(groups.items())),
+    ]
+    body = [
+        f"<h1>{escape(name)}</h1>",
+        f'<p class="device">{escape(NOT_A_DEVICE)}</p>',
+        '<ul class="tiles">',
+        *(f"<li><b>{escape(big)}</b>{escape(small)}</li>" for big, small in tiles),
+        "</ul>",
+        *_comparison(comparisons, forest_png),
+        *_outliers(outliers),
+        *_failures(others),
+        f'<p class="note">Made by MarginGuard {escape(version)} from the dataset in the folder '
+        "cases beside this page.</p>",
+    ]
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(name)}: cohort report</title>\n<style>{PAGE_STYLE}</style>\n</head>\n"
+        "<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+    )
+
+
+def _comparison(comparisons: Sequence[Comparison], forest_png: bytes | None) -> Iterable[str]:
+    if not comparisons:
+        yield '<p class="note">No comparison: it needs two groups of two cases each.</p>'
+        return
+    first, second = comparisons[0].groups
+    yield f"<h2>{escape(second)} against {escape(first)}</h2>"
+    if forest_png is not None:
+        data = base64.b64encode(forest_png).decode("ascii")
+        yield f'<img alt="Forest plot of the differences" src="data:image/png;base64,{data}">'
+    yield from _table(
+        ("metric", first, second, "difference, 95 %", "pairs", "primary test", "p", "p, Holm"),
+        (
+            (
+                METRICS[c.metric],
+                f"{c.means[0]:.4g} ± {c.deviations[0]:.3g} (n {c.counts[0]})",
+                f"{c.means[1]:.4g} ± {c.deviations[1]:.3g} (n {c.counts[1]})",
+                f"{c.difference:+.4g} [{c.low:.4g}, {c.high:.4g}]",
+                str(c.pairs or "none"),
+                c.primary,
+                p_text(c.p),
+                p_text(c.adjusted_p),
+            )
+            for c in comparisons
+        ),
+    )
+    yield "<h2>Other tests, not adjusted</h2>"
+    names = tuple(comparisons[0].tests)
+    yield from _table(
+        ("metric", *(f"p, {name}" for name in names), "mixed model, effect of the group, 95 %"),
+        (
+            (METRICS[c.metric], *(p_text(c.tests[name]) for name in names), _effect(c))
+            for c in comparisons
+        ),
+    )
+    yield f'<p class="note">{escape(" ".join(_METHODS.split()))}</p>'
+
+
+def _effect(comparison: Comparison) -> str:
+    mixed = comparison.mixed
+    if mixed is None:
+        return "none: too few repeated surgeons, no spread, or no convergence"
+    return f"{mixed.effect:+.4g} [{mixed.low:.4g}, {mixed.high:.4g}]"
+
+
+def p_text(p: float | None) -> str:
+    """A p value for people."""
+    if p is None:
+        return "not defined"
+    return "below 0.0001" if p < 0.0001 else f"{p:.4f}"
+
+
+def _outliers(outliers: Sequence[Outlier]) -> Iterable[str]:
+    yield f"<h2>Outliers ({len(outliers)})</h2>"
+    yield (
+        '<p class="note">Modified z score beyond 3.5 within the group, by median and median '
+        "absolute deviation.</p>"
+    )
+    if outliers:
+        yield '<div class="wide"><table><tr><th>case</th><th>group</th><th>metric</th>'
+        yield '<th class="number">value</th><th class="number">score</th></tr>'
+        for each in outliers[:MAX_LISTED]:
+            yield (
+                f"<tr><td>{_link(each.row)}</td><td>{escape(str(each.row['group']))}</td>"
+                f"<td>{escape(METRICS[each.metric])}</td>"
+                f'<td class="number">{each.value:.4g}</td>'
+                f'<td class="number">{each.score:+.1f}</td></tr>'
+            )
+        yield "</table></div>"
+
+
+def _failures(rows: Sequence[Row]) -> Iterable[str]:
+    yield f"<h2>Cases with an error ({len(rows)})</h2>"
+    if rows:
+        yield '<div class="wide"><table><tr><th>case</th><th>status</th><th>reason</th></tr>'
+        for row in rows[:MAX_LISTED]:
+            status, reason = escape(str(row["status"])), escape(str(row["reason"]))
+            yield f"<tr><td>{_link(row)}</td><td>{status}</td><td>{reason}</td></tr>"
+        yield "</table></div>"
+
+
+def _link(row: Row) -> str:
+    """The name of a case as a link to its folder; a simulated one names what makes it."""
+    name, source = escape(str(row["name"])), str(row["source"] or "")
+    if not source:
+        return f"{name}<br><small>make-case --case {name}</small>"
+    if source.startswith(("http://", "https://", "file://")):
+        url = source
+    elif "://" in source:
+        return f"{name}<br><small>{escape(source)}</small>"
+    else:
+        url = Path(source).absolute().as_uri()
+    return f'<a href="{escape(url, quote=True)}">{name}</a>'
+
+
+def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> Iterable[str]:
+    yield '<div class="wide"><table><tr>'
+    yield "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>"
+    for line in lines:
+        yield "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in line) + "</tr>"
+    yield "</table></div>"
