@@ -15,7 +15,9 @@ from app.geometry import Transform
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.faults.child import Child, ChildError
 
-START_S = 60.0
+START_S = 300.0
+"""A guard that compiles its kernels takes minutes to start."""
+
 POLL_S = 0.3
 """Time between two looks of the operator."""
 

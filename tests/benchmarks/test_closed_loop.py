@@ -29,7 +29,7 @@ def run(project_root: Path, path: Path, *options: str) -> tuple[str, list[dict[s
         cwd=project_root,
         capture_output=True,
         text=True,
-        timeout=400,
+        timeout=900,
         check=False,
     )
     assert path.exists(), done.stdout + done.stderr
