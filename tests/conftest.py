@@ -140,6 +140,7 @@ LONG = {
         "tests/bridge/live/test_restart.py",
         "tests/bridge/live/test_second_guard.py",
     ),
+    "applies the rules of axe-core to pages in a browser": ("tests/viewer/test_accessibility.py",),
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
     "serves a page of its own": ("tests/viewer/test_ultrasound_page.py",),
     "builds another version of the message package": (

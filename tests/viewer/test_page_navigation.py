@@ -153,3 +153,53 @@ def test_distance_tone_repeats_faster_near_the_stop_margin(page: Page, now, peri
         "async (now) => (await import('/marginguard/alarm.js')).distancePeriod(now)", now
     )
     assert found == period
+
+
+def test_help_lists_the_keys_and_keeps_them_from_the_replay(page: Page) -> None:
+    page.keyboard.press("?")
+    dialog = page.locator("#help")
+    expect(dialog).to_be_visible()
+    expect(dialog).to_contain_text("next, previous breach")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("n")
+    page.keyboard.press("Escape")
+    expect(dialog).to_be_hidden()
+    expect(page.locator("#frame")).to_have_text("0")
+    page.locator("#help-button").click()
+    expect(dialog).to_be_visible()
+    page.locator("#help-close").press("Enter")
+    expect(dialog).to_be_hidden()
+
+
+def test_tab_reaches_every_control(page: Page) -> None:
+    page.evaluate("document.activeElement.blur()")
+    reached = set()
+    controls = page.evaluate(
+        """() => [...document.querySelectorAll('button, a[href], select, input, summary')].filter(
+            (each) => each.checkVisibility() && !each.disabled).length"""
+    )
+    for _ in range(2 * controls):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.outerHTML"))
+    names = "\n".join(reached)
+    for part in ("Overview", 'id="sound"', 'id="help-button"', 'id="play"', 'id="timeline"'):
+        assert part in names
+    for part in ('id="distance-tone"', 'name="TUMOR"', 'type="range"', "<select", "deepest point"):
+        assert part in names
+
+
+PIXEL_MM = 24 * 25.4 / (1920**2 + 1080**2) ** 0.5
+"""A pixel of a 24-inch screen of 1920 x 1080."""
+
+
+@pytest.mark.parametrize(("selector", "height_mm"), [("#state-label", 12.0), ("#why", 6.0)])
+def test_capitals_can_be_read_from_afar(page: Page, selector: str, height_mm: float) -> None:
+    page.set_viewport_size({"width": 1920, "height": 1080})
+    pixels = page.locator(selector).evaluate(
+        """(each) => {
+            const context = document.createElement("canvas").getContext("2d");
+            context.font = getComputedStyle(each).font;
+            return context.measureText("H").actualBoundingBoxAscent;
+        }"""
+    )
+    assert pixels * PIXEL_MM >= height_mm

@@ -1,5 +1,6 @@
 // The keyboard: space plays, arrows step, Home and End seek, n and p go
-// to the next and the previous breach, digits choose the camera, m mutes, d switches the distance tone, s saves the picture.
+// to the next and the previous breach, digits choose the camera, ? shows help,
+// m mutes, d switches the distance tone, s saves the picture.
 
 export function listenToKeys(trame) {
   const operates = trame.state.get("role") === "operate";
@@ -13,7 +14,17 @@ export function listenToKeys(trame) {
     return found === undefined ? undefined : trame.trigger("frame", [found]);
   }
 
+  function help() {
+    const dialog = document.getElementById("help");
+    if (dialog.open) dialog.close();
+    else dialog.showModal();
+  }
+  document.addEventListener("click", (event) => {
+    if (event.target.closest?.("#help-button")) help();
+  });
+
   function handle(event) {
+    if (event.key === "?") return help();
     if (event.key.toLowerCase() === "m") return window.marginguard.mute();
     if (event.key.toLowerCase() === "d") return window.marginguard.toggleDistance();
     if (event.key.toLowerCase() === "s") return document.getElementById("screenshot").click();
@@ -39,6 +50,8 @@ export function listenToKeys(trame) {
     // Sliders, lists and buttons handle these keys themselves.
     if (at.matches?.("input[type=range], select")) return;
     if (event.key === " " && at.matches?.("button, a, input")) return;
+    // The values are behind the help: keys do not change them unseen.
+    if (document.getElementById("help")?.open && event.key !== "?") return;
     if (event.key === " " || event.key.startsWith("Arrow")) event.preventDefault();
     // A key that is held down repeats steps only.
     if (!event.repeat || event.key.startsWith("Arrow")) handle(event);

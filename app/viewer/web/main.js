@@ -2,6 +2,7 @@
 import { watchServer } from "./watch.js";
 import { soundAlarm } from "./alarm.js";
 import { listenToKeys } from "./keys.js";
+import { makeAccessible } from "./accessible.js";
 import { drawHere } from "./client.js";
 import { showUltrasound } from "./ultrasound.js";
 
@@ -10,3 +11,4 @@ const drawn = window.trame.state.get("title").client ? drawHere(window.trame) : 
 watchServer(window.trame, updateAlarm, drawn);
 listenToKeys(window.trame);
 if (window.trame.state.get("title").ultrasound) showUltrasound(window.trame);
+makeAccessible();

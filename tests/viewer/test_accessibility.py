@@ -1,0 +1,71 @@
+"""axe-core finds no violation of WCAG 2.2 A and AA on the page, in each state and size."""
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, expect
+
+from tests.viewer.conftest import Serve, Watched
+from tests.viewer.viewed_case import LOST
+
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+DESKTOP, PHONE, TABLET = (1920, 1080), (390, 844), (768, 1024)
+
+
+def violations(page: Page) -> list[str]:
+    """Each violated rule with the elements that violate it."""
+    found = Axe().run(page, options={"runOnly": RULES}).response
+    assert len(found["passes"]) > 10
+    return [
+        f"{each['id']}: {', '.join(node['html'][:120] for node in each['nodes'])}"
+        for each in found["violations"]
+    ]
+
+
+@pytest.fixture
+def page(watched: Watched) -> Page:
+    """The page paused at the first frame."""
+    page = watched.page
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Home")
+    expect(page.locator("#frame")).to_have_text("0")
+    return page
+
+
+@pytest.mark.parametrize("size", [DESKTOP, PHONE, TABLET], ids=["desktop", "phone", "tablet"])
+def test_page_has_no_violations(page: Page, size: tuple[int, int]) -> None:
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    assert violations(page) == []
+
+
+@pytest.mark.parametrize("state", ["WARNING", "POSITIVE", "UNKNOWN"])
+def test_states_have_no_violations(page: Page, state: str) -> None:
+    page.set_viewport_size({"width": DESKTOP[0], "height": DESKTOP[1]})
+    for number in range(1, LOST[0] + 1):
+        page.keyboard.press("ArrowRight")
+        expect(page.locator("#frame")).to_have_text(str(number))
+        if page.evaluate("trame.state.get('now').state") == state:
+            break
+    assert page.evaluate("trame.state.get('now').state") == state
+    assert violations(page) == []
+
+
+def test_help_has_no_violations(page: Page) -> None:
+    page.keyboard.press("?")
+    expect(page.locator("#help")).to_be_visible()
+    assert violations(page) == []
+    page.keyboard.press("Escape")
+    expect(page.locator("#help")).to_be_hidden()
+
+
+def test_a_violation_is_found(page: Page) -> None:
+    """The rules are in use: an image without a text is one."""
+    page.evaluate("document.querySelector('.view').append(new Image())")
+    assert any(each.startswith("image-alt") for each in violations(page))
+
+
+def test_page_of_a_viewer_has_no_violations(browser, serve: Serve, server) -> None:
+    context = browser.new_context()
+    viewer = Watched(context.new_page(), server.host)
+    page = viewer.open(server.view_url)
+    assert violations(page) == []
+    context.close()
