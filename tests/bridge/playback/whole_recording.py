@@ -1,6 +1,6 @@
 """A live session that follows the whole recording, compared with a replay: ``make test-playback``.
 
-It plays for 75 s, so it is not part of ``make test``, which does not collect this file's name.
+It plays for 150 s, so it is not part of ``make test``, which does not collect this file's name.
 """
 
 import signal
@@ -184,6 +184,10 @@ def test_session_decides_on_a_playback_as_on_a_replay_and_can_be_rearmed(
     rearm = start("-m", "app.cli", "rearm", "--yes")
     received.until(lambda message: not message["hold"])
     assert rearm.process.wait() == 0
+    for reached_s in (60.0, 100.0, 140.0):
+        for child in (recorder, session, player):
+            child.extend_deadline()
+        received.until(lambda m, s=reached_s: m["state"] != UNKNOWN and is_after(m, s))
     for child in (recorder, session, player):
         child.extend_deadline()
     received.until(lambda m: m["state"] == UNKNOWN and player.process.poll() is not None)
