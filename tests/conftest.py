@@ -81,6 +81,7 @@ SLOW = {
         "tests/tools/test_wheel.py",
     ),
     "computes for more than about 3 s": (
+        "tests/analysis/test_breach_probability.py",
         "tests/analysis/test_case_analysis.py",
         "tests/analysis/test_depth.py",
         "tests/case/readers/test_batches.py",

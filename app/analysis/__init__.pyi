@@ -1,3 +1,4 @@
+from .breach_probability import BreachProbability, breach_probability
 from .breaches import Breach, find_breaches
 from .case_analysis import CaseAnalysis, analyse_case
 from .case_breaches import AnalysedBreach
@@ -13,6 +14,7 @@ __all__ = [
     "PHASES",
     "AnalysedBreach",
     "Breach",
+    "BreachProbability",
     "CaseAnalysis",
     "CaseSamples",
     "Coverage",
@@ -21,6 +23,7 @@ __all__ = [
     "Jitter",
     "Motion",
     "analyse_case",
+    "breach_probability",
     "coverage_of",
     "estimate_depth",
     "estimate_jitter",

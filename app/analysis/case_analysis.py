@@ -7,6 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from app.analysis.breach_probability import (
+    BreachProbability,
+    breach_probability,
+    smoothed_distances,
+)
 from app.analysis.case_breaches import AnalysedBreach, analyse_breaches, sides_of
 from app.analysis.coverage import WITHIN_MM, Coverage, coverage_of
 from app.analysis.insertion import Insertion, insertion_metrics
@@ -31,7 +36,8 @@ class CaseAnalysis:
 
     ``percentiles_mm``: of the measured distance over time, by percent, empty without a distance.
     ``jitter``: noise of the distance, None where the case is too short for an estimate; the
-    breaches then have no estimated depth. ``anatomical``: directions are those of the patient.
+    breaches then have no estimated depth. ``probability``: None
+    where no errors were given. ``anatomical``: directions are those of the patient.
     """
 
     name: str
@@ -46,6 +52,7 @@ class CaseAnalysis:
     phase_counts: Mapping[str, int]
     coverage: Coverage
     insertion: Insertion
+    probability: BreachProbability | None
     anatomical: bool
 
     def as_dict(self) -> dict[str, Any]:
@@ -65,6 +72,7 @@ class CaseAnalysis:
             "phase_counts": dict(self.phase_counts),
             "coverage": {f"within_{k:g}_mm": v for k, v in self.coverage.shares().items()},
             "insertion": asdict(self.insertion),
+            "breach_probability": _probability_dict(self.probability),
         }
 
     def flat(self) -> dict[str, FlatValue]:
@@ -90,6 +98,7 @@ class CaseAnalysis:
             **{f"distance_p{k}_mm": self.percentiles_mm.get(k) for k in PERCENTILES},
             **{f"seconds_{k.lower()}": v for k, v in self.state_seconds.items()},
             **{f"seconds_{k}": v for k, v in self.phase_seconds.items() if k != "unknown"},
+            "breach_probability": None if self.probability is None else self.probability.case,
             **{f"coverage_{k:g}_mm": self.coverage.share(k) for k in WITHIN_MM},
             **{f"insertion_{k}": v for k, v in asdict(self.insertion).items()},
             **{f"motion_{k}": v for k, v in asdict(self.motion).items()},
@@ -106,6 +115,8 @@ def analyse_case(
     ras_from_tumor: ArrayLike | None = None,
     jitter: Jitter | None = None,
     bias_sigma_mm: float = 0.0,
+    covariances_mm2: Mapping[str, FloatArray] | None = None,
+    stops_mm: tuple[float, ...] = (),
 ) -> CaseAnalysis:
     """Analyse the ``steps`` of a session, as `ReplayRun.steps` yields them; reads them once.
 
@@ -113,7 +124,8 @@ def analyse_case(
     None is its tip alone. ``ras_from_tumor``
     (3, 3) turns the tumour's axes to the patient's right, anterior and superior; without it
     directions are named by the tumour's axes. ``jitter`` replaces the estimated one.
-    ``bias_sigma_mm`` as in `estimate_depth`. Raises `InputError` without a step.
+    ``bias_sigma_mm`` as in `estimate_depth`; ``covariances_mm2`` and ``stops_mm`` as in
+    `breach_probability`. Raises `InputError` without a step.
     """
     axes = checked_axes(ras_from_tumor)
     samples = CaseSamples.from_steps(steps)
@@ -145,6 +157,15 @@ def analyse_case(
         phase_counts=phase_counts(phases),
         coverage=coverage_of(samples, tumor, tool),
         insertion=insertion_metrics(times, samples.tips_mm, samples.distances_mm),
+        probability=None
+        if not covariances_mm2
+        else breach_probability(
+            smoothed_distances(times, samples.distances_mm),
+            samples.normals,
+            held,
+            covariances_mm2,
+            stops_mm=stops_mm,
+        ),
         anatomical=axes is not None,
     )
 
@@ -166,3 +187,13 @@ def _percentiles(distances: FloatArray) -> dict[int, float]:
 
 def _breach_dict(breach: AnalysedBreach) -> dict[str, Any]:
     return {**asdict(breach), "duration_s": breach.duration_s}
+
+
+def _probability_dict(found: BreachProbability | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "case": found.case,
+        "without": dict(found.without),
+        "stops": [asdict(stop) for stop in found.stops],
+    }

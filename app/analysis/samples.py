@@ -35,7 +35,8 @@ class CaseSamples:
     and ``stop_mm`` (n,), the applied stop margin. ``tips_mm`` (n, 3) and ``rotations`` (n, 3, 3)
     are the pose ``tumor_from_tip``. ``on_tumor_mm`` (n, 3): the surface point of the tumour closest
     to the tool; ``on_tool_mm`` (n, 3): the nearest or deepest point of the tool, in the tip's
-    frame. ``between`` (n,): the distance is that of the path since the last frame.
+    frame. ``normals`` (n, 3): outward, at the tumour's point. ``between`` (n,): the
+    distance is that of the path since the last frame.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -46,6 +47,7 @@ class CaseSamples:
     rotations: FloatArray
     on_tumor_mm: FloatArray
     on_tool_mm: FloatArray
+    normals: FloatArray
     between: NDArray[np.bool_]
 
     @classmethod
@@ -66,6 +68,7 @@ class CaseSamples:
             values[:, 5:14].reshape(-1, 3, 3),
             values[:, 14:17],
             values[:, 17:20],
+            values[:, 20:23],
             np.array(between, dtype=bool),
         )
 
@@ -100,7 +103,7 @@ class CaseSamples:
 
 def _row(step: "StepResult") -> tuple[int, int, bool, tuple[float, ...]]:
     decision, pose = step.decision, step.tumor_from_tip
-    numbers = [math.nan] * 20
+    numbers = [math.nan] * 23
     if decision.margin is not None:
         numbers[1] = decision.margin.total_mm
     if pose is not None:
@@ -110,6 +113,7 @@ def _row(step: "StepResult") -> tuple[int, int, bool, tuple[float, ...]]:
     if proximity is not None and math.isfinite(proximity.signed_distance_mm):
         numbers[0] = proximity.signed_distance_mm
         numbers[14:17] = proximity.on_tumor_mm.tolist()
+        numbers[20:23] = proximity.normal.tolist()
         if pose is not None and step.between_frames is None:
             on_tool = pose.rotation.T.dot(proximity.on_tool_mm - pose.translation_mm)
             numbers[17:20] = on_tool.tolist()

@@ -30,6 +30,7 @@ def samples(tips: np.ndarray, rotations: np.ndarray | None = None) -> CaseSample
         rotations=np.tile(np.eye(3), (count, 1, 1)) if rotations is None else rotations,
         on_tumor_mm=unknown,
         on_tool_mm=unknown,
+        normals=unknown,
         between=np.zeros(count, dtype=bool),
     )
 

@@ -41,6 +41,18 @@ def test_two_analyses_are_equal_and_json_is_printed(case, capsys):
     assert json.loads(texts[0])["anatomical"] is False
 
 
+def test_probability_of_a_breach_falls_with_the_stop_margin(case, capsys):
+    options = ["--error", "contour=0.5", "--error", "pivot=0.2", "--stop", "0", "--stop", "2"]
+    assert main(["analyse", str(case), *options]) == 0
+    text = capsys.readouterr().out
+    assert "without contour" in text
+    assert "without pivot" in text
+    rows = [line.split() for line in text.splitlines() if line.startswith("  stop")]
+    probabilities = [float(row[4].rstrip(",")) for row in rows]
+    assert probabilities[0] > 0.3
+    assert probabilities[1] < 0.01
+
+
 def test_places_are_named_by_the_axes_of_the_patient(case, capsys):
     turned = ["-1", "0", "0", "0", "-1", "0", "0", "0", "1"]
     assert main(["analyse", str(case), "--json", "--ras-from-tumor", *turned]) == 0
@@ -52,6 +64,8 @@ def test_places_are_named_by_the_axes_of_the_patient(case, capsys):
     ("options", "problem"),
     [
         (["--ras-from-tumor", *"111111111"], "is no rotation"),
+        (["--stop", "1"], "expected at least one --error"),
+        (["--error", "contour"], "expected NAME=MM"),
         (["--bias-mm", "-1"], "expected 0 or more"),
         (["--json", "missing/folder.json"], "parent directory does not exist"),
     ],

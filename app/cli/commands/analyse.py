@@ -56,12 +56,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "widens the intervals (default: 0)",
     )
     parser.add_argument(
+        "--error",
+        type=_error,
+        action="append",
+        default=[],
+        metavar="NAME=MM",
+        help="a constant error and its standard deviation along each axis, for the probability of "
+        "a breach; may be repeated",
+    )
+    parser.add_argument(
+        "--stop",
+        type=_not_negative,
+        action="append",
+        default=[],
+        metavar="MM",
+        help="with --error: what an ideal fixture with this stop margin had done; may be repeated",
+    )
+    parser.add_argument(
         "--tip-only", action="store_true", help="check the tool's tip instead of its whole mesh"
     )
 
 
 def run(options: argparse.Namespace) -> int:
     """Replay the case, analyse its steps, print and write the results."""
+    import numpy as np
+
     from app.analysis import analyse_case
     from app.analysis.place import checked_axes
     from app.files import check_output_path, write_file
@@ -73,6 +92,8 @@ def run(options: argparse.Namespace) -> int:
     axes = options.ras_from_tumor
     rows = None if axes is None else [axes[k : k + 3] for k in (0, 3, 6)]
     checked_axes(rows)
+    if options.stop and not options.error:
+        raise InputError("--stop: without --error; expected at least one --error NAME=MM")
     if isinstance(options.json, Path):
         check_output_path(options.json)
     with GcPause() as memory:
@@ -90,6 +111,8 @@ def run(options: argparse.Namespace) -> int:
             tool=content.tool,
             ras_from_tumor=rows,
             bias_sigma_mm=options.bias_mm,
+            covariances_mm2={name: sigma**2 * np.eye(3) for name, sigma in options.error},
+            stops_mm=tuple(options.stop),
         )
     document = analysis_document(analysis, _methods(prepared, options))
     text = json.dumps(document, indent=2, allow_nan=False)
@@ -139,6 +162,14 @@ def as_text(analysis: "CaseAnalysis") -> str:
         f"  in tissue     {insertion.tissue_s:.3f} s of {insertion.elapsed_s:.3f} s, "
         f"{insertion.tissue_path_mm:.1f} mm of {insertion.path_mm:.1f} mm",
     ]
+    if analysis.probability is not None:
+        without = ", ".join(f"{v:.3f} without {k}" for k, v in analysis.probability.without.items())
+        lines.append(f"  P(breach)     {analysis.probability.case:.3f}; {without}")
+        lines += [
+            f"  stop {stop.stop_mm:g} mm".ljust(16)
+            + f"P(breach) {stop.probability:.3f}, holds for {stop.held_s:.2f} s"
+            for stop in analysis.probability.stops
+        ]
     return "\n".join(lines)
 
 
@@ -153,6 +184,7 @@ def _methods(prepared: "PreparedCase", options: argparse.Namespace) -> dict[str,
         "version": __version__,
         "tip_only": options.tip_only,
         "bias_sigma_mm": options.bias_mm,
+        "error_sigmas_mm": dict(options.error),
         "inputs_sha256": {path.name: sha256_of(path) for path in files if path is not None},
         "tumor": prepared.content.model_id,
         "depth": "Gaussian process regression with estimated jitter; docs/analysis.md",
@@ -167,3 +199,10 @@ def _not_negative(text: str) -> float:
     if not (math.isfinite(value) and value >= 0.0):
         raise argparse.ArgumentTypeError(f"{text} mm; expected 0 or more")
     return value
+
+
+def _error(text: str) -> tuple[str, float]:
+    name, separator, value = text.partition("=")
+    if not name or not separator:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected NAME=MM")
+    return name, _not_negative(value)
