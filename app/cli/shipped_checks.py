@@ -31,8 +31,8 @@ SHIPPED = {
 """Name of a check -> files that must exist and not be empty."""
 
 PAGE = (
-    "page.html", "page.css", "main.js", "keys.js", "alarm.js", "client.js", "watch.js", "icon.svg",
-    "ultrasound.js", "ultrasound.css",
+    "page.html", "page.css", "main.js", "accessible.js", "keys.js", "alarm.js", "client.js",
+    "watch.js", "icon.svg", "ultrasound.js", "ultrasound.css",
 )  # fmt: skip
 
 

@@ -42,10 +42,12 @@ READS_OWN_FILES = {
     "bridge/open_ports.py": "a table of the kernel",
     "bridge/security.py": "a loaded library, and a table of the kernel",
     "case/messages/definition.py": "message definitions of this project",
+    "cli/cohort/case_run.py": "a table of the kernel",
     "cli/replay_page.py": "the report that this process wrote",
     "cli/scene_process.py": "a picture that a child process wrote",
     "fixture/jit.py": "source code of this project",
     "fixture/proximity/field_cache.py": "a cache file, whose hash is checked",
+    "cohort/dataset.py": "the journal and the partitions of an earlier run",
     "files/hdf5_child.py": "a table of the kernel",
     "robot/description/xacro_child.py": "a table of the kernel",
     "simulation/convex_parts.py": "a cache file, whose hash is checked",
@@ -61,6 +63,7 @@ NOT_FILES = {
     "self._zip.open": "a member of an archive that the bounded read opened",
     "files.open": "a reader of MRML scenes, which uses the bounded read",
     "webbrowser.open": "a page",
+    "self._dataset.open": "the results of a cohort, listed below",
     "mmap.mmap": "memory",
 }
 """Calls of these names that open no file of a user, and what they open."""
@@ -73,6 +76,7 @@ OPENS_FILES = {
     # Writers.
     "case/copying.py": {"path.open"},
     "case/recorder/complete_file.py": {"os.open"},
+    "cohort/dataset.py": {"self._journal.open"},
     "files/atomic_io.py": {"os.open", "os.fdopen"},
     "files/json_lines.py": {"os.open", "self.path.open"},
     "case/recorder/recorder.py": {"self._partial.open"},
@@ -84,6 +88,8 @@ OPENS_FILES = {
     "case/readers/rosbag2/database_file.py": {"sqlite3.connect"},
     # The lock of an instance, which this program made.
     "runtime/persistence/instance_lock.py": {"os.open"},
+    # The lock of a cohort's results.
+    "cli/cohort/run.py": {"(folder / LOCK_FILE).open"},
     # Pipes between processes, and the folder of own caches.
     "cli/scene_process.py": {"os.fdopen"},
     "files/hdf5_child.py": {"os.open", "os.fdopen"},

@@ -327,6 +327,7 @@ def test_full_disk_refuses_a_start_and_keeps_the_hold_of_a_session_that_runs(ful
     lines = []
     with opened(folder, log=lines.append) as state:
         state.resume()
+        wait_for_writer(state)  # a record that it replaces later would leave room on the disk
         fill()
         state.update(True, ("stale",))
         state.end(False)
