@@ -169,6 +169,7 @@ LONG = {
 EXHAUSTIVE = {
     "stops a live session 100 times from outside": ("tests/benchmarks/test_stops.py",),
     "repairs 400 generated meshes": ("tests/fixture/meshes/test_all_generated_meshes.py",),
+    "pushes a simulated arm in real time": ("tests/benchmarks/test_closed_loop_processes.py",),
     "kills twenty recorders": ("tests/benchmarks/test_long_recorder.py",),
 }
 """Reason -> files that `make test-exhaustive` runs (``--exhaustive``), on an idle machine."""

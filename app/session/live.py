@@ -210,7 +210,10 @@ class LiveSession:
         """``step`` with a playback, and with a ``frames_problem`` of the source before its own."""
         with self._changed:
             missing = self._frames.missing_frames_problem(self._host_ns())
-        own = step.frames_problem or self._playback.problem(playback)
+        refused = self._playback.problem(playback)
+        if refused:
+            missing = ""  # poses come, and are refused
+        own = step.frames_problem or refused
         problem = "; ".join(filter(None, [self._source_problem(), missing, own]))
         if not problem and not playback:
             return step
