@@ -40,7 +40,7 @@ def test_fixture_keeps_the_pushes_out_that_breach_without_it(
     assert all(each["lowest_mm"] >= STOP_MM for each in rows[2:] if not each["stops"]), printed
     assert all(each["lowest_mm"] > -4.0 for each in rows[2:]), printed
     for each in rows:
-        assert each["vertices_mm"] == pytest.approx(each["lowest_mm"], abs=0.1)
+        assert each["vertices_mm"] >= each["lowest_mm"] - 0.01  # between vertices it may be lower
 
 
 def test_arm_stands_after_a_killed_controller(tmp_path: Path, project_root: Path) -> None:

@@ -62,14 +62,18 @@ class FramesProblemLog(PassiveOutput):
 
     def __init__(self, ros: RosNode) -> None:
         self._ros = ros
+        self._last = ""
         self._logged: set[str] = set()
 
     def publish(self, step: StepResult, timing: StepTiming) -> bool:
         """Log a new kind of problem; the details behind its colon may change."""
-        kind = step.frames_problem.partition(":")[0]
-        if kind and kind not in self._logged:
-            self._logged.add(kind)
-            self._ros.node.get_logger().warning(step.frames_problem)
+        if step.frames_problem != self._last:
+            self._last = step.frames_problem
+            for problem in _problems(step.frames_problem):
+                kind = problem.partition(":")[0]
+                if kind not in self._logged:
+                    self._logged.add(kind)
+                    self._ros.node.get_logger().warning(problem)
         return True
 
 
@@ -115,3 +119,14 @@ class PlaybackLog(PassiveOutput):
             text = f"PLAYBACK: {step.playback}" if step.playback else "the PLAYBACK has ended"
             self._ros.node.get_logger().warning(text)
         return True
+
+
+def _problems(text: str) -> list[str]:
+    """The problems that ``text`` joins by semicolons: each begins with its kind and a colon."""
+    found: list[str] = []
+    for part in text.split("; ") if text else ():
+        if found and ":" not in part:  # "expected ..." of the one before
+            found[-1] += f"; {part}"
+        else:
+            found.append(part)
+    return found

@@ -1,0 +1,52 @@
+"""Log of the problems with a tracker's frames: each kind once, also beside an earlier one."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from app.bridge.live.outputs import FramesProblemLog
+
+UNCHECKED = "nothing checks the tracker: no joint positions"
+REFUSED = (
+    "PLAYBACK refused: poses from a recording, case 1 (seed 1; no patient); expected a live one"
+)
+DRIFT = "drift: tip is {} mm from its pose; expected at most 5 mm; the tool is {} mm off"
+
+
+@dataclass
+class RecordingLogger:
+    """Test double of a ROS logger."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def warning(self, text: str) -> None:
+        self.lines.append(text)
+
+
+@pytest.fixture
+def logged() -> Any:
+    logger = RecordingLogger()
+    log = FramesProblemLog(SimpleNamespace(node=SimpleNamespace(get_logger=lambda: logger)))
+
+    def publish(text: str) -> list[str]:
+        assert log.publish(SimpleNamespace(frames_problem=text), None)
+        return logger.lines
+
+    return publish
+
+
+def test_problem_that_joins_an_earlier_one_is_logged(logged: Any) -> None:
+    assert logged("") == []
+    assert logged(UNCHECKED) == [UNCHECKED]
+    assert logged(f"{UNCHECKED}; {REFUSED}") == [UNCHECKED, REFUSED]
+    assert logged(REFUSED) == [UNCHECKED, REFUSED]
+
+
+def test_details_that_change_are_logged_once(logged: Any) -> None:
+    for value in range(5):
+        lines = logged(f"{UNCHECKED}; {DRIFT.format(value, value)}")
+    assert lines == [UNCHECKED, DRIFT.format(0, 0)]
