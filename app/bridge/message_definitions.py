@@ -134,6 +134,10 @@ def _foreign(clients: Iterable[TopicEndpointInfo], own: TopicEndpointInfo) -> di
     return found
 
 
+def _shown(node: str) -> str:
+    return "a node without a known name" if node.endswith(UNKNOWN_NODE) else node
+
+
 def are_named(nodes: Iterable[str]) -> bool:
     """True if the names of all ``nodes`` of `foreign_endpoints` are known."""
     return not any(node.endswith(UNKNOWN_NODE) for node in nodes)
@@ -202,7 +206,9 @@ class DefinitionWatch:
 
     def _text(self, foreign: Mapping[str, str]) -> str:
         expected = expected_digest(self._type) or ""
-        nodes = ", ".join(f"{node} ({_short(digest)})" for node, digest in sorted(foreign.items()))
+        nodes = ", ".join(
+            f"{_shown(node)} ({_short(digest)})" for node, digest in sorted(foreign.items())
+        )
         return (
             f"{self._topic}: {nodes} has another definition of {PACKAGE}/msg/"
             f"{self._type.__name__} than this node ({_short(expected)}), {self._consequence}; "
