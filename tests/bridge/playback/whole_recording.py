@@ -122,9 +122,10 @@ def check_dropouts(constraints, shift_ns, case):
     long = [each for each in dropouts if each.end_s - each.start_s > MIN_DROPOUT_S]
     assert {(each.kind, each.frame) for each in long} == LONG_DROPOUTS
     for dropout in long:
-        # The pose at the start of some dropouts is the last one that the tracker has sent.
-        start_ns = FIRST_NS + round(dropout.start_s * NS_PER_S) + FRAME_NS
-        end_ns = FIRST_NS + round(dropout.end_s * NS_PER_S) - FRAME_NS
+        # The pose at the start of some dropouts is the last one that the tracker has sent; sample
+        # times are irregular.
+        start_ns = FIRST_NS + round(dropout.start_s * NS_PER_S) + 2 * FRAME_NS
+        end_ns = FIRST_NS + round(dropout.end_s * NS_PER_S) - 2 * FRAME_NS
         known = [stamp_ns for state, stamp_ns in states if state != UNKNOWN]
         assert not [stamp_ns for stamp_ns in known if start_ns <= stamp_ns < end_ns], dropout
         before = max(stamp_ns for stamp_ns in known if stamp_ns < start_ns)
