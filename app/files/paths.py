@@ -19,12 +19,17 @@ from app.geometry import InputError
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
+MAX_PATH_CHARS = 4096
+"""``PATH_MAX`` of Linux."""
+
+
 def resolve_inside(folder: Path, name: str, where: str) -> Path:
     """Resolve ``name`` to an existing file or folder inside ``folder``.
 
     Raises `InputError`, with the place ``where``, for an absolute name, one with ``..`` or a
     backslash, one that leaves ``folder`` through a symbolic link, and one that does not exist.
     """
+    _check_length(name, where)
     parts = PurePosixPath(name).parts
     if (
         not parts
@@ -58,6 +63,7 @@ def resolve_file(
     first folder of `PackageFolders`. Raises `InputError` as `resolve_inside` does for a relative
     name, also for an unknown package.
     """
+    _check_length(name, where)
     if Path(name).is_absolute():
         path = Path(name)
     elif not name.startswith(PACKAGE_SCHEME):
@@ -79,6 +85,7 @@ def resolve_package_folder(folder: Path, name: str, where: str) -> Path:
 
     Raises `InputError` as `resolve_inside` does.
     """
+    _check_length(name, where)
     path = Path(name) if Path(name).is_absolute() else resolve_inside(folder, name, where)
     if not is_folder(path):
         raise InputError(f"{where} is {name!r}; expected an existing folder")
@@ -103,3 +110,9 @@ def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file as 64 hexadecimal digits; raise `InputError` if unreadable."""
     with open_for_reading(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_length(name: str, where: str) -> None:
+    """Refuse a name that no system opens: resolving its parts would take seconds."""
+    if len(name) > MAX_PATH_CHARS:
+        raise InputError(f"{where} has {len(name)} characters; expected {MAX_PATH_CHARS} at most")

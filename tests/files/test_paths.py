@@ -122,3 +122,12 @@ def test_input_path_names_shipped_data_and_any_path() -> None:
 def test_input_path_of_nothing_shipped_is_refused(name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         input_path(name)
+
+
+@pytest.mark.parametrize("name", ["<a></a>" * 100_000, "a" * 4097, "/" + "b/" * 3000])
+def test_name_longer_than_a_path_may_be_is_refused(tmp_path, name):
+    for resolve in (resolve_inside, resolve_file):
+        with pytest.raises(
+            InputError, match=r"^data file has \d+ characters; expected 4096 at most$"
+        ):
+            resolve(tmp_path, name, "data file")
