@@ -159,7 +159,13 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     refused = [line for line in lines if ": refused: " in line]
     assert len(refused) == len(EXITS + FORGERIES)
     others = [line for line in lines if line not in refused]
-    # The range of ROS, the place of the audit log, and that the example has no joints here.
-    expected = ("ROS discovery", "audit log", "nothing checks the tracker")
+    # The range of ROS, the place of the audit log, that the example has no joints here, and that
+    # the session waited for its sender.
+    expected = (
+        "ROS discovery",
+        "audit log",
+        "nothing checks the tracker",
+        "no pose has come so far",
+    )
     assert all(any(text in line for text in expected) for line in others), others
     context.close()

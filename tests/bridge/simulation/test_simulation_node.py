@@ -153,7 +153,8 @@ def test_invalid_command_is_a_fault_until_the_arm_is_enabled(simulated, command,
     for _ in range(20):  # valid commands change nothing
         simulated.round(simulated.velocity(0.3))
     assert problem in simulated.arm.fault
-    assert np.abs(simulated.arm.velocities).max() < 1e-3
+    simulated.round_until(lambda _: bool(np.abs(simulated.arm.velocities).max() < 1e-3))
+    assert problem in simulated.arm.fault
     client = simulated.ros.node.create_client(Trigger, "/arm/enable")
     reply = client.call_async(Trigger.Request())
     simulated.round_until(lambda _: reply.done())
