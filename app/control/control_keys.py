@@ -1,7 +1,6 @@
 """The keys of ``control.yaml``: the arm, its tool, and where its base is."""
 
 import json
-import re
 
 from app.files.json_schema import json_schema
 from app.files.keys import (
@@ -14,8 +13,8 @@ from app.files.keys import (
     Number,
     Numbers,
     Text,
-    Texts,
 )
+from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 
 FILES = "the robot's file exists and has a known format"
 
@@ -24,14 +23,8 @@ _MATRIX = Numbers("4 x 4 matrix, row by row, translation in mm", 16)
 _ROBOT = Block(
     "the arm",
     {
-        "file": Text(".urdf, .xacro or AMBF .yaml, relative, absolute or package://NAME/..."),
-        "xacro_args": Texts(
-            "values of the arguments of a .xacro, by name",
-            re.compile(r"[^\W\d]\w*"),
-            "the name of a xacro argument",
-            plain_values=True,
-            optional=True,
-        ),
+        "file": ROBOT_FILE,
+        "xacro_args": XACRO_ARGS,
         "max_joint_speed": Number(
             "limit of the joints that the file gives none, rad/s or m/s; needed if there are any",
             optional=True,

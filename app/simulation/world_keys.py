@@ -1,7 +1,6 @@
 """The keys of ``world.yaml``: what is simulated, and how it is measured."""
 
 import json
-import re
 
 from app.files.json_schema import json_schema
 from app.files.keys import (
@@ -15,9 +14,9 @@ from app.files.keys import (
     Number,
     Numbers,
     Text,
-    Texts,
 )
 from app.files.meshes import UNITS_MM
+from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 from app.synthetic.presets import PRESETS
 
 MAX_TIMESTEP_MS = 2.0
@@ -78,14 +77,8 @@ _ROBOT = Block(
     "a robot; its base link is fixed in the world",
     {
         "name": Frame("name of the robot"),
-        "file": Text(".urdf, .xacro or AMBF .yaml, relative, absolute or package://NAME/..."),
-        "xacro_args": Texts(
-            "values of the arguments of a .xacro, by name",
-            re.compile(r"[^\W\d]\w*"),
-            "the name of a xacro argument",
-            plain_values=True,
-            optional=True,
-        ),
+        "file": ROBOT_FILE,
+        "xacro_args": XACRO_ARGS,
         "density_kg_m3": Number(
             "density of the links that the file gives no mass; needed if there are any",
             optional=True,

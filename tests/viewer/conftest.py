@@ -110,6 +110,14 @@ class Watched:
             route.abort()
 
 
+def reset(page: Page) -> None:
+    """Pause the page, and show the first frame with the first camera."""
+    page.set_viewport_size(SIZE)
+    page.evaluate("document.activeElement.blur()")
+    for key in ("ArrowLeft", "Home", "1"):
+        page.keyboard.press(key)
+
+
 @pytest.fixture(scope="session")
 def can_draw() -> None:
     try:

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 
 from app.cli.main import main
 from app.fixture import MarginState
-from tests.viewer.conftest import SIZE, Watched
+from tests.viewer.conftest import Watched, reset
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 MINUS = "\N{MINUS SIGN}"
@@ -21,10 +21,7 @@ MINUS = "\N{MINUS SIGN}"
 def page(watched: Watched) -> Page:
     """The page reset: paused at the first frame, with the first camera."""
     page = watched.page
-    page.set_viewport_size(SIZE)
-    page.evaluate("document.activeElement.blur()")
-    for key in ("ArrowLeft", "Home", "1"):
-        page.keyboard.press(key)
+    reset(page)
     page.wait_for_function(
         "() => { const n = trame.state.get('now'); return n.frame === 0 && !n.playing; }"
     )

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from app.session import STOP
-from tests.viewer.conftest import SIZE, Watched
+from tests.viewer.conftest import Watched, reset
 from tests.viewer.viewed_case import BREACH_FRAME, LOST
 
 HISTORY = "1 breach so far, deepest 3.0 mm"
@@ -14,10 +14,7 @@ HISTORY = "1 breach so far, deepest 3.0 mm"
 def page(watched: Watched) -> Page:
     """The page reset: paused at the first frame."""
     page = watched.page
-    page.set_viewport_size(SIZE)
-    page.evaluate("document.activeElement.blur()")
-    for key in ("ArrowLeft", "Home", "1"):
-        page.keyboard.press(key)
+    reset(page)
     expect(page.locator("#frame")).to_have_text("0")
     return page
 

@@ -20,6 +20,7 @@ from app.files.keys import (
     Variant,
 )
 from app.files.meshes import UNITS_MM
+from app.files.robot_keys import ROBOT_FILE, XACRO_ARGS
 
 TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 TOPIC_EXPECTED = "a topic that begins with '/', of letters, digits and underscores"
@@ -163,7 +164,7 @@ _TUMOR = Block(
 _ROBOT = Block(
     "the robot that holds the tool; without it the tool is held by hand",
     {
-        "urdf": Text(".urdf, .xacro or AMBF .yaml, relative, absolute or package://NAME/..."),
+        "urdf": ROBOT_FILE,
         "base_frame": Frame("name of the robot's root in the frame tree"),
         "tool_link": Text("link whose origin is the tip of the tool"),
         "joint_states": Text(
@@ -172,13 +173,7 @@ _ROBOT = Block(
             pattern=TOPIC,
             expected=TOPIC_EXPECTED,
         ),
-        "xacro_args": Texts(
-            "values of the arguments of a .xacro, by name",
-            re.compile(r"[^\W\d]\w*"),
-            "the name of a xacro argument",
-            plain_values=True,
-            optional=True,
-        ),
+        "xacro_args": XACRO_ARGS,
         "collision_meshes": Choice(
             "required: a missing one is an error; optional: it is left out, with a note, and the "
             "robot is for its kinematics",

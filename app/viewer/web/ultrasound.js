@@ -1,6 +1,6 @@
 // The ultrasound image with what is drawn on it. Image and lines are of one moment: they change together,
 // when the image has arrived. An image that is not current is covered with the reason, unless the operator
-// has frozen it, which is said on it.
+// has frozen it: then it is labelled FROZEN.
 
 const LATE_MS = 500; // an image that was named this long ago and has not arrived makes the shown one old
 const NAMES = ["margin", "tumor", "tool", "closest"];

@@ -31,8 +31,10 @@ def some_pixels(
     return rng.integers(limits.min, limits.max, shape, dtype=kind, endpoint=True)
 
 
-def frame_fields(count: int, **changes: str) -> dict[str, str]:
-    """Header fields of ``count`` frames at 10 Hz with ProbeToTracker and ReferenceToTracker."""
+def frame_fields(
+    count: int, *, start_s: float = 100.0, period_s: float = 0.1, **changes: str
+) -> dict[str, str]:
+    """Header fields of ``count`` frames with ProbeToTracker and ReferenceToTracker."""
     rng = np.random.default_rng(2)
     found = {}
     for n in range(count):
@@ -43,7 +45,7 @@ def frame_fields(count: int, **changes: str) -> dict[str, str]:
             key = f"Seq_Frame{n:04d}_{name}ToTrackerTransform"
             found[key] = " ".join(f"{value:.9g}" for value in matrix.ravel())
             found[f"{key}Status"] = "OK"
-        found[f"Seq_Frame{n:04d}_Timestamp"] = f"{100 + 0.1 * n:.6f}"
+        found[f"Seq_Frame{n:04d}_Timestamp"] = f"{start_s + period_s * n:.6f}"
         found[f"Seq_Frame{n:04d}_ImageStatus"] = "OK"
     return dict(sorted({**found, **changes}.items(), key=lambda item: item[0][:13]))
 

@@ -7,10 +7,10 @@ import nrrd
 import numpy as np
 import pytest
 import SimpleITK
-from scipy.spatial.transform import Rotation
 
 from app.case import read_recording
 from app.geometry import InputError
+from tests.case.images.sequences import frame_fields
 
 COUNT, WIDTH, HEIGHT = 6, 4, 3
 PIXELS = np.arange(COUNT * WIDTH * HEIGHT, dtype=np.uint8).reshape(COUNT, HEIGHT, WIDTH)
@@ -18,19 +18,7 @@ PIXELS = np.arange(COUNT * WIDTH * HEIGHT, dtype=np.uint8).reshape(COUNT, HEIGHT
 
 def fields() -> dict[str, str]:
     """Header fields of frames at 20 Hz, as PLUS writes them."""
-    rng = np.random.default_rng(2)
-    found = {}
-    for n in range(COUNT):
-        for name in ("Probe", "Reference"):
-            matrix = np.eye(4)
-            matrix[:3, :3] = Rotation.random(rng=rng).as_matrix()
-            matrix[:3, 3] = rng.normal(0.0, 200.0, 3)
-            key = f"Seq_Frame{n:04d}_{name}ToTrackerTransform"
-            found[key] = " ".join(f"{value:.9g}" for value in matrix.ravel())
-            found[f"{key}Status"] = "OK"
-        found[f"Seq_Frame{n:04d}_Timestamp"] = f"{7417.5 + 0.05 * n:.6f}"
-        found[f"Seq_Frame{n:04d}_ImageStatus"] = "OK"
-    return found
+    return frame_fields(COUNT, start_s=7417.5, period_s=0.05)
 
 
 def metafile(path: Path) -> Path:
