@@ -159,13 +159,9 @@ def test_live_session_is_shown_and_turns_grey_without_its_source(
     refused = [line for line in lines if ": refused: " in line]
     assert len(refused) == len(EXITS + FORGERIES)
     others = [line for line in lines if line not in refused]
-    # The range of ROS, the place of the audit log, that the example has no joints here, and that
-    # the session waited for its sender.
-    expected = (
-        "ROS discovery",
-        "audit log",
-        "nothing checks the tracker",
-        "no pose has come so far",
-    )
-    assert all(any(text in line for text in expected) for line in others), others
+    # A trace of the server would be a line that is neither printed at start nor a record of the
+    # session's log. How many records there are depends on how late the machine lets a step come.
+    printed = ("ROS discovery", "audit log")
+    record = re.compile(r"\[(INFO|WARN)\] \[\d+\.\d+\] \[marginguard[^\]]*\]: ")
+    assert all(record.match(line) or line.startswith(printed) for line in others), others
     context.close()
