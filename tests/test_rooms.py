@@ -25,7 +25,6 @@ MAY_IMPORT = {
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
     "control": {"geometry", "files", "robot", "fixture"},
     "cohort": {"geometry", "files", "synthetic"},
-    "dicom": {"geometry"},
     "simulation": {"geometry", "files", "synthetic", "robot", "fixture"},
     "igtl": {"geometry"},
     "bridge": {
@@ -142,8 +141,6 @@ ONLY_IN = {
     "dask": set(),
     "distributed": set(),
     "fsspec": {"cohort"},
-    "highdicom": {"dicom"},
-    "pydicom": {"dicom"},
     "statsmodels": {"cohort"},
     "matplotlib": {"report"},
     "PIL": {"scene"},

@@ -62,6 +62,7 @@ CONTROL = {
         "rate_hz": 0.25,
         "jitter_mm": 0.3,
         "jitter_deg": 0.3,
+        "frame": "tracker",
     },
 }
 PLAUSIBILITY = {
@@ -131,6 +132,7 @@ def complete(document: str) -> list[dict[str, Any]]:
     if document == "live":
         igtl = {"igtl": {"host": "plus", "port": 18944}, "clock": "host"}
         tf = {"tf": {"edges": [{"parent": "tracker", "child": "needle"}]}, "clock": "estimate"}
+        tf |= {"latency_ms": 20, "sigma_mm": 0.2, "sigma_deg": 0.1}
         return [
             values,
             full | CONTROL | mesh | {"source": tf} | PLAUSIBILITY,

@@ -22,7 +22,8 @@ from app.case.manifest.sections import (
 )
 from app.files.bounded_io import is_file, is_folder
 from app.files.document import Section
-from app.geometry import InputError
+from app.files.keys import Number
+from app.geometry import NS_PER_MS, InputError
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +60,11 @@ class LiveCase:
     otherwise its stamps plus ``clock.offset_robot_to_tracker_ms`` are times on the source's clock,
     as in a case. ``guidance``: all values of a guidance force, None without one. ``limiter``: the
     values of the twist limiter. ``tumor_motion``: all values of the tumour's expected motion,
-    None for a tumour at rest. Values are by name, in seconds and radians. ``operators``: full names
+    None for a tumour at rest; ``motion_frame`` is the frame in which it moves, None for the
+    reference. Values are by name, in seconds and radians. ``operators``: full names
     of the nodes that may change the session, None for all. ``needs_security``: refuse to start
-    without ROS security.
+    without ROS security. ``latency_ns``: delay from the acquisition of a pose to its stamp.
+    ``sigma_mm`` and ``sigma_rad``: standard deviation of a pose along and about each axis.
     """
 
     case: Case
@@ -73,6 +76,10 @@ class LiveCase:
     tumor_motion: Mapping[str, float] | None
     operators: tuple[str, ...] | None = None
     needs_security: bool = False
+    motion_frame: str | None = None
+    latency_ns: int = 0
+    sigma_mm: float = 0.0
+    sigma_rad: float = 0.0
 
 
 def open_live(path: Path, *, package_dirs: Sequence[Path] = ()) -> LiveCase:
@@ -93,7 +100,8 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
     """Read a document with the keys of `LIVE`, of the file ``path``; check no other files."""
     document.integer("schema")
     robot, tool = read_robot(document), read_tool(document)
-    source, stamps_of_host = _source(document.section("source"))
+    tracker = document.section("source")
+    source, stamps_of_host = _source(tracker)
     case = Case(
         path.parent,
         CaseManifest(
@@ -124,6 +132,10 @@ def read_live(document: Section, path: Path, package_dirs: Sequence[Path] = ()) 
         tumor_motion=_numbers(document, "tumor_motion"),
         operators=document.texts("operators") if "operators" in document else None,
         needs_security=document.choice("security") == "required",
+        motion_frame=_motion_frame(document),
+        latency_ns=round(tracker.number("latency_ms") * NS_PER_MS),
+        sigma_mm=tracker.number("sigma_mm"),
+        sigma_rad=math.radians(tracker.number("sigma_deg")),
     )
 
 
@@ -133,7 +145,9 @@ def _numbers(document: Section, name: str) -> Mapping[str, float] | None:
         return None
     block = document.section(name)
     found = {}
-    for key in LIVE_BLOCKS[name].keys:
+    for key, kind in LIVE_BLOCKS[name].keys.items():
+        if not isinstance(kind, Number):
+            continue
         value = block.number(key)
         if key.endswith("_ms"):
             key, value = key.removesuffix("_ms") + "_s", value / 1000.0
@@ -141,6 +155,13 @@ def _numbers(document: Section, name: str) -> Mapping[str, float] | None:
             key, value = key.removesuffix("_deg") + "_rad", math.radians(value)
         found[key] = value
     return MappingProxyType(found)
+
+
+def _motion_frame(document: Section) -> str | None:
+    """The frame of ``tumor_motion``; None if it is not given."""
+    if "tumor_motion" not in document or "frame" not in document.section("tumor_motion"):
+        return None
+    return document.section("tumor_motion").frame("frame")
 
 
 def _source(block: Section) -> tuple[LiveSourceEntry, bool]:

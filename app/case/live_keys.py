@@ -18,7 +18,7 @@ from app.files.keys import Block, Choice, Frame, Integer, Key, ListOf, Number, T
 
 ABOVE_0 = "every value is more than 0"
 PASSIVE = "the force is passive with its period, delay and damping"
-NEEDS_ROBOT = "tumor_motion needs a robot"
+NEEDS_ROBOT = "tumor_motion needs a robot or a frame"
 
 _SOURCES = {
     "tf": Block(
@@ -63,6 +63,24 @@ SOURCE = Block(
             "host: stamps are of this machine's clock; estimate: of another one",
             ("host", "estimate"),
         ),
+        "latency_ms": Number(
+            "delay from the acquisition of a pose to its stamp, for stamps of arrival",
+            default=0.0,
+            minimum=0.0,
+            maximum=1000.0,
+        ),
+        "sigma_mm": Number(
+            "standard deviation of a pose along each axis, slow errors included",
+            default=0.0,
+            minimum=0.0,
+            maximum=100.0,
+        ),
+        "sigma_deg": Number(
+            "standard deviation of a pose about each axis, slow errors included",
+            default=0.0,
+            minimum=0.0,
+            maximum=45.0,
+        ),
     },
     variants=tuple(Variant(name, (name,)) for name in _SOURCES),
 )
@@ -106,6 +124,11 @@ _TUMOR_MOTION = Block(
         "rate_hz": Number("frequency", minimum=0.0),
         "jitter_mm": Number("standard deviation of the tracker along each axis", minimum=0.0),
         "jitter_deg": Number("standard deviation of the tracker about each axis", minimum=0.0),
+        "frame": Frame(
+            "measured frame in which the velocity is estimated, at rest beside the robot's base; "
+            "default: the reference",
+            optional=True,
+        ),
     },
     optional=True,
     rules=(ABOVE_0, NEEDS_ROBOT),

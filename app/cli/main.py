@@ -22,7 +22,6 @@ from app.cli.commands import (
     control,
     convert,
     doctor,
-    export_dicom,
     igtl,
     images,
     info,
@@ -49,7 +48,6 @@ from app.cli.signals import Terminated, raise_signals
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
     "analyse": analyse,
-    "export-dicom": export_dicom,
     "serve": serve,
     "view": view,
     "live": live,

@@ -12,6 +12,7 @@ from app.registration import RegistrationResult
 from app.runtime.content import SessionContent, content_of
 from app.session import (
     SessionSetup,
+    TrackingError,
     robot_from_case,
     setup_from_case,
     tumor_motion_parameters,
@@ -156,7 +157,12 @@ def prepare_live(
     config = open_live(config_file, package_dirs=package_dirs)
     case = with_repaired_meshes(config.case)
     setup = setup_from_case(case, tip_only=tip_only)
-    setup = replace(setup, tumor_motion=tumor_motion_parameters(config))
+    setup = replace(
+        setup,
+        tumor_motion=tumor_motion_parameters(config),
+        motion_frame=config.motion_frame,
+        tracking=TrackingError(config.latency_ns, config.sigma_mm, config.sigma_rad),
+    )
     return PreparedLive(config, case, setup, content_of(case, setup, tip_only=tip_only))
 
 

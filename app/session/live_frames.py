@@ -152,7 +152,9 @@ class LiveFrames:
                 self._last_stamp_of[edge] = ns
             self.left_out[REPLACED] += len(poses.keys() & samples.keys())
             poses.update(samples)
-        return TrackingFrame(now, tuple(poses.values()), self.take_joints(now))
+        frame = TrackingFrame(now, tuple(poses.values()), self.take_joints(now))
+        # Only here: the clock is estimated, and duplicates are found, by the stamps as sent.
+        return self._setup.tracking.acquired(frame)
 
     def take_joints(self, now: Stamp) -> tuple[JointSample, ...]:
         """Remove the newest joints at ``now``, for a frame that has no poses."""

@@ -28,9 +28,9 @@ LOOSER_ABOVE = ("stale_after_ns", "frozen_after_ns")
 def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = "") -> list[str]:
     """Texts of all that ``after`` loosens against ``before``; empty if it only tightens.
 
-    One text each for margins, tool, tumour, robot and expected motion, so 5 at most.
-    Every change of the tumour, the tool, the registration, the robot or the expected motion of the
-    tumour counts. ``tumor_change`` describes that of the tumour.
+    One text each for margins, tool, tumour, robot, expected motion and tracker, so 6 at most.
+    Every change of the tumour, the tool, the registration, the robot, the expected motion of the
+    tumour or the errors of the tracker counts. ``tumor_change`` describes that of the tumour.
     """
     margins = loosened_margins(
         before.margins, after.margins, follows_tumor=after.tumor_motion is not None
@@ -42,8 +42,10 @@ def loosenings(before: SessionSetup, after: SessionSetup, tumor_change: str = ""
         found.append(tumor_change or "tumour replaced")
     if before.robot is not after.robot:
         found.append(_robot_change(before.robot, after.robot))
-    if before.tumor_motion != after.tumor_motion:
+    if (before.tumor_motion, before.motion_frame) != (after.tumor_motion, after.motion_frame):
         found.append("expected motion of the tumour replaced")
+    if before.tracking != after.tracking:
+        found.append("latency or errors of the tracker replaced")
     return found
 
 

@@ -1,5 +1,6 @@
 """Session: one pure step from a tracker frame to a decision with its constraint."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -103,6 +104,7 @@ class Session:
         # The constraint reaches the robot through the reference frame.
         used = (tool,) if self.setup.robot is None else (tool, in_reference)
         proximity, between = self._proximity(tumor_from_tip, tool.oldest, frame.stamp)
+        sigma_mm = math.hypot(sigma_tre_mm, self._tracking_sigma(proximity, tool.transform))
         decision = self._monitor.update(
             MarginObservation(
                 now=frame.stamp,
@@ -110,7 +112,7 @@ class Session:
                 proximity=proximity,
                 swept=None if between is None else between.proximity,
                 problems=problems | tool.problems | registration_problems | found.keys(),
-                sigma_tre_mm=sigma_tre_mm,
+                sigma_tre_mm=sigma_mm,
                 unchanged_ns=max(pose.unchanged_ns for pose in used),
                 tumor_twist=self._tumor_twist(frame.stamp),
             )
@@ -196,7 +198,7 @@ class Session:
         self._poses.moving_frames = _moving_frames(setup)
         self._monitor.parameters = setup.margins
         self._plausibility.use(setup, before)
-        if setup.tumor_motion != before.tumor_motion:
+        if (setup.tumor_motion, setup.motion_frame) != (before.tumor_motion, before.motion_frame):
             self._velocity = _velocity(setup)
         if setup.robot is not before.robot:
             self._follower = _follower(setup.robot)
@@ -251,8 +253,19 @@ class Session:
     def _tumor_twist(self, now: Stamp) -> FloatArray | None:
         if self._velocity is None:
             return None
-        reference_from_frame = self._poses.pose(REFERENCE, self.setup.frame_from_tumor.target)
-        return self._velocity.twist(reference_from_frame, now, self._poses.limits)
+        fixed = self.setup.motion_frame or REFERENCE
+        fixed_from_frame = self._poses.pose(fixed, self.setup.frame_from_tumor.target)
+        return self._velocity.twist(fixed_from_frame, now, self._poses.limits)
+
+    def _tracking_sigma(
+        self, proximity: Proximity | None, frame_from_tool: Transform | None
+    ) -> float:
+        """Standard deviation in mm of the tracked tool beside the tumour; 0 without a pose."""
+        if proximity is None or frame_from_tool is None:
+            return 0.0
+        return self.setup.tracking.sigma_of(
+            proximity, self._tumor_from_frame @ frame_from_tool, self._tumor_from_frame
+        )
 
     def _proximity(
         self, tumor_from_tip: Transform | None, stamp: Stamp | None, now: Stamp

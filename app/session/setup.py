@@ -9,6 +9,7 @@ from app.fixture import MarginParameters, Proximity, SweptProximity, TumorMotion
 from app.geometry import FrameError, InputError, Stamp, Transform
 from app.registration import DriftBound, RegistrationResult
 from app.robot import Robot
+from app.session.tracking_error import NO_ERROR, TrackingError
 
 REFERENCE = "reference"
 """The frame of the sensor on the patient, to which the robot's base is registered."""
@@ -93,11 +94,13 @@ class SessionSetup:
     tracked frame that it moves with. ``proximity``: distance model of the tool, given in the tip's
     frame, and the tumour. ``robot``: None for a hand-held tool. ``tumor_motion``: parameters of
     the tumour's motion, for a constraint that contains its velocity; None for a still tumour.
-    ``plausibility``: limits and relations by which a wrong pose is found.
+    ``motion_frame`` is the measured frame that it is relative to, None for the reference.
+    ``plausibility``: limits and relations by which a wrong pose is found. ``tracking``: latency and
+    errors of the tracker, for the margin.
 
     Raises `FrameError` for shapes in other frames than those of the two transforms, and for a
     robot's base with the name of another frame, which would be a loop. Raises `InputError` for a
-    moving tumour without a robot: nothing would use the velocity.
+    moving tumour without a robot or a ``motion_frame``: nothing would use the velocity.
     """
 
     tool_from_tip: Transform
@@ -107,10 +110,15 @@ class SessionSetup:
     robot: RobotSetup | None
     tumor_motion: TumorMotionParameters | None = None
     plausibility: PlausibilityEntry = field(default_factory=PlausibilityEntry)
+    motion_frame: str | None = None
+    tracking: TrackingError = NO_ERROR
 
     def __post_init__(self) -> None:
-        if self.tumor_motion is not None and self.robot is None:
-            raise InputError("tumor_motion is given without a robot: nothing uses the velocity")
+        if self.tumor_motion is not None and self.robot is None and self.motion_frame is None:
+            raise InputError(
+                "tumor_motion is given without a robot: nothing uses the velocity; expected a "
+                "robot, or the frame that is at rest beside the controller's"
+            )
         tumor, tool = self.proximity.frames
         for what, frame, edge in (
             ("tumour", tumor, self.frame_from_tumor),
@@ -146,6 +154,8 @@ class SessionSetup:
         ends = [(self.frame_from_tumor.target, tool)]
         if self.robot is not None:
             ends.append((REFERENCE, tool))
+        if self.tumor_motion is not None and self.motion_frame is not None:
+            ends.append((self.motion_frame, self.frame_from_tumor.target))
         base = None if self.robot is None else self.robot.base_frame
         for target, source in self.plausibility.ends(tool):
             ends.append((REFERENCE if target == base else target, source))

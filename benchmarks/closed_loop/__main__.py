@@ -1,18 +1,18 @@
 """Close the loop: a hand pushes a simulated arm towards a breathing tumour, in real time over ROS.
 
-    marginguard bench closed-loop [--pushes N] [--stops] [--json FILE]
+    marginguard bench closed-loop [--pushes N] [--first-push K] [--stops] [--json FILE [--append]]
 
 Separate processes: the physics with the hand (MuJoCo, 1 kHz), the tracker's driver (50 Hz, 20 ms of
 latency, 0.3 mm of correlated noise), 'marginguard live' and 'marginguard control'. The hand pushes
 with 10 N from random directions, without and with the fixture. The true distance is measured at
 every physics step. With --stops, guard, controller and tracker are killed and stopped in the middle
 of an approach instead. On a busy machine safe stops (holds, watchdog, physics behind real time)
-interrupt pushes; they are counted apart from breaches, and an operator re-arms after them. A breach
-is a distance below the stop margin that the tool's own motion reduces: the tumour also breathes
-towards a tool that stands.
+interrupt pushes; they are counted by cause, and an operator re-arms after them. With --first-push
+and --append a run of many pushes is made in parts, and the figures are those of all rows of FILE.
 
-Exit status 1 if a push with the fixture breaches the stop margin, if one without it does not breach
-the margin, or if an arm did not stand in time after a failure; 2 if a process cannot run.
+Exit status 1 if the true distance of a push with the fixture is ever below the stop margin (with
+--base-error: below 0), if a push without it does not breach the margin, or if an arm did not stand
+in time after a failure; 2 if a process cannot run.
 """
 
 import argparse
@@ -20,22 +20,19 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.files.extras import check_installed
 from app.geometry import MarginGuardError
+from benchmarks.closed_loop.rows import STOP_MM, lines_of, merged, read_rows
 from benchmarks.faults.child import ChildError
 from benchmarks.ros_domain import reserved_domain
 
 if TYPE_CHECKING:
     from benchmarks.closed_loop.loop_operator import Operator
-    from benchmarks.closed_loop.pushes import Push
-
-STOP_MM = 1.0
-"""``stop_mm`` of the shipped live.yaml."""
 
 
 def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -46,6 +43,19 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--pushes", type=int, default=60, help="pushes of each kind (default: 60)")
+    parser.add_argument(
+        "--first-push",
+        type=int,
+        default=0,
+        metavar="K",
+        help="number of the first push, which with the seed gives its direction (default: 0)",
+    )
+    parser.add_argument(
+        "--kind",
+        choices=("with", "without", "both"),
+        default="both",
+        help="pushes with the fixture, without it, or both (default)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of directions and tracker")
     parser.add_argument(
         "--base-error",
@@ -62,9 +72,19 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="only failures of this process; once for each (default: all)",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures to FILE")
+    parser.add_argument(
+        "--append", action="store_true", help="add the pushes to those in FILE of an earlier run"
+    )
+    parser.add_argument(
+        "--logs", type=Path, metavar="DIR", help="keep the logs and the truth below DIR"
+    )
     options = parser.parse_args(arguments)
     if options.pushes < 1:
         parser.error(f"--pushes is {options.pushes}; expected at least 1")
+    if options.first_push < 0:
+        parser.error(f"--first-push is {options.first_push}; expected at least 0")
+    if options.append and (options.json is None or options.stops):
+        parser.error("--append needs --json FILE and pushes; expected both")
     return options
 
 
@@ -73,21 +93,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parsed(arguments)
     try:
         check_installed("mujoco", "coacd", "rclpy", "igl")
+        earlier = read_rows(options.json) if options.append else []
         with reserved_domain() as domain, tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
+            folder = Path(name) if options.logs is None else options.logs
+            folder.mkdir(parents=True, exist_ok=True)
             _prepare(domain, folder)
             from app.bridge import RosNode
             from benchmarks.closed_loop.loop_operator import Operator
 
             with RosNode("operator", domain_id=domain) as ros:
-                run = _run_stops if options.stops else _run_pushes
-                found, is_good = run(options, folder, Operator(ros))
+                if options.stops:
+                    found, is_good = _run_stops(options, folder, Operator(ros))
+                    rows = [asdict(each) for each in found]
+                else:
+                    rows = merged(earlier, _run_pushes(options, folder, Operator(ros)))
+                    is_good = _print_pushes(rows, options)
     except (MarginGuardError, ChildError) as error:
         print(f"marginguard bench closed-loop: {error}", file=sys.stderr)
         return 2
     if options.json is not None:
-        values = [asdict(each) for each in found]
-        options.json.write_text(json.dumps({"load": os.getloadavg(), "rows": values}, indent=2))
+        options.json.write_text(json.dumps({"load": os.getloadavg(), "rows": rows}, indent=2))
     return 0 if is_good else 1
 
 
@@ -99,52 +124,44 @@ def _prepare(domain: int, folder: Path) -> None:
 
 def _run_pushes(
     options: argparse.Namespace, folder: Path, operator: "Operator"
-) -> tuple[list[Any], bool]:
-    """The pushes of both kinds; true if the fixture kept all of its own and no other was kept."""
+) -> list[dict[str, Any]]:
+    """The rows of the pushes of each kind that the options ask for; prints the processor times."""
     from benchmarks.closed_loop.pushes import run_pushes
 
-    found: list[Any] = []
+    rows = []
     for fixture in (False, True):
-        pushes = run_pushes(
+        if options.kind != "both" and fixture is not (options.kind == "with"):
+            continue
+        run = run_pushes(
             folder / str(fixture),
             operator,
             count=options.pushes,
+            first=options.first_push,
             seed=options.seed,
             fixture=fixture,
             base_error=options.base_error,
         )
-        _print_pushes(pushes, fixture, options.pushes)
-        found += pushes
-    kept = all(each.breach_mm is None for each in found if each.fixture)
-    complete = all(sum(e.fixture is f for e in found) == options.pushes for f in (False, True))
-    breached = all(
-        each.lowest_mm < STOP_MM for each in found if not each.fixture and not each.stops
-    )
-    return found, kept and breached and complete
+        shares = ", ".join(f"{name} {share:.2f}" for name, share in run.cpu.items())
+        print(f"processor time per time, 1 is a core: {shares}; load {os.getloadavg()[0]:.1f}")
+        rows += [{**asdict(each), "base_error": options.base_error} for each in run.pushes]
+    return rows
 
 
-def _print_pushes(pushes: "Sequence[Push]", fixture: bool, count: int) -> None:
-    name = "with" if fixture else "without"
-    if not pushes:
-        print(f"{name} the fixture: no push of {count} began beside the tumour")
-        return
-    lowest = sorted(each.lowest_mm for each in pushes)
-    free = [each for each in pushes if not each.stops]
-    print(
-        f"{name} the fixture: {len(pushes)} of {count} pushes, lowest true distance "
-        f"{lowest[0]:.2f} to {lowest[-1]:.2f} mm, {sum(each < STOP_MM for each in lowest)} "
-        f"below {STOP_MM:g} mm, {sum(each.breach_mm is not None for each in pushes)} of them by "
-        "the tool's own motion; "
-        f"{len(pushes) - len(free)} pushes with a safe stop, load {os.getloadavg()[0]:.1f}"
-    )
-    if free:
-        print(
-            f"  without a stop: approach up to {max(e.approach_mm_s for e in free):.0f} mm/s, "
-            f"sliding {min(e.slide_mm_s for e in free):.0f} to "
-            f"{max(e.slide_mm_s for e in free):.0f} mm/s, retreat "
-            f"{min(e.retreat_mm_s for e in free):.0f} to "
-            f"{max(e.retreat_mm_s for e in free):.0f} mm/s"
-        )
+def _print_pushes(rows: Sequence[Mapping[str, Any]], options: argparse.Namespace) -> bool:
+    """Print the figures of all rows; true if the fixture kept all of its own and no other was kept.
+
+    A push without the fixture that a safe stop has interrupted need not reach the tumour.
+    """
+    limit_mm = 0.0 if options.base_error else STOP_MM
+    is_good = bool(rows)
+    for fixture in (False, True):
+        own = [each for each in rows if each["fixture"] is fixture]
+        if own:
+            print("\n".join(lines_of(own, fixture)))
+        for each in own:
+            kept = each["lowest_mm"] >= (limit_mm if fixture else STOP_MM)
+            is_good = is_good and (kept is fixture or (not fixture and bool(each["stops"])))
+    return is_good and len(rows) >= options.pushes * (2 if options.kind == "both" else 1)
 
 
 def _run_stops(

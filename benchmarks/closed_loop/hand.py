@@ -37,17 +37,18 @@ class PushingHand:
 
     def __init__(self, tool: str, structure: str, force_n: float, seed: int) -> None:
         self.tool, self._structure, self._force_n = tool, structure, force_n
-        self._random = np.random.default_rng(seed)
+        self._seed = seed
         self._direction: FloatArray = np.array([0.0, 0.0, 1.0])
         self._since_ns = 0
         self.phase = Phase.REST
         self.reached = False
         """True if the last push began beside the structure, in its direction."""
 
-    def begin(self, time_ns: int) -> None:
-        """Begin a push from another direction."""
-        tilt = np.arccos(self._random.uniform(np.cos(MAX_TILT), 1.0))
-        turn = self._random.uniform(-np.pi, np.pi)
+    def begin(self, time_ns: int, number: int) -> None:
+        """Begin a push from the direction that seed and ``number`` give."""
+        random = np.random.default_rng([self._seed, number])
+        tilt = np.arccos(random.uniform(np.cos(MAX_TILT), 1.0))
+        turn = random.uniform(-np.pi, np.pi)
         self._direction = np.array(
             [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)]
         )

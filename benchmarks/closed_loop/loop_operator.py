@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -49,10 +50,11 @@ class Operator:
         """The message of ``marginguard: NAME`` on ``/diagnostics``; empty before the first."""
         return self._states.get(f"marginguard: {name}", "")
 
-    def stops(self) -> int:
-        """How often the controller has stopped an arm that followed the hand."""
+    def stops(self) -> Counter[str]:
+        """How often the controller has stopped an arm that followed the hand, by reason."""
         values = self._values.get("marginguard: control /arm", {})
-        return sum(int(count) for key, count in values.items() if key.startswith("stops: "))
+        found = {key: int(count) for key, count in values.items() if key.startswith("stops: ")}
+        return Counter({key.removeprefix("stops: "): count for key, count in found.items()})
 
     def texts(self) -> dict[str, str]:
         """All messages on ``/diagnostics`` by name."""

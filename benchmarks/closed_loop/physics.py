@@ -1,6 +1,7 @@
-"""Process of the physics: ``python -m benchmarks.closed_loop.physics SEED FILE``.
+"""Process of the physics: ``python -m benchmarks.closed_loop.physics SEED TRACKER_SEED FILE``.
 
-Reads lines of JSON: ``{"do": "push"}`` begins a push, ``{"do": "end"}`` ends the process. Prints
+Reads lines of JSON: ``{"do": "push", "number": 3}`` begins a push from the direction of that
+number, ``{"do": "end"}`` ends the process. Prints
 events as lines of JSON: ``ready``; ``mid`` where the tool approaches fast; ``pushed`` at the end of
 a push. At the end it writes the truth of every physics step to FILE (.npz).
 """
@@ -37,7 +38,7 @@ class TruthShell:
 
     def __init__(self, node: SimulationNode, hand: PushingHand, tumor: str) -> None:
         self._node, self._hand, self._tumor = node, hand, tumor
-        self._commands: deque[str] = deque()
+        self._pushes: deque[int] = deque()
         self._poses: list[tuple[float, ...]] = []
         self._stamps: list[tuple[int, int, int]] = []
         self._last_phase, self._is_mid = Phase.REST, False
@@ -45,15 +46,14 @@ class TruthShell:
         self._first_row = 0
         self.lags = 0
 
-    def command(self, text: str) -> None:
-        """Do ``text`` before the next step. Thread-safe."""
-        self._commands.append(text)
+    def push(self, number: int) -> None:
+        """Begin the push ``number`` before the next step. Thread-safe."""
+        self._pushes.append(number)
 
     def step(self, world: World, now_ns: int) -> WorldState:
         """Take one step."""
-        while self._commands:
-            self._commands.popleft()
-            self._hand.begin(world.time_ns)
+        while self._pushes:
+            self._hand.begin(world.time_ns, self._pushes.popleft())
             self._is_mid, self._first_row = False, len(self._stamps)
         return self._node.step(world, now_ns)
 
@@ -109,6 +109,7 @@ def main() -> int:
     """Simulate until the line ``end``."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("seed", type=int)
+    parser.add_argument("tracker_seed", type=int)
     parser.add_argument("file", type=Path)
     options = parser.parse_args()
     prepare_environment()
@@ -117,7 +118,7 @@ def main() -> int:
     assert robot.tool is not None and hand is not None
     description = replace(
         description,
-        seed=options.seed,
+        seed=options.tracker_seed,
         robots=(replace(robot, collision="none", robot=with_strong_drives(robot.robot)),),
         bodies=(),
         tissues=(replace(tumor, shifts=()),),
@@ -141,10 +142,10 @@ def main() -> int:
 
 def _read(shell: TruthShell, stop: threading.Event) -> None:
     for line in sys.stdin:
-        command = json.loads(line)["do"]
-        if command == "end":
+        command = json.loads(line)
+        if command["do"] == "end":
             break
-        shell.command(command)
+        shell.push(command["number"])
     stop.set()
 
 

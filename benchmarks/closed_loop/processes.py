@@ -1,5 +1,6 @@
 """The processes of the loop: physics and hand, the tracker's driver, guard and controller."""
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,9 @@ from benchmarks.faults.child import Child, ChildError
 
 START_S = 300.0
 """A guard that compiles its kernels takes minutes to start."""
+
+IDLE_S = 0.05
+"""Processor time within 1 s of a process that waits."""
 
 POLL_S = 0.3
 """Time between two looks of the operator."""
@@ -44,6 +48,27 @@ class Loop:
         """The next event of the physics; None if there is none for `POLL_S`."""
         return self.children["physics"].poll(POLL_S)
 
+    def cpu_s(self) -> dict[str, float]:
+        """Processor time of each process since its start, in s; 0 for one that has ended."""
+        return {name: _cpu_s(child.process.pid) for name, child in self.children.items()}
+
+    def wait_for_helper(self, timeout_s: float = START_S) -> None:
+        """Wait until the guard's computing process has loaded: it starts 5 s after the guard.
+
+        On two cores it competes with the loop meanwhile. Raises `ChildError` after ``timeout_s``.
+        """
+        guard = self.children["guard"].process.pid
+        end_s = time.monotonic() + timeout_s
+        before_s = None
+        while time.monotonic() < end_s:
+            helpers = _children_of(guard)
+            now_s = sum(_cpu_s(pid) for pid in helpers) if helpers else None
+            if before_s is not None and now_s is not None and now_s - before_s <= IDLE_S:
+                return
+            before_s = now_s
+            time.sleep(1.0)
+        raise ChildError("the guard's computing process does not become idle")
+
     def follows(self, timeout_s: float = START_S) -> bool:
         """Wait until the arm follows the hand."""
         state = self.operator.state
@@ -52,12 +77,19 @@ class Loop:
 
 @contextmanager
 def running_loop(
-    folder: Path, operator: Operator, *, seed: int, fixture: bool, base_error: bool = False
+    folder: Path,
+    operator: Operator,
+    *,
+    seed: int,
+    fixture: bool,
+    base_error: bool = False,
+    tracker_seed: int | None = None,
 ) -> Iterator[Loop]:
     """Start all processes, the physics last; end them on exit. Logs and truth are in ``folder``.
 
-    Without ``fixture`` the guard is `open_guard`. ``base_error``: the registration of the base in
-    the controller's file is wrong.
+    ``seed`` gives the directions of the pushes, ``tracker_seed`` the tracker's errors, by default
+    the same. Without ``fixture`` the guard is `open_guard`. ``base_error``: the registration of the
+    base in the controller's file is wrong.
     """
     folder.mkdir(parents=True, exist_ok=True)
     control, truth_file = write_control(folder, base_error), folder / "truth.npz"
@@ -68,7 +100,13 @@ def running_loop(
         "tracker": ["-m", "benchmarks.closed_loop.tracker_relay"],
         "guard": guard if fixture else ["-m", "benchmarks.closed_loop.open_guard"],
         "controller": [*cli, "control", str(control)],
-        "physics": ["-m", "benchmarks.closed_loop.physics", str(seed), str(truth_file)],
+        "physics": [
+            "-m",
+            "benchmarks.closed_loop.physics",
+            str(seed),
+            str(seed if tracker_seed is None else tracker_seed),
+            str(truth_file),
+        ],
     }
     children: dict[str, Child] = {}
     try:
@@ -97,6 +135,28 @@ def write_control(folder: Path, base_error: bool) -> Path:
     path = folder / "control.yaml"
     path.write_text(yaml.safe_dump(document))
     return path
+
+
+def _children_of(pid: int) -> list[int]:
+    """The child processes of a process (proc(5))."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it has just ended
+        if int(fields[1]) == pid:
+            found.append(int(path.parent.name))
+    return found
+
+
+def _cpu_s(pid: int) -> float:
+    """User and system time of a process in s (proc(5)); 0 if it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _wait_for_output(child: Child) -> None:

@@ -1,5 +1,8 @@
 """Pushes from random directions, each judged by the truth of every physics step."""
 
+import time
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,14 +13,15 @@ from app.geometry import NS_PER_MS, FloatArray
 from benchmarks.closed_loop.hand import Phase
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.closed_loop.processes import running_loop
+from benchmarks.closed_loop.rows import STOP_MM
 from benchmarks.closed_loop.truth import STILL_MM_S, Surfaces, Truth
 
 SETTLED_NS = 100 * NS_PER_MS
 """Time after the beginning of a phase, after which its speed counts."""
 
 MAX_TRIES = 3
-STOP_MM = 1.0
-"""``stop_mm`` of the shipped live.yaml."""
+OTHER_DIRECTION = 100_000
+"""Added to the number of a push that is tried again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +34,8 @@ class Push:
     distance by more than `STILL_MM_S`, None without one: a tumour that breathes also approaches a
     tool that stands. ``approach_mm_s``
     is the largest speed of the push, ``slide_mm_s`` and ``retreat_mm_s`` the median ones.
-    ``stops``: safe stops meanwhile (watchdog, hold, stale data, physics behind real time), each of
-    which interrupts the push.
+    ``stops``: number of safe stops meanwhile, each of which interrupts the push, by cause: the
+    reason of the controller, ``FAULT of the arm`` and ``lags``, a physics that has fallen behind.
     """
 
     number: int
@@ -42,7 +46,15 @@ class Push:
     approach_mm_s: float
     slide_mm_s: float
     retreat_mm_s: float
-    stops: int
+    stops: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """The pushes of one loop, and the processor time per time of each process (1 is one core)."""
+
+    pushes: list[Push]
+    cpu: Mapping[str, float]
 
 
 def run_pushes(
@@ -50,35 +62,56 @@ def run_pushes(
     operator: Operator,
     *,
     count: int,
+    first: int = 0,
     seed: int,
     fixture: bool,
     base_error: bool = False,
-) -> list[Push]:
-    """Run ``count`` pushes in one loop, and judge them. Raises `ChildError` for a lost process."""
-    done: list[tuple[tuple[int, int], int]] = []
-    with running_loop(folder, operator, seed=seed, fixture=fixture, base_error=base_error) as loop:
-        for _ in range(MAX_TRIES * count):
-            if len(done) == count:
-                break
-            loop.follows()
-            before = operator.stops()
-            loop.send(do="push")
-            event = None
-            while event is None or event["event"] != "pushed":
-                operator.rearm()
-                event = loop.next_event()
-            first, last = event["rows"]
-            if event["reached"]:
-                done.append(((first, last), operator.stops() - before))
+) -> Run:
+    """Run the pushes ``first`` to ``first + count - 1`` in one loop, and judge them.
+
+    Number and seed give the direction of a push, so that runs of some pushes each add up to one of
+    all. One that did not begin beside the tumour, because the arm stood, is tried again from
+    another direction. Raises `ChildError` for a lost process.
+    """
+    done: dict[int, tuple[tuple[int, int], Counter[str]]] = {}
+    with running_loop(
+        folder,
+        operator,
+        seed=seed,
+        fixture=fixture,
+        base_error=base_error,
+        tracker_seed=seed + first,
+    ) as loop:
+        loop.follows()
+        if fixture:
+            loop.wait_for_helper()
+        began_s, began_cpu_s, lags = time.monotonic(), loop.cpu_s(), 0
+        for number in range(first, first + count):
+            for attempt in range(MAX_TRIES):
+                loop.follows()
+                before = operator.stops()
+                loop.send(do="push", number=number + attempt * OTHER_DIRECTION)
+                event = None
+                while event is None or event["event"] != "pushed":
+                    operator.rearm()
+                    event = loop.next_event()
+                stops = operator.stops() - before
+                stops["lags"], lags = event["lags"] - lags, event["lags"]
+                if event["reached"]:
+                    done[number] = (event["rows"][0], event["rows"][1]), +stops
+                    break
+        spent_s = time.monotonic() - began_s
+        cpu = {name: (s - began_cpu_s[name]) / spent_s for name, s in loop.cpu_s().items()}
         loop.send(do="end")
         loop.expect("written")
     surfaces = Surfaces.shipped()
     truth = Truth(loop.truth_file)
     engine = ProximityEngine(surfaces.tumor, surfaces.tool)
-    return [
+    pushes = [
         judged(number, fixture, truth, engine, surfaces, rows, stops)
-        for number, (rows, stops) in enumerate(done)
+        for number, (rows, stops) in done.items()
     ]
+    return Run(pushes, cpu)
 
 
 def judged(
@@ -88,7 +121,7 @@ def judged(
     engine: ProximityEngine,
     surfaces: Surfaces,
     rows: tuple[int, int],
-    stops: int,
+    stops: Mapping[str, int],
 ) -> Push:
     """Judge the push at ``rows`` of the truth."""
     first, _ = truth.phase_rows(*rows, Phase.PUSH)
@@ -98,6 +131,7 @@ def judged(
     retreat = truth.phase_rows(*rows, Phase.RETREAT)
     push = truth.phase_rows(*rows, Phase.PUSH)
     disabled = int(np.count_nonzero(np.diff(truth.enabled[first : rows[1]].astype(int)) < 0))
+    causes = {**stops, "FAULT of the arm": disabled} if disabled else dict(stops)
     return Push(
         number,
         fixture,
@@ -107,7 +141,7 @@ def judged(
         float(truth.speeds_mm_s(*push).max(initial=0.0)),
         _settled(truth, truth.speeds_mm_s(*slide), slide),
         _settled(truth, truth.speeds_mm_s(*retreat), retreat),
-        stops + disabled,
+        causes,
     )
 
 

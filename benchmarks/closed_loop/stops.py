@@ -75,7 +75,8 @@ def _try_stop(
     with running_loop(folder, operator, seed=seed, fixture=True) as loop:
         if not loop.follows():
             return None
-        loop.send(do="push")
+        loop.wait_for_helper()
+        loop.send(do="push", number=tries)
         event = None
         while event is None:
             operator.rearm()

@@ -36,7 +36,7 @@ def test_fixture_keeps_the_pushes_out_that_breach_without_it(
     assert [each["fixture"] for each in rows] == [False, False, True, True], printed
     # A push that safe stops interrupt may end before it reaches the tumour, also without a fixture.
     assert all(each["lowest_mm"] < 0.0 for each in rows[:2] if not each["stops"]), printed
-    # Where nothing interrupts it, the fixture keeps the margin; a held tool may be breathed at.
+    # Where nothing interrupts it, the fixture keeps the margin; an arm in FAULT is breathed at.
     assert all(each["lowest_mm"] >= STOP_MM for each in rows[2:] if not each["stops"]), printed
     assert all(each["lowest_mm"] > -4.0 for each in rows[2:]), printed
     for each in rows:

@@ -104,6 +104,21 @@ def test_tumor_motion_is_in_degrees_and_needs_all_keys(tmp_path, values):
         tumor_motion_parameters(still)
 
 
+def test_errors_of_the_tracker_are_in_ns_mm_and_radians(tmp_path, values):
+    unknown = opened(tmp_path, values)
+    assert (unknown.latency_ns, unknown.sigma_mm, unknown.sigma_rad) == (0, 0.0, 0.0)
+    assert unknown.motion_frame is None
+    motion = {"swing_mm": 5, "swing_deg": 1, "rate_hz": 0.25, "jitter_mm": 0.3, "jitter_deg": 0.3}
+    source = {"tf": {}, "clock": "host", "latency_ms": 20, "sigma_mm": 0.2, "sigma_deg": 45}
+    given = {"source": source, "tumor_motion": motion | {"frame": "tracker"}}
+    live = opened(tmp_path, values | given)
+    assert (live.latency_ns, live.sigma_mm) == (20_000_000, 0.2)
+    assert live.sigma_rad == pytest.approx(math.pi / 4.0)
+    assert live.motion_frame == "tracker"
+    with pytest.raises(InputError, match="latency_ms"):
+        opened(tmp_path, values | {"source": source | {"latency_ms": -1}})
+
+
 def test_active_force_and_zero_limit_are_refused(tmp_path, values):
     stiff = opened(tmp_path, values | {"guidance": GUIDANCE | {"delay_ms": 15.0}})
     with pytest.raises(
