@@ -51,6 +51,7 @@ SLOW = {
     "starts many processes or replays whole cases": (
         "tests/analysis/test_insertion.py",
         "tests/cli/test_analyse.py",
+        "tests/dicom/test_export_dicom.py",
         "tests/benchmarks/",
         "tests/cli/calibration/test_lag.py",
         "tests/cli/calibration/test_landmarks.py",

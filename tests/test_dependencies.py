@@ -80,13 +80,13 @@ def imported(folder: str) -> dict[str, Path]:
     [
         (
             "app",
-            with_extras("ros", "scene", "hdf5", "simulation", "cohort"),
+            with_extras("ros", "scene", "hdf5", "dicom", "simulation", "cohort"),
         ),
         ("marginguard", CORE | EXTRAS["notebook"]),
         ("examples", CORE | EXTRAS["ros"]),
         (
             "tests",
-            with_extras("ros", "scene", "simulation", "cohort", "test"),
+            with_extras("ros", "scene", "dicom", "simulation", "cohort", "test"),
         ),
     ],
 )

@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "synthetic": {"geometry", "files", "case", "robot", "fixture"},
     "control": {"geometry", "files", "robot", "fixture"},
     "cohort": {"geometry", "files", "synthetic"},
+    "dicom": {"geometry"},
     "simulation": {"geometry", "files", "synthetic", "robot", "fixture"},
     "igtl": {"geometry"},
     "bridge": {
@@ -141,6 +142,8 @@ ONLY_IN = {
     "dask": set(),
     "distributed": set(),
     "fsspec": {"cohort"},
+    "highdicom": {"dicom"},
+    "pydicom": {"dicom"},
     "statsmodels": {"cohort"},
     "matplotlib": {"report"},
     "PIL": {"scene"},

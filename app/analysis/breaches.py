@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.geometry import NS_PER_S, Freshness, FreshnessLimits, freshness_of
+from app.geometry import NS_PER_S
+from app.session import InsideRun, InsideRuns
 
 
 class DistanceRow(Protocol):
-    """One frame: its stamp, its signed distance in mm or None, whether the tool is inside."""
+    """One frame: its stamp, its signed distance in mm, or None."""
 
     @property
     def stamp_ns(self) -> int:
@@ -17,10 +18,6 @@ class DistanceRow(Protocol):
     @property
     def signed_distance_mm(self) -> float | None:
         """Signed distance, None where it is not known."""
-
-    @property
-    def inside(self) -> bool:
-        """True if the distance is known and negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,27 +52,18 @@ class Breach:
 def find_breaches(rows: Sequence[DistanceRow], stale_after_ns: int) -> tuple[Breach, ...]:
     """Find the breaches among ``rows``, in the order of time.
 
-    They are computed from the raw signed distance and not from the state, so that hysteresis
-    neither lengthens nor joins them. A frame without a distance neither begins nor ends a breach.
-    Two inside frames that are more than ``stale_after_ns`` apart, or whose stamps run backwards,
-    belong to two breaches.
+    `InsideRuns` is the rule: computed from the raw signed distance and not from the state. A frame
+    without a distance neither begins nor ends a breach, and a gap of more than ``stale_after_ns``
+    divides one.
     """
-    limits = FreshnessLimits(stale_after_ns)
+    rule = InsideRuns(stale_after_ns)
     runs: list[list[int]] = []
-    open_run: list[int] | None = None
     for index, row in enumerate(rows):
-        if row.signed_distance_mm is None:
-            continue
-        if not row.inside:
-            open_run = None
-            continue
-        if open_run is not None:
-            last_ns = rows[open_run[-1]].stamp_ns
-            if freshness_of(last_ns, row.stamp_ns, limits) is Freshness.VALID:
-                open_run.append(index)
-                continue
-        open_run = [index]
-        runs.append(open_run)
+        found = rule.observe(row.stamp_ns, row.signed_distance_mm)
+        if found is InsideRun.BEGINS:
+            runs.append([index])
+        elif found is InsideRun.CONTINUES:
+            runs[-1].append(index)
     return tuple(_breach(rows, run) for run in runs)
 
 

@@ -18,10 +18,10 @@ from app.analysis.insertion import Insertion, insertion_metrics
 from app.analysis.jitter import Jitter, estimate_jitter
 from app.analysis.motion import Motion, motion_of
 from app.analysis.phases import phase_counts, phase_seconds, phases_of
-from app.analysis.place import checked_axes
 from app.analysis.samples import CaseSamples
 from app.fixture import MarginParameters, MarginState
 from app.geometry import NS_PER_S, FloatArray, SurfaceMesh
+from app.session import checked_axes
 
 if TYPE_CHECKING:
     from app.session import StepResult
@@ -37,7 +37,8 @@ class CaseAnalysis:
     ``percentiles_mm``: of the measured distance over time, by percent, empty without a distance.
     ``jitter``: noise of the distance, None where the case is too short for an estimate; the
     breaches then have no estimated depth. ``probability``: None
-    where no errors were given. ``anatomical``: directions are those of the patient.
+    where no errors were given. ``anatomical``: the rotation to the patient's axes was given; else
+    the axes of the tumour's file are taken as right, anterior and superior.
     """
 
     name: str
@@ -123,7 +124,7 @@ def analyse_case(
     ``name``, ``margins``, ``tumor`` and ``tool`` are those of the session's content; a ``tool`` of
     None is its tip alone. ``ras_from_tumor``
     (3, 3) turns the tumour's axes to the patient's right, anterior and superior; without it
-    directions are named by the tumour's axes. ``jitter`` replaces the estimated one.
+    the tumour's axes are taken as these. ``jitter`` replaces the estimated one.
     ``bias_sigma_mm`` as in `estimate_depth`; ``covariances_mm2`` and ``stops_mm`` as in
     `breach_probability`. Raises `InputError` without a step.
     """
@@ -148,7 +149,7 @@ def analyse_case(
             samples,
             jitter,
             stale_after_ns=stale_ns,
-            centroid_mm=centroid_mm(tumor),
+            centroid_mm=tumor.centroid_mm,
             ras_from_tumor=axes,
             bias_sigma_mm=bias_sigma_mm,
         ),
@@ -168,15 +169,6 @@ def analyse_case(
         ),
         anatomical=axes is not None,
     )
-
-
-def centroid_mm(surface: SurfaceMesh) -> FloatArray:
-    """Centre of the area of ``surface``, (3,)."""
-    corners = surface.triangles_mm
-    areas = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    return np.asarray(areas @ corners.mean(axis=1) / areas.sum())
 
 
 def _percentiles(distances: FloatArray) -> dict[int, float]:

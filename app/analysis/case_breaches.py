@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from app.analysis.breaches import Breach, find_breaches
 from app.analysis.depth import DepthEstimate, estimate_depth
 from app.analysis.jitter import Jitter
-from app.analysis.place import direction_name, principal_direction, tool_part
 from app.analysis.samples import CaseSamples
-from app.geometry import FloatArray
+from app.geometry import FloatArray, anatomical_words
+from app.session import is_tip, place_letters
 
 PAD_S = 0.3
 """Samples this long before and after a breach are used for its depth."""
@@ -29,9 +29,9 @@ class AnalysedBreach:
     ``lowest_sample_mm`` is the lowest measured distance, which jitter makes too low. ``estimate``
     is None for a breach that is between two frames only, or in a case without a known jitter.
     ``entry_speed_mm_s``: rate at which the distance falls at the entry, None if it is not known.
-    ``direction`` and ``side`` name the place on the tumour, from its centroid (`place`), empty if
-    unknown; ``on_tumor_mm`` is that place in the tumour's frame. ``part``: ``tip``, ``shaft``, or
-    empty.
+    ``direction`` and ``side`` name the place on the tumour, from its centroid, by the nearest of 26
+    and of 6 directions (`place_letters`), empty if unknown; ``on_tumor_mm`` is that place in the
+    tumour's frame. ``part``: ``tip``, ``shaft``, or empty.
     """
 
     start_s: float
@@ -62,8 +62,8 @@ def analyse_breaches(
 ) -> tuple[AnalysedBreach, ...]:
     """The breaches of ``samples``, in the order of time.
 
-    ``centroid_mm`` (3,) is the tumour's, ``ras_from_tumor`` as in `place`, ``bias_sigma_mm`` as in
-    `estimate_depth`.
+    ``centroid_mm`` (3,) is the tumour's, ``ras_from_tumor`` as in `place_letters`,
+    ``bias_sigma_mm`` as in `estimate_depth`.
     """
     found = find_breaches(samples.rows(), stale_after_ns)
     times, measured = samples.times_s, samples.measured()
@@ -86,7 +86,7 @@ def _analysed(
     bias_sigma_mm: float,
 ) -> AnalysedBreach:
     deepest = breach.deepest
-    outward = samples.on_tumor_mm[deepest] - centroid_mm
+    letters = place_letters(samples.on_tumor_mm[deepest] - centroid_mm, ras_from_tumor)
     x, y, z = samples.on_tumor_mm[deepest].tolist()
     near = measured[
         (times[measured] >= breach.start_s - PAD_S) & (times[measured] <= breach.end_s + PAD_S)
@@ -110,10 +110,10 @@ def _analysed(
         breach.min_signed_distance_mm,
         estimate,
         _entry_speed(times[measured], samples.distances_mm[measured], breach.start_s),
-        direction_name(outward, ras_from_tumor),
-        principal_direction(outward, ras_from_tumor),
+        anatomical_words(letters),
+        anatomical_words(letters[:1]),
         (x, y, z),
-        tool_part(samples.on_tool_mm[deepest]),
+        _part(samples.on_tool_mm[deepest]),
     )
 
 
@@ -124,6 +124,13 @@ def _entry_speed(times: FloatArray, distances: FloatArray, start_s: float) -> fl
         return None
     elapsed = times[near] - times[near].mean()
     return float(-(elapsed @ distances[near]) / (elapsed @ elapsed))
+
+
+def _part(on_tool_mm: FloatArray) -> str:
+    """``tip`` or ``shaft`` for a point (3,) in the tip's frame; empty if it is not known."""
+    if not np.isfinite(on_tool_mm).all():
+        return ""
+    return "tip" if is_tip(float(np.linalg.norm(on_tool_mm))) else "shaft"
 
 
 def sides_of(breaches: Sequence[AnalysedBreach]) -> dict[str, int]:

@@ -21,11 +21,6 @@ class DistanceSample:
     stamp_ns: int
     signed_distance_mm: float | None
 
-    @property
-    def inside(self) -> bool:
-        """True if the distance is known and negative."""
-        return self.signed_distance_mm is not None and self.signed_distance_mm < 0.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CaseSamples:

@@ -22,6 +22,7 @@ from app.cli.commands import (
     control,
     convert,
     doctor,
+    export_dicom,
     igtl,
     images,
     info,
@@ -48,6 +49,7 @@ from app.cli.signals import Terminated, raise_signals
 COMMANDS: dict[str, ModuleType] = {
     "replay": replay,
     "analyse": analyse,
+    "export-dicom": export_dicom,
     "serve": serve,
     "view": view,
     "live": live,

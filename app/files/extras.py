@@ -14,6 +14,7 @@ OWN_MESSAGES = ("marginguard_msgs", "tf2_msgs")
 
 _MODULES = {
     "cohort": re.compile(r"distributed|dask|pyarrow|fsspec|statsmodels"),
+    "dicom": re.compile(r"highdicom|pydicom"),
     "hdf5": re.compile(r"h5py"),
     "notebook": re.compile(r"pandas|ipykernel"),
     "ros": re.compile(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)"),

@@ -79,6 +79,18 @@ class SurfaceMesh:
         first, second, third = np.moveaxis(self.triangles_mm - self.vertices_mm.mean(axis=0), 1, 0)
         return float(np.einsum("ij,ij->", first, np.cross(second, third))) / 6.0
 
+    @property
+    def centroid_mm(self) -> FloatArray:
+        """Centre of the area, (3,) in mm; it does not depend on how fine the triangles are."""
+        corners = self.triangles_mm
+        areas = np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+        total = float(areas.sum())
+        if total <= 0.0:
+            return np.asarray(self.vertices_mm.mean(axis=0))
+        return np.asarray(areas @ corners.mean(axis=1) / total)
+
     def open_edges(self) -> int:
         """Number of directed edges without an opposite edge: 0 for a closed, oriented surface."""
         edges = np.concatenate(

@@ -1,9 +1,11 @@
 from .advice import ADVICE, advice_text
 from .axis_distances import AxisDistances
 from .breach_log import BreachEntry, BreachList, BreachLog
+from .breach_place import checked_axes, is_tip, place_letters
 from .case_robot import load_case_robot
 from .frame_senders import FrameSenders, SenderConflict
 from .from_case import margin_parameters, robot_from_case, setup_from_case
+from .inside_runs import InsideRun, InsideRuns
 from .joint_clock import tip_signals, with_estimated_clock
 from .known_edges import NO_EDGES, KnownEdges
 from .live import LiveSession
@@ -42,6 +44,8 @@ __all__ = [
     "BreachList",
     "BreachLog",
     "FrameSenders",
+    "InsideRun",
+    "InsideRuns",
     "KnownEdges",
     "LiveSession",
     "MeasuredPose",
@@ -63,14 +67,17 @@ __all__ = [
     "TrackingError",
     "TumorChange",
     "advice_text",
+    "checked_axes",
     "deepest_on_path",
     "guidance_parameters",
     "has_ended",
+    "is_tip",
     "limiter_parameters",
     "load_case_robot",
     "loosened_margins",
     "margin_changes",
     "margin_parameters",
+    "place_letters",
     "robot_from_case",
     "setup_from_case",
     "shown_state",

@@ -1,7 +1,6 @@
 """The breaches of a session so far, with the time, the place and the part of the tool of each.
 
-A breach is counted as in the report (`app.analysis.breaches`): a run of steps whose signed distance
-is negative, whatever the state is, so that hysteresis neither lengthens nor joins breaches.
+Breaches are counted by `InsideRuns`, and places named by `breach_place`, as in the report.
 """
 
 from dataclasses import dataclass, replace
@@ -12,20 +11,16 @@ from app.fixture import Proximity
 from app.geometry import (
     NS_PER_S,
     FloatArray,
-    Freshness,
-    FreshnessLimits,
     SurfaceMesh,
     Transform,
-    anatomical_direction,
     anatomical_words,
-    freshness_of,
 )
+from app.session.breach_place import is_tip, place_letters
+from app.session.inside_runs import InsideRun, InsideRuns
 from app.session.step_result import StepResult
 
 MAX_LISTED = 200
 """Breaches that are kept in the list: the first one, the deepest one and the last ones."""
-_TIP_MM = 2.0
-"""A point of the tool this near to its tip is called the tip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +30,7 @@ class BreachEntry:
     ``number`` counts from 1. ``first``, ``last`` and ``deepest`` are the indices of the steps at
     its ends and at the largest depth; ``begin_ns``, ``end_ns`` and ``deepest_ns`` their stamps in
     ns, ``begin_s`` its begin in seconds from the first step. ``depth_mm`` is positive. ``place``:
-    letters of the direction, in the RAS axes of the tumour's frame, from the middle of the tumour
+    letters of the direction, in the RAS axes of the tumour's frame, from the centre of the tumour
     to the point of its surface that is nearest to the deepest point of the tool. ``from_tip_mm``:
     distance of that point of the tool from the tip, None if the tip's pose is not known.
     ``is_open``: the tool is still inside at the last step.
@@ -69,7 +64,7 @@ class BreachEntry:
         """The part of the tool in words."""
         if self.from_tip_mm is None:
             return "part of the tool not known"
-        if self.from_tip_mm <= _TIP_MM:
+        if is_tip(self.from_tip_mm):
             return "tip"
         return f"{self.from_tip_mm:.0f} mm from the tip"
 
@@ -107,8 +102,8 @@ class BreachLog:
     """
 
     def __init__(self, tumor: SurfaceMesh, stale_after_ns: int) -> None:
-        self._center_mm = _center(tumor)
-        self._limits = FreshnessLimits(stale_after_ns)
+        self._center_mm = tumor.centroid_mm
+        self._runs = InsideRuns(stale_after_ns)
         self._list = BreachList()
         self._first_ns: int | None = None
 
@@ -119,8 +114,8 @@ class BreachLog:
 
     def use(self, tumor: SurfaceMesh, stale_after_ns: int) -> None:
         """Use another tumour or limit from the next step on."""
-        self._center_mm = _center(tumor)
-        self._limits = FreshnessLimits(stale_after_ns)
+        self._center_mm = tumor.centroid_mm
+        self._runs.use(stale_after_ns)
 
     def observe(self, step: StepResult) -> BreachList:
         """Add ``step``, the next one; return all breaches so far."""
@@ -129,26 +124,21 @@ class BreachLog:
         proximity = step.decision.proximity
         if proximity is None or not np.isfinite(proximity.signed_distance_mm):
             return self._list  # neither begins nor ends a breach
-        inside = proximity.signed_distance_mm < 0.0
-        before = self._list
-        if not inside:
-            if before.is_inside:
-                last = replace(before.entries[-1], is_open=False)
-                self._list = replace(before, entries=(*before.entries[:-1], last), is_inside=False)
-            return self._list
-        self._list = self._extended(step, proximity)
+        found = self._runs.observe(step.frame.stamp.ns, float(proximity.signed_distance_mm))
+        if found is InsideRun.OUTSIDE:
+            self._list = _closed(self._list)
+        else:
+            self._list = self._extended(step, proximity, found)
         return self._list
 
-    def _extended(self, step: StepResult, proximity: Proximity) -> BreachList:
-        before, now_ns = self._list, step.frame.stamp.ns
-        entries = before.entries
+    def _extended(self, step: StepResult, proximity: Proximity, found: InsideRun) -> BreachList:
+        before = self._list
         here = self._entry(step, proximity, before.count + 1)
-        if before.is_inside:
-            last = entries[-1]
-            if freshness_of(last.end_ns, now_ns, self._limits) is Freshness.VALID:
-                return replace(before, entries=(*entries[:-1], _joined(last, here)))
-            entries = (*entries[:-1], replace(last, is_open=False))
-        return BreachList(before.count + 1, _limited((*entries, here)), is_inside=True)
+        if found is InsideRun.CONTINUES:
+            entries = (*before.entries[:-1], _joined(before.entries[-1], here))
+            return replace(before, entries=entries)
+        entries = (*_closed(before).entries, here)
+        return BreachList(before.count + 1, _limited(entries), is_inside=True)
 
     def _entry(self, step: StepResult, proximity: Proximity, number: int) -> BreachEntry:
         pose, stamp_ns = step.tumor_from_tip, step.frame.stamp.ns
@@ -164,10 +154,18 @@ class BreachLog:
             deepest_ns=stamp_ns,
             begin_s=(stamp_ns - (self._first_ns or 0)) / NS_PER_S,
             depth_mm=-float(proximity.signed_distance_mm),
-            place=_place(proximity.on_tumor_mm - self._center_mm),
+            place=place_letters(proximity.on_tumor_mm - self._center_mm),
             from_tip_mm=_from_tip_mm(proximity.on_tool_mm, pose),
             is_open=True,
         )
+
+
+def _closed(breaches: BreachList) -> BreachList:
+    """``breaches`` with the last one ended."""
+    if not breaches.is_inside:
+        return breaches
+    last = replace(breaches.entries[-1], is_open=False)
+    return replace(breaches, entries=(*breaches.entries[:-1], last), is_inside=False)
 
 
 def _joined(breach: BreachEntry, here: BreachEntry) -> BreachEntry:
@@ -189,16 +187,6 @@ def _limited(entries: tuple[BreachEntry, ...]) -> tuple[BreachEntry, ...]:
     deepest = max(entries, key=lambda entry: entry.depth_mm)
     dropped = next(entry for entry in entries[1:] if entry is not deepest)
     return tuple(entry for entry in entries if entry is not dropped)
-
-
-def _center(tumor: SurfaceMesh) -> FloatArray:
-    """Middle of the bounding box (3,), which does not depend on the density of the triangles."""
-    vertices = tumor.vertices_mm
-    return np.asarray(0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))
-
-
-def _place(offset_mm: FloatArray) -> str:
-    return anatomical_direction(offset_mm) if np.isfinite(offset_mm).all() else ""
 
 
 def _from_tip_mm(on_tool_mm: FloatArray, tumor_from_tip: Transform | None) -> float | None:

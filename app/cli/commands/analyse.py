@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=9,
         metavar="R",
-        help="rotation from the tumour's axes to right, anterior, superior, row by row: places "
-        "are then named by the patient's directions",
+        help="rotation from the axes of the tumour's file to right, anterior, superior, row by "
+        "row; default: they are right, anterior, superior",
     )
     parser.add_argument(
         "--bias-mm",
@@ -82,12 +82,12 @@ def run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from app.analysis import analyse_case
-    from app.analysis.place import checked_axes
     from app.files import check_output_path, write_file
     from app.files.atomic_io import write_files
     from app.geometry import InputError
     from app.report.analysis_files import analysis_csv, analysis_document
     from app.runtime import ReplayRun, prepare_case
+    from app.session import checked_axes
 
     axes = options.ras_from_tumor
     rows = None if axes is None else [axes[k : k + 3] for k in (0, 3, 6)]

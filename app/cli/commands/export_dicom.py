@@ -1,0 +1,161 @@
+"""Export the tumour of a case, and other closed surfaces, as DICOM.
+
+Writes a segmentation, an RT structure set and the images that both refer to. A case has no images:
+the written ones are a grid without a picture. Coordinates of the case are taken as RAS and written
+as LPS. The same input gives the same files, with the same identifiers.
+"""
+
+import argparse
+import datetime
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.cli.options import add_case, add_json, folder_path
+
+if TYPE_CHECKING:
+    from app.dicom import DicomStudy, Structure
+
+SUMMARY = "export the tumour and other surfaces as DICOM segmentation and structure set"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``marginguard export-dicom``."""
+    add_case(parser)
+    parser.add_argument(
+        "--out", type=folder_path, required=True, metavar="DIR", help="new folder of the files"
+    )
+    parser.add_argument(
+        "--structure",
+        type=_structure,
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="another closed surface (.stl, .ply, .obj) in mm, in the coordinates of the tumour's "
+        "file; may be repeated",
+    )
+    parser.add_argument(
+        "--voxel-mm",
+        type=float,
+        default=0.5,
+        metavar="S",
+        help="edge of a voxel and distance of the contours' planes, 0.05 to 5 mm (%(default)s)",
+    )
+    parser.add_argument(
+        "--ras-from-tumor",
+        type=float,
+        nargs=9,
+        metavar="R",
+        help="rotation from the tumour's axes to right, anterior, superior, row by row (default: "
+        "the coordinates are RAS)",
+    )
+    parser.add_argument(
+        "--frame-of-reference",
+        metavar="UID",
+        help="frame of reference of the images in whose coordinates the tumour is (default: one "
+        "made from the tumour)",
+    )
+    parser.add_argument(
+        "--patient", metavar="TEXT", help="name and ID of the patient (default: name of the case)"
+    )
+    parser.add_argument(
+        "--date",
+        type=_date,
+        metavar="YYYY-MM-DD",
+        help="date of the study (default: empty; 1970-01-01 where DICOM requires one)",
+    )
+    add_json(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make the study and write it."""
+    from app import __version__
+    from app.files.atomic_io import new_folder
+    from app.files.extras import check_installed
+    from app.runtime import prepare_case
+
+    check_installed("highdicom", "pydicom")
+    from app.dicom import Structure, dicom_study
+
+    content = prepare_case(options.case, package_dirs=options.package_dirs).content
+    found = [Structure("tumor", content.tumor), *_read(options, content.tumor.frame)]
+    study = dicom_study(
+        [_in_ras(each, options.ras_from_tumor) for each in found],
+        patient=options.patient or content.name,
+        version=__version__,
+        voxel_mm=options.voxel_mm,
+        frame_of_reference_uid=options.frame_of_reference,
+        date=options.date,
+    )
+    with new_folder(options.out, may_be_empty=True) as folder:
+        for name, data in study.files.items():
+            (folder / name).write_bytes(data)
+    print(json.dumps(_document(study), indent=2) if options.json else _text(study, options.out))
+    return 0
+
+
+def _read(options: argparse.Namespace, frame: str) -> list["Structure"]:
+    from app.dicom import Structure
+    from app.files import load_mesh
+
+    return [
+        Structure(name, load_mesh(path, units="mm", frame=frame))
+        for name, path in options.structure
+    ]
+
+
+def _in_ras(structure: "Structure", rotation: list[float] | None) -> "Structure":
+    import numpy as np
+
+    from app.dicom import Structure
+    from app.geometry import SurfaceMesh
+    from app.session import checked_axes
+
+    axes = checked_axes(None if rotation is None else np.reshape(rotation, (3, 3)))
+    if axes is None:
+        return structure
+    surface = structure.surface
+    turned = SurfaceMesh(surface.frame, surface.vertices_mm @ axes.T, surface.faces)
+    return Structure(structure.name, turned)
+
+
+def _document(study: "DicomStudy") -> dict[str, Any]:
+    return {
+        "files": list(study.files),
+        "structures": [
+            {
+                "name": each.name,
+                "surface_mm3": round(each.surface_mm3, 3),
+                "segmentation_mm3": round(each.segmentation_mm3, 3),
+                "contours_mm3": round(each.contours_mm3, 3),
+            }
+            for each in study.volumes
+        ],
+    }
+
+
+def _text(study: "DicomStudy", folder: Path) -> str:
+    lines = [
+        f"{each.name}: {each.surface_mm3:.1f} mm3, {each.segmentation_mm3:.1f} mm3 in voxels, "
+        f"{each.contours_mm3:.1f} mm3 in contours"
+        for each in study.volumes
+    ]
+    return "\n".join([*lines, f"wrote {len(study.files)} files to {folder}"])
+
+
+def _structure(text: str) -> tuple[str, Path]:
+    name, separator, path = text.partition("=")
+    if not (name.strip() and separator and path):
+        raise argparse.ArgumentTypeError(f"{text!r}; expected NAME=FILE")
+    if len(name) > 64 or "\\" in name or not name.isprintable():
+        raise argparse.ArgumentTypeError(
+            f"name {name!r}; expected 64 printable characters at most, without a backslash"
+        )
+    return name.strip(), Path(path)
+
+
+def _date(text: str) -> datetime.date:
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected YYYY-MM-DD") from error

@@ -1,0 +1,79 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pydicom
+import pytest
+import trimesh
+
+from app.cli.main import main
+from tests.cli.small_case import write_small_case
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_small_case(tmp_path_factory.mktemp("export") / "case")
+
+
+def centre(path: Path, number: int) -> np.ndarray:
+    contours = pydicom.dcmread(path / "structure_set.dcm").ROIContourSequence[number]
+    points = [np.reshape(each.ContourData, (-1, 3)) for each in contours.ContourSequence]
+    return np.concatenate(points).astype(float).mean(axis=0)
+
+
+def test_tumour_and_another_surface_are_written(case, tmp_path, capsys):
+    specimen = trimesh.creation.box(extents=[30.0, 20.0, 10.0])
+    specimen.apply_translation([5.0, 7.0, 9.0])
+    specimen.export(tmp_path / "specimen.stl")
+    out = tmp_path / "out"
+    given = ["--out", str(out), "--structure", f"specimen={tmp_path / 'specimen.stl'}"]
+    assert main(["export-dicom", str(case), *given, "--voxel-mm", "0.4", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert sorted(document["files"]) == sorted(path.name for path in out.iterdir())
+    tumor, box = document["structures"]
+    assert (tumor["name"], box["name"]) == ("tumor", "specimen")
+    assert box["segmentation_mm3"] == pytest.approx(6000.0, rel=0.01)
+    assert centre(out, 1) == pytest.approx([-5.0, -7.0, 9.0], abs=0.3)
+    segments = pydicom.dcmread(out / "segmentation.dcm").SegmentSequence
+    assert [segment.SegmentLabel for segment in segments] == ["tumor", "specimen"]
+
+
+def test_axes_of_the_patient_turn_the_structures(case, tmp_path):
+    box = trimesh.creation.box(extents=[4.0, 4.0, 4.0])
+    box.apply_translation([20.0, 0.0, 0.0])
+    box.export(tmp_path / "box.stl")
+    turned = ["0", "-1", "0", "1", "0", "0", "0", "0", "1"]  # x is anterior
+    options = ["--structure", f"box={tmp_path / 'box.stl'}", "--ras-from-tumor", *turned]
+    assert main(["export-dicom", str(case), "--out", str(tmp_path / "out"), *options]) == 0
+    assert centre(tmp_path / "out", 1) == pytest.approx([0.0, -20.0, 0.0], abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--structure", "specimen"], "expected NAME=FILE"),
+        (["--structure", "specimen=missing.stl"], "missing.stl"),
+        (["--voxel-mm", "9"], "expected 0.05 to 5 mm"),
+        (["--frame-of-reference", "abc"], "expected a DICOM UID"),
+        (["--date", "yesterday"], "expected YYYY-MM-DD"),
+        (["--ras-from-tumor", *"111111111"], "is no rotation"),
+    ],
+)
+def test_bad_options_leave_no_folder(case, options, problem, tmp_path, capsys):
+    out = tmp_path / "out"
+    try:
+        status = main(["export-dicom", str(case), "--out", str(out), *options])
+    except SystemExit as ended:
+        status = ended.code
+    assert status == 2
+    error = capsys.readouterr().err
+    assert problem in error
+    assert len(error.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_an_existing_folder_is_not_overwritten(case, tmp_path, capsys):
+    (tmp_path / "mine").write_text("kept")
+    assert main(["export-dicom", str(case), "--out", str(tmp_path)]) == 2
+    assert "already exists" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
