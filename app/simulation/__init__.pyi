@@ -1,4 +1,14 @@
-from .commands import COMMAND_LIFETIME_NS, ArmStatus, JointVelocityCommand
+from .command_gate import COMMAND_LIFETIME_NS
+from .commands import (
+    ArmCommand,
+    ArmStatus,
+    JointPositionCommand,
+    JointVelocityCommand,
+    StateCommand,
+    ToolPoseCommand,
+    ToolTwistCommand,
+    ToolWrenchCommand,
+)
 from .errors import CommandError, SimulationError, UnstableError, WorldError
 from .hand import ScriptedHand
 from .state import ArmState, Contact, WorldState, Wrench
@@ -22,6 +32,7 @@ from .world_keys import WORLD, world_schema_text
 __all__ = [
     "COMMAND_LIFETIME_NS",
     "WORLD",
+    "ArmCommand",
     "ArmState",
     "ArmStatus",
     "BodyEntry",
@@ -29,14 +40,19 @@ __all__ = [
     "CommandError",
     "Contact",
     "HandEntry",
+    "JointPositionCommand",
     "JointVelocityCommand",
     "Push",
     "RobotEntry",
     "ScriptedHand",
     "SimulationError",
+    "StateCommand",
     "TissueEntry",
     "TissueShift",
     "ToolEntry",
+    "ToolPoseCommand",
+    "ToolTwistCommand",
+    "ToolWrenchCommand",
     "TrackerEntry",
     "UnstableError",
     "World",

@@ -19,6 +19,9 @@ BANDWIDTH_HZ = 300.0
 LIMIT_S = 0.02
 """Time constant with which the velocity falls to 0 towards a joint limit."""
 
+FADE = 10.0
+"""1 over the share of the speed limit below it in which the efforts of a wrench fade out."""
+
 
 class VelocityServo:
     """The drives of one robot. Evaluate between `mujoco.mj_step1` and `mujoco.mj_step2`."""
@@ -70,8 +73,25 @@ class VelocityServo:
         lower = np.minimum((self._lower - positions) / LIMIT_S, 0.0)
         return np.asarray(np.minimum(np.maximum(scaled, lower), upper))
 
-    def apply(self, data: Any, inertia: FloatArray, commanded: FloatArray) -> None:
-        """Set the efforts for joint velocities ``commanded`` (n,); ``inertia`` is (nv, nv)."""
+    def of_driven(self, jacobian: FloatArray, data: Any) -> FloatArray:
+        """The part (m, n) of a Jacobian (m, nv) for the driven joints; the others follow them."""
+        share = self._share(data)
+        return np.asarray(
+            jacobian[:, self.dofs] if share is None else jacobian[:, self._all] @ share
+        )
+
+    def apply(
+        self,
+        data: Any,
+        inertia: FloatArray,
+        commanded: FloatArray,
+        efforts: FloatArray | None = None,
+    ) -> None:
+        """Set the efforts for joint velocities ``commanded`` (n,); ``inertia`` is (nv, nv).
+
+        With ``efforts`` (n,) the drives give those and balance the weight instead; they resist
+        only beyond the speed limits and at the ends of travel.
+        """
         share = self._share(data)
         mass = inertia[self._block]
         bias = (data.qfrc_bias - data.qfrc_passive)[self._all]
@@ -83,11 +103,25 @@ class VelocityServo:
             last_mass, last_bias, last_velocity = self._last
             acceleration = (velocity - last_velocity) / self._timestep
             disturbance = last_mass @ acceleration + last_bias - self.torques
-        target = self.limited(commanded, data.qpos[self.positions])
-        torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + bias - disturbance
+        if efforts is None:
+            target = self.limited(commanded, data.qpos[self.positions])
+            torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + bias - disturbance
+        else:
+            target = self.limited(velocity, data.qpos[self.positions])
+            weight = data.qfrc_bias[self._all]
+            weight = weight if share is None else share.T @ weight
+            torques = mass @ (BANDWIDTH_HZ * (target - velocity)) + weight
+            torques = torques + self._within_speed(efforts, velocity)
         self.torques = np.minimum(np.maximum(torques, -self._effort), self._effort)
         self._last = mass, bias, velocity.copy()
         data.ctrl[self.actuators] = self.torques
+
+    def _within_speed(self, efforts: FloatArray, velocity: FloatArray) -> FloatArray:
+        """``efforts`` (n,), which fade out in the last tenth below the speed limit of a joint."""
+        left = FADE * (1.0 - np.abs(velocity) * self._inverse_velocity)
+        is_along = efforts * velocity > 0.0
+        limited = np.clip(efforts, -self._effort, self._effort)
+        return np.asarray(limited * np.where(is_along, np.clip(left, 0.0, 1.0), 1.0))
 
     def _share(self, data: Any) -> FloatArray | None:
         """Velocities of the robot's joints (m, n) per velocity of each driven one.

@@ -5,14 +5,15 @@ from dataclasses import dataclass
 
 from app.geometry import FloatArray, Transform
 from app.robot.kinematics.link_poses import LinkPoses
-from app.simulation.commands import ArmStatus
+from app.simulation.commands import ArmCommand, ArmStatus
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmState:
     """Actuated joints (n,) in the order of the robot's file, in rad, rad/s, N m (m, m/s, N).
 
-    ``setpoints`` are the velocities that the drives follow.
+    ``setpoints`` are the velocities that the drives follow; 0 while they exert a wrench.
+    ``command`` is the one that the arm follows, None while it stands.
     ``links`` has the pose of each link in the world, without links that have no body of their own.
     ``fault``: why the status is FAULT.
     """
@@ -25,6 +26,12 @@ class ArmState:
     status: ArmStatus
     fault: str
     links: LinkPoses
+    command: ArmCommand | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """True while the arm follows a command."""
+        return self.command is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

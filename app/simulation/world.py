@@ -8,10 +8,13 @@ import numpy as np
 
 from app.geometry import FloatArray
 from app.robot.kinematics.link_poses import LinkPoses
+from app.simulation.arm_motion import ArmMotion
 from app.simulation.build import NS_TO_S, build_world
-from app.simulation.commands import CommandGate, JointVelocityCommand
+from app.simulation.command_gate import CommandGate
+from app.simulation.commands import ArmCommand, StateCommand
 from app.simulation.errors import CommandError, UnstableError, WorldError
 from app.simulation.inertia import M_PER_MM
+from app.simulation.robot_model import RobotModel
 from app.simulation.servo import VelocityServo
 from app.simulation.state import ArmState, Contact, WorldState, Wrench
 from app.simulation.tissue import TissueMotion
@@ -34,8 +37,10 @@ class World:
         self._data: Any = mujoco.MjData(built.model)
         self._robots = built.robots
         self._servos = {each.entry.name: VelocityServo(built.model, each) for each in built.robots}
-        self._gates = {
-            name: CommandGate(name, servo.joints) for name, servo in self._servos.items()
+        self._gates = {each.entry.name: self._gate(each) for each in built.robots}
+        self._motions = {each.entry.name: self._motion(each) for each in built.robots}
+        self._setpoints = {
+            name: np.zeros(len(servo.joints)) for name, servo in self._servos.items()
         }
         self._tissues = [
             (int(self._model.body_mocapid[self._body(each.name)]),
@@ -91,6 +96,14 @@ class World:
         self._require_arm(arm)
         self._gates[arm].enable()
 
+    def request(self, arm: str, command: StateCommand) -> None:
+        """Change the state of ``arm`` by ``command``.
+
+        Raises `CommandError`, and changes nothing, where its state does not allow that.
+        """
+        self._require_arm(arm)
+        self._gates[arm].request(command)
+
     def fail(self, arm: str, reason: str) -> None:
         """Stop ``arm`` and put it into FAULT."""
         self._require_arm(arm)
@@ -98,7 +111,7 @@ class World:
 
     def step(
         self,
-        commands: Mapping[str, JointVelocityCommand] | None = None,
+        commands: Mapping[str, ArmCommand] | None = None,
         wrenches: Mapping[str, Wrench] | None = None,
     ) -> WorldState:
         """Advance by one time step with new ``commands`` by arm and ``wrenches`` by body.
@@ -121,8 +134,10 @@ class World:
         if self._servos:
             mujoco.mj_fullM(self._model, data, self._inertia)
         for arm, servo in self._servos.items():
-            _, velocities = self._gates[arm].velocities(now_ns)
-            servo.apply(data, self._inertia, np.array(velocities))
+            followed = self._gates[arm].command(now_ns)
+            target = self._motions[arm].target(followed, self._model, data)
+            self._setpoints[arm] = target.velocities
+            servo.apply(data, self._inertia, target.velocities, target.efforts)
         mujoco.mj_step2(self._model, data)
         self._check_stable()
         self._steps += 1
@@ -139,16 +154,19 @@ class World:
         matrices[:, 3, 3] = 1.0
         arms = {}
         for arm, servo in self._servos.items():
-            status, setpoints = self._gates[arm].velocities(self.time_ns)
+            gate = self._gates[arm]
+            command = gate.command(self.time_ns)
+            setpoints = self._setpoints[arm]
             arms[arm] = ArmState(
                 servo.joints,
                 data.qpos[servo.positions],
                 data.qvel[servo.dofs],
                 servo.torques,
-                np.array(setpoints),
-                status,
-                self._gates[arm].fault,
+                np.zeros(len(servo.joints)) if command is None else setpoints,
+                gate.status,
+                gate.fault,
                 LinkPoses(WORLD_FRAME, self._link_rows[arm], matrices),
+                command,
             )
         return WorldState(self.time_ns, arms, LinkPoses(WORLD_FRAME, self._body_rows, matrices))
 
@@ -205,6 +223,18 @@ class World:
             raise WorldError(
                 f"arm {name!r}: no such robot; expected one of {', '.join(self._servos) or 'none'}"
             )
+
+    def _gate(self, robot: RobotModel) -> CommandGate:
+        entry = robot.entry
+        tool = None if entry.tool is None else entry.tool.name
+        joints = self._servos[entry.name].joints
+        return CommandGate(entry.name, joints, entry.robot.root_link, tool)
+
+    def _motion(self, robot: RobotModel) -> ArmMotion:
+        entry = robot.entry
+        tool = None if entry.tool is None else self._body(entry.tool.name)
+        base = entry.world_from_base
+        return ArmMotion(self._servos[entry.name], tool, base.rotation, base.translation_mm)
 
     def _body(self, name: str) -> int:
         return int(mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_BODY, name))

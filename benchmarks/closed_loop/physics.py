@@ -22,7 +22,7 @@ from app.bridge.simulation import NODE_NAME, RealTime, SimulationNode
 from app.files.shipped import shipped
 from app.geometry import NS_PER_S, FloatArray
 from app.robot import Robot
-from app.simulation import ArmStatus, World, WorldState, open_world
+from app.simulation import World, WorldState, open_world
 from benchmarks.closed_loop.hand import Phase, PushingHand
 
 RAW_TOPIC = "/tracker/raw"
@@ -66,7 +66,7 @@ class TruthShell:
                 *tumor.rotation.ravel())  # fmt: skip
         self._poses.append(pose)
         phase = self._hand.phase
-        self._stamps.append((stamp_ns, int(phase), int(arm.status is ArmStatus.ENABLED)))
+        self._stamps.append((stamp_ns, int(phase), int(arm.is_busy)))
         before, self._before = self._before, (stamp_ns, tool.translation_mm)
         away_mm = float(np.linalg.norm(tool.translation_mm - tumor.translation_mm))
         if phase is Phase.PUSH and not self._is_mid and away_mm < MID_MM and before is not None:

@@ -2,24 +2,30 @@
 
 ============================ ============================ ========================================
 ``measured_js``              sensor_msgs/JointState       positions, velocities and efforts
-``setpoint_js``              sensor_msgs/JointState       velocities that the drives follow
+``setpoint_js``              sensor_msgs/JointState       velocities that the drives follow, and the
+                                                          positions of ``servo_jp``
 ``measured_cp``              geometry_msgs/PoseStamped    the tool in the arm's root link
+``setpoint_cp``              geometry_msgs/PoseStamped    the pose of ``servo_cp``, while followed
 ``measured_cv``              geometry_msgs/TwistStamped   the tool's velocity, axes of the root link
-``body/measured_cf``         geometry_msgs/WrenchStamped  the hand's wrench at the tool, its axes
-``servo_jv``                 sensor_msgs/JointState       input: joint velocities; lasts 30 ms
+``measured_cf``              geometry_msgs/WrenchStamped  the hand's wrench at the tool, axes of the
+                                                          root link
+``body/measured_cf``         geometry_msgs/WrenchStamped  the same along the tool's axes
+``servo_jv``, ``servo_jp``,  see `arm_commands`           input: motion; each lasts 30 ms
+``servo_cp``, ``servo_cv``,
+``servo_cf``,
+``body/servo_cf``
+``operating_state``,         see `arm_state_topics`       state, and input: commands that change it
+``state_command``
 ``robot_description``        std_msgs/String              the URDF, if the robot is one
 ============================ ============================ ========================================
 
-All are in the namespace of the arm, ``/NAME``, in m, rad, N. CRTK's ``operating_state`` needs
-``crtk_msgs``, which cannot be installed from PyPI: the state is on ``/diagnostics`` and the service
-``/NAME/enable`` ends FAULT.
+All are in the namespace of the arm, ``/NAME``, in m, rad, N. The service ``/NAME/enable`` ends
+FAULT; ``/diagnostics`` has its reason.
 """
-
-import threading
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, Quaternion, TwistStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -31,17 +37,24 @@ from app.bridge.messages import (
     vector_message,
 )
 from app.bridge.node import RosNode
-from app.bridge.qos import LATCHED, NEWEST, STREAM, Topic
+from app.bridge.qos import LATCHED, STREAM, Topic
+from app.bridge.simulation.arm_commands import ArmCommands
+from app.bridge.simulation.arm_state_topics import ArmStateTopics
 from app.geometry import NS_PER_S, FloatArray, Stamp, Transform
 from app.robot import urdf_text
-from app.simulation import ArmState, ArmStatus, JointVelocityCommand, RobotEntry, Wrench
-
-MAX_AHEAD_NS = 5_000_000
-"""A command may be stamped as much ahead: physics and sender are two processes."""
+from app.simulation import (
+    ArmState,
+    ArmStatus,
+    JointPositionCommand,
+    RobotEntry,
+    ToolPoseCommand,
+    Wrench,
+)
 
 _LEVELS = {
+    ArmStatus.DISABLED: DiagnosticStatus.WARN,
     ArmStatus.ENABLED: DiagnosticStatus.OK,
-    ArmStatus.PAUSED: DiagnosticStatus.OK,
+    ArmStatus.PAUSED: DiagnosticStatus.WARN,
     ArmStatus.FAULT: DiagnosticStatus.ERROR,
 }
 
@@ -52,44 +65,19 @@ class ArmEndpoint:
     def __init__(self, ros: RosNode, entry: RobotEntry) -> None:
         self.entry = entry
         name = entry.name
-        self._node = ros.node
         self._measured = ros.publisher(Topic(f"/{name}/measured_js", JointState, STREAM))
         self._setpoint = ros.publisher(Topic(f"/{name}/setpoint_js", JointState, STREAM))
         self._pose = ros.publisher(Topic(f"/{name}/measured_cp", PoseStamped, STREAM))
         self._twist = ros.publisher(Topic(f"/{name}/measured_cv", TwistStamped, STREAM))
+        self._pose_setpoint = ros.publisher(Topic(f"/{name}/setpoint_cp", PoseStamped, STREAM))
         self._wrench = ros.publisher(Topic(f"/{name}/body/measured_cf", WrenchStamped, STREAM))
+        self._base_wrench = ros.publisher(Topic(f"/{name}/measured_cf", WrenchStamped, STREAM))
         if entry.file is not None and entry.file.suffix == ".urdf":
             described = ros.publisher(Topic(f"/{name}/robot_description", String, LATCHED))
             described.publish(String(data=urdf_text(entry.file)))
-        self._lock = threading.Lock()
-        self._arrived: tuple[JointState, int] | None = None
         self._last: tuple[int, Transform] | None = None
-        self._command_topic = f"/{name}/servo_jv"
-        ros.subscribe(Topic(self._command_topic, JointState, NEWEST), self._take)
-
-    def second_controller(self) -> str:
-        """Why motion of this arm has more than one source; empty if it has not."""
-        count = self._node.count_publishers(self._command_topic)
-        return f"{self._command_topic} has {count} publishers; expected 1" if count > 1 else ""
-
-    def command(self, host_ns: int, time_ns: int) -> JointVelocityCommand | None:
-        """The command that has arrived since the last call, on the simulation's clock.
-
-        ``host_ns`` and ``time_ns`` are the present on both clocks. A stamp that was in the future
-        when the message arrived stays in the future, which the arm refuses. The present of a
-        physics that was interrupted may be before the arrival.
-        """
-        with self._lock:
-            arrived, self._arrived = self._arrived, None
-        if arrived is None:
-            return None
-        message, arrived_ns = arrived
-        stamp = message.header.stamp
-        stamp_ns = stamp.sec * NS_PER_S + stamp.nanosec
-        age_ns = min(arrived_ns - stamp_ns, 0)
-        if age_ns >= -MAX_AHEAD_NS:
-            age_ns = max(host_ns - stamp_ns, 0)
-        return JointVelocityCommand(time_ns - age_ns, tuple(message.name), tuple(message.velocity))
+        self.commands = ArmCommands(ros, name)
+        self.operating = ArmStateTopics(ros, name)
 
     def publish(
         self, state: ArmState, world_from_tool: Transform | None, hand: Wrench | None, stamp: Stamp
@@ -106,9 +94,12 @@ class ArmEndpoint:
                 effort=state.efforts.tolist(),
             )
         )
-        self._setpoint.publish(
-            JointState(header=header, name=names, velocity=state.setpoints.tolist())
-        )
+        setpoint = JointState(header=header, name=names, velocity=state.setpoints.tolist())
+        if isinstance(state.command, JointPositionCommand):
+            setpoint.position = list(state.command.positions)
+        self._setpoint.publish(setpoint)
+        if isinstance(state.command, ToolPoseCommand):
+            self._publish_pose_setpoint(state.command, stamp)
         if world_from_tool is not None:
             base_from_tool = self.entry.world_from_base.inverse() @ world_from_tool
             self._publish_tool(base_from_tool, stamp)
@@ -122,7 +113,10 @@ class ArmEndpoint:
             name=f"marginguard: arm {self.entry.name}",
             message=state.fault or str(state.status),
             hardware_id=self.entry.name,
-            values=[KeyValue(key="operating_state", value=str(state.status))],
+            values=[
+                KeyValue(key="operating_state", value=str(state.status)),
+                KeyValue(key="is_busy", value=str(state.is_busy).lower()),
+            ],
         )
 
     def _publish_tool(self, base_from_tool: Transform, stamp: Stamp) -> None:
@@ -139,17 +133,23 @@ class ArmEndpoint:
             twist.twist.angular = vector_message(angular)
             self._twist.publish(twist)
 
-    def _publish_hand(self, world_from_tool: Transform, hand: Wrench, stamp: Stamp) -> None:
-        message = WrenchStamped(header=header_message(world_from_tool.source, stamp))
-        message.wrench.force = vector_message(world_from_tool.rotation.T @ hand.force_n)
-        message.wrench.torque = vector_message(world_from_tool.rotation.T @ hand.torque_n_m)
-        self._wrench.publish(message)
+    def _publish_pose_setpoint(self, command: ToolPoseCommand, stamp: Stamp) -> None:
+        message = PoseStamped(header=header_message(command.frame, stamp))
+        message.pose.position = point_message(command.position_mm)
+        x, y, z, w = command.quaternion
+        message.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+        self._pose_setpoint.publish(message)
 
-    def _take(self, message: JointState) -> None:
-        """Keep a command. Runs in the node's thread."""
-        now_ns = self._node.get_clock().now().nanoseconds
-        with self._lock:
-            self._arrived = message, now_ns
+    def _publish_hand(self, world_from_tool: Transform, hand: Wrench, stamp: Stamp) -> None:
+        base = self.entry.world_from_base
+        for publisher, frame, axes in (
+            (self._wrench, world_from_tool.source, world_from_tool.rotation),
+            (self._base_wrench, base.source, base.rotation),
+        ):
+            message = WrenchStamped(header=header_message(frame, stamp))
+            message.wrench.force = vector_message(axes.T @ hand.force_n)
+            message.wrench.torque = vector_message(axes.T @ hand.torque_n_m)
+            publisher.publish(message)
 
 
 def _velocity(before: Transform, now: Transform, step_s: float) -> tuple[FloatArray, FloatArray]:

@@ -35,8 +35,8 @@ from app.bridge.simulation.real_time import RealTime
 from app.bridge.tracker_publisher import TrackerPublisher
 from app.geometry import NS_PER_MS, Stamp, TrackedTransform
 from app.simulation import (
+    ArmCommand,
     CommandError,
-    JointVelocityCommand,
     ScriptedHand,
     World,
     WorldDescription,
@@ -123,9 +123,10 @@ class SimulationNode:
         if self._state is not None and before.time_ns < self._state.time_ns:  # a reset
             self._tracker, self._checked_ns = self._new_tracker(), None
         self._check_senders(world, before)
-        commands: dict[str, JointVelocityCommand] = {}
+        self._change_states(world)
+        commands: dict[str, ArmCommand] = {}
         for name, arm in self._arms.items():
-            command = arm.command(now_ns, world.time_ns)
+            command = arm.commands.newest(now_ns, world.time_ns)
             if command is not None and not before.arms[name].fault:
                 commands[name] = command
         wrenches = {}
@@ -146,6 +147,8 @@ class SimulationNode:
                 self._tracked.publish(on_host)
         if state.time_ns % STATE_PERIOD_NS == 0:
             self._publish_state(state, Stamp(stamp_ns))
+        for name, arm_state in state.arms.items():
+            self._arms[name].operating.publish(arm_state, Stamp(stamp_ns))
         statuses = tuple(each.fault or each.status for each in state.arms.values())
         if statuses != self._statuses:
             self._statuses = statuses
@@ -195,6 +198,15 @@ class SimulationNode:
             )
         )
 
+    def _change_states(self, world: World) -> None:
+        """Do what has arrived on ``state_command``."""
+        for name, arm in self._arms.items():
+            for command in arm.operating.commands():
+                try:
+                    world.request(name, command)
+                except CommandError as error:
+                    self._ros.node.get_logger().warning(str(error))
+
     def _check_senders(self, world: World, state: WorldState) -> None:
         """Stop an arm that more than one node commands."""
         last_ns = self._checked_ns
@@ -202,7 +214,7 @@ class SimulationNode:
             return
         self._checked_ns = world.time_ns
         for name, arm in self._arms.items():
-            problem = arm.second_controller()
+            problem = arm.commands.second_controller()
             if problem and not state.arms[name].fault:
                 world.fail(name, problem)
 

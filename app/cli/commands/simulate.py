@@ -1,10 +1,11 @@
 """Simulate a world with physics, in real time, as ROS nodes see robots and a tracker.
 
 WORLD is a world.yaml or its folder. Each arm has the topics of CRTK in its namespace (measured_js,
-measured_cp, servo_jv, ...); the tracker publishes on /tracked_transforms and /tf; true poses are on
-/tf as truth/NAME. An arm moves by servo_jv of one node alone, stops 30 ms after its last command,
-and is in FAULT after an invalid one, a second sender, or when the physics falls more than 30 ms
-behind real time, until its service enable is called. --with and --view start other commands with
+measured_cp, operating_state, ...); the tracker publishes on /tracked_transforms and /tf; true poses
+are on /tf as truth/NAME. An arm moves by servo_jv, servo_jp, servo_cp, servo_cv and servo_cf of one
+node alone, stops 30 ms after its last command, and is in FAULT after an invalid one, a second
+sender, or when the physics falls more than 30 ms behind real time, until its service enable is
+called. --with and --view start other commands with
 the live.yaml and control.yaml beside the world; the physics begins when all of them run, and all
 end with the first that ends. Exit status 130 or 143 after a signal, 2 on bad input, when the
 physics diverges and when one of the others ends.

@@ -1,8 +1,8 @@
 """Independent ROS process: a controller that sends one velocity, and a judge of what it reads.
 
-Reads a line of JSON for each round: ``{"velocity": [...], "names": [...]}``, sends it with the
-present stamp, and prints the newest message of each topic as a line of JSON. It does not import the
-project.
+Reads a line of JSON for each round: ``{"velocity": [...], "names": [...]}`` for ``servo_jv``, or a
+``topic`` with its values. Sends it with the present stamp, and prints the newest message of each
+topic as a line of JSON. It does not import the project.
 """
 
 import contextlib
@@ -11,12 +11,58 @@ import sys
 import threading
 
 import rclpy
+from crtk_msgs.msg import OperatingState, StringStamped
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from marginguard_msgs.msg import TrackedTransform
 from rclpy.executors import ExternalShutdownException
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
+
+
+def joints(command):
+    return JointState(
+        name=command["names"],
+        velocity=command.get("velocity", []),
+        position=command.get("position", []),
+    )
+
+
+def pose(command):
+    message = PoseStamped()
+    message.header.frame_id = command["frame"]
+    point, turn = message.pose.position, message.pose.orientation
+    point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w = command["values"]
+    return message
+
+
+def twist(command):
+    message = TwistStamped()
+    message.header.frame_id = command["frame"]
+    linear = message.twist.linear
+    linear.x, linear.y, linear.z = command["values"]
+    return message
+
+
+def wrench(command):
+    message = WrenchStamped()
+    message.header.frame_id = command["frame"]
+    force = message.wrench.force
+    force.x, force.y, force.z = command["values"]
+    return message
+
+
+MESSAGES = {
+    "servo_jv": joints,
+    "servo_jp": joints,
+    "servo_cp": pose,
+    "servo_cv": twist,
+    "servo_cf": wrench,
+    "body/servo_cf": wrench,
+    "move_jp": joints,
+    "state_command": lambda command: StringStamped(string=command["values"]),
+}
 
 
 def plain(message):
@@ -43,6 +89,8 @@ def main() -> int:
         "setpoint_js": ("/arm/setpoint_js", JointState),
         "measured_cp": ("/arm/measured_cp", PoseStamped),
         "measured_cv": ("/arm/measured_cv", TwistStamped),
+        "setpoint_cp": ("/arm/setpoint_cp", PoseStamped),
+        "base_cf": ("/arm/measured_cf", WrenchStamped),
         "measured_cf": ("/arm/body/measured_cf", WrenchStamped),
         "tracked": ("/tracked_transforms", TrackedTransform),
         "diagnostics": ("/diagnostics", DiagnosticArray),
@@ -55,16 +103,28 @@ def main() -> int:
             newest[edge.child_frame_id] = edge
 
     node.create_subscription(TFMessage, "/tf", take_tf, 100)
-    publisher = node.create_publisher(JointState, "/arm/servo_jv", 1)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(
+        OperatingState,
+        "/arm/operating_state",
+        lambda m: newest.__setitem__("operating_state", m),
+        latched,
+    )
+    publishers = {}
+    if "idle" not in sys.argv:
+        publishers["servo_jv"] = node.create_publisher(JointState, "/arm/servo_jv", 1)
     threading.Thread(target=spin, args=(node,), daemon=True).start()
     print("ready", flush=True)
     for line in sys.stdin:
         command = json.loads(line)
         if command:
-            message = JointState(name=command["names"], velocity=command["velocity"])
+            topic = command.get("topic", "servo_jv")
+            message = MESSAGES[topic](command)
             message.header.stamp = node.get_clock().now().to_msg()
             message.header.stamp.sec += command.get("ahead_s", 0)
-            publisher.publish(message)
+            if topic not in publishers:
+                publishers[topic] = node.create_publisher(type(message), f"/arm/{topic}", 1)
+            publishers[topic].publish(message)
         print(json.dumps({key: plain(value) for key, value in dict(newest).items()}), flush=True)
     return 0
 

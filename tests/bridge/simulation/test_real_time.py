@@ -80,7 +80,7 @@ def test_states_have_the_host_time_at_which_they_are_due(pace, clock):
 def test_physics_that_falls_behind_stops_the_arms_and_goes_on_later(pace, clock, world):
     joints = world.state().arms["arm"].joints
     world.step({"arm": JointVelocityCommand(0, joints, (0.1,) * 6)})
-    assert world.state().arms["arm"].status is ArmStatus.ENABLED
+    assert world.state().arms["arm"].is_busy
 
     def each(number):
         clock.now_ns += MAX_LAG_NS + 2 * NS_PER_MS if number == 10 else 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from std_srvs.srv import Trigger
 
 from app.bridge import RosNode
@@ -34,8 +35,9 @@ class Simulated:
         self.peer = self.add_peer()
         self.round_until(lambda seen: {"measured_js", "diagnostics", "tumor_sensor"} <= set(seen))
 
-    def add_peer(self):
-        peer = self._start(str(PEER))
+    def add_peer(self, idle=False):
+        """Start a peer; an ``idle`` one has no publisher before its first command."""
+        peer = self._start(str(PEER), *(["idle"] if idle else []))
         peer.line()
         return peer
 
@@ -87,7 +89,8 @@ def test_arm_follows_a_controller_and_stands_without_it(simulated):
     stopped = simulated.round_until(
         lambda seen: max(map(abs, seen["measured_js"]["velocity"])) < 1e-3
     )
-    assert fault_of(stopped) == "PAUSED"
+    assert fault_of(stopped) == "ENABLED"
+    assert not simulated.arm.is_busy
     assert stopped["setpoint_js"]["velocity"] == [0.0] * 6
 
 
@@ -170,3 +173,99 @@ def test_second_controller_stops_the_arm(simulated):
     for _ in range(10):
         simulated.round(simulated.velocity(0.2))
     assert np.abs(simulated.arm.velocities).max() < 1e-3
+
+
+def tool_pose(simulated):
+    """The tool's pose in the arm's root link."""
+    world_from_base = simulated.world.description.robots[0].world_from_base
+    return world_from_base.inverse() @ simulated.world.state().bodies["cautery"]
+
+
+def hold(simulated, *offset_mm):
+    """A command to the pose that is ``offset_mm`` from the present one."""
+    pose = tool_pose(simulated)
+    turn = Rotation.from_matrix(pose.rotation).as_quat().tolist()
+    place = ((pose.translation_mm + np.array(offset_mm)) / 1000.0).tolist()
+    return {"topic": "servo_cp", "frame": pose.target, "values": [*place, *turn]}
+
+
+def test_one_controller_moves_the_tool_by_poses_velocities_and_forces(simulated):
+    pose, root = tool_pose(simulated), tool_pose(simulated).target
+    goal = hold(simulated, 0.0, 5.0, 5.0)
+    seen = simulated.round_until(
+        lambda _: np.abs(tool_pose(simulated).translation_mm - pose.translation_mm)[1:].min() > 4.8,
+        goal,
+    )
+    assert seen["setpoint_cp"]["header"]["frame_id"] == root
+    before = tool_pose(simulated).translation_mm[1]
+    simulated.round_until(
+        lambda _: tool_pose(simulated).translation_mm[1] < before - 5.0,
+        {"topic": "servo_cv", "frame": root, "values": [0.0, -0.03, 0.0]},
+    )
+    before = tool_pose(simulated).translation_mm[1]
+    simulated.round_until(
+        lambda _: tool_pose(simulated).translation_mm[1] > before + 2.0,
+        {"topic": "servo_cf", "frame": root, "values": [0.0, 1.5, 0.0]},
+    )
+    goal = [0.0, 1.0, 0.5, 0.0, 0.1, 0.0]
+    seen = simulated.round_until(
+        lambda _: np.abs(simulated.arm.positions - goal).max() < 0.01,
+        {"topic": "servo_jp", "names": simulated.joints, "position": goal},
+    )
+    assert simulated.arm.fault == ""
+    assert seen["setpoint_js"]["position"] in ([], goal)
+
+
+@pytest.mark.parametrize(
+    ("command", "problem"),
+    [
+        (
+            {"topic": "servo_cp", "frame": "world", "values": [0.0] * 6 + [1.0]},
+            "frame_id is 'world'; expected 'touch_base'",
+        ),
+        (
+            {"topic": "servo_cp", "frame": "touch_base", "values": [math.nan] * 6 + [1.0]},
+            "position 'x' is nan; expected a finite number",
+        ),
+        (
+            {"topic": "body/servo_cf", "frame": "touch_base", "values": [1.0, 0.0, 0.0]},
+            "frame_id is 'touch_base'; expected 'cautery'",
+        ),
+    ],
+)
+def test_invalid_tool_command_is_a_fault(simulated, command, problem):
+    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
+    simulated.round_until(lambda _: bool(simulated.arm.fault), command)
+    assert simulated.arm.fault == problem
+    seen = simulated.round_until(lambda seen: seen["operating_state"]["state"] == "FAULT")
+    assert not seen["operating_state"]["is_busy"]
+    simulated.round_until(lambda _: bool(np.abs(simulated.arm.velocities).max() < 1e-3))
+
+
+def test_sender_of_another_kind_of_motion_is_a_second_controller(simulated):
+    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
+    other = simulated.add_peer(idle=True)
+    command = {"topic": "move_jp", "names": simulated.joints, "position": [0.0] * 6}
+    simulated.round(command, peer=other)
+    simulated.round_until(lambda _: bool(simulated.arm.fault), simulated.velocity(0.2))
+    assert "/arm/servo_jv and /arm/move_jp have 2 senders (" in simulated.arm.fault
+
+
+def test_state_commands_pause_and_resume(simulated):
+    def command(text):
+        return {"topic": "state_command", "values": text}
+
+    def state_is(name):
+        return lambda seen: seen.get("operating_state", {}).get("state") == name
+
+    seen = simulated.round_until(state_is("ENABLED"))
+    assert seen["operating_state"]["is_homed"]
+    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
+    simulated.round_until(state_is("PAUSED"), command("pause"))
+    for _ in range(20):
+        simulated.round(simulated.velocity(0.3))
+    assert np.abs(simulated.arm.velocities).max() < 1e-3
+    simulated.round(command("dance"))
+    simulated.round_until(state_is("ENABLED"), command("resume"))
+    simulated.round_until(lambda _: simulated.arm.velocities[0] > 0.1, simulated.velocity(0.2))
+    assert simulated.arm.fault == ""
