@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from app.files.shipped import shipped
-from app.geometry import Transform
+from benchmarks.closed_loop.base_error import drawn_registration
 from benchmarks.closed_loop.loop_operator import Operator
 from benchmarks.faults.child import Child, ChildError
 
@@ -87,12 +87,13 @@ def running_loop(
 ) -> Iterator[Loop]:
     """Start all processes, the physics last; end them on exit. Logs and truth are in ``folder``.
 
-    ``seed`` gives the directions of the pushes, ``tracker_seed`` the tracker's errors, by default
-    the same. Without ``fixture`` the guard is `open_guard`. ``base_error``: the registration of the
-    base in the controller's file is wrong.
+    ``seed`` gives the directions of the pushes, ``tracker_seed`` the errors of tracker and
+    registration, by default the same. Without ``fixture`` the guard is `open_guard`.
+    ``base_error``: the base in the controller's file has an error (`base_error`).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    control, truth_file = write_control(folder, base_error), folder / "truth.npz"
+    errors_seed = seed if tracker_seed is None else tracker_seed
+    control, truth_file = write_control(folder, base_error, errors_seed), folder / "truth.npz"
     live = str(shipped(*WORLD, "live.yaml"))
     cli = ["-m", "app.cli"]
     guard = [*cli, "live", "--config", live, "--constraint-hz", "200"]
@@ -104,7 +105,7 @@ def running_loop(
             "-m",
             "benchmarks.closed_loop.physics",
             str(seed),
-            str(seed if tracker_seed is None else tracker_seed),
+            str(errors_seed),
             str(truth_file),
         ],
     }
@@ -123,15 +124,11 @@ def running_loop(
             child.end()
 
 
-def write_control(folder: Path, base_error: bool) -> Path:
-    """Write the shipped ``control.yaml``, with 1 degree and 2 mm of error of the base if asked."""
+def write_control(folder: Path, base_error: bool, seed: int) -> Path:
+    """Write the shipped ``control.yaml``; with an error of the base if asked, drawn by ``seed``."""
     document = yaml.safe_load(shipped(*WORLD, "control.yaml").read_text())
     if base_error:
-        axis = np.array([1.0, -2.0, 2.0]) / 3.0
-        error = Transform.from_rotation_vector(
-            np.radians(1.0) * axis, 2.0 * axis[::-1], target="tracker", source="base"
-        )
-        document["base"]["pose"]["matrix"] = error.matrix.ravel().tolist()
+        document["base"]["pose"]["matrix"] = drawn_registration(seed).matrix.ravel().tolist()
     path = folder / "control.yaml"
     path.write_text(yaml.safe_dump(document))
     return path

@@ -35,7 +35,8 @@ class Push:
     tool that stands. ``approach_mm_s``
     is the largest speed of the push, ``slide_mm_s`` and ``retreat_mm_s`` the median ones.
     ``stops``: number of safe stops meanwhile, each of which interrupts the push, by cause: the
-    reason of the controller, ``FAULT of the arm`` and ``lags``, a physics that has fallen behind.
+    reason of the controller, ``arm stood`` (FAULT, or no command for 30 ms) and ``lags``, a physics
+    that has fallen behind.
     """
 
     number: int
@@ -131,7 +132,7 @@ def judged(
     retreat = truth.phase_rows(*rows, Phase.RETREAT)
     push = truth.phase_rows(*rows, Phase.PUSH)
     disabled = int(np.count_nonzero(np.diff(truth.enabled[first : rows[1]].astype(int)) < 0))
-    causes = {**stops, "FAULT of the arm": disabled} if disabled else dict(stops)
+    causes = {**stops, "arm stood": disabled} if disabled else dict(stops)
     return Push(
         number,
         fixture,

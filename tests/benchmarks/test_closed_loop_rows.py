@@ -3,11 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.geometry import InputError
 from benchmarks.closed_loop.__main__ import parsed
+from benchmarks.closed_loop.base_error import drawn_registration
 from benchmarks.closed_loop.rows import lines_of, merged, read_rows
+
+TUMOR_MM = np.array([205.0, 0.0, 80.0])
 
 
 def row(number: int, lowest_mm: float, *, fixture: bool = True, **stops: int) -> dict[str, object]:
@@ -60,3 +64,12 @@ def test_file_of_something_else_is_refused(tmp_path: Path, text: str) -> None:
 def test_contradicting_options_are_refused(arguments: list[str]) -> None:
     with pytest.raises(SystemExit):
         parsed(arguments)
+
+
+def test_error_of_the_base_has_the_size_that_the_landmarks_predict() -> None:
+    away_mm = [
+        np.linalg.norm(drawn_registration(seed).apply(TUMOR_MM) - TUMOR_MM) for seed in range(200)
+    ]
+    # 6 landmarks with 1 mm along each axis: at their centroid sqrt(3 / 6), a little more beside it.
+    assert 0.6 < np.sqrt(np.mean(np.square(away_mm))) < 1.0
+    assert max(away_mm) < 2.5
