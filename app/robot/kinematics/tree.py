@@ -173,6 +173,8 @@ class KinematicTree:
         jacobian = np.zeros((6, len(drivers)))
         column_of = {name: column for column, name in enumerate(drivers)}
         origin = matrices[self.link_rows[link]][:3, 3]
+        columns: list[int] = []
+        turns: list[tuple[FloatArray, FloatArray]] = []
         for joint in self.path_to(link):
             if not joint.moves:
                 continue
@@ -187,8 +189,11 @@ class KinematicTree:
                 jacobian[:3, column] += gain * MM_PER_M * axis
             else:
                 lever = origin - (child[:3, :3] @ joint.pivot_mm + child[:3, 3])
-                jacobian[:3, column] += gain * np.cross(axis, lever)
-                jacobian[3:, column] += gain * axis
+                columns.append(column)
+                turns.append((gain * axis, lever))
+        if turns:  # one call of `numpy.cross`, which takes as long for one pair as for all
+            axes, levers = np.array(turns).transpose(1, 0, 2)
+            np.add.at(jacobian.T, columns, np.hstack([np.cross(axes, levers), axes]))
         return jacobian
 
 
