@@ -11,9 +11,11 @@ below the stop margin, or one without it does not breach the margin.
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,7 +32,15 @@ from app.control import (
 from app.files.extras import check_installed
 from app.files.shipped import shipped
 from app.fixture import Constraint, FixtureRule, PlainConstraint, ProximityEngine
-from app.geometry import NS_PER_MS, NS_PER_S, FloatArray, MarginGuardError, Stamp, Transform
+from app.geometry import (
+    NS_PER_MS,
+    NS_PER_S,
+    FloatArray,
+    MarginGuardError,
+    Stamp,
+    SurfaceMesh,
+    Transform,
+)
 from app.simulation import (
     JointVelocityCommand,
     Push,
@@ -42,6 +52,14 @@ from app.simulation import (
 )
 from benchmarks.push_simulation import MARGINS, Fixture
 from benchmarks.push_simulation import Push as FixtureOptions
+
+if TYPE_CHECKING:
+    from app.fixture import FixtureDecision
+    from app.simulation import WorldState
+    from benchmarks.push_movie import Moment
+
+    Observe = Callable[[WorldState, float, float, FixtureDecision], None]
+    """Gets a state, the true distance in mm, the force in N and the newest decision."""
 
 STILL_S, PUSH_S, RETREAT_S = 1.0, 1.5, 0.5
 """Duration of tracking before the push, of the push and of the retreat."""
@@ -107,6 +125,7 @@ class Guard:
         self._numbers = count(1)
         self._sent: list[PlainConstraint] = []
         self.base_from_tumor: Transform | None = None
+        self.decision: FixtureDecision | None = None
 
     def track(self, samples: Sequence[tuple[Transform, Stamp]]) -> None:
         """Use samples of the tumour that have arrived."""
@@ -117,7 +136,7 @@ class Guard:
         decision, self.base_from_tumor, tumor_from_tool = self._fixture.decide(
             base_from_tool, Stamp(now_ns)
         )
-        planes = decision.constraint
+        self.decision, planes = decision, decision.constraint
         if not self._enabled:
             tip = tumor_from_tool.translation_mm
             planes = Constraint("tumor", [[0, 0, 1]], [-FAR_MM], [tip], [[0, 0, 0]], hold=False)
@@ -154,8 +173,9 @@ def run_push(
     truth: ProximityEngine,
     seed: int,
     fixture: bool,
+    observe: "Observe | None" = None,
 ) -> GuidedPush:
-    """Simulate one push and the retreat after it."""
+    """Simulate one push and the retreat after it; ``observe`` gets every fifth step."""
     world = World(world_of(description, seed))
     about = world.description
     (robot,), (tumor,) = about.robots, about.tissues
@@ -224,6 +244,9 @@ def run_push(
             pose = state.bodies[tumor.name].inverse() @ state.bodies[robot.tool.name]
             found = truth.evaluate(pose.renamed(target="tumor", source="tool"))
             lowest_mm = min(lowest_mm, found.signed_distance_mm)
+            if observe is not None and guard.decision is not None:
+                force_n = float(np.linalg.norm(wrench.force_n))
+                observe(state, found.signed_distance_mm, force_n, guard.decision)
     return GuidedPush(seed, fixture, lowest_mm, top_mm_s, retreat_mm_s, stops)
 
 
@@ -233,19 +256,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--pushes", type=int, default=10, help="number of pushes of each kind")
     parser.add_argument("--seed", type=int, default=0, help="seed of the first push")
     parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument(
+        "--gif",
+        type=Path,
+        metavar="FILE",
+        help="draw the first push without and with the fixture instead, as an animated GIF",
+    )
     options = parser.parse_args(arguments)
     if options.pushes < 1:
         parser.error(f"--pushes is {options.pushes}; expected at least 1")
     try:
         check_installed("mujoco", "coacd")
         description = open_world(shipped("data", "worlds", "lumpectomy"))
-        tool, tumor = description.robots[0].tool, description.tissues[0]
-        assert tool is not None
-        surfaces = (
-            replace(tumor.mesh, frame="tumor"),
-            replace(tool.mesh, frame="tool"),
-        )
+        surfaces = engine_meshes(description)
         engine, truth = ProximityEngine(*surfaces), ProximityEngine(*surfaces)
+        if options.gif is not None:
+            check_installed("slicer")
+            _draw(options.gif, description, engine, truth, options.seed)
+            return 0
         found = [
             run_push(description, engine, truth, options.seed + number, fixture)
             for number in range(options.pushes)
@@ -261,6 +289,57 @@ def main(arguments: Sequence[str] | None = None) -> int:
     kept = all(each.lowest_mm >= MARGINS.stop_mm for each in found if each.fixture)
     breached = all(each.lowest_mm < MARGINS.stop_mm for each in found if not each.fixture)
     return 0 if kept and breached else 1
+
+
+def engine_meshes(description: WorldDescription) -> tuple[SurfaceMesh, SurfaceMesh]:
+    """The surfaces of tumour and tool, in the frames ``tumor`` and ``tool``."""
+    tool, tumor = description.robots[0].tool, description.tissues[0]
+    assert tool is not None
+    return replace(tumor.mesh, frame="tumor"), replace(tool.mesh, frame="tool")
+
+
+def _draw(
+    file: Path,
+    description: WorldDescription,
+    engine: ProximityEngine,
+    truth: ProximityEngine,
+    seed: int,
+) -> None:
+    """Write the pushes of ``seed`` without and with the fixture to ``file``."""
+    from app.files.atomic_io import write_file
+    from benchmarks.push_movie import EVERY_MS, Moment, push_gif
+
+    (robot,), (tumor,) = description.robots, description.tissues
+    assert robot.tool is not None
+    tool_name, base_from_world = robot.tool.name, robot.world_from_base.inverse()
+    base_from_world = base_from_world.renamed(target="robot_base")
+    pushes: list[tuple[str, list[Moment]]] = []
+    for fixture, title in ((False, "without fixture"), (True, "with fixture")):
+        moments: list[Moment] = []
+
+        def observe(
+            state: "WorldState",
+            distance_mm: float,
+            force_n: float,
+            decision: "FixtureDecision",
+            moments: "list[Moment]" = moments,
+        ) -> None:
+            if state.time_ns // NS_PER_MS % EVERY_MS != 1:
+                return
+            moments.append(
+                Moment(
+                    (base_from_world @ state.bodies[tumor.name]).renamed(source="tumor"),
+                    (base_from_world @ state.bodies[tool_name]).renamed(source="tool"),
+                    distance_mm,
+                    force_n,
+                    decision,
+                )
+            )
+
+        run_push(description, engine, truth, seed, fixture, observe)
+        pushes.append((title, moments))
+    tumor_mesh, tool_mesh = engine_meshes(description)
+    write_file(file, push_gif(pushes, tumor_mesh, tool_mesh, MARGINS.stop_mm))
 
 
 def _print(found: Sequence[GuidedPush]) -> None:

@@ -144,7 +144,10 @@ LONG = {
     ),
     "applies the rules of axe-core to pages in a browser": ("tests/viewer/test_accessibility.py",),
     "draws WebGL by software": ("tests/viewer/test_client_rendering.py",),
-    "serves a page of its own": ("tests/viewer/test_ultrasound_page.py",),
+    "serves a page of its own": (
+        "tests/cli/test_view_hand.py",
+        "tests/viewer/test_ultrasound_page.py",
+    ),
     "builds another version of the message package": (
         "tests/interfaces/test_other_definitions.py",
     ),

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from app.cli.ros import load_bridge, print_reach
@@ -14,7 +14,7 @@ from app.cli.signals import SignalState
 
 if TYPE_CHECKING:
     from app.bridge.live import LiveNode
-    from app.viewer import LiveFeed, Viewer
+    from app.viewer import LiveFeed, MouseHand, Viewer
     from app.viewer.drawing.pictures import MakeScheduler
 
 CONSTRAINT_HZ = 100.0
@@ -28,11 +28,13 @@ def live_page(
     *,
     scheduler: "MakeScheduler | None" = None,
     client: bool = False,
+    hand_topic: str | None = None,
 ) -> Iterator["Viewer"]:
     """A page for the session of ``options.config``, which runs within the context.
 
     A signal during the preparation ends the process at once. ``scheduler`` draws the pictures;
-    a benchmark replaces it. ``client``: the browser draws the scene.
+    a benchmark replaces it. ``client``: the browser draws the scene. ``hand_topic``: where the
+    force of a mouse that drags the tool is published.
     """
     with received.ends_at_once():
         load_bridge("which a live session needs")
@@ -44,6 +46,7 @@ def live_page(
             LiveOperator,
             LiveOutput,
             LiveTimeline,
+            MouseHand,
             SceneView,
             Title,
             Viewer,
@@ -63,6 +66,7 @@ def live_page(
         title = Title(content.name, live=True)
         operator_thread = ThreadPoolExecutor(max_workers=1)
         operator = LiveOperator(operator_thread)
+        hand = None if hand_topic is None else MouseHand(time.monotonic_ns)
         viewer = Viewer(
             SceneView(content),
             feed,
@@ -71,6 +75,7 @@ def live_page(
             operator=operator,
             scheduler=scheduler,
             client=client,
+            hand=hand,
         )
         feed.call_on_change(viewer.wake)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -88,10 +93,28 @@ def live_page(
             thread = threading.Thread(target=_run, args=(node, feed), name="session")
             thread.start()
             try:
-                yield viewer
+                with _published(hand, hand_topic, feed, content.tip_frame):
+                    yield viewer
             finally:
                 node.stop()
                 thread.join()
+
+
+@contextmanager
+def _published(
+    hand: "MouseHand | None", topic: str | None, feed: "LiveFeed", frame: str
+) -> Iterator[None]:
+    """Publish the force of ``hand`` on ``topic`` within the context."""
+    with ExitStack() as stack:
+        if hand is not None and topic is not None:
+            from app.bridge import RosNode
+            from app.bridge.hand_publisher import HAND_NODE, HandPublisher
+
+            ros = stack.enter_context(RosNode(HAND_NODE))
+            HandPublisher(
+                ros, topic, frame, lambda: hand.force_n(feed.now()), clock_ns=time.time_ns
+            )
+        yield
 
 
 def _run(node: "LiveNode", feed: "LiveFeed") -> None:

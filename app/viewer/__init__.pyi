@@ -8,6 +8,7 @@ from .steps.feeds import LiveFeed, ReplayFeed
 from .steps.live_operator import LiveOperator
 from .steps.live_output import LiveOutput
 from .steps.margin_surface import stop_surface
+from .steps.mouse_hand import MouseHand
 from .steps.view_state import ViewState, ViewStateBuilder
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "LiveOperator",
     "LiveOutput",
     "LiveTimeline",
+    "MouseHand",
     "ReplayFeed",
     "ReplayTimeline",
     "Role",

@@ -10,6 +10,7 @@ from app.viewer.drawing.client_scene import ClientScene
 from app.viewer.drawing.orientation import orientation
 from app.viewer.drawing.scene_view import SceneView
 from app.viewer.drawing.screenshot import screenshot
+from app.viewer.hand_part import HandPart
 from app.viewer.readout.breach_rows import breach_rows
 from app.viewer.readout.directions import Directions
 from app.viewer.readout.readout import readout
@@ -23,8 +24,8 @@ class Page:
     """Updates the scene view from ``feed``, and the values of the page together with its picture.
 
     ``state`` is trame's, which all open pages share. ``client_scene`` describes the scene for a
-    page that draws it, else None. ``ultrasound``: None for a session without images. All calls come
-    from the page's thread.
+    page that draws it, else None. ``ultrasound``: None for a session without images; ``hand``: None
+    where the mouse does not move the tool. All calls come from the page's thread.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class Page:
         timeline: Timeline,
         client_scene: ClientScene | None = None,
         ultrasound: UltrasoundPart | None = None,
+        hand: HandPart | None = None,
     ) -> None:
         self.view = view
         self.area = area
@@ -45,7 +47,8 @@ class Page:
         self._timeline = timeline
         self._client_scene = client_scene
         self._ultrasound = ultrasound
-        state.ultrasound = None
+        self._hand = hand
+        state.ultrasound = state.hand = None
         self._now: ViewState | None = None
         self._drawn: object = None
         state.now = {**readout(None), **timeline.values(None), "number": 0}
@@ -101,6 +104,8 @@ class Page:
             state.orientation = self._orientation()
             if self._ultrasound is not None:
                 state.update(self._ultrasound.values())
+            if self._hand is not None:
+                state.update(self._hand.values())
             if self._client_scene is not None:
                 state.update(self._client_scene.new_surfaces())
                 state.drawn = self._client_scene.drawn()

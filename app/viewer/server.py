@@ -20,8 +20,11 @@ from app.viewer.controls import LiveControls, ReplayControls, SceneControls
 from app.viewer.downloads import Downloads
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.client_scene import ClientScene
+from app.viewer.drawing.frame_rate import LOAD_BESIDE_CONTROLLER
 from app.viewer.drawing.pictures import ClientLoop, MakeScheduler, RenderLoop, RenderScheduler
 from app.viewer.drawing.scene_view import SceneView
+from app.viewer.errors import ViewerError
+from app.viewer.hand_part import HandPart
 from app.viewer.log import limit_logs
 from app.viewer.messages.commands import Commands
 from app.viewer.messages.methods import Methods
@@ -32,6 +35,7 @@ from app.viewer.readout.state_style import band_patterns, state_css
 from app.viewer.readout.timeline import Timeline
 from app.viewer.steps.feeds import Feed
 from app.viewer.steps.live_operator import LiveOperator
+from app.viewer.steps.mouse_hand import MouseHand
 from app.viewer.steps.replay import ReplayControl
 from app.viewer.ultrasound_part import UltrasoundPart
 from app.viewer.web_app import Content, WebServer
@@ -57,6 +61,8 @@ class Viewer:
 
     ``control`` is that of a replay, ``operator`` that of a live session. ``area`` and ``scheduler``
     draw the picture; benchmarks replace them. ``client``: the browser draws the scene by WebGL.
+    ``hand``: the mouse of an operator drags the tool; not with ``client``, whose cameras are not
+    known here.
     """
 
     def __init__(
@@ -71,8 +77,14 @@ class Viewer:
         area: Callable[[ThreeDView], PictureArea] = PictureArea,
         scheduler: MakeScheduler | None = None,
         client: bool = False,
+        hand: MouseHand | None = None,
     ) -> None:
-        self._make_scheduler = scheduler or (ClientLoop if client else RenderLoop)
+        if client and hand is not None:
+            raise ViewerError("page: drawn by the browser, with a hand; expected one of both")
+        loop: MakeScheduler = ClientLoop if client else RenderLoop
+        if hand is not None:
+            loop = partial(RenderLoop, max_load=LOAD_BESIDE_CONTROLLER)
+        self._make_scheduler = scheduler or loop
         self._scheduler: RenderScheduler | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopped: asyncio.Event | None = None
@@ -81,8 +93,16 @@ class Viewer:
         state = self._server.state
         client_scene = ClientScene(view) if client else None
         self._ultrasound = None if title.images is None else UltrasoundPart(title.images)
+        self._hand = None if hand is None else HandPart(view, hand)
         self._page = Page(
-            state, view, area(view.view), feed, timeline, client_scene, self._ultrasound
+            state,
+            view,
+            area(view.view),
+            feed,
+            timeline,
+            client_scene,
+            self._ultrasound,
+            self._hand,
         )
         state.rates = []
         self._commands = Commands()
@@ -115,11 +135,19 @@ class Viewer:
         """
         self._loop, self._stopped = asyncio.get_running_loop(), asyncio.Event()
         limit_logs()
-        pages = OpenPages()
+        hand = self._hand
+        pages = OpenPages(None if hand is None else hand.gone)
         scheduler = self._scheduler = self._make_scheduler(self._page.area, self._page, pages.beat)
         adapter = RcaViewAdapter(self._page.area, _AREA, scheduler=scheduler)
         adapter.max_pixel_count = _MAX_PIXELS
-        methods = Methods(self._server, self._commands, _AREA, adapter, scheduler.acknowledge)
+
+        def acknowledge(page: str, number: int) -> None:
+            if hand is not None:
+                hand.heard(page)
+            scheduler.acknowledge(page, number)
+
+        pointed = adapter if hand is None else hand.area(adapter)
+        methods = Methods(self._server, self._commands, _AREA, pointed, acknowledge)
         sockets = PageSocket(pages, methods)
         folders: dict[str, Path] = {}
         self._server.controller.on_server_bind.add(lambda bound: folders.update(_folders(bound)))

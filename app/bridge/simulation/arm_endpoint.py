@@ -59,10 +59,17 @@ _LEVELS = {
 }
 
 
-class ArmEndpoint:
-    """Publishes the state of the arm ``entry`` and receives its commands."""
+_WRENCHES = "body/measured_cf", "measured_cf"
+"""Along the axes of the tool, and of the root link."""
 
-    def __init__(self, ros: RosNode, entry: RobotEntry) -> None:
+
+class ArmEndpoint:
+    """Publishes the state of the arm ``entry`` and receives its commands.
+
+    ``has_hand``: the hand's wrench is published here, so that no other node may do so.
+    """
+
+    def __init__(self, ros: RosNode, entry: RobotEntry, *, has_hand: bool = False) -> None:
         self.entry = entry
         name = entry.name
         self._measured = ros.publisher(Topic(f"/{name}/measured_js", JointState, STREAM))
@@ -70,8 +77,11 @@ class ArmEndpoint:
         self._pose = ros.publisher(Topic(f"/{name}/measured_cp", PoseStamped, STREAM))
         self._twist = ros.publisher(Topic(f"/{name}/measured_cv", TwistStamped, STREAM))
         self._pose_setpoint = ros.publisher(Topic(f"/{name}/setpoint_cp", PoseStamped, STREAM))
-        self._wrench = ros.publisher(Topic(f"/{name}/body/measured_cf", WrenchStamped, STREAM))
-        self._base_wrench = ros.publisher(Topic(f"/{name}/measured_cf", WrenchStamped, STREAM))
+        self._wrenches = (
+            [ros.publisher(Topic(f"/{name}/{each}", WrenchStamped, STREAM)) for each in _WRENCHES]
+            if has_hand
+            else []
+        )
         if entry.file is not None and entry.file.suffix == ".urdf":
             described = ros.publisher(Topic(f"/{name}/robot_description", String, LATCHED))
             described.publish(String(data=urdf_text(entry.file)))
@@ -141,11 +151,9 @@ class ArmEndpoint:
         self._pose_setpoint.publish(message)
 
     def _publish_hand(self, world_from_tool: Transform, hand: Wrench, stamp: Stamp) -> None:
-        base = self.entry.world_from_base
-        for publisher, frame, axes in (
-            (self._wrench, world_from_tool.source, world_from_tool.rotation),
-            (self._base_wrench, base.source, base.rotation),
-        ):
+        tool, root = world_from_tool, self.entry.world_from_base
+        axes_of = ((tool.source, tool.rotation), (root.source, root.rotation))
+        for publisher, (frame, axes) in zip(self._wrenches, axes_of, strict=False):
             message = WrenchStamped(header=header_message(frame, stamp))
             message.wrench.force = vector_message(axes.T @ hand.force_n)
             message.wrench.torque = vector_message(axes.T @ hand.torque_n_m)

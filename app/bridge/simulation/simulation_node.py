@@ -82,7 +82,6 @@ class SimulationNode:
         use_hand: bool = True,
         hand: Hand | None = None,
     ) -> None:
-        self._arms = {each.name: ArmEndpoint(ros, each) for each in description.robots}
         self._tools = {each.name: each.tool.name for each in description.robots if each.tool}
         self._tf = ros.publisher(topics.TF)
         self._diagnostics = ros.publisher(topics.DIAGNOSTICS)
@@ -94,6 +93,13 @@ class SimulationNode:
         script = description.hand
         if script is not None and use_hand and hand is None:
             self._hand = ScriptedHand(script, self._tools[script.robot])
+        held = None if self._hand is None else self._hand.tool
+        self._arms = {
+            each.name: ArmEndpoint(
+                ros, each, has_hand=held is not None and self._tools.get(each.name) == held
+            )
+            for each in description.robots
+        }
         self._wrench: Wrench | None = None
         self._checked_ns: int | None = None
         self._enabled: deque[str] = deque()

@@ -7,8 +7,9 @@ node alone, stops 30 ms after its last command, and is in FAULT after an invalid
 sender, or when the physics falls more than 30 ms behind real time, until its service enable is
 called. --with and --view start other commands with
 the live.yaml and control.yaml beside the world; the physics begins when all of them run, and all
-end with the first that ends. Exit status 130 or 143 after a signal, 2 on bad input, when the
-physics diverges and when one of the others ends.
+end with the first that ends. With a page and a controller an operator drags the tool with the mouse
+on the page, and the scripted hand of the world is off (--hand). Exit status 130 or 143 after a
+signal, 2 on bad input, when the physics diverges and when one of the others ends.
 """
 
 import argparse
@@ -29,7 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``marginguard simulate``."""
     parser.add_argument("world", type=Path, metavar="WORLD", help="world.yaml or its folder")
     parser.add_argument(
-        "--no-hand", action="store_true", help="without the scripted hand of the world"
+        "--hand",
+        choices=("script", "page", "none"),
+        help="which hand moves the tool: the script of the world, the mouse on the page, or none; "
+        "default: page with --view and --with control, else script",
     )
     parser.add_argument(
         "--with",
@@ -76,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
             for command in commands:
                 others.start(*command)
             others.wait_until_ready(stop)
-            node = SimulationNode(ros, description, use_hand=not options.no_hand)
+            node = SimulationNode(ros, description, use_hand=_hand(options) == "script")
             pace = RealTime(
                 world, clock_ns=time.monotonic_ns, host_ns=time.time_ns, wait=time.sleep
             )
@@ -89,6 +93,16 @@ def run(options: argparse.Namespace) -> int:
     return received.exit_status
 
 
+def _hand(options: argparse.Namespace) -> str:
+    """Which hand moves the tool. Raises `InputError` for that of a page without one."""
+    from app.geometry import InputError
+
+    has_page = options.view and "control" in options.others
+    if options.hand == "page" and not has_page:
+        raise InputError("simulate: --hand is page; expected --view and --with control with it")
+    return options.hand or ("page" if has_page else "script")
+
+
 def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
     """The commands to start, with their arguments. Raises `InputError` for a missing file."""
     from app.files.bounded_io import is_file, is_folder
@@ -97,7 +111,18 @@ def _commands(options: argparse.Namespace) -> list[tuple[str, ...]]:
     folder = options.world if is_folder(options.world) else options.world.parent
     found: list[tuple[str, ...]] = []
     if options.view:
-        found.append(("view", "--live", "--config", str(folder / "live.yaml")))
+        hand: tuple[str, ...] = ()
+        if _hand(options) == "page":
+            from app.control import open_control
+
+            control = open_control(folder / "control.yaml")
+            if not control.hand_in_tool:
+                raise InputError(
+                    f"{folder / 'control.yaml'}: hand.axes is not tool; expected it for the hand "
+                    "of the page"
+                )
+            hand = ("--hand", control.hand_topic)
+        found.append(("view", "--live", "--config", str(folder / "live.yaml"), *hand))
     elif "live" in options.others:
         config = str(folder / "live.yaml")
         found.append(("live", "--config", config, "--constraint-hz", CONSTRAINT_HZ))

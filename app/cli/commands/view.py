@@ -76,6 +76,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "WebGL, for machines with a graphics card",
     )
     parser.add_argument(
+        "--hand",
+        metavar="TOPIC",
+        help="with --live: the mouse drags the tool; its force, at most 10 N, and 0 when released, "
+        "is published on TOPIC (geometry_msgs/WrenchStamped, along the axes of the tool), for "
+        "'marginguard control'",
+    )
+    parser.add_argument(
         "--browser",
         action=argparse.BooleanOptionalAction,
         default=False,
@@ -95,6 +102,8 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.audit is not None and not options.live:
         raise InputError("view: --audit is given without --live; expected a live session")
+    if options.hand is not None and (not options.live or options.render == "client"):
+        raise InputError("view: --hand is given; expected --live with it, and no --render client")
     for name in ("token", "view_token"):
         if getattr(options, name) == "":
             raise InputError(
@@ -138,7 +147,8 @@ def _viewer(options: argparse.Namespace, received: SignalState) -> Iterator["Vie
     if options.live:
         from app.cli.live_page import live_page
 
-        with live_page(options, received, client=options.render == "client") as viewer:
+        client = options.render == "client"
+        with live_page(options, received, client=client, hand_topic=options.hand) as viewer:
             yield viewer
     else:
         from app.cli.replay_page import replay_page, replay_parts

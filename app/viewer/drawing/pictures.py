@@ -11,7 +11,7 @@ from trame_rca.encoders import RcaImageEncoder
 from app.geometry import NS_PER_MS, NS_PER_S
 from app.viewer.drawing.area import PictureArea
 from app.viewer.drawing.client_acks import ClientAcks
-from app.viewer.drawing.frame_rate import FrameRate
+from app.viewer.drawing.frame_rate import MAX_LOAD, FrameRate
 
 _JPEG_QUALITY, _HIGH_JPEG_QUALITY = 75, 92
 _HEARTBEAT_NS = 200 * NS_PER_MS
@@ -60,9 +60,15 @@ class RenderLoop:
     still drawn.
     """
 
-    def __init__(self, area: PictureArea, source: Source, heartbeat: Callable[[int], None]) -> None:
+    def __init__(
+        self,
+        area: PictureArea,
+        source: Source,
+        heartbeat: Callable[[int], None],
+        max_load: float = MAX_LOAD,
+    ) -> None:
         self.rca = area
-        self.frame_rate = FrameRate()
+        self.frame_rate = FrameRate(max_load)
         self._acks = ClientAcks()
         self._number = 0
         self._source = source

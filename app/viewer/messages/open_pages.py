@@ -2,7 +2,7 @@
 
 import asyncio
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from app.runtime.rate_limit import RateLimit
@@ -59,9 +59,13 @@ class OpenPage:
 
 
 class OpenPages:
-    """The pages that are connected now. All calls come from the page's thread."""
+    """The pages that are connected now. All calls come from the page's thread.
 
-    def __init__(self) -> None:
+    ``on_gone(id)`` is called when a page is no longer connected.
+    """
+
+    def __init__(self, on_gone: Callable[[str], None] | None = None) -> None:
+        self._on_gone = on_gone
         self._pages: dict[str, OpenPage] = {}
         self._opened = {role: RateLimit(OPENED_PER_S, OPENED_BURST) for role in Role}
 
@@ -80,6 +84,8 @@ class OpenPages:
     def remove(self, page: OpenPage) -> None:
         """Publish to ``page`` no longer."""
         self._pages.pop(page.id, None)
+        if self._on_gone is not None:
+            self._on_gone(page.id)
 
     def beat(self, number: int) -> None:
         """Send the heartbeat with the number of the last picture."""
