@@ -11,6 +11,7 @@ from app.bridge.player_services import PlayerServices
 from app.bridge.publishing.frame_tree import PublishPolicy
 from app.bridge.publishing.session_publisher import SessionPublisher
 from app.bridge.replay_node import replay_node
+from app.bridge.session_bag import session_bag
 
 __all__ = [
     "BridgeError",
@@ -20,4 +21,5 @@ __all__ = [
     "SessionPublisher",
     "prepare_environment",
     "replay_node",
+    "session_bag",
 ]

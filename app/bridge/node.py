@@ -155,6 +155,10 @@ class RosNode:
         if self.is_open:
             self.node.destroy_publisher(publisher)
 
+    def warn(self, text: str) -> None:
+        """Log ``text`` as a warning of this node."""
+        self.node.get_logger().warning(text)
+
     def subscribe(
         self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
     ) -> Subscription:

@@ -1,39 +1,34 @@
 """Record ROS topics to a bag, as serialised messages with times of sending and of receipt."""
 
-import os
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
-from pathlib import Path
-from typing import Any
 
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
-    LivelinessPolicy,
     QoSProfile,
     ReliabilityPolicy,
 )
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from app.bridge.bag_topics import offered, ros_prefixes
 from app.bridge.errors import BridgeError
 from app.bridge.message_definitions import are_named, foreign_endpoints
 from app.bridge.node import RosNode
 from app.bridge.qos import Topic
 from app.case import BagTopic, BagWriter, message_definition
-from app.geometry import NS_PER_S, InputError, MarginGuardError
+from app.geometry import InputError, MarginGuardError
 
 _DEPTH = 1000
 _MAX_AT_ONCE = 50
 """Messages of a topic that are taken in one turn of the executor; other topics come next."""
 
 _MAX_REMEMBERED = 10_000
-_INFINITE_NS = 2**63 - 1
 
 
 class RosRecorder:
@@ -123,7 +118,7 @@ class RosRecorder:
             name,
             kind,
             message_definition(kind, ros_prefixes()),
-            tuple(_offered(info.qos_profile) for info in publishers),
+            tuple(offered(info.qos_profile) for info in publishers),
             str(publishers[0].topic_type_hash),
         )
         recorded = _Recorded(name, message_class, self._write)
@@ -199,12 +194,6 @@ class _Recorded:
         self._write(self.name, data, received_ns, info["source_timestamp"] or received_ns)
 
 
-def ros_prefixes() -> tuple[Path, ...]:
-    """Prefixes of ROS installations and of this Python, where ROS packages are installed."""
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return (*(Path(prefix) for prefix in prefixes if prefix), Path(sys.prefix))
-
-
 def _are_named(publishers: Sequence[TopicEndpointInfo]) -> bool:
     """False until the nodes are known that may have another definition of our messages."""
     kinds = {info.topic_type for info in publishers}
@@ -231,23 +220,3 @@ def _matching_qos(reliability: ReliabilityPolicy, durability: DurabilityPolicy) 
         reliability=reliability,
         durability=durability,
     )
-
-
-def _offered(profile: QoSProfile) -> dict[str, Any]:
-    """QoS profile of a publisher in the format of rosbag2."""
-    return {
-        "history": HistoryPolicy(profile.history).name.lower(),
-        "depth": profile.depth,
-        "reliability": ReliabilityPolicy(profile.reliability).name.lower(),
-        "durability": DurabilityPolicy(profile.durability).name.lower(),
-        "deadline": _duration(profile.deadline.nanoseconds),
-        "lifespan": _duration(profile.lifespan.nanoseconds),
-        "liveliness": LivelinessPolicy(profile.liveliness).name.lower(),
-        "liveliness_lease_duration": _duration(profile.liveliness_lease_duration.nanoseconds),
-        "avoid_ros_namespace_conventions": bool(profile.avoid_ros_namespace_conventions),
-    }
-
-
-def _duration(ns: int) -> dict[str, int]:
-    seconds, nanoseconds = divmod(min(ns, _INFINITE_NS), NS_PER_S)
-    return {"sec": seconds, "nsec": nanoseconds}

@@ -1,9 +1,11 @@
 """Publish a session on the ROS graph: each step as messages with the stamps of its samples."""
 
 import math
+import secrets
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Self
+from typing import Any, Protocol, Self
 
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64, String
@@ -12,7 +14,7 @@ from app.bridge import messages, topics
 from app.bridge.errors import BridgeError
 from app.bridge.node import RosNode
 from app.bridge.publishing.constraint import ConstraintBuilder
-from app.bridge.publishing.constraint_stream import ConstraintStream
+from app.bridge.publishing.constraint_stream import ConstraintStream, RandomBits
 from app.bridge.publishing.diagnostics import Diagnostics
 from app.bridge.publishing.frame_tree import PUBLISH_ALL, FrameTree, PublishPolicy
 from app.bridge.publishing.prepared_shapes import PreparedShapes
@@ -40,6 +42,23 @@ _UNKNOWN_DECISION = FixtureDecision(
 )
 
 
+class Endpoints(Protocol):
+    """Where messages go: a `RosNode`, or a bag."""
+
+    def publisher(self, topic: Topic) -> Any:
+        """Create a publisher on ``topic``."""
+
+    def destroy_publisher(self, publisher: Publisher) -> None:
+        """Destroy a publisher that was created here."""
+
+    def warn(self, text: str) -> None:
+        """Log a warning."""
+
+    @property
+    def definition_problems(self) -> Sequence[str]:
+        """Texts about nodes with other definitions of our messages."""
+
+
 class SessionPublisher:
     """`Output` of a run that publishes tf, constraint, markers, margin and diagnostics.
 
@@ -52,7 +71,8 @@ class SessionPublisher:
     source, for diagnostics. ``playback`` describes the recording that the poses come from; it is
     announced on `app.bridge.topics.PLAYBACK`. `publish` and the switch of `prepare` are for one
     thread at a time. With ``ros`` it uses an existing node and leaves it open; it is then closed in
-    that node's thread.
+    that node's thread. With ``endpoints`` it creates no node and has no ``ros``. ``random_bits``
+    and ``clock_ns`` as in `ConstraintStream`.
     """
 
     def __init__(
@@ -68,6 +88,9 @@ class SessionPublisher:
         counts: Callable[[], Mapping[str, int]] | None = None,
         ros: RosNode | None = None,
         playback: str = "",
+        endpoints: Endpoints | None = None,
+        random_bits: RandomBits = secrets.randbits,
+        clock_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._policy = policy
         self._content = content
@@ -75,9 +98,11 @@ class SessionPublisher:
         self._created: list[Publisher] = []
         self._surfaces_state: MarginState | None = None
         with ExitStack() as opening:
-            self.ros = ros or opening.enter_context(
-                RosNode(name, namespace=namespace, ros_args=ros_args, domain_id=domain_id)
-            )
+            if endpoints is None:
+                self.ros = ros or opening.enter_context(
+                    RosNode(name, namespace=namespace, ros_args=ros_args, domain_id=domain_id)
+                )
+            self._endpoints: Endpoints = endpoints or self.ros
             if ros is not None:
                 opening.callback(self._destroy_publishers)
             if playback:
@@ -92,7 +117,7 @@ class SessionPublisher:
             self._static_publisher = self._publisher(topics.TF_STATIC)
             self._edges_left_out: set[tuple[str, str]] = set()
             self._transforms = TransformMessages()
-            self._diagnostics = Diagnostics(counts, lambda: self.ros.definition_problems)
+            self._diagnostics = Diagnostics(counts, lambda: self._endpoints.definition_problems)
             self._constraint_builder = ConstraintBuilder(content)
             self._shapes = PreparedShapes(content)
             self._latch(content)
@@ -100,7 +125,10 @@ class SessionPublisher:
             if description is not None:
                 self._publisher(topics.ROBOT_DESCRIPTION).publish(String(data=description))
             self.constraints = ConstraintStream(
-                self._publishers[topics.CONSTRAINT.name], heartbeat_hz
+                self._publishers[topics.CONSTRAINT.name],
+                heartbeat_hz,
+                random_bits=random_bits,
+                clock_ns=clock_ns,
             )
             opening.callback(self.constraints.close)
             self._open = opening.pop_all()
@@ -196,12 +224,12 @@ class SessionPublisher:
                 self._publish_margin(_UNKNOWN_DECISION)
 
     def _publisher(self, topic: Topic) -> Publisher:
-        self._created.append(self.ros.publisher(topic))
+        self._created.append(self._endpoints.publisher(topic))
         return self._created[-1]
 
     def _destroy_publishers(self) -> None:
         for publisher in self._created:
-            self.ros.destroy_publisher(publisher)
+            self._endpoints.destroy_publisher(publisher)
 
     def _valid_ns(self, step: StepResult, spent_ns: int) -> int | None:
         """How long the heartbeat may repeat the constraint of ``step`` before it is stale.
@@ -226,9 +254,7 @@ class SessionPublisher:
         for edge, reason in self._frame_tree.left_out.items():
             if edge not in self._edges_left_out:
                 self._edges_left_out.add(edge)
-                self.ros.node.get_logger().warning(
-                    f"{edge[0]} -> {edge[1]} is not published on tf: {reason}"
-                )
+                self._endpoints.warn(f"{edge[0]} -> {edge[1]} is not published on tf: {reason}")
 
     def _publish_margin(self, decision: FixtureDecision) -> None:
         distance_mm = math.nan

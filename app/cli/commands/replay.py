@@ -6,6 +6,7 @@ signal: the report is then complete or does not exist.
 
 import argparse
 import json
+import os
 import sys
 import time
 from contextlib import nullcontext
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 from app.cli.gc_control import GcPause
 from app.cli.options import add_case, add_json, file_path, folder_path
 from app.cli.progress import with_progress
-from app.cli.ros import published
+from app.cli.ros import bag_of, published
 from app.cli.scene_picture import MOVIE, PICTURE, SCENE, ScenePainter
 from app.cli.signals import SignalState, note_signals
 from app.cli.stopwatch import Stopwatch
@@ -44,6 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=file_path(".mrb"),
         metavar="FILE.mrb",
         help="save the deepest step as a scene of 3D Slicer, with the whole recording in it",
+    )
+    parser.add_argument(
+        "--mcap",
+        type=folder_path,
+        metavar="DIR",
+        help="write what a replay publishes to the new folder DIR, a rosbag2 folder with one MCAP "
+        "file, for Foxglove and 'ros2 bag play'; needs ROS, also with --no-ros",
     )
     parser.add_argument(
         "--movie",
@@ -123,7 +131,12 @@ def _replay(
     )
     received.stops(replay.stop)
     real_time = options.rate is not None
-    with nullcontext() if options.no_ros else published(replay, real_time=real_time):
+    with (
+        nullcontext()
+        if options.mcap is None
+        else bag_of(replay, options.mcap, lambda: received.number is None),
+        nullcontext() if options.no_ros else published(replay, real_time=real_time),
+    ):
         for _ in with_progress(replay.steps(), "replaying frame", total=_frames(replay, options)):
             pass
     watch.lap("read the frames and step")
@@ -178,11 +191,15 @@ def _check(options: argparse.Namespace, drawings: tuple[str, ...]) -> None:
 
     if not options.no_ros:
         check_installed("rclpy", "marginguard_msgs", otherwise="replay with --no-ros")
+    if options.mcap is not None:
+        check_installed("rclpy", "marginguard_msgs", otherwise="replay without --mcap")
+        if os.path.lexists(options.mcap):
+            raise InputError(f"{options.mcap} already exists; refusing to overwrite it")
     checked_rate(options.rate)
-    if options.loop and (options.rate is None or drawings):
+    if options.loop and (options.rate is None or drawings or options.mcap):
         raise InputError(
             "--loop: without --rate or with an output file; "
-            "expected --rate, and no --report, --save-scene or --movie"
+            "expected --rate, and no --report, --save-scene, --movie or --mcap"
         )
     if options.report is not None:
         check_writable(options.report)

@@ -1,0 +1,105 @@
+"""``marginguard replay --mcap``: the bag read by mcap and by rosbags."""
+
+import math
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from app.cli.main import main
+from app.runtime import ReplayRun, prepare_case
+from tests.cli.small_case import FRAMES, write_small_case
+
+CONSTRAINT = "/marginguard/constraint"
+MARGIN_MM = "/marginguard/margin_mm"
+MARKERS = "/marginguard/markers"
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_small_case(tmp_path_factory.mktemp("bag") / "case")
+
+
+@pytest.fixture(scope="module")
+def bag(case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bags") / "results"
+    assert main(["replay", str(case), "--no-ros", "--mcap", str(folder)]) == 0
+    return folder
+
+
+def decoded(folder: Path) -> list[tuple[str, int, object]]:
+    """Topic, time in ns and message, by the definitions that the bag contains."""
+    with Reader(folder) as reader:
+        store = get_typestore(Stores.EMPTY)
+        for connection in reader.connections:
+            store.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        return [
+            (connection.topic, time_ns, store.deserialize_cdr(data, connection.msgtype))
+            for connection, time_ns, data in reader.messages()
+        ]
+
+
+def test_rosbags_reads_the_distances_of_the_replay(case, bag):
+    messages = decoded(bag)
+    distances = [message.data for topic, _, message in messages if topic == MARGIN_MM]
+    constraints = [message for topic, _, message in messages if topic == CONSTRAINT]
+    assert len(distances) == FRAMES
+    assert len(constraints) == FRAMES + 1  # the last one is on hold
+    assert constraints[-1].hold
+    assert [each.seq for each in constraints] == list(range(FRAMES + 1))
+    replay = ReplayRun(prepare_case(case), clock_ns=time.monotonic_ns)
+    expected = [step.decision.proximity.signed_distance_mm for step in replay.steps()]
+    assert distances == pytest.approx(expected)
+    for distance, constraint in zip(distances, constraints, strict=False):
+        assert constraint.signed_distance * 1000.0 == pytest.approx(distance, nan_ok=True)
+        assert constraint.simulated
+        assert math.isnan(distance) == (constraint.state == 3)
+    surfaces = [
+        marker.ns
+        for topic, _, message in messages
+        if topic == MARKERS
+        for marker in message.markers
+    ]
+    assert {"tumor", "tool", "margin"} == set(surfaces)
+
+
+def test_times_are_those_of_the_frames(bag):
+    times = [time_ns for topic, time_ns, _ in decoded(bag) if topic == MARGIN_MM]
+    assert {after - before for before, after in pairwise(times)} == {50_000_000}
+    with next(bag.glob("*.mcap")).open("rb") as file:
+        reader = make_reader(file)
+        found = list(reader.iter_messages(topics=["/tf_static", "/tf"]))
+        assert reader.get_summary().statistics.message_count > 4 * FRAMES
+    assert min(message.log_time for _, _, message in found) == times[0]
+    schema, channel, _ = found[0]
+    assert (schema.name, channel.message_encoding) == ("tf2_msgs/msg/TFMessage", "cdr")
+    assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+
+
+def test_the_same_case_gives_the_same_messages(case, bag, tmp_path):
+    assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "again")]) == 0
+    pairs = zip(decoded(bag), decoded(tmp_path / "again"), strict=True)
+    assert all(repr(first) == repr(second) for first, second in pairs)
+
+
+def test_an_existing_folder_is_not_overwritten(case, tmp_path, capsys):
+    (tmp_path / "mine").write_text("kept")
+    assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path)]) == 2
+    assert "already exists" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_replay_that_fails_leaves_no_bag(case, tmp_path, capsys, monkeypatch):
+    from app.bridge.session_bag import SessionBag
+
+    def fail(self: SessionBag, step: object, timing: object) -> bool:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(SessionBag, "publish", fail)
+    assert main(["replay", str(case), "--no-ros", "--mcap", str(tmp_path / "bag")]) == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
