@@ -38,7 +38,7 @@ class Heartbeat(Generic[Message]):
         self._send = send
         self._lock = threading.Lock()
         self._message: Message | None = None
-        self._replacement: Message | None = None
+        self._replacement: Callable[[], Message] | None = None
         self._expires_ns: int | None = None
         self._ended = False
         self._error: Exception | None = None
@@ -60,15 +60,16 @@ class Heartbeat(Generic[Message]):
         *,
         valid_ns: int | None = None,
         since_ns: int | None = None,
-        replacement: Message | None = None,
+        replacement: Callable[[], Message] | None = None,
         unless_ended: bool = False,
     ) -> int | None:
         """Send ``message`` now and at every beat until the next call; returns its first ``seq``.
 
         ``valid_ns`` after ``since_ns`` (of `steady_ns`, the present by default) it is replaced by
-        ``replacement``, or by nothing if that is None: the replacement alone is sent if that time
-        has passed. Without ``valid_ns`` it is repeated indefinitely. With ``unless_ended`` nothing
-        is sent and None is returned if the previous message has `ended`.
+        the result of ``replacement()``, called then in any thread, or by nothing if that is None:
+        the replacement alone is sent if that time has passed. Without ``valid_ns`` it is repeated
+        indefinitely. With ``unless_ended`` nothing is sent and None is returned if the previous
+        message has `ended`.
         """
         self._raise_error()
         with self._lock:
@@ -119,7 +120,7 @@ class Heartbeat(Generic[Message]):
 
     def _check_expiry(self) -> None:
         if self._expires_ns is not None and steady_ns() >= self._expires_ns:
-            self._end(self._replacement)
+            self._end(None if self._replacement is None else self._replacement())
 
     def _end(self, replacement: Message | None) -> None:
         self._message, self._expires_ns = replacement, None

@@ -9,7 +9,8 @@ the rcl library that rclpy has loaded. The identifier is that of
 import ctypes
 import os
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
+from itertools import islice
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -28,6 +29,10 @@ _GID_BYTES = 16
 
 _MAX_KEPT_BYTES = 1 << 20
 """A larger buffer of a subscription is released after its message."""
+
+_MAX_TAKEN = 64
+"""Messages of one subscription in a turn of the executor. To wait for the next turn costs more than
+a message, since rclpy builds its wait set anew; other callbacks get their turn meanwhile."""
 
 _UNSUPPORTED = 2**64 - 1
 """``RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED``."""
@@ -193,14 +198,22 @@ class OriginExecutor(SingleThreadedExecutor):
             return super()._take_subscription(sub)  # type: ignore[no-untyped-call]
         try:
             with sub.handle:
-                taken = taker.take(sub.handle.pointer)
+                address = sub.handle.pointer
+                taken = list(islice(iter(partial(taker.take, address), None), _MAX_TAKEN))
         except InvalidHandle:  # it has been destroyed
             return None
-        if taken is None:
+        if not taken:
             return None
 
         async def execute() -> None:
-            sub.callback(*taken)
+            failed = None
+            for data, origin in taken:
+                try:
+                    sub.callback(data, origin)
+                except Exception as error:  # the other messages are not lost
+                    failed = error
+            if failed is not None:
+                raise failed
 
         return execute
 

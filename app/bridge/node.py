@@ -26,6 +26,7 @@ from rclpy.timer import Timer
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 
+from app.bridge.endpoint_events import EndpointEvents
 from app.bridge.environment import TRANSPORTS, UDP_ON_THIS_MACHINE, keeps_to_this_machine
 from app.bridge.errors import BridgeError, reason_of
 from app.bridge.message_definitions import (
@@ -107,6 +108,7 @@ class RosNode:
         self._close_callbacks: list[Callable[[], None]] = []
         self._closing = threading.Event()
         self._closing_lock = threading.Lock()
+        self._events = EndpointEvents(self.node)
         self._wake = self.node.create_guard_condition(lambda: None)
         for name in self.node.list_parameters([], 0).names:
             descriptor = copy(self.node.describe_parameter(name))
@@ -141,6 +143,7 @@ class RosNode:
             ),
         )
         self._publishers.append((topic, publisher))
+        self.call_soon(self._events.collect)
         if expected_digest(topic.type) is not None:
             watched.append(self._watch_subscribers(topic, publisher))
         return publisher
@@ -153,6 +156,7 @@ class RosNode:
         self._publishers = [entry for entry in self._publishers if entry[1] is not publisher]
         self._watches.pop(publisher, None)
         if self.is_open:
+            self._events.release(publisher.event_handlers)
             self.node.destroy_publisher(publisher)
 
     def warn(self, text: str) -> None:
@@ -188,6 +192,7 @@ class RosNode:
             ),
         )
         created.append(subscription)
+        self.call_soon(self._events.collect)
         for watch in watched:
             self._watches[subscription] = watch
         return subscription
@@ -215,6 +220,7 @@ class RosNode:
         """Destroy a subscription. Call in the node's thread, as `destroy_publisher`."""
         self._watches.pop(subscription, None)
         if self.is_open:
+            self._events.release(subscription.event_handlers)
             self.node.destroy_subscription(subscription)
 
     def wait_for_subscribers(self, topic: Topic, count: int, timeout_s: float) -> bool:
@@ -269,6 +275,7 @@ class RosNode:
             self._closing.set()
         self._wake.trigger()
         self._thread.join(_JOIN_TIMEOUT_S)
+        self._events.release()
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()

@@ -138,9 +138,9 @@ def test_missed_beats_are_skipped_and_counted():
 def test_expired_message_is_replaced_and_reported():
     sent = Sent(1)
     heartbeat = Heartbeat(sent, None)
-    heartbeat.update("a", valid_ns=10**12, replacement="a is old")
+    heartbeat.update("a", valid_ns=10**12, replacement=lambda: "a is old")
     assert not heartbeat.ended
-    assert heartbeat.update("b", valid_ns=0, replacement="b is old", unless_ended=True) == 1
+    assert heartbeat.update("b", valid_ns=0, replacement=lambda: "b is old", unless_ended=True) == 1
     assert heartbeat.ended
     assert heartbeat.ended_seq == 1
     assert heartbeat.update("c", unless_ended=True) is None
@@ -157,9 +157,9 @@ def test_message_that_expired_before_it_was_sent_is_replaced_at_once():
     sent = Sent(1)
     heartbeat = Heartbeat(sent, None)
     begin_ns = steady_ns() - 10**9
-    heartbeat.update("a", valid_ns=5 * 10**8, since_ns=begin_ns, replacement="a is old")
+    heartbeat.update("a", valid_ns=5 * 10**8, since_ns=begin_ns, replacement=lambda: "a is old")
     assert heartbeat.ended
-    heartbeat.update("b", valid_ns=10**12, since_ns=begin_ns, replacement="b is old")
+    heartbeat.update("b", valid_ns=10**12, since_ns=begin_ns, replacement=lambda: "b is old")
     assert not heartbeat.ended
     heartbeat.close()
     assert sent.pairs == [("a is old", 0), ("b", 1)]

@@ -66,6 +66,34 @@ def test_origin_is_the_publishers_identifier_on_the_graph_and_its_sequence_numbe
     }
 
 
+def test_message_whose_callback_fails_does_not_take_the_next_ones_with_it(domain_id):
+    blocked = threading.Event()
+    collector = Collector(3)
+
+    def receive(data, origin):
+        blocked.wait(DEADLINE_S)  # the others wait meanwhile, and are taken together
+        collector(data, origin)
+        if len(collector.found) == 1:
+            raise RuntimeError("the first message")
+
+    with (
+        RosNode("receiver", domain_id=domain_id) as ros,
+        RosNode("sender", domain_id=domain_id) as sender,
+    ):
+        ros.call_soon(lambda: blocked.wait(DEADLINE_S))
+        ros.subscribe_with_origin(WORDS, receive)
+        publisher = sender.publisher(WORDS)
+        assert sender.wait_for_subscribers(WORDS, 1, DEADLINE_S)
+        for number in range(3):
+            publisher.publish(String(data=str(number)))
+        sender.flush()
+        blocked.set()
+        found = [deserialize_message(data, String).data for data, _ in collector.wait()]
+        ros.call(lambda: None)
+        assert ros.failures == 1
+    assert found == ["0", "1", "2"]
+
+
 def test_sender_without_ros_is_identified_as_on_the_graph(domain_id, start, monkeypatch):
     for name, value in CYCLONE_ON_THIS_MACHINE.items():
         monkeypatch.setenv(name, value)

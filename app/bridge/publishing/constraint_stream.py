@@ -5,6 +5,7 @@ import secrets
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple, Protocol
 
 from builtin_interfaces.msg import Time
@@ -185,9 +186,8 @@ class ConstraintStream:
         if self._last is not None:
             if self._heartbeat.ended and self._replacement is not None:
                 self._hold_since = self._replacement.since  # the stale message has begun the hold
-            held = self._held(self._last, reason)
-            last = RawConstraint.of(held)
-            self._replacement = _HoldIdentity(held.rearm_nonce, held.hold_since)
+            self._replacement = self._next_identity()
+            last = self._raw_held(self._last, reason, self._replacement)
         self._last = None
         self._heartbeat.pause(last)
 
@@ -236,18 +236,17 @@ class ConstraintStream:
         *,
         unless_ended: bool = False,
     ) -> int | None:
-        stale = None if valid_ns is None else self._held(message, "stale", valid_ns)
+        stale = None if valid_ns is None else self._next_identity(valid_ns)
         first = self._heartbeat.update(
             RawConstraint.of(message),
             valid_ns=valid_ns,
             since_ns=since_ns,
-            replacement=None if stale is None else RawConstraint.of(stale),
+            # Serialised only when it is needed: few messages become stale.
+            replacement=None if stale is None else partial(self._raw_held, message, "stale", stale),
             unless_ended=unless_ended,
         )
         if first is not None:
-            self._replacement = (
-                None if stale is None else _HoldIdentity(stale.rearm_nonce, stale.hold_since)
-            )
+            self._replacement = stale
         return first
 
     def _has_new_cause(self, message: FixtureConstraint) -> bool:
@@ -288,14 +287,18 @@ class ConstraintStream:
         """Time at which the present hold began, or at which one begins after ``delay_ns``."""
         return self._hold_since or time_message(Stamp(self._clock_ns() + delay_ns))
 
-    def _held(
-        self, message: FixtureConstraint, reason: str, delay_ns: int = 0
-    ) -> FixtureConstraint:
-        """``message`` on hold by a new fault after ``delay_ns``, with the nonce of that fault."""
+    def _next_identity(self, delay_ns: int = 0) -> _HoldIdentity:
+        """Of a hold that a new fault begins after ``delay_ns``, if none has begun before."""
+        return _HoldIdentity(self._next_nonce, self._since(delay_ns))
+
+    def _raw_held(
+        self, message: FixtureConstraint, reason: str, identity: _HoldIdentity
+    ) -> RawConstraint:
+        """``message`` on hold by a new fault."""
         held = _held(message, reason)
-        held.hold_since = self._since(delay_ns)
-        held.instance_id, held.rearm_nonce = self.instance_id, self._next_nonce
-        return held
+        held.instance_id = self.instance_id
+        held.rearm_nonce, held.hold_since = identity
+        return RawConstraint.of(held)
 
     def _send(self, raw: RawConstraint, seq: int) -> None:
         self._publisher.publish(raw.numbered(seq))

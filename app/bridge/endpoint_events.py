@@ -1,0 +1,79 @@
+"""The events of a node's publishers and subscriptions as one waitable."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.event_handler import EventHandler
+from rclpy.node import Node
+from rclpy.waitable import NumberOfEntities, Waitable
+
+
+class EndpointEvents(Waitable):  # type: ignore[misc]
+    """Waits for the events of many endpoints of ``node`` together.
+
+    rclpy builds its wait set anew for each message, and spends more on the two or three events of
+    each endpoint than on everything else. Call every method in the node's thread, or while nothing
+    spins the node.
+    """
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(node.default_callback_group)
+        self._node = node
+        self._handlers: tuple[EventHandler, ...] = ()
+        self._waiting: tuple[EventHandler, ...] = ()
+        self._ready: list[EventHandler] = []
+        node.add_waitable(self)
+
+    def collect(self) -> None:
+        """Take over the events of all endpoints that the node has now."""
+        found = [each for each in self._node.waitables if isinstance(each, EventHandler)]
+        for handler in found:
+            self._node.remove_waitable(handler)
+        self._handlers += tuple(found)
+
+    def release(self, handlers: Sequence[EventHandler] | None = None) -> None:
+        """Give these events back to the node, which can then destroy them; None: all."""
+        released = self._handlers if handlers is None else handlers
+        for handler in released:
+            if handler in self._handlers:
+                self._node.add_waitable(handler)
+        self._handlers = tuple(each for each in self._handlers if each not in released)
+
+    def __enter__(self) -> None:
+        # The executor counts, adds and checks the same events afterwards.
+        self._waiting = self._handlers
+        for handler in self._waiting:
+            handler.__enter__()
+
+    def __exit__(self, *raised: Any) -> None:
+        for handler in self._waiting:
+            handler.__exit__(*raised)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """Number of events."""
+        return NumberOfEntities(num_events=len(self._waiting))
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        """Add all events."""
+        for handler in self._waiting:
+            handler.add_to_wait_set(wait_set)
+
+    def is_ready(self, wait_set: Any) -> bool:
+        """True if an event has happened."""
+        self._ready = [each for each in self._waiting if each.is_ready(wait_set)]
+        return bool(self._ready)
+
+    def take_data(self) -> list[tuple[EventHandler, Any]]:
+        """The events that have happened."""
+        return [(handler, handler.take_data()) for handler in self._ready]
+
+    async def execute(self, taken_data: Sequence[tuple[EventHandler, Any]]) -> None:
+        """Call the callbacks of the events; one that raises does not stop the others."""
+        failed = None
+        for handler, data in taken_data:
+            try:
+                await handler.execute(data)
+            except Exception as error:
+                failed = error
+        if failed is not None:
+            raise failed
