@@ -148,7 +148,7 @@ class _StateMachine(LifecycleNode):
             if isinstance(endpoint, Publisher):
                 self._owner.destroy_publisher(endpoint)
             elif isinstance(endpoint, Subscription):
-                self.destroy_subscription(endpoint)
+                self._owner.destroy_subscription(endpoint)
             elif isinstance(endpoint, Service):
                 self.destroy_service(endpoint)
             elif isinstance(endpoint, Client):
