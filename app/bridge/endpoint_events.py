@@ -5,10 +5,12 @@ from typing import Any
 
 from rclpy.event_handler import EventHandler
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
 
-class EndpointEvents(Waitable):  # type: ignore[misc]
+class EndpointEvents(Waitable):
     """Waits for the events of many endpoints of ``node`` together.
 
     rclpy builds its wait set anew for each message, and spends more on the two or three events of
@@ -17,7 +19,7 @@ class EndpointEvents(Waitable):  # type: ignore[misc]
     """
 
     def __init__(self, node: Node) -> None:
-        super().__init__(node.default_callback_group)
+        super().__init__(node.default_callback_group)  # type: ignore[no-untyped-call]
         self._node = node
         self._handlers: tuple[EventHandler, ...] = ()
         self._waiting: tuple[EventHandler, ...] = ()
@@ -31,9 +33,10 @@ class EndpointEvents(Waitable):  # type: ignore[misc]
             self._node.remove_waitable(handler)
         self._handlers += tuple(found)
 
-    def release(self, handlers: Sequence[EventHandler] | None = None) -> None:
-        """Give these events back to the node, which can then destroy them; None: all."""
-        released = self._handlers if handlers is None else handlers
+    def release(self, endpoint: Publisher | Subscription | None = None) -> None:
+        """Give the events of ``endpoint``, or all, back to the node, which can then destroy it."""
+        # rclpy annotates the list as if it were one handler.
+        released: Any = self._handlers if endpoint is None else endpoint.event_handlers
         for handler in released:
             if handler in self._handlers:
                 self._node.add_waitable(handler)

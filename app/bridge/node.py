@@ -156,7 +156,7 @@ class RosNode:
         self._publishers = [entry for entry in self._publishers if entry[1] is not publisher]
         self._watches.pop(publisher, None)
         if self.is_open:
-            self._events.release(publisher.event_handlers)
+            self._events.release(publisher)
             self.node.destroy_publisher(publisher)
 
     def warn(self, text: str) -> None:
@@ -220,7 +220,7 @@ class RosNode:
         """Destroy a subscription. Call in the node's thread, as `destroy_publisher`."""
         self._watches.pop(subscription, None)
         if self.is_open:
-            self._events.release(subscription.event_handlers)
+            self._events.release(subscription)
             self.node.destroy_subscription(subscription)
 
     def wait_for_subscribers(self, topic: Topic, count: int, timeout_s: float) -> bool:
